@@ -1,0 +1,1 @@
+"""How things move: parameters in, poses out, the same bytes every time. Needs numpy and Taichi only."""

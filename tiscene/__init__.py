@@ -1,0 +1,46 @@
+"""tiscene: endless, exactly repeatable streams of path-traced, labelled frames from USD scenes.
+
+Names are imported at first use, so that `import tiscene` is instant and starts no Taichi.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from typing import Any
+
+# Taichi prints a banner and asks the network for its newest version unless told not to, before its first import.
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+
+_HOME = {
+    "AllTogether": "dynamics",
+    "Camera": "tiscene.camera",
+    "CatmullWaypoints": "dynamics",
+    "DictTimings": "dynamics",
+    "Frame": "tiscene.frame",
+    "Frustum": "tiscene.scenario",
+    "LinearWaypoints": "dynamics",
+    "Object": "tiscene.scenario",
+    "Scenario": "tiscene.scenario",
+    "Still": "dynamics",
+    "Stream": "tiscene.stream",
+    "TisceneError": "tiscene.errors",
+    "WaitUntilComplete": "dynamics",
+    "Waypoint": "dynamics",
+    "World": "tiscene.world",
+}
+__all__ = ["__version__", *sorted(_HOME)]
+__version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'tiscene' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(__all__))

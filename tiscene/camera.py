@@ -1,0 +1,146 @@
+"""The camera: a pose, a lens and an exposure. Looks down its -z axis, +y up, as a UsdGeomCamera does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.errors import ArgumentError
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole or thin-lens camera.
+
+    position: m, world. rotation: unit quaternion (w, x, y, z). vertical_fov: rad.
+    lens_radius: m, 0 for a pinhole. focus_distance: m along the optical axis.
+    near, far: m, only what a view frustum for moving objects is made of; nothing is clipped.
+    exposure: stops; radiance is multiplied by 2**exposure. None: metered once, at the stream's first frame.
+    dynamic: what moves the camera (any `dynamics.Dynamic`), None for a fixed one.
+    """
+
+    position: Vector3 = (0.0, 1.6, 4.0)
+    rotation: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    vertical_fov: float = math.radians(60.0)
+    name: str = "Camera"
+    lens_radius: float = 0.0
+    focus_distance: float = 1.0
+    near: float = 0.1
+    far: float = 1000.0
+    exposure: float | None = None
+    dynamic: Any = None
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([*self.position, *self.rotation]).all():
+            raise ArgumentError(f"camera {self.name!r}: position and rotation must be finite numbers")
+        norm = math.sqrt(sum(component * component for component in self.rotation))
+        if norm < 1e-9:
+            raise ArgumentError(f"camera {self.name!r}: rotation={self.rotation} is not a quaternion (w, x, y, z)")
+        object.__setattr__(self, "rotation", tuple(float(component / norm) for component in self.rotation))
+        object.__setattr__(self, "position", tuple(float(component) for component in self.position))
+        if not 0.0 < self.vertical_fov < math.pi:
+            raise ArgumentError(
+                f"camera {self.name!r}: vertical_fov={self.vertical_fov} must lie between 0 and pi radians"
+            )
+        if self.lens_radius < 0.0 or self.focus_distance <= 0.0:
+            raise ArgumentError(f"camera {self.name!r}: lens_radius must be >= 0 and focus_distance > 0")
+        if not 0.0 < self.near < self.far:
+            raise ArgumentError(f"camera {self.name!r}: near={self.near}, far={self.far}: must be 0 < near < far")
+
+    @classmethod
+    def look_at(cls, position: Vector3, target: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
+        """A camera at `position` that sees `target` in its centre; `others` are the remaining fields."""
+        backward = np.subtract(position, target, dtype=np.float64)
+        right = np.cross(up, backward)
+        if np.linalg.norm(right) < 1e-9:
+            raise ArgumentError(f"look_at: position={position}, target={target} and up={up} do not span a plane")
+        backward /= np.linalg.norm(backward)
+        right /= np.linalg.norm(right)
+        axes = np.column_stack([right, np.cross(backward, right), backward])
+        return cls(position=position, rotation=quaternion_from_matrix(axes), **others)
+
+    def posed(self, position: Vector3, rotation: Quaternion) -> Camera:
+        """The same camera elsewhere."""
+        return replace(self, position=position, rotation=rotation)
+
+    def axes(self) -> NDArray[np.float64]:
+        """3x3: the columns are right, up and backward (+x, +y, +z of the camera) in the world."""
+        return matrix_from_quaternion(self.rotation)
+
+    def world_from_camera(self) -> NDArray[np.float64]:
+        """4x4 from OpenCV camera coordinates (x right, y down, z forward) to the world, m."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.axes() * (1.0, -1.0, -1.0)
+        matrix[:3, 3] = self.position
+        return matrix
+
+    def intrinsics(self, width: int, height: int) -> NDArray[np.float64]:
+        """The 3x3 matrix K of OpenCV's rule: pixel centres at integers, so cx = (width - 1) / 2; px."""
+        focal = 0.5 * height / math.tan(0.5 * self.vertical_fov)
+        return np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+
+    def frustum_planes(self, aspect: float, far: float | None = None) -> NDArray[np.float64]:
+        """The six planes [6, 4] of the view: inside where n·x + d >= 0. Order: left, right, bottom, top, near, far.
+
+        aspect: width / height. far: m, default the camera's own.
+        """
+        tangent = math.tan(0.5 * self.vertical_fov)
+        right, up, backward = self.axes().T
+        normals = [
+            right - backward * (tangent * aspect),
+            -right - backward * (tangent * aspect),
+            up - backward * tangent,
+            -up - backward * tangent,
+        ]
+        position = np.asarray(self.position)
+        planes = []
+        for normal in normals:
+            unit = normal / np.linalg.norm(normal)
+            planes.append([*unit, -unit @ position])
+        planes.append([*-backward, backward @ position - self.near])
+        planes.append([*backward, -(backward @ position) + (self.far if far is None else far)])
+        return np.array(planes)
+
+
+def matrix_from_quaternion(quaternion: Quaternion) -> NDArray[np.float64]:
+    """The 3x3 rotation of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_matrix(matrix: NDArray[np.float64]) -> Quaternion:
+    """The unit quaternion (w, x, y, z), w >= 0, of a 3x3 rotation; the largest component is found first, so it is exact."""
+    m = np.asarray(matrix, dtype=np.float64)
+    squares = np.array(
+        [
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    rows = (
+        (squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]),
+        (m[2, 1] - m[1, 2], squares[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]),
+        (m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], squares[2], m[2, 1] + m[1, 2]),
+        (m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]),
+    )
+    quaternion = np.array(rows[int(np.argmax(squares))])
+    quaternion /= np.linalg.norm(quaternion)
+    if quaternion[0] < 0.0:
+        quaternion = -quaternion
+    w, x, y, z = quaternion.tolist()
+    return (w, x, y, z)

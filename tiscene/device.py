@@ -1,0 +1,72 @@
+"""Starts Taichi, once. No other module calls ``ti.init``: a second start would destroy every array."""
+
+import contextlib
+import io
+from collections.abc import Iterator
+
+import taichi as ti
+
+from tiscene.errors import ArgumentError, DeviceError
+
+ARCHITECTURES = ("cpu", "cuda")
+
+
+def running() -> str | None:
+    """The architecture that Taichi runs on, "cpu" or "cuda"; None before the start."""
+    if ti.lang.impl.get_runtime().prog is None:
+        return None
+    return "cuda" if ti.cfg.arch == ti.cuda else "cpu"
+
+
+def start(arch: str | None = None, threads: int | None = None) -> str:
+    """Start Taichi if nobody has; a running one is used as it is. Returns the architecture.
+
+    arch: "cpu" (default) or "cuda". threads: CPU threads, default all.
+    Raises ArgumentError for an unknown architecture, DeviceError if Taichi runs on another one or cannot start.
+    """
+    if arch is not None and arch not in ARCHITECTURES:
+        raise ArgumentError(f"arch={arch!r}: must be one of {', '.join(ARCHITECTURES)}")
+    present = running()
+    if present is not None:
+        if arch not in (None, present):
+            raise DeviceError(
+                f"arch={arch!r}, but this process already runs Taichi on {present!r}; use a new process"
+            )
+        if ti.cfg.fast_math:
+            raise DeviceError(
+                "this process started Taichi with fast_math=True, which breaks infinities and exact replay; "
+                "start it with fast_math=False, or let tiscene start it"
+            )
+        return present
+    wanted = arch or "cpu"
+    options = {"cpu_max_num_threads": threads} if threads else {}
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            ti.init(
+                arch=getattr(ti, wanted),
+                enable_fallback=False,
+                fast_math=False,
+                log_level=ti.ERROR,
+                offline_cache=True,
+                **options,
+            )
+    except RuntimeError as error:
+        raise DeviceError(f"arch={wanted!r}: Taichi finds no such device here; use arch='cpu'") from error
+    return wanted
+
+
+@contextlib.contextmanager
+def vector_mode() -> Iterator[None]:
+    """Kernels whose *first* call happens inside keep their vectors whole, so that LLVM emits true SIMD.
+
+    An undocumented switch of Taichi (`real_matrix_scalarize`). In this mode vector operands of unary minus, `abs`,
+    `cast`, `bit_cast`, `exp`, `log`, `pow`, `sign` and the trigonometric functions abort the process, and a vector
+    comparison indexed by a lane is silently wrong; + - * /, min, max, `select`, dot, norm and lane reads are right.
+    Only the traversal kernels use it; tests/render/test_intersect.py compares them with the scalar mode.
+    """
+    before = ti.cfg.real_matrix_scalarize
+    ti.cfg.real_matrix_scalarize = False
+    try:
+        yield
+    finally:
+        ti.cfg.real_matrix_scalarize = before

@@ -1,0 +1,112 @@
+"""Every error that tiscene raises on purpose.
+
+::
+
+    TisceneError
+    ├── UnknownName (LookupError)         a name that is not in a list of names; tells the nearest one
+    │   ├── SceneNotFound                 no such scene, and no such file
+    │   ├── TemplateNotFound              no such object template
+    │   ├── ObjectNotFound                no live object of that name or id
+    │   ├── CameraNotFound                no such camera on the stage
+    │   └── BufferNotFound                no such buffer
+    ├── MissingFile (FileNotFoundError)   a file that the user named is not there
+    ├── StageError (ValueError)           a USD stage that cannot be rendered; lists every problem with its prim path
+    ├── ScenarioError (ValueError)        a scenario that contradicts itself or its scene
+    ├── ArgumentError (ValueError)        an argument outside its range or of the wrong kind
+    ├── ExportError (RuntimeError)        an output folder or file that cannot be written or continued
+    ├── DeviceError (RuntimeError)        Taichi cannot run as asked
+    └── MissingExtra (ImportError)        an optional package is needed; names the extra to install
+
+    StageWarning (UserWarning)            what a stage holds that is left out or approximated
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+
+class TisceneError(Exception):
+    """Base of all errors below."""
+
+
+class UnknownName(TisceneError, LookupError):
+    """A name that is not among the known ones."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str], where: str = "", hint: str = "") -> None:
+        """kind: what was looked for ("template"); where: " in scene 'room_02'"; hint: a closing sentence."""
+        known = sorted(known)
+        message = f"no {kind} {name!r}{where}."
+        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5) or [
+            candidate for candidate in known if candidate.casefold() == name.casefold()
+        ]
+        if nearest:
+            message += f" Did you mean {nearest[0]!r}?"
+        elif 0 < len(known) <= 30:
+            message += f" There are: {', '.join(known)}."
+        if hint:
+            message += f" {hint}"
+        super().__init__(message)
+        self.name = name
+        self.known = known
+
+
+class SceneNotFound(UnknownName):
+    """No scene of that name is shipped or on the search path."""
+
+
+class TemplateNotFound(UnknownName):
+    """No object template of that name can be spawned."""
+
+
+class ObjectNotFound(UnknownName):
+    """No live object has that name or id."""
+
+
+class CameraNotFound(UnknownName):
+    """The stage holds no camera of that name."""
+
+
+class BufferNotFound(UnknownName):
+    """No per-pixel buffer has that name."""
+
+
+class MissingFile(TisceneError, FileNotFoundError):
+    """A file that the user named is not there."""
+
+
+class StageError(TisceneError, ValueError):
+    """A USD stage that cannot be rendered. `problems` holds one line each, beginning with the prim path."""
+
+    def __init__(self, stage: str, problems: Sequence[str]) -> None:
+        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+        super().__init__(f"{stage} has {count}:\n" + "\n".join(f"  {problem}" for problem in problems))
+        self.stage = stage
+        self.problems = tuple(problems)
+
+
+class ScenarioError(TisceneError, ValueError):
+    """A scenario that contradicts itself or its scene."""
+
+
+class ArgumentError(TisceneError, ValueError):
+    """An argument outside its range or of the wrong kind."""
+
+
+class ExportError(TisceneError, RuntimeError):
+    """An output folder or file that cannot be written or continued."""
+
+
+class DeviceError(TisceneError, RuntimeError):
+    """Taichi cannot run as asked."""
+
+
+class MissingExtra(TisceneError, ImportError):
+    """An optional package is needed."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(f"{purpose} needs the package {package!r}: pip install 'tiscene[{extra}]'")
+
+
+class StageWarning(UserWarning):
+    """What a stage holds that is left out or approximated."""

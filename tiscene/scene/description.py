@@ -1,0 +1,188 @@
+"""What the files said: host arrays, frozen, independent of USD and of any device.
+
+Lengths are metres, angles radians, colours scene-linear Rec.709, matrices map column vectors.
+Normals and texture coordinates belong to vertices: a reader splits a vertex wherever they differ between faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera
+
+FloatArray = NDArray[np.float32]
+IntArray = NDArray[np.int32]
+Matrix = NDArray[np.float64]
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles in object space, counter-clockwise seen from outside.
+
+    positions: float32 [n, 3], m. triangles: int32 [m, 3]. normals: float32 [n, 3], unit, or None for flat shading.
+    uv: float32 [n, 2] or None. materials: int32 [m], rows of `SceneDescription.materials`.
+    """
+
+    name: str
+    positions: FloatArray
+    triangles: IntArray
+    materials: IntArray
+    normals: FloatArray | None = None
+    uv: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """An image, first row at the top (v = 1). pixels: uint8 or float32 [h, w, 4].
+
+    encoding: "srgb" values are decoded to linear when read; "raw" are used as they are. Alpha is always raw.
+    wrap: what lies outside 0..1, per axis; "black" is transparent black.
+    """
+
+    name: str
+    pixels: NDArray[np.uint8] | FloatArray
+    encoding: Literal["srgb", "raw"] = "srgb"
+    wrap_s: Literal["repeat", "clamp", "mirror", "black"] = "repeat"
+    wrap_t: Literal["repeat", "clamp", "mirror", "black"] = "repeat"
+
+
+@dataclass(frozen=True)
+class TextureLookup:
+    """A material input that is read from a texture: `value = pixel[channel] * scale + bias`.
+
+    texture: row of `SceneDescription.textures`. channel: "rgb" or one of "r", "g", "b", "a".
+    uv_transform: 2x3 row-major affine map applied to uv before the lookup (UsdTransform2d).
+    """
+
+    texture: int
+    channel: Literal["rgb", "r", "g", "b", "a"] = "rgb"
+    scale: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    bias: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    uv_transform: tuple[float, float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+ColorInput = Color | TextureLookup
+FloatInput = float | TextureLookup
+
+
+@dataclass(frozen=True)
+class Material:
+    """UsdPreviewSurface: its inputs by its names, with its defaults. normal: tangent space, None for none."""
+
+    name: str
+    diffuse_color: ColorInput = (0.18, 0.18, 0.18)
+    emissive_color: ColorInput = (0.0, 0.0, 0.0)
+    use_specular_workflow: bool = False
+    specular_color: ColorInput = (0.0, 0.0, 0.0)
+    metallic: FloatInput = 0.0
+    roughness: FloatInput = 0.5
+    clearcoat: FloatInput = 0.0
+    clearcoat_roughness: FloatInput = 0.01
+    opacity: FloatInput = 1.0
+    opacity_mode: Literal["transparent", "presence"] = "transparent"
+    opacity_threshold: float = 0.0
+    ior: float = 1.5
+    normal: TextureLookup | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Base of the lights. world_from_light: 4x4, rigid (scale is already in the sizes)."""
+
+    name: str
+    prim_path: str
+    world_from_light: Matrix
+
+
+@dataclass(frozen=True, eq=False)
+class RectLight(Light):
+    """A rectangle in the light's xy plane that emits towards -z. radiance: W/m²/sr; width, height: m."""
+
+    radiance: Color
+    width: float
+    height: float
+    texture: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DiskLight(Light):
+    """A disk in the light's xy plane that emits towards -z. radiance: W/m²/sr; radius: m."""
+
+    radiance: Color
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class SphereLight(Light):
+    """A sphere about the light's origin that emits outwards. radiance: W/m²/sr; radius: m."""
+
+    radiance: Color
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class DistantLight(Light):
+    """Light from infinity travelling along -z. irradiance: W/m² on a plane that faces it; angle: full cone, rad."""
+
+    irradiance: Color
+    angle: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class DomeLight(Light):
+    """The surroundings. radiance: W/m²/sr, multiplies the latlong texture (None: constant).
+
+    A direction d in light space reads the image at u = (atan2(d.z, d.x) + pi/2) / (2 pi), v = 1 - acos(d.y) / pi, with
+    v = 1 the top row: +y is the top, +z the centre, +x a quarter from the left (OpenUSD's latlong convention).
+    """
+
+    radiance: Color
+    texture: int | None = None
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """A thing with an identity: what one instance label stands for. category: semantic label, "" for none."""
+
+    name: str
+    prim_path: str
+    category: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A placed mesh. mesh, object: rows of `SceneDescription.meshes` and `.objects`. world_from_object: float64 4x4."""
+
+    mesh: int
+    object: int
+    world_from_object: Matrix
+
+
+@dataclass(frozen=True, eq=False)
+class SceneDescription:
+    """A stage at one time code, or an object template in its own space."""
+
+    name: str
+    meshes: tuple[Mesh, ...] = ()
+    materials: tuple[Material, ...] = ()
+    textures: tuple[Texture, ...] = ()
+    instances: tuple[Instance, ...] = ()
+    objects: tuple[SceneObject, ...] = ()
+    lights: tuple[Light, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    up_axis: Literal["Y", "Z"] = "Y"
+    templates: tuple[Template, ...] = field(default=())
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """Something that can be spawned. description: its meshes, about the template's origin; category: its label."""
+
+    name: str
+    category: str
+    description: SceneDescription

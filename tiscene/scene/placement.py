@@ -1,0 +1,30 @@
+"""Where every instance is around one frame: the only thing that changes between the frames of a stream."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+PREVIOUS, CURRENT, NEXT = 0, 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Instances at the frames k-1, k and k+1 (axis 0 of `world_from_object` and `present`), in the order of their ids.
+
+    mesh: int32 [n], rows of the device scene's meshes.
+    instance_id: int32 [n], the label, 1 and up; parts of one object share it.
+    category_id: int32 [n], 0 for none.
+    world_from_object: float64 [3, n, 3, 4], m.
+    box_from_object: float64 [n, 3, 4], maps the mesh's space to its object's bounding box, 0..1.
+    present: bool [3, n], False where the instance does not exist (not yet spawned, despawned).
+    """
+
+    mesh: NDArray[np.int32]
+    instance_id: NDArray[np.int32]
+    category_id: NDArray[np.int32]
+    world_from_object: NDArray[np.float64]
+    box_from_object: NDArray[np.float64]
+    present: NDArray[np.bool_]
