@@ -29,9 +29,7 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     present = running()
     if present is not None:
         if arch not in (None, present):
-            raise DeviceError(
-                f"arch={arch!r}, but this process already runs Taichi on {present!r}; use a new process"
-            )
+            raise DeviceError(f"arch={arch!r}, but this process already runs Taichi on {present!r}; use a new process")
         if ti.cfg.fast_math:
             raise DeviceError(
                 "this process started Taichi with fast_math=True, which breaks infinities and exact replay; "
