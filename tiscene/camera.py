@@ -122,7 +122,7 @@ def matrix_from_quaternion(quaternion: Quaternion) -> NDArray[np.float64]:
 
 
 def quaternion_from_matrix(matrix: NDArray[np.float64]) -> Quaternion:
-    """The unit quaternion (w, x, y, z), w >= 0, of a 3x3 rotation; the largest component is found first, so it is exact."""
+    """The unit quaternion (w, x, y, z), w >= 0, of a 3x3 rotation, by its largest component."""
     m = np.asarray(matrix, dtype=np.float64)
     squares = np.array(
         [
