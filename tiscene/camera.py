@@ -66,6 +66,18 @@ class Camera:
         axes = np.column_stack([right, np.cross(backward, right), backward])
         return cls(position=position, rotation=quaternion_from_matrix(axes), **others)
 
+    @classmethod
+    def seeing(cls, low: Vector3, high: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
+        """A camera in front, above and to the right of the box from `low` to `high` that sees all of it."""
+        centre = 0.5 * np.add(low, high, dtype=np.float64)
+        radius = max(0.5 * float(np.linalg.norm(np.subtract(high, low))), 1e-3)
+        vertical = np.asarray(up, dtype=np.float64)
+        front = np.array([0.0, 0.0, 1.0]) if vertical[1] else np.array([0.0, -1.0, 0.0])
+        direction = front + 0.6 * np.cross(vertical, front) + 0.5 * vertical
+        distance = radius / math.sin(0.5 * others.get("vertical_fov", math.radians(60.0)))
+        position = centre + direction / np.linalg.norm(direction) * distance
+        return cls.look_at(tuple(position), tuple(centre), up, **others)
+
     def posed(self, position: Vector3, rotation: Quaternion) -> Camera:
         """The same camera elsewhere."""
         return replace(self, position=position, rotation=rotation)

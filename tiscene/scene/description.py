@@ -178,6 +178,16 @@ class SceneDescription:
     up_axis: Literal["Y", "Z"] = "Y"
     templates: tuple[Template, ...] = field(default=())
 
+    def bounds(self) -> NDArray[np.float64]:
+        """The box around every vertex of every instance, [2, 3]: lowest and highest corner, m; zeros if there is none."""
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for instance in self.instances:
+            positions = self.meshes[instance.mesh].positions
+            if len(positions):
+                world = positions @ instance.world_from_object[:3, :3].T + instance.world_from_object[:3, 3]
+                low, high = np.minimum(low, world.min(axis=0)), np.maximum(high, world.max(axis=0))
+        return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
+
 
 @dataclass(frozen=True, eq=False)
 class Template:
