@@ -1,0 +1,107 @@
+"""Names to files: the scenes and object templates that can be asked for by name.
+
+A folder of scenes looks like the package `usd_scenes`::
+
+    <scene>/scene.usda                      the scene `<scene>`
+    templates/<folder>/template.usda        the template whose name is the folder's: chair_01 is "Chair 01"
+
+(or `.usd`, `.usdc`, `.usdz`). The folders that the environment variable TISCENE_PATH lists are searched first, then the
+package; the first to know a name wins.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import usd_scenes
+from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, TemplateNotFound
+
+STAGE_SUFFIXES = (".usda", ".usdc", ".usd", ".usdz")
+SCENARIO_SUFFIXES = (".json",)
+
+
+def search_path() -> list[Path]:
+    """The folders of scenes, in the order in which they are searched. Those that do not exist are listed too."""
+    listed = os.environ.get("TISCENE_PATH", "").split(os.pathsep)
+    return [Path(folder).expanduser() for folder in listed if folder] + [Path(usd_scenes.__path__[0])]
+
+
+def scenes() -> dict[str, Path]:
+    """Every scene by its name, sorted."""
+    return _stages("*", "scene")
+
+
+def templates() -> dict[str, Path]:
+    """Every object template by its name ("Chair 01"), sorted."""
+    files = _stages("templates/*", "template")
+    return {template_name(folder): path for folder, path in files.items()}
+
+
+def template_name(folder: str) -> str:
+    """The name of the template that lives in a folder: "chair_01" is "Chair 01"."""
+    return folder.replace("_", " ").title()
+
+
+def find_scene(scene: str | os.PathLike[str]) -> Path:
+    """The file of a scene, given by name or as the path of a USD stage or of a scenario (.json).
+
+    Raises SceneNotFound for an unknown name, MissingFile for a path where no file is.
+    """
+    path = _as_path(scene, STAGE_SUFFIXES + SCENARIO_SUFFIXES)
+    if path is not None:
+        return path
+    known = scenes()
+    if scene not in known:
+        raise SceneNotFound("scene", str(scene), known, hint=f"`tiscene list` lists all {len(known)}.{_unsearched()}")
+    return known[str(scene)]
+
+
+def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
+    """The file of an object template, given by name or as the path of a USD file.
+
+    scene: where it is to be spawned, only for the message.
+    Raises TemplateNotFound for an unknown name, MissingFile for a path where no file is.
+    """
+    path = _as_path(template, STAGE_SUFFIXES)
+    if path is not None:
+        return path
+    known = templates()
+    if template not in known:
+        where = f" in scene {scene!r}" if scene else ""
+        command = f"tiscene show {scene}" if scene else "tiscene list"
+        hint = f"`{command}` lists all {len(known)}.{_unsearched()}"
+        raise TemplateNotFound("template", str(template), known, where=where, hint=hint)
+    return known[str(template)]
+
+
+def _stages(pattern: str, stem: str) -> dict[str, Path]:
+    """Folder name to the file `stem`.usd* inside, for the folders that match the pattern on the search path."""
+    found: dict[str, Path] = {}
+    for root in search_path():
+        for folder in root.glob(pattern):
+            files = [folder / f"{stem}{suffix}" for suffix in STAGE_SUFFIXES]
+            present = [path for path in files if path.is_file()]
+            if present:
+                found.setdefault(folder.name, present[0])
+    return dict(sorted(found.items()))
+
+
+def _as_path(text: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path | None:
+    """The file that a path names, which must be there; None if the text is a name."""
+    path = Path(text).expanduser()
+    is_name = isinstance(text, str) and path.suffix.lower() not in suffixes and len(path.parts) == 1
+    if is_name:
+        return None
+    if not path.exists():
+        raise MissingFile(f"no file {str(path)!r} (looked from {str(Path.cwd())!r})")
+    if path.is_dir() or path.suffix.lower() not in suffixes:
+        kind = "a folder" if path.is_dir() else f"a {path.suffix or 'nameless kind of'} file"
+        raise ArgumentError(f"{str(path)!r} is {kind}; expected a file that ends in {', '.join(suffixes)}")
+    return path
+
+
+def _unsearched() -> str:
+    """A sentence about folders of TISCENE_PATH that are not there, for they are often the mistake."""
+    missing = [str(folder) for folder in search_path() if not folder.is_dir()]
+    return f" TISCENE_PATH names folders that do not exist: {', '.join(missing)}." if missing else ""
