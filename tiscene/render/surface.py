@@ -1,0 +1,179 @@
+"""The surface that a ray met, from the hit's triangle and barycentric coordinates.
+
+Positions are interpolated from the triangle's vertices, never origin + t * direction: as exact at a kilometre as at a
+metre, and the same point of the object at every time.
+"""
+
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS = 1, 2, 3, 4, 5
+HAS_NORMALS, HAS_UV = 1, 2
+
+# How far a new ray starts from the surface it leaves, as a part of the largest coordinate: some 80 steps of a float.
+_OFFSET = 1e-5
+
+FLOATS_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
+FLOATS_3D = ti.types.ndarray(dtype=ti.f32, ndim=3)
+INTS_1D = ti.types.ndarray(dtype=ti.i32, ndim=1)
+INTS_2D = ti.types.ndarray(dtype=ti.i32, ndim=2)
+
+
+class Geometry(NamedTuple):
+    """The arrays of a DeviceScene that `surface_at` reads; a kernel takes them one by one and bundles them inside:
+    ``geometry = ti.static(Geometry(vertex_position, ...))``."""
+
+    vertex_position: Any
+    vertex_normal: Any
+    vertex_uv: Any
+    triangle_vertices: Any
+    triangle_material: Any
+    instance_info: Any
+    world_from_instance: Any
+    instance_from_world: Any
+
+
+def geometry_of(scene: Any) -> Geometry:
+    """The arrays of a scene, in the order in which kernels take them: ``kernel(*geometry_of(scene), ...)``."""
+    return Geometry(*(getattr(scene, name) for name in Geometry._fields))
+
+
+@ti.dataclass
+class VisibleSurface:
+    """A point of a surface. World space where nothing else is said; normals are unit and face the viewer."""
+
+    position: vec3
+    object_point: vec3  # in the mesh's own space
+    geometric_normal: vec3  # of the triangle, on the side that the ray came from
+    normal: vec3  # interpolated, on the same side of the triangle as geometric_normal
+    uv: vec2  # 0 where the mesh has none
+    dp_du: vec3  # change of the position with u, and with v; not unit, and not of one length
+    dp_dv: vec3
+    material: ti.i32
+    front: ti.i32  # 1: the ray came from the side that the triangle's vertices are counter-clockwise on
+
+
+@ti.func
+def row3(array: ti.template(), row: ti.i32) -> vec3:
+    """The first three columns of a row."""
+    return vec3(array[row, 0], array[row, 1], array[row, 2])
+
+
+@ti.func
+def transform_point(matrices: ti.template(), time: ti.i32, row: ti.i32, p: vec3) -> vec3:
+    """A point by the 3x4 matrix [time, row] of an array [3, n, 12]."""
+    return vec3(
+        matrices[time, row, 0] * p.x + matrices[time, row, 1] * p.y + matrices[time, row, 2] * p.z
+        + matrices[time, row, 3],
+        matrices[time, row, 4] * p.x + matrices[time, row, 5] * p.y + matrices[time, row, 6] * p.z
+        + matrices[time, row, 7],
+        matrices[time, row, 8] * p.x + matrices[time, row, 9] * p.y + matrices[time, row, 10] * p.z
+        + matrices[time, row, 11],
+    )  # fmt: skip
+
+
+@ti.func
+def transform_vector(matrices: ti.template(), time: ti.i32, row: ti.i32, v: vec3) -> vec3:
+    """A direction by the 3x3 part of the matrix [time, row]."""
+    return vec3(
+        matrices[time, row, 0] * v.x + matrices[time, row, 1] * v.y + matrices[time, row, 2] * v.z,
+        matrices[time, row, 4] * v.x + matrices[time, row, 5] * v.y + matrices[time, row, 6] * v.z,
+        matrices[time, row, 8] * v.x + matrices[time, row, 9] * v.y + matrices[time, row, 10] * v.z,
+    )
+
+
+@ti.func
+def transform_normal(inverses: ti.template(), time: ti.i32, row: ti.i32, n: vec3) -> vec3:
+    """A normal by the transpose of the inverse [time, row]; outward stays outward under a mirror. Not normalised."""
+    return vec3(
+        inverses[time, row, 0] * n.x + inverses[time, row, 4] * n.y + inverses[time, row, 8] * n.z,
+        inverses[time, row, 1] * n.x + inverses[time, row, 5] * n.y + inverses[time, row, 9] * n.z,
+        inverses[time, row, 2] * n.x + inverses[time, row, 6] * n.y + inverses[time, row, 10] * n.z,
+    )
+
+
+@ti.func
+def unit_or(v: vec3, otherwise: vec3) -> vec3:
+    """v at length 1, or the other vector where v has no length."""
+    length = v.norm()
+    result = otherwise
+    if length > 0.0:
+        result = v / length
+    return result
+
+
+@ti.func
+def surface_at(
+    geometry: ti.template(), instance: ti.i32, triangle: ti.i32, b1: ti.f32, b2: ti.f32, time: ti.i32, direction: vec3
+):
+    """What a ray of that direction met at the point (1-b1-b2, b1, b2) of a triangle: a VisibleSurface.
+
+    instance, triangle: rows, as the traversal reports them. time: PREVIOUS, CURRENT or NEXT.
+    """
+    i0 = geometry.triangle_vertices[triangle, 0]
+    i1 = geometry.triangle_vertices[triangle, 1]
+    i2 = geometry.triangle_vertices[triangle, 2]
+    b0 = 1.0 - b1 - b2
+    v0 = row3(geometry.vertex_position, i0)
+    e1 = row3(geometry.vertex_position, i1) - v0
+    e2 = row3(geometry.vertex_position, i2) - v0
+    object_point = v0 + b1 * e1 + b2 * e2
+
+    # Outward by the vertices' order first, so that the shading normal can be put on the same side before the flip.
+    outward = unit_or(transform_normal(geometry.instance_from_world, time, instance, e1.cross(e2)), -direction)
+    normal = outward
+    flags = geometry.instance_info[instance, INFO_FLAGS]
+    if flags & HAS_NORMALS:
+        smooth = (
+            b0 * row3(geometry.vertex_normal, i0)
+            + b1 * row3(geometry.vertex_normal, i1)
+            + b2 * row3(geometry.vertex_normal, i2)
+        )
+        normal = unit_or(transform_normal(geometry.instance_from_world, time, instance, smooth), outward)
+        if normal.dot(outward) < 0.0:
+            normal = -normal
+    front = 1
+    geometric_normal = outward
+    if outward.dot(direction) > 0.0:
+        front = 0
+        geometric_normal = -outward
+        normal = -normal
+
+    uv0, uv1, uv2 = vec2(0.0, 0.0), vec2(0.0, 0.0), vec2(0.0, 0.0)
+    if flags & HAS_UV:
+        uv0 = vec2(geometry.vertex_uv[i0, 0], geometry.vertex_uv[i0, 1])
+        uv1 = vec2(geometry.vertex_uv[i1, 0], geometry.vertex_uv[i1, 1])
+        uv2 = vec2(geometry.vertex_uv[i2, 0], geometry.vertex_uv[i2, 1])
+    uv = b0 * uv0 + b1 * uv1 + b2 * uv2
+    duv1, duv2 = uv1 - uv0, uv2 - uv0
+    determinant = duv1.x * duv2.y - duv1.y * duv2.x
+    dp_du, dp_dv = e1, e2  # where there is no uv map, or a degenerate one, any two directions in the plane do
+    if ti.abs(determinant) > 1e-20:
+        dp_du = (duv2.y * e1 - duv1.y * e2) / determinant
+        dp_dv = (duv1.x * e2 - duv2.x * e1) / determinant
+
+    return VisibleSurface(
+        position=transform_point(geometry.world_from_instance, time, instance, object_point),
+        object_point=object_point,
+        geometric_normal=geometric_normal,
+        normal=normal,
+        uv=uv,
+        dp_du=transform_vector(geometry.world_from_instance, time, instance, dp_du),
+        dp_dv=transform_vector(geometry.world_from_instance, time, instance, dp_dv),
+        material=geometry.triangle_material[triangle],
+        front=front,
+    )
+
+
+@ti.func
+def offset_origin(position: vec3, geometric_normal: vec3, direction: vec3) -> vec3:
+    """Where a ray that leaves a surface in that direction starts, so that it does not meet the surface again."""
+    largest = ti.max(ti.abs(position.x), ti.abs(position.y), ti.abs(position.z), 0.1)
+    side = 1.0
+    if geometric_normal.dot(direction) < 0.0:
+        side = -1.0
+    return position + geometric_normal * (side * _OFFSET * largest)

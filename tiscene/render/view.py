@@ -1,0 +1,110 @@
+"""The view: where the camera is a frame ago, now and a frame ahead, and how large the picture is.
+
+Pixel coordinates are (x right, y down) with pixel *centres* at integers, so a picture spans -0.5 .. width - 0.5.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera
+from tiscene.errors import ArgumentError
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+
+VIEW_COLUMNS = 16
+POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE = 0, 3, 6, 9, 12, 13, 14
+
+
+@dataclass(frozen=True)
+class View:
+    """Three cameras, at the frames k-1, k and k+1, and the size of the picture in pixels."""
+
+    previous: Camera
+    current: Camera
+    next: Camera
+    width: int
+    height: int
+    _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ArgumentError(f"a view of {self.width}x{self.height} pixels: both must be at least 1")
+
+    @property
+    def cameras(self) -> tuple[Camera, Camera, Camera]:
+        """The cameras by time: [PREVIOUS], [CURRENT], [NEXT]."""
+        return self.previous, self.current, self.next
+
+    def rows(self) -> NDArray[np.float32]:
+        """float32 [3, 16], per time: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12,
+        lens radius 13, focus distance 14."""
+        rows = np.zeros((3, VIEW_COLUMNS), np.float32)
+        for time in (PREVIOUS, CURRENT, NEXT):
+            camera = self.cameras[time]
+            right, up, backward = camera.axes().T
+            rows[time, :15] = [
+                *camera.position,
+                *right,
+                *up,
+                *-backward,
+                np.tan(0.5 * camera.vertical_fov),
+                camera.lens_radius,
+                camera.focus_distance,
+            ]
+        return rows
+
+    def array(self) -> Any:
+        """`rows` as a device array; the same one at every call."""
+        if "rows" not in self._device:
+            rows = ti.ndarray(ti.f32, (3, VIEW_COLUMNS))
+            rows.from_numpy(self.rows())
+            self._device["rows"] = rows
+        return self._device["rows"]
+
+    def camera_from_world(self) -> NDArray[np.float64]:
+        """[3, 3, 4], per time: world to camera coordinates (x right, y down, z forward), m."""
+        matrices = np.empty((3, 3, 4))
+        for time in (PREVIOUS, CURRENT, NEXT):
+            world_from_camera = self.cameras[time].world_from_camera()
+            rotation = world_from_camera[:3, :3].T
+            matrices[time, :, :3] = rotation
+            matrices[time, :, 3] = -rotation @ world_from_camera[:3, 3]
+        return matrices
+
+    def focal_lengths(self) -> NDArray[np.float64]:
+        """[3], per time: the focal length, px."""
+        tangents = np.array([np.tan(0.5 * camera.vertical_fov) for camera in self.cameras])
+        return 0.5 * self.height / tangents
+
+
+@ti.func
+def view_vector(view: ti.template(), time: ti.i32, column: ti.i32) -> ti.math.vec3:
+    """Three neighbouring columns of a view's row, as a vector."""
+    return ti.math.vec3(view[time, column], view[time, column + 1], view[time, column + 2])
+
+
+@ti.func
+def camera_ray(view: ti.template(), time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32, height: ti.i32):
+    """The pinhole's ray through the pixel coordinates (x, y), fractions allowed: origin and unit direction, world."""
+    scale = 2.0 * view[time, TANGENT] / height
+    right = (x - 0.5 * (width - 1)) * scale
+    down = (y - 0.5 * (height - 1)) * scale
+    direction = (
+        view_vector(view, time, FORWARD) + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
+    )
+    return view_vector(view, time, POSITION), direction.normalized()
+
+
+@ti.func
+def project(view: ti.template(), time: ti.i32, point: ti.math.vec3, width: ti.i32, height: ti.i32):
+    """A world point in the picture: (x px, y px, z m along the optical axis). Behind the camera z <= 0 and x, y have
+    no meaning."""
+    offset = point - view_vector(view, time, POSITION)
+    z = offset.dot(view_vector(view, time, FORWARD))
+    scale = height / (2.0 * view[time, TANGENT] * z)
+    x = 0.5 * (width - 1) + offset.dot(view_vector(view, time, RIGHT)) * scale
+    y = 0.5 * (height - 1) - offset.dot(view_vector(view, time, UP)) * scale
+    return ti.math.vec3(x, y, z)
