@@ -1,0 +1,182 @@
+"""The floors of the house: an import may go down, never up.
+
+Read from the source (ast), so that an import inside a function counts as well; what stands under `if TYPE_CHECKING`
+does not run and does not count.
+"""
+
+import ast
+import functools
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("tiscene", "dynamics", "usd_scenes")
+
+GROUND = {"tiscene.errors", "tiscene.device", "tiscene.camera"}
+SCENE = GROUND | {"tiscene.scene"}
+STREAM = SCENE | {
+    "dynamics",
+    "tiscene.catalog",
+    "tiscene.frame",
+    "tiscene.render",
+    "tiscene.scenario",
+    "tiscene.usd",
+    "tiscene.world",
+}
+EXPORT = {"tiscene", "tiscene.errors", "tiscene.frame", "tiscene.stream"}
+
+# Each part of the project and the parts that it may import; a part may always import itself.
+MAY_IMPORT = {
+    "dynamics": set(),
+    "usd_scenes": set(),
+    "tiscene": set(),  # the front door; its names are looked up lazily
+    "tiscene.errors": set(),
+    "tiscene.device": {"tiscene.errors"},
+    "tiscene.camera": {"tiscene.errors"},
+    "tiscene.scene": GROUND,
+    "tiscene.render": SCENE,
+    "tiscene.frame": SCENE | {"tiscene.render"},
+    "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
+    "tiscene.usd": SCENE | {"tiscene.catalog"},
+    "tiscene.scenario": {"tiscene.errors", "tiscene.camera", "dynamics"},
+    "tiscene.world": SCENE | {"dynamics", "tiscene.scenario", "tiscene.catalog", "tiscene.usd"},
+    "tiscene.stream": STREAM,
+    "tiscene.export": EXPORT,
+    "tiscene.commands": STREAM | EXPORT | {"tiscene.export"},
+    "tiscene.cli": {"tiscene", "tiscene.commands", "tiscene.errors"},
+    "tiscene.__main__": {"tiscene.cli"},
+}
+
+# Packages that may be imported in some places only.
+ONLY_IN = {
+    "pxr": ("tiscene/usd/", "usd_scenes/author/"),
+    "pyoidn": ("tiscene/render/",),
+    "OpenEXR": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/"),
+    "PIL": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/"),
+    "rich": ("tiscene/commands/",),
+    "trimesh": ("tiscene/usd/", "usd_scenes/author/"),
+}
+
+
+def sources(*packages: str) -> list[Path]:
+    return [path for package in packages for path in sorted((ROOT / package).rglob("*.py"))]
+
+
+@functools.cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def part_of(module: str) -> str:
+    """The longest key of MAY_IMPORT that the module is or lies in."""
+    keys = [key for key in MAY_IMPORT if module == key or (module.startswith(key + ".") and key != "tiscene")]
+    return max(keys, key=len) if keys else module
+
+
+def running_nodes(node: ast.AST) -> Iterator[ast.AST]:
+    """Every node but those under `if TYPE_CHECKING`."""
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            continue
+        yield from running_nodes(child)
+
+
+def imported_modules(path: Path) -> set[str]:
+    """Absolute names of what a file imports; `from package import name` counts as package.name where that is a file."""
+    modules = set()
+    for node in running_nodes(parsed(path)):
+        if isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: relative import"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                target = ROOT / full.replace(".", "/")
+                is_module = target.with_suffix(".py").is_file() or target.is_dir()
+                modules.add(full if is_module else str(node.module))
+    return modules
+
+
+@pytest.mark.parametrize("path", sources(*PACKAGES), ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_go_down(path):
+    part = part_of(module_name(path))
+    assert part in MAY_IMPORT, f"{part} has no floor: give it a line in MAY_IMPORT"
+    own = {part_of(name) for name in imported_modules(path) if name.split(".")[0] in PACKAGES}
+    up = own - {part} - MAY_IMPORT[part]
+    assert not up, f"{path.relative_to(ROOT)} imports {sorted(up)}; {part} may import {sorted(MAY_IMPORT[part])}"
+
+
+def test_the_table_itself_has_no_cycle():
+    floors: dict[str, int] = {}
+
+    def floor(part: str, above: tuple[str, ...] = ()) -> int:
+        assert part not in above, f"cycle: {' -> '.join([*above, part])}"
+        if part not in floors:
+            floors[part] = 1 + max((floor(below, (*above, part)) for below in MAY_IMPORT[part]), default=-1)
+        return floors[part]
+
+    assert floor("dynamics") == 0
+    assert floor("tiscene.render") < floor("tiscene.frame") < floor("tiscene.stream") < floor("tiscene.export")
+    assert floor("tiscene.scene") < floor("tiscene.world") < floor("tiscene.stream")
+    assert floor("tiscene.__main__") == max(floor(part) for part in MAY_IMPORT)
+
+
+@pytest.mark.parametrize("package", ONLY_IN)
+def test_packages_with_a_home_stay_there(package):
+    users = [
+        str(path.relative_to(ROOT))
+        for path in sources(*PACKAGES)
+        if package in {module.split(".")[0] for module in imported_modules(path)}
+    ]
+    strangers = [user for user in users if not user.startswith(ONLY_IN[package])]
+    assert not strangers, f"{package} belongs to {ONLY_IN[package]}"
+
+
+def test_dynamics_needs_numpy_and_taichi_only():
+    outside = {
+        module.split(".")[0] for path in sources("dynamics") for module in imported_modules(path)
+    } - sys.stdlib_module_names
+    assert outside <= {"numpy", "taichi", "dynamics"}
+
+
+def test_only_the_device_module_starts_taichi():
+    calls = [
+        str(path.relative_to(ROOT))
+        for path in sources(*PACKAGES)
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("ti.init", "taichi.init", "ti.random")
+    ]
+    assert calls == ["tiscene/device.py"]
+
+
+def test_no_code_names_one_scene():
+    """Scenes are data: only the demo command chooses one. Docstrings may give examples."""
+    scenes = {folder.name for folder in (ROOT / "usd_scenes").iterdir() if list(folder.glob("scene.usd*"))}
+    named = []
+    for path in sources("tiscene", "dynamics"):
+        if path.name == "demo.py":
+            continue
+        tree = parsed(path)
+        docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        named += [
+            f"{path.relative_to(ROOT)}:{node.lineno}: {node.value!r}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings
+            if set(node.value.replace("/", " ").split()) & scenes
+        ]
+    assert not named
+
+
+def test_files_stay_short():
+    """A file past 350 lines is asking to be two."""
+    lines = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in sources(*PACKAGES)}
+    assert {path: count for path, count in lines.items() if count > 350} == {}
