@@ -1,0 +1,183 @@
+"""All lights of a scene: one row each, with the chance of being chosen, and the domes' sampling distributions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight, Texture
+from tiscene.scene.device_array import upload
+from tiscene.scene.texture_atlas import TextureAtlas, linear_pixels
+
+# Kinds of light, in the order of the rows: what a ray can meet comes first.
+RECT, DISK, SPHERE, POINT, DISTANT, DOME = range(6)
+LAST_SOLID = SPHERE
+
+# Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect width and height; disk and sphere radius;
+# distant: cosine of half the angle, 1 - that cosine. CHANCE: of being chosen; CUMULATIVE: the chances up to and
+# including this row. TEXTURE: row of the atlas or -1. DISTRIBUTION, GRID: where a dome's begins, its columns and rows.
+COLUMNS = 32
+KIND, TRANSFORM, RADIANCE, SIZE, CHANCE, CUMULATIVE, TEXTURE, DISTRIBUTION, GRID = 0, 1, 13, 16, 18, 19, 20, 21, 22
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_LARGEST_GRID = (512, 1024)
+# This part of the choices ignores power, so that a strong light that is hidden from most of a scene (the sky of a
+# closed room) does not starve the weak ones.
+_UNIFORM_PART = 0.2
+
+
+class LightArrays(NamedTuple):
+    """values: f32 [n, 32], columns as named above; distribution: f32 [m], see `dome_distribution`.
+
+    total: how many lights; solid: the first so many can be met by a ray.
+    """
+
+    values: Any
+    distribution: Any
+    total: int
+    solid: int
+
+
+def kind_of(light: Light) -> int:
+    """The kind, one of the constants above."""
+    match light:
+        case RectLight():
+            return RECT
+        case DiskLight():
+            return DISK
+        case SphereLight():
+            return SPHERE if light.radius > 0.0 else POINT
+        case DistantLight():
+            return DISTANT
+        case DomeLight():
+            return DOME
+    raise TypeError(f"{light.prim_path}: no kind of light for {type(light).__name__}")
+
+
+def dome_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    """What a latlong image is sampled by, in proportion to luminance times solid angle: (values, (columns, rows)).
+
+    values: rows + 1 cumulative probabilities over the rows (from the image's top), then columns + 1 for every row.
+    """
+    luminance = linear_pixels(texture)[..., :3].astype(np.float64) @ _LUMINANCE
+    # Lookups interpolate between pixel centres: this is each pixel's mean over its own square.
+    luminance = 0.75 * luminance + 0.125 * (np.roll(luminance, 1, axis=1) + np.roll(luminance, -1, axis=1))
+    padded = np.pad(luminance, ((1, 1), (0, 0)), mode="edge")
+    luminance = 0.75 * luminance + 0.125 * (padded[:-2] + padded[2:])
+    rows, columns = (min(size, limit) for size, limit in zip(luminance.shape, _LARGEST_GRID, strict=True))
+    weight = _block_means(_block_means(luminance, rows).T, columns).T
+    edges = np.cos(np.linspace(0.0, math.pi, rows + 1))
+    weight = np.maximum(weight, 0.0) * (edges[:-1] - edges[1:])[:, None]
+    weight += 1e-12 if weight.sum() <= 0.0 else 0.0
+    marginal = _cumulative(weight.sum(axis=1)[None])
+    conditional = _cumulative(weight + 1e-30)
+    return np.concatenate([marginal.ravel(), conditional.ravel()]).astype(np.float32), (columns, rows)
+
+
+def _block_means(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Means over `count` equal parts of axis 0, which need not divide it."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    edges = np.linspace(0.0, len(values), count + 1)
+    low = np.minimum(edges.astype(int), len(values) - 1)
+    part = (edges - low)[:, None]
+    at_edges = sums[low] * (1.0 - part) + sums[low + 1] * part
+    return np.asarray(np.diff(at_edges, axis=0) * (count / len(values)))
+
+
+def _cumulative(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows of n weights to rows of n + 1 cumulative probabilities."""
+    sums = np.cumsum(weight, axis=1)
+    return np.concatenate([np.zeros((len(weight), 1)), sums / sums[:, -1:]], axis=1)
+
+
+class LightTable:
+    """Grows by `append`; the device arrays are made anew when the lights or the size of the scene change."""
+
+    def __init__(self) -> None:
+        self.lights: list[Light] = []
+        self._first_texture: list[int] = []
+        self._built: tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._distribution: Any = None
+        self._arrays: LightArrays | None = None
+        self._radius = -1.0
+
+    def __len__(self) -> int:
+        return len(self.lights)
+
+    def append(self, lights: Iterable[Light], first_texture: int) -> int:
+        """Add lights whose textures begin at a row of the atlas. Returns how many there were before."""
+        before = len(self.lights)
+        self.lights.extend(lights)
+        self._first_texture += [first_texture] * (len(self.lights) - before)
+        self._built = self._arrays = None
+        return before
+
+    def arrays(self, atlas: TextureAtlas, radius: float) -> LightArrays:
+        """What kernels read. radius: of a sphere about the scene, m; the share of light from infinity depends on it."""
+        if self._built is None:
+            self._build(atlas)
+        assert self._built is not None
+        if self._arrays is None or radius != self._radius:
+            values, power, power_per_area = self._built
+            self._radius = radius
+            total = power + power_per_area * (math.pi * radius * radius)
+            chance = np.full(len(total), 1.0 / max(len(total), 1))
+            if total.sum() > 0.0:
+                chance = _UNIFORM_PART * chance + (1.0 - _UNIFORM_PART) * total / total.sum()
+            values[:, CHANCE] = chance
+            values[:, CUMULATIVE] = np.cumsum(chance)
+            solid = int(np.count_nonzero(values[:, KIND] <= LAST_SOLID))
+            self._arrays = LightArrays(upload(values), self._distribution, len(values), solid)
+        return self._arrays
+
+    def _build(self, atlas: TextureAtlas) -> None:
+        """Rows without their chances; per row the power, W, and for light from infinity the power per area, W/m²."""
+        order = sorted(range(len(self.lights)), key=lambda row: kind_of(self.lights[row]))
+        values = np.zeros((len(order), COLUMNS), np.float32)
+        power, power_per_area = np.zeros(len(order)), np.zeros(len(order))
+        distributions: list[NDArray[np.float32]] = []
+        used = 0
+        for row, source in enumerate(order):
+            light = self.lights[source]
+            kind = kind_of(light)
+            color = np.asarray(light.irradiance if isinstance(light, DistantLight) else light.radiance, np.float64)  # type: ignore[attr-defined]
+            brightness = float(color @ _LUMINANCE)
+            values[row, KIND] = kind
+            values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
+            values[row, TEXTURE] = -1.0
+            texture = getattr(light, "texture", None)
+            if texture is not None:
+                image = atlas.textures[self._first_texture[source] + texture]
+                values[row, TEXTURE] = self._first_texture[source] + texture
+                brightness *= float((linear_pixels(image)[..., :3] @ _LUMINANCE).mean())
+            match light:
+                case RectLight():
+                    values[row, SIZE : SIZE + 2] = light.width, light.height
+                    power[row] = math.pi * light.width * light.height * brightness
+                case DiskLight():
+                    values[row, SIZE] = light.radius
+                    power[row] = (math.pi * light.radius) ** 2 * brightness
+                case SphereLight():
+                    values[row, SIZE] = light.radius
+                    power[row] = 4.0 * math.pi * brightness * (math.pi * light.radius**2 if kind == SPHERE else 1.0)
+                case DistantLight():
+                    half = 0.5 * light.angle
+                    one_minus_cosine = 2.0 * math.sin(0.5 * half) ** 2
+                    values[row, SIZE : SIZE + 2] = math.cos(half), one_minus_cosine
+                    if light.angle > 0.0:
+                        color = color / (math.pi * math.sin(half) ** 2)
+                    power_per_area[row] = brightness
+                case DomeLight():
+                    power_per_area[row] = 4.0 * math.pi * brightness
+                    if texture is not None:
+                        distribution, grid = dome_distribution(image)
+                        values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, grid
+                        distributions.append(distribution)
+                        used += len(distribution)
+            values[row, RADIANCE : RADIANCE + 3] = color
+        self._distribution = upload(np.concatenate([np.zeros(1, np.float32), *distributions])[1:])
+        self._built = values, power, power_per_area

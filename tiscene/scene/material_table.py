@@ -1,0 +1,160 @@
+"""All materials of a scene as three arrays: constant inputs, flags, and texture lookups of the inputs that have one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tiscene.scene.description import Material, TextureLookup
+from tiscene.scene.device_array import upload
+
+# Columns of `values`, where each input's constant is (3 for a colour, 1 for a number).
+VALUE_COLUMNS = 20
+DIFFUSE, EMISSIVE, SPECULAR, METALLIC, ROUGHNESS, CLEARCOAT, CLEARCOAT_ROUGHNESS, OPACITY = 0, 3, 6, 9, 10, 11, 12, 13
+THRESHOLD, IOR = 14, 15
+
+# Columns of `info`: flags, then the row of `lookups` of each textured input (-1 for none), then the glass index.
+INFO_COLUMNS = 12
+FLAGS = 0
+INPUTS = (
+    ("diffuse_color", DIFFUSE),
+    ("emissive_color", EMISSIVE),
+    ("specular_color", SPECULAR),
+    ("metallic", METALLIC),
+    ("roughness", ROUGHNESS),
+    ("clearcoat", CLEARCOAT),
+    ("clearcoat_roughness", CLEARCOAT_ROUGHNESS),
+    ("opacity", OPACITY),
+)
+LOOKUP_OF = {name: 1 + position for position, (name, _) in enumerate(INPUTS)} | {"normal": 1 + len(INPUTS)}
+GLASS_INDEX = 2 + len(INPUTS)
+
+# Columns of `lookups`.
+LOOKUP_COLUMNS = 16
+LOOKUP_TEXTURE, LOOKUP_CHANNEL, LOOKUP_SCALE, LOOKUP_BIAS, LOOKUP_TRANSFORM = 0, 1, 2, 6, 10
+CHANNELS = ("rgb", "r", "g", "b", "a")
+
+# Bits of the flags.
+SPECULAR_WORKFLOW = 1
+COVERAGE = 2  # opacity says how much of the surface is there; a ray passes through the rest unchanged
+GLASS = 4  # opacity below 1 makes the surface refract
+MATTE = 8  # diffuse reflection alone: no other lobe can be there
+TEXTURED = 16
+EMITS = 32
+COATED = 64
+
+
+class MaterialArrays(NamedTuple):
+    """values: f32 [n, 20]; info: i32 [n, 12]; lookups: f32 [k, 16]; columns as named above."""
+
+    values: Any
+    info: Any
+    lookups: Any
+
+
+def flags_of(material: Material) -> int:
+    """What kernels may take for granted about a material.
+
+    UsdPreviewSurface leaves open what a partial opacity is. Here it is *coverage* where the author says so (mode
+    "presence", or a threshold), where it is painted (a texture: leaves, lace, decals) and where nothing could refract
+    (ior 1); else it is glass: `1 - opacity` of the light enters the solid that the mesh encloses.
+    """
+    flags = 0
+    textured = [name for name, _ in INPUTS if isinstance(getattr(material, name), TextureLookup)]
+    if textured or material.normal is not None:
+        flags |= TEXTURED
+    if material.use_specular_workflow:
+        flags |= SPECULAR_WORKFLOW
+    if material.opacity != 1.0:
+        as_coverage = (
+            material.opacity_mode == "presence"
+            or material.opacity_threshold > 0.0
+            or isinstance(material.opacity, TextureLookup)
+            or material.ior == 1.0
+        )
+        flags |= COVERAGE if as_coverage else GLASS
+    if material.emissive_color != (0.0, 0.0, 0.0):
+        flags |= EMITS
+    if material.clearcoat != 0.0:
+        flags |= COATED
+    shines = material.specular_color != (0.0, 0.0, 0.0) if material.use_specular_workflow else material.ior != 1.0
+    metal = material.metallic != 0.0 and not material.use_specular_workflow
+    if not (shines or metal or flags & (COATED | GLASS)):
+        flags |= MATTE
+    return flags
+
+
+class MaterialTable:
+    """Grows by `append`; the device arrays are made anew at the next `arrays` after that."""
+
+    def __init__(self) -> None:
+        self.materials: list[Material] = []
+        self.flags: list[int] = []
+        self.glass_iors: list[float] = []  # the distinct indices of refraction of glass, in order of appearance
+        self._first_texture: list[int] = []
+        self._arrays: MaterialArrays | None = None
+
+    def __len__(self) -> int:
+        return len(self.materials)
+
+    def append(self, materials: Iterable[Material], first_texture: int) -> int:
+        """Add materials whose textures begin at a row of the atlas; returns the row of the first."""
+        first = len(self.materials)
+        for material in materials:
+            flags = flags_of(material)
+            self.materials.append(material)
+            self.flags.append(flags)
+            self._first_texture.append(first_texture)
+            if flags & GLASS and material.ior not in self.glass_iors:
+                self.glass_iors.append(material.ior)
+        self._arrays = None
+        return first
+
+    @property
+    def any_coverage(self) -> bool:
+        """Whether a ray may pass through some surface."""
+        return any(flags & COVERAGE for flags in self.flags)
+
+    def arrays(self) -> MaterialArrays:
+        """What kernels read."""
+        if self._arrays is None:
+            self._arrays = self._upload()
+        return self._arrays
+
+    def _upload(self) -> MaterialArrays:
+        values = np.zeros((len(self.materials), VALUE_COLUMNS), np.float32)
+        info = np.full((len(self.materials), INFO_COLUMNS), -1, np.int32)
+        lookups: list[list[float]] = []
+        for row, material in enumerate(self.materials):
+            flags = self.flags[row]
+            info[row, FLAGS] = flags
+            for name, column in INPUTS:
+                value = getattr(material, name)
+                if isinstance(value, TextureLookup):
+                    info[row, LOOKUP_OF[name]] = len(lookups)
+                    lookups.append(_lookup_row(value, self._first_texture[row]))
+                else:
+                    constant = np.atleast_1d(np.asarray(value, np.float32))
+                    values[row, column : column + len(constant)] = constant
+            if material.normal is not None:
+                info[row, LOOKUP_OF["normal"]] = len(lookups)
+                lookups.append(_lookup_row(material.normal, self._first_texture[row]))
+            values[row, THRESHOLD] = material.opacity_threshold
+            values[row, IOR] = material.ior
+            if flags & GLASS:
+                info[row, GLASS_INDEX] = self.glass_iors.index(material.ior)
+        return MaterialArrays(
+            upload(values), upload(info), upload(np.array(lookups, np.float32).reshape(-1, LOOKUP_COLUMNS))
+        )
+
+
+def _lookup_row(lookup: TextureLookup, first_texture: int) -> list[float]:
+    return [
+        first_texture + lookup.texture,
+        CHANNELS.index(lookup.channel),
+        *lookup.scale,
+        *lookup.bias,
+        *lookup.uv_transform,
+    ]
