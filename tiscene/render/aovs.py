@@ -1,0 +1,77 @@
+"""Every per-pixel buffer: its name, type, unit and background. Film, kernels, Frame, command line and README read this.
+
+A frame's buffers are numpy arrays [height, width] or [height, width, channels], row 0 at the top. All but `rgb` and
+`hdr` are *labels*: what one ray through the pixel's centre meets at the frame's time; never averaged over a pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+
+
+@dataclass(frozen=True)
+class AOV:
+    """One per-pixel output ("arbitrary output variable" in renderers; the public word is buffer).
+
+    dtype: of the numpy array. channels: 1 for an array [height, width]. unit: "" where there is none.
+    background: the value where a ray meets nothing; None where that is computed. doc: one sentence for the tables.
+    """
+
+    name: str
+    dtype: str
+    channels: int
+    unit: str
+    background: float | None
+    doc: str
+
+    def shape(self, width: int, height: int) -> tuple[int, ...]:
+        """The array's shape for a picture of that size."""
+        return (height, width) if self.channels == 1 else (height, width, self.channels)
+
+    def empty(self, width: int, height: int) -> NDArray[Any]:
+        """A new array for a picture of that size, its values not set."""
+        return np.empty(self.shape(width, height), self.dtype)
+
+
+AOVS: dict[str, AOV] = {
+    aov.name: aov
+    for aov in (
+        AOV("rgb", "uint8", 3, "", None, "Display sRGB after exposure and tone map."),
+        AOV("hdr", "float32", 3, "W/m²/sr", None, "Scene-linear Rec.709 radiance."),
+        AOV("depth", "float32", 1, "m", np.inf, "Distance along the optical axis (z, not ray length)."),
+        AOV("distance", "float32", 1, "m", np.inf, "Distance from the camera (ray length)."),
+        AOV("position", "float32", 3, "m", np.nan, "World position of the surface."),
+        AOV("normal", "float32", 3, "", 0.0, "Unit shading normal, world, on the side that is seen."),
+        AOV("geometric_normal", "float32", 3, "", 0.0, "Unit normal of the triangle, world, on the side that is seen."),
+        AOV("normal_camera", "float32", 3, "", 0.0, "Shading normal in camera axes (x right, y down, z forward)."),
+        AOV("albedo", "float32", 3, "", 0.0, "Base colour, scene-linear, of the first surface that is not a mirror."),
+        AOV("roughness", "float32", 1, "", 0.0, "Roughness, 0..1, of the first surface that is not a mirror."),
+        AOV("metallic", "float32", 1, "", 0.0, "Metalness, 0..1, of the first surface that is not a mirror."),
+        AOV("semantic", "uint16", 1, "id", 0, "Category id; `frame.categories` names them."),
+        AOV("instance", "int32", 1, "id", 0, "Object id, stable for the whole stream and never reused."),
+        AOV("forward_flow", "float32", 2, "px", None, "Where the point will be at frame k+1, minus where it is."),
+        AOV("backward_flow", "float32", 2, "px", None, "Where the point was at frame k-1, minus where it is."),
+        AOV("forward_occlusion", "bool", 1, "", True, "True: the point is not visible at frame k+1."),
+        AOV("backward_occlusion", "bool", 1, "", True, "True: the point was not visible at frame k-1."),
+        AOV("scene_flow", "float32", 3, "m", 0.0, "World displacement of the point to frame k+1."),
+        AOV("uv", "float32", 2, "", 0.0, "Texture coordinates of the surface; 0 where the mesh has none."),
+        AOV("object_coordinates", "float32", 3, "", 0.0, "Position in the object's own bounding box, 0..1 an axis."),
+    )
+}
+
+COLORS = frozenset({"rgb", "hdr"})
+LABELS = tuple(name for name in AOVS if name not in COLORS)
+
+_OCCLUSION_TIME = {"forward_occlusion": NEXT, "backward_occlusion": PREVIOUS}
+
+
+def times_needed(buffers: Iterable[str]) -> tuple[int, ...]:
+    """At which times of `tiscene.scene.placement` the scene must be placed so that those buffers can be rendered."""
+    return tuple(sorted({CURRENT} | {_OCCLUSION_TIME[name] for name in buffers if name in _OCCLUSION_TIME}))
