@@ -1,0 +1,143 @@
+"""The stream: any frame by its number, the same bytes however one gets to it."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tiscene.errors import ArgumentError, BufferNotFound, CameraNotFound, MissingFile, SceneNotFound, TemplateNotFound
+from tiscene.render.aovs import AOVS
+
+SETTINGS = {"width": 32, "height": 24, "spp": 2, "max_depth": 3, "seed": 5, "buffers": tuple(AOVS)}
+
+DIGESTS = """
+import hashlib, json, sys
+import tiscene as ts
+from tiscene import device
+from tests.test_stream import SETTINGS, moving_scenario
+device.start(threads=int(sys.argv[1]))
+frame = ts.Stream(moving_scenario(), **SETTINGS)[7]
+print(json.dumps({name: hashlib.sha256(array.tobytes()).hexdigest() for name, array in frame.buffers.items()}))
+"""
+
+
+def moving_scenario() -> ts.Scenario:
+    path = [ts.Waypoint((-0.4, 0.0, 0.0)), ts.Waypoint((0.4, 0.2, 0.0), (0, 90, 0)), ts.Waypoint((0.0, -0.2, 0.3))]
+    return ts.Scenario(
+        "object_view",
+        [
+            ts.Object("cube", "Cube", (-0.4, 0.0, 0.0), dynamic=ts.LinearWaypoints(path, total_time=1.0)),
+            ts.Object("dish", "Dish 01", (0, 0, 0), dynamic=ts.CatmullWaypoints(path, total_time=2.0), first_frame=3),
+            ts.Object("ball", "Sphere", (0.5, 0.0, -0.5), last_frame=8),
+        ],
+        timings=ts.AllTogether(0.0),
+        camera=ts.Camera.look_at((0.0, 0.3, 2.0), (0.0, 0.0, 0.0)),
+    )
+
+
+def same(left: ts.Frame, right: ts.Frame) -> bool:
+    return left.index == right.index and all(
+        left.buffers[name].tobytes() == right.buffers[name].tobytes() for name in AOVS
+    )
+
+
+def test_a_frame_by_number_is_the_frame_of_iterating():
+    iterated = list(ts.Stream(moving_scenario(), frames=10, **SETTINGS))
+    assert [frame.index for frame in iterated] == list(range(10))
+    stream = ts.Stream(moving_scenario(), **SETTINGS)
+    for index in (7, 2, 9, 0):
+        assert same(stream[index], iterated[index])
+    assert stream.position == 0
+    assert [same(left, right) for left, right in zip(stream[3:9:2], iterated[3:9:2], strict=True)] == [True] * 3
+    assert same(next(stream.seek(8)), iterated[8])
+    assert stream.position == 9
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_another_process_gives_the_same_bytes_on_any_number_of_threads(threads):
+    here = {name: array.tobytes() for name, array in ts.Stream(moving_scenario(), **SETTINGS)[7].buffers.items()}
+    done = subprocess.run(
+        [sys.executable, "-c", DIGESTS, str(threads)], capture_output=True, text=True, check=True, env=dict(os.environ)
+    )
+    import hashlib
+
+    assert json.loads(done.stdout) == {name: hashlib.sha256(data).hexdigest() for name, data in here.items()}
+
+
+def test_a_stream_resumes_from_its_state():
+    stream = ts.Stream(moving_scenario(), frames=10, **SETTINGS)
+    stream.seek(6)
+    state = json.loads(json.dumps(stream.state_dict()))
+    assert len(json.dumps(state)) < 1000
+    resumed = ts.Stream(moving_scenario(), frames=10, **SETTINGS)
+    resumed.load_state_dict(state)
+    assert [frame.index for frame in resumed] == [6, 7, 8, 9]
+    other = ts.Stream(moving_scenario(), **{**SETTINGS, "seed": 6})
+    with pytest.raises(ArgumentError, match="seed: 5 there, 6 here"):
+        other.load_state_dict(state)
+    with pytest.raises(ArgumentError, match="not a state_dict"):
+        other.load_state_dict({})
+
+
+def test_length_and_bounds():
+    finite = ts.Stream(moving_scenario(), frames=4, **SETTINGS)
+    assert len(finite) == 4
+    assert finite[-1].index == 3
+    assert len(finite[1:]) == 3
+    with pytest.raises(IndexError, match=r"frame 4 is outside 0\.\.3"):
+        finite[4]
+    endless = ts.Stream(moving_scenario(), **SETTINGS)
+    with pytest.raises(TypeError, match="no length"):
+        len(endless)
+    with pytest.raises(IndexError, match="negative"):
+        endless[-1]
+    with pytest.raises(ArgumentError, match="counted from its end"):
+        endless[-3:]
+
+
+def test_objects_live_from_their_first_to_their_last_frame():
+    stream = ts.Stream(moving_scenario(), **SETTINGS)
+    assert [row.name for row in stream[0].objects] == ["cube", "ball"]
+    assert [row.name for row in stream[3].objects] == ["cube", "dish", "ball"]
+    assert [row.name for row in stream[9].objects] == ["cube", "dish"]
+
+
+def test_only_the_buffers_asked_for_are_there():
+    frame = ts.Stream(moving_scenario(), width=16, height=12, buffers=("depth",))[0]
+    assert set(frame.buffers) == {"depth"}
+    with pytest.raises(AttributeError, match="buffers="):
+        frame.rgb  # noqa: B018
+
+
+def test_denoising_changes_rgb_and_never_hdr():
+    noisy = ts.Stream(moving_scenario(), **SETTINGS, denoise=False)[2]
+    clean = ts.Stream(moving_scenario(), **SETTINGS, denoise=True)[2]
+    assert np.array_equal(noisy.hdr, clean.hdr)
+    assert not np.array_equal(noisy.rgb, clean.rgb)
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "source", "arguments"),
+    [
+        (SceneNotFound, "Did you mean 'room_02'", "room_2", {}),
+        (MissingFile, "nowhere.usda", "nowhere.usda", {}),
+        (BufferNotFound, "Did you mean 'depth'", "object_view", {"buffers": ("dept",)}),
+        (ArgumentError, "sequence of names", "object_view", {"buffers": "rgb"}),
+        (ArgumentError, "width=0: must be from 1", "object_view", {"width": 0}),
+        (ArgumentError, "height=1.5: must be a whole number", "object_view", {"height": 1.5}),
+        (ArgumentError, "fps=-1", "object_view", {"fps": -1}),
+        (ArgumentError, "frames=0", "object_view", {"frames": 0}),
+        (ArgumentError, "quality='best'", "object_view", {"quality": "best"}),
+        (ArgumentError, "spp=0", "object_view", {"spp": 0}),
+        (ArgumentError, "arch='metal'", "object_view", {"arch": "metal"}),
+        (CameraNotFound, "no camera 'Nobody'", "object_view", {"camera": "Nobody"}),
+        (TemplateNotFound, "Did you mean 'Chair 01'", ts.Scenario("object_view", [ts.Object("c", "Chair 1")]), {}),
+    ],
+)
+def test_bad_arguments_say_what_to_do(error, message, source, arguments):
+    with pytest.raises(error, match=message):
+        ts.Stream(source, **arguments)

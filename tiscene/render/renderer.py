@@ -1,0 +1,113 @@
+"""One frame's buffers: the label pass, and where colour is asked for, the path pass, the denoiser and the film."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera
+from tiscene.errors import ArgumentError
+from tiscene.render import denoise, film
+from tiscene.render.aovs import times_needed
+from tiscene.render.integrators.labels import LabelPass
+from tiscene.render.integrators.path import PathPass
+from tiscene.render.view import View
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, Placement
+
+COLOR_BUFFERS = frozenset({"rgb", "hdr"})
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a path-traced picture may cost.
+
+    spp: paths per pixel. max_depth: path vertices after the camera's, so 2 is direct light alone.
+    denoise: run Intel Open Image Denoise over the radiance; False never touches a pixel.
+    """
+
+    spp: int = 16
+    max_depth: int = 6
+    denoise: bool = True
+
+    def __post_init__(self) -> None:
+        if self.spp < 1:
+            raise ArgumentError(f"spp={self.spp}: at least one path per pixel")
+        if self.max_depth < 1:
+            raise ArgumentError(f"max_depth={self.max_depth}: at least one path vertex")
+
+
+QUALITIES = {
+    "preview": Quality(spp=4, max_depth=4),
+    "standard": Quality(spp=16, max_depth=6),
+    "photo": Quality(spp=256, max_depth=12),
+}
+
+
+class Renderer:
+    """Renders one size of picture of one device scene."""
+
+    METER_SIZE = (64, 48)
+    METER_SPP = 32
+
+    def __init__(self, scene: DeviceScene, width: int, height: int, quality: Quality) -> None:
+        self.scene = scene
+        self.width = width
+        self.height = height
+        self.quality = quality
+        self._labels = LabelPass(scene)
+        self._paths = PathPass(scene, width, height)
+
+    def render(
+        self,
+        frame_index: int,
+        placement: Placement,
+        cameras: tuple[Camera, Camera, Camera],
+        buffers: Sequence[str],
+        *,
+        seed: int,
+        exposure: float,
+    ) -> dict[str, NDArray[Any]]:
+        """The buffers named, in that order. cameras: at the frames before, now and after. exposure: stops."""
+        view = View(*cameras, width=self.width, height=self.height)
+        self.scene.place(placement, times=times_needed(buffers))
+        labels = [name for name in buffers if name not in COLOR_BUFFERS]
+        result = self._labels.render(view, labels)
+        if not COLOR_BUFFERS.isdisjoint(buffers):
+            result |= self._color(view, frame_index, seed, exposure, buffers)
+        return {name: result[name] for name in buffers}
+
+    def _color(
+        self, view: View, frame_index: int, seed: int, exposure: float, buffers: Sequence[str]
+    ) -> dict[str, NDArray[Any]]:
+        image = self._paths.render(
+            view, frame_index=frame_index, seed=seed, spp=self.quality.spp, max_depth=self.quality.max_depth
+        )
+        result: dict[str, NDArray[Any]] = {"hdr": image.hdr}
+        if "rgb" in buffers:
+            radiance = image.hdr
+            if self.quality.denoise:
+                radiance = denoise.denoise(image.hdr, image.albedo, image.normal)
+            result["rgb"] = film.tone_map(radiance, exposure)
+        return result
+
+    def meter(self, placement: Placement, camera: Camera, *, seed: int) -> float:
+        """The exposure in stops that shows this placement well, from a small picture of it."""
+        width, height = self.METER_SIZE
+        self.scene.place(placement, times=(CURRENT,))
+        view = View(camera, camera, camera, width=width, height=height)
+        image = PathPass(self.scene, width, height).render(
+            view, frame_index=0, seed=seed, spp=self.METER_SPP, max_depth=self.quality.max_depth
+        )
+        return float(np.round(film.meter(image.hdr), 3))
+
+
+def quality_named(name: str, **overrides: Any) -> Quality:
+    """The preset of that name with the given parts replaced (None keeps the preset's)."""
+    if name not in QUALITIES:
+        raise ArgumentError(f"quality={name!r}: must be one of {', '.join(QUALITIES)}")
+    return replace(QUALITIES[name], **{part: value for part, value in overrides.items() if value is not None})

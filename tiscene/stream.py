@@ -1,0 +1,259 @@
+"""The stream: one frame after another, or any frame by its number, always the same bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import operator
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+
+from tiscene import catalog, device
+from tiscene.camera import Camera
+from tiscene.errors import ArgumentError, BufferNotFound, CameraNotFound
+from tiscene.frame import Frame
+from tiscene.render.aovs import AOVS
+from tiscene.render.renderer import Quality, Renderer, quality_named
+from tiscene.scenario import Scenario
+from tiscene.scene.description import SceneDescription, Template
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.usd import read_stage, read_template
+from tiscene.world import World
+
+DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
+MAX_SIZE = 16384
+
+
+class Stream(Iterator[Frame]):
+    """An endless or finite, exactly repeatable sequence of labelled frames.
+
+    source: a scene name ("room_02"), a USD file, a Scenario, or a scenario file (.json).
+    width, height: px. fps: frame k shows time k / fps. frames: how many; None for an endless stream.
+    buffers: which of `tiscene.render.aovs.AOVS` each frame holds; the others cost nothing.
+    quality: "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
+    seed: of the rendering's random numbers (trajectories have their own). camera: a Camera, the name of one on the
+    stage, or None for the scenario's, else the stage's first, else one that sees the whole scene.
+    time_code: the stage's time code to read. variants: {"/Prim{set}": "variant"}. arch: "cpu" or "cuda".
+
+    A stream is an iterator with a position, as an open file is: a second `for` goes on where the first stopped, `seek`
+    moves it, and `state_dict` saves it. `stream[k]` and `stream[a:b]` leave the position alone.
+
+    Raises a TisceneError that says what is wrong for every bad argument, scene, template or stage.
+    """
+
+    def __init__(
+        self,
+        source: str | os.PathLike[str] | Scenario,
+        *,
+        width: int = 256,
+        height: int = 192,
+        fps: float = 25.0,
+        frames: int | None = None,
+        buffers: Sequence[str] = DEFAULT_BUFFERS,
+        quality: str = "standard",
+        spp: int | None = None,
+        max_depth: int | None = None,
+        denoise: bool | None = None,
+        seed: int = 0,
+        camera: Camera | str | None = None,
+        time_code: float | None = None,
+        variants: Mapping[str, str] | None = None,
+        arch: str | None = None,
+    ) -> None:
+        self.width = _integer("width", width, 1, MAX_SIZE)
+        self.height = _integer("height", height, 1, MAX_SIZE)
+        self.frames = None if frames is None else _integer("frames", frames, 1, sys.maxsize)
+        self.seed = _integer("seed", seed, 0, 2**32 - 1)
+        if not (np.isfinite(fps) and fps > 0):
+            raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
+        self.fps = float(fps)
+        self.buffers = _buffer_names(buffers)
+        self.quality: Quality = quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
+        self.scenario = source if isinstance(source, Scenario) else _scenario_from(source)
+        self.time_code = time_code
+        self.variants = dict(variants or {})
+
+        stage = read_stage(catalog.find_scene(self.scenario.scene), time_code=time_code, variants=self.variants)
+        self.camera = _choose_camera(camera if camera is not None else self.scenario.camera, stage)
+        self.world = World(self.scenario, stage, _load_template, self.fps, self.camera)
+        self.arch = device.start(arch)
+        self._scene = DeviceScene()
+        self._scene_parts = 0
+        self._renderer = Renderer(self._scene, self.width, self.height, self.quality)
+        self._exposure = self.camera.exposure
+        self._position = 0
+
+    @property
+    def categories(self) -> dict[int, str]:
+        """What the ids of the `semantic` buffer mean; 0 is the background."""
+        return self.world.categories
+
+    @property
+    def position(self) -> int:
+        """The index of the frame that `next` gives."""
+        return self._position
+
+    def seek(self, index: int) -> Stream:
+        """Make frame `index` the next one, at once. Returns the stream."""
+        self._position = _integer("index", index, 0, self.frames if self.frames is not None else sys.maxsize)
+        return self
+
+    def __iter__(self) -> Stream:
+        return self
+
+    def __next__(self) -> Frame:
+        if self.frames is not None and self._position >= self.frames:
+            raise StopIteration
+        frame = self._render(self._position)
+        self._position += 1
+        return frame
+
+    def __len__(self) -> int:
+        if self.frames is None:
+            raise TypeError("an endless stream has no length; make it with frames=N")
+        return self.frames
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> FrameRange: ...
+
+    def __getitem__(self, index: int | slice) -> Frame | FrameRange:
+        end = sys.maxsize if self.frames is None else self.frames
+        if isinstance(index, slice):
+            if self.frames is None and any(bound is not None and bound < 0 for bound in (index.start, index.stop)):
+                raise ArgumentError(f"{index}: an endless stream cannot be counted from its end")
+            return FrameRange(self, range(end)[index])
+        index = operator.index(index)
+        if index < 0 and self.frames is not None:
+            index += self.frames
+        if not 0 <= index < end:
+            raise IndexError(f"frame {index} is outside 0..{end - 1}" if self.frames else f"frame {index} is negative")
+        return self._render(index)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the stream stands and what it shows, as JSON-ready values below 1 kB."""
+        return {"version": 1, "position": self._position, "settings": self.settings()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on where `state_dict` was taken; raises ArgumentError, changing nothing, if that was another stream."""
+        if not isinstance(state, Mapping) or state.get("version") != 1:
+            raise ArgumentError("this is not a state_dict of this version of tiscene (version 1)")
+        theirs, ours = dict(state["settings"]), self.settings()
+        different = [name for name in ours if theirs.get(name) != ours[name]]
+        if different:
+            listing = ", ".join(f"{name}: {theirs.get(name)!r} there, {ours[name]!r} here" for name in different)
+            raise ArgumentError(f"the state is of another stream ({listing})")
+        self.seek(state["position"])
+
+    def settings(self) -> dict[str, Any]:
+        """Everything that a frame depends on beside its index, JSON-ready; the scenario as its SHA-256 digest."""
+        canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
+        return {
+            "scenario": hashlib.sha256(canonical.encode()).hexdigest(),
+            "width": self.width,
+            "height": self.height,
+            "fps": self.fps,
+            "seed": self.seed,
+            "spp": self.quality.spp,
+            "max_depth": self.quality.max_depth,
+            "denoise": self.quality.denoise,
+            "time_code": self.time_code,
+            "variants": self.variants,
+        }
+
+    def _render(self, index: int) -> Frame:
+        placement = self.world.placement(index)
+        for description in self.world.descriptions[self._scene_parts :]:
+            self._scene.add(description)
+            self._scene_parts += 1
+        if self._exposure is None and "rgb" in self.buffers:
+            # Metered at frame 0 whatever frame is asked for first, so that a seek changes no pixel.
+            self._exposure = self._renderer.meter(self.world.placement(0), self.world.cameras(0)[1], seed=self.seed)
+        cameras = self.world.cameras(index)
+        buffers = self._renderer.render(
+            index, placement, cameras, self.buffers, seed=self.seed, exposure=self._exposure or 0.0
+        )
+        return Frame(index=index, time=index / self.fps, buffers=buffers)
+
+
+class FrameRange(Sequence[Frame]):
+    """Some frames of a stream, each rendered when it is asked for."""
+
+    def __init__(self, stream: Stream, indices: range) -> None:
+        self.stream = stream
+        self.indices = indices
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self.stream[index] for index in self.indices)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> FrameRange: ...
+
+    def __getitem__(self, index: int | slice) -> Frame | FrameRange:
+        if isinstance(index, slice):
+            return FrameRange(self.stream, self.indices[index])
+        return self.stream[self.indices[index]]
+
+
+def _integer(name: str, value: Any, low: int, high: int) -> int:
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ArgumentError(f"{name}={value!r}: must be a whole number") from None
+    if not low <= number <= high:
+        raise ArgumentError(
+            f"{name}={value}: must be from {low} to {high}"
+            if high < sys.maxsize
+            else f"{name}={value}: must be at least {low}"
+        )
+    return number
+
+
+def _buffer_names(names: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(names, str):
+        raise ArgumentError(f"buffers={names!r}: must be a sequence of names, such as ({names!r},)")
+    for name in names:
+        if name not in AOVS:
+            raise BufferNotFound("buffer", str(name), AOVS)
+    if not names:
+        raise ArgumentError("buffers=(): ask for one at least")
+    return tuple(dict.fromkeys(names))
+
+
+def _scenario_from(source: str | os.PathLike[str]) -> Scenario:
+    path = Path(source)
+    if path.suffix == ".json":
+        return Scenario.load(path)
+    return Scenario(os.fspath(source))
+
+
+def _load_template(name: str) -> Template:
+    return read_template(catalog.find_template(name))
+
+
+def _choose_camera(wanted: Camera | str | None, stage: SceneDescription) -> Camera:
+    if isinstance(wanted, Camera):
+        return wanted
+    if isinstance(wanted, str):
+        for camera in stage.cameras:
+            if camera.name == wanted:
+                return camera
+        raise CameraNotFound("camera", wanted, [camera.name for camera in stage.cameras], f" in scene {stage.name!r}")
+    if stage.cameras:
+        return stage.cameras[0]
+    low, high = stage.bounds()
+    up = (0.0, 1.0, 0.0) if stage.up_axis == "Y" else (0.0, 0.0, 1.0)
+    return Camera.seeing(tuple(low), tuple(high), up)
