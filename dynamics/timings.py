@@ -1,0 +1,122 @@
+"""Timings: when each body's clock runs. They look at all bodies together; life spans do not shift them."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dynamics import check
+from dynamics.clocks import Window, exact
+from dynamics.dynamic import Dynamic
+
+NEVER = Window(Fraction(0), Fraction(0))
+ALWAYS = Window(Fraction(0))
+
+
+class Timing(ABC):
+    """When each body's clock runs."""
+
+    @abstractmethod
+    def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
+        """One window for each body, given its id and dynamic. Raises ValueError if that cannot work."""
+
+
+@dataclass(frozen=True)
+class AllTogether(Timing):
+    """All bodies start after `wait_time` seconds and never stop."""
+
+    wait_time: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wait_time", check.not_negative(self.wait_time, "wait_time"))
+
+    def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
+        return [Window(exact(self.wait_time))] * len(bodies)
+
+
+@dataclass(frozen=True)
+class WaitUntilComplete(Timing):
+    """One after another: wait, body 0 does one loop and stands at its start pose, wait, body 1, and so on.
+
+    wait_time: s before every turn. repeat: after the last body, the first again; otherwise all stand for ever.
+    Bodies that never move get no turn. Dynamics that never complete are refused.
+    """
+
+    wait_time: float
+    repeat: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wait_time", check.not_negative(self.wait_time, "wait_time"))
+        check.flag(self.repeat, "repeat")
+
+    def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
+        turns = []
+        end = Fraction(0)
+        for name, dynamic in bodies:
+            if math.isinf(dynamic.loop_time):
+                raise ValueError(
+                    f"WaitUntilComplete waits for every loop, but the {type(dynamic).__name__} of {name!r} never "
+                    "returns to its start; use AllTogether or DictTimings"
+                )
+            loop = exact(dynamic.loop_time)
+            start = end + exact(self.wait_time) if loop else end
+            end = start + loop
+            turns.append((start, loop))
+        cycle = end if self.repeat and end else None
+        return [Window(start, loop, cycle) if loop else NEVER for start, loop in turns]
+
+
+@dataclass(frozen=True)
+class DictTimings(Timing):
+    """One after another, each for a given time: it stops where it is, and goes on from there at its next turn.
+
+    times: body (its index, or its id) to seconds, in the order of the turns; kept as a tuple of pairs.
+    repeat: after the last, the first again; otherwise all stand for ever. Bodies that are not named never move.
+    """
+
+    times: Mapping[int | str, float] | Iterable[tuple[int | str, float]]
+    repeat: bool = True
+
+    def __post_init__(self) -> None:
+        given = self.times.items() if isinstance(self.times, Mapping) else self.times
+        if isinstance(given, str) or not isinstance(given, Iterable):
+            raise TypeError(f"times={self.times!r}: must map bodies (index or id) to seconds")
+        pairs = []
+        for pair in given:
+            if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+                raise TypeError(f"times: {pair!r} must be a pair of a body (index or id) and seconds")
+            key, seconds = pair
+            if isinstance(key, bool) or not isinstance(key, int | str):
+                raise TypeError(f"times: {key!r} must be the index or the id of a body")
+            pairs.append((key, check.positive(seconds, f"times[{key!r}]")))
+        if not pairs:
+            raise ValueError("times: name one body or more")
+        check.flag(self.repeat, "repeat")
+        object.__setattr__(self, "times", tuple(pairs))
+
+    def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
+        rows = {name: row for row, (name, _) in enumerate(bodies)}
+        turns: dict[int, tuple[Fraction, Fraction]] = {}
+        end = Fraction(0)
+        for key, seconds in self._pairs():
+            row = rows.get(key, -1) if isinstance(key, str) else key
+            if not 0 <= row < len(bodies):
+                known = ", ".join(repr(name) for name, _ in bodies[:20]) or "none"
+                raise ValueError(f"DictTimings: there is no body {key!r}; bodies 0 to {len(bodies) - 1} are: {known}")
+            if row in turns:
+                raise ValueError(f"DictTimings: body {row} ({bodies[row][0]!r}) has two turns; give it one")
+            turns[row] = (end, exact(seconds))
+            end += exact(seconds)
+        cycle = end if self.repeat else None
+        return [Window(*turns[row], cycle) if row in turns else NEVER for row in range(len(bodies))]
+
+    def _pairs(self) -> tuple[tuple[int | str, float], ...]:
+        return tuple(self.times)  # type: ignore[arg-type]
+
+
+# SAILenv's names.
+AllTogetherTimings = AllTogether
+WaitUntilCompleteTimings = WaitUntilComplete
