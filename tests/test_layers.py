@@ -61,6 +61,10 @@ ONLY_IN = {
 }
 
 
+# Files past 350 lines, each with its reason.
+LONG_FOR_A_REASON: dict[str, str] = {}
+
+
 def sources(*packages: str) -> list[Path]:
     return [path for package in packages for path in sorted((ROOT / package).rglob("*.py"))]
 
@@ -177,6 +181,6 @@ def test_no_code_names_one_scene():
 
 
 def test_files_stay_short():
-    """A file past 350 lines is asking to be two."""
+    """A file past 350 lines is asking to be two, unless LONG_FOR_A_REASON says why it is not."""
     lines = {str(path.relative_to(ROOT)): len(path.read_text().splitlines()) for path in sources(*PACKAGES)}
-    assert {path: count for path, count in lines.items() if count > 350} == {}
+    assert {path for path, count in lines.items() if count > 350} <= set(LONG_FOR_A_REASON)

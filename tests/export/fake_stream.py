@@ -1,0 +1,58 @@
+"""A stream at the exporters' seam that renders nothing: every buffer, small, different in every frame."""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from tiscene.errors import BufferNotFound
+from tiscene.render.aovs import AOVS
+
+
+def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
+    """Numbers in the range of the buffer, a function of name and index; the first row is background."""
+    aov = AOVS[name]
+    random = np.random.default_rng([index, *name.encode()])
+    unit = random.random(aov.shape(width, height))
+    if aov.dtype == "bool":
+        values = unit > 0.5
+    elif aov.dtype == "uint8":
+        values = unit * 256
+    elif name in ("semantic", "instance"):
+        values = unit * 6
+    elif "flow" in name or "normal" in name:
+        values = 2.0 * unit - 1.0
+    elif name in ("depth", "distance"):
+        values = 0.5 + 5.0 * unit
+    else:
+        values = unit
+    array = values.astype(aov.dtype)
+    if aov.background is not None:
+        array[0] = aov.background
+    return array
+
+
+class FakeStream:
+    """What `tiscene.export` and the commands use of a Stream. `rendered` lists the indices that were asked for."""
+
+    def __init__(self, buffers: Sequence[str] = tuple(AOVS), *, width=12, height=8, frames=None, seed=0) -> None:
+        for name in buffers:
+            if name not in AOVS:
+                raise BufferNotFound("buffer", name, AOVS)
+        self.buffers = tuple(buffers)
+        self.width, self.height, self.fps, self.frames, self.seed = width, height, 25.0, frames, seed
+        self.categories = {0: "", 1: "chair", 2: "table"}
+        self.scenario = SimpleNamespace(to_json=lambda: {"scene": "nowhere", "objects": []})
+        self.rendered: list[int] = []
+        self.interrupt_at: int | None = None
+
+    def settings(self) -> dict[str, Any]:
+        return {"width": self.width, "height": self.height, "fps": self.fps, "seed": self.seed}
+
+    def __getitem__(self, index: int) -> SimpleNamespace:
+        if index == self.interrupt_at:
+            raise KeyboardInterrupt
+        self.rendered.append(index)
+        buffers = {name: fake_buffer(name, index, self.width, self.height) for name in self.buffers}
+        return SimpleNamespace(index=index, time=index / self.fps, buffers=buffers)

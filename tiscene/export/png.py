@@ -1,0 +1,79 @@
+"""One folder a buffer, one file a frame, each in the plainest format that holds it:
+
+======================================  ==================================================================
+`rgb`                                   8-bit RGB PNG
+`semantic`, `instance`                  16-bit grey PNG of the ids, 0 is the background
+`depth`, `distance`                     16-bit grey PNG in mm; 0: no hit, 65535: 65.535 m or farther
+`forward_flow`, `backward_flow`         Middlebury .flo: float32 (dx, dy) in px, little endian
+the occlusion masks                     8-bit grey PNG, 255 is True
+every other buffer (float32)            .npy, as it is
+======================================  ==================================================================
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from tiscene.errors import ExportError
+
+if TYPE_CHECKING:
+    from tiscene.frame import Frame
+
+FLO_TAG = 202021.25  # "PIEH" when read as text: how a .flo file begins
+
+
+def encode(frame: Frame) -> dict[str, bytes]:
+    """The files of a frame, name to contents. Raises ExportError for an id beyond 16 bits."""
+    files = {}
+    for name, buffer in frame.buffers.items():
+        suffix, data = _encode_buffer(name, buffer)
+        files[f"{name}/{frame.index:06d}{suffix}"] = data
+    return files
+
+
+def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
+    if buffer.dtype == np.uint8:
+        return ".png", _png(buffer)
+    if buffer.dtype == np.bool_:
+        return ".png", _png(buffer.astype(np.uint8) * np.uint8(255))
+    if np.issubdtype(buffer.dtype, np.integer):
+        if buffer.max(initial=0) > 65535:
+            raise ExportError(
+                f"buffer {name!r} holds the id {buffer.max()}, but a PNG file ends at 65535: export as exr or npz"
+            )
+        return ".png", _png(buffer.astype(np.uint16))
+    if name in ("depth", "distance"):
+        return ".png", _png(_millimetres(buffer))
+    if name in ("forward_flow", "backward_flow"):
+        return ".flo", _flo(buffer)
+    return ".npy", _npy(buffer)
+
+
+def _png(pixels: NDArray[Any]) -> bytes:
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "png", compress_level=4)
+    return data.getvalue()
+
+
+def _millimetres(metres: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Rounded to the nearest; a hit nearer than half a millimetre is 1, for 0 means none."""
+    hit = np.isfinite(metres)
+    millimetres = np.clip(np.round(np.where(hit, metres, 0.0).astype(np.float64) * 1000.0), 1.0, 65535.0)
+    return np.where(hit, millimetres, 0.0).astype(np.uint16)
+
+
+def _flo(flow: NDArray[np.float32]) -> bytes:
+    height, width, _ = flow.shape
+    return struct.pack("<fii", FLO_TAG, width, height) + flow.astype("<f4").tobytes()
+
+
+def _npy(buffer: NDArray[Any]) -> bytes:
+    data = io.BytesIO()
+    np.lib.format.write_array(data, np.ascontiguousarray(buffer), version=(1, 0), allow_pickle=False)
+    return data.getvalue()

@@ -1,0 +1,231 @@
+"""Buffers as pictures: what a person looks at. Every function takes numpy arrays and returns uint8 [h, w, 3].
+
+    from tiscene.export.visualize import picture
+    picture("depth", frame.depth).image            # also .caption: "0.82 to 7.3 m"
+
+Colours come from OKLab (Ottosson 2020), where equal steps look equally large: lightness carries distances, hue tells
+ids apart, and the flow wheel is that of Baker et al., *A Database and Evaluation Methodology for Optical Flow* (2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Pixels = NDArray[np.uint8]
+Limits = tuple[float, float]
+
+BACKGROUND = (24, 25, 30)
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+# Steps of hue from one primary to the next on the flow wheel: red, yellow, green, cyan, blue, magenta, red.
+WHEEL_STEPS = (15, 6, 4, 11, 13, 6)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A buffer made visible. caption: what the colours range over, in a few words."""
+
+    image: Pixels
+    caption: str
+
+
+def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Picture:
+    """The buffer `name` as a picture.
+
+    limits: the values at the two ends of the colours, to have the same colours in every frame (see `limits_of`); None
+    for this buffer's own.
+    """
+    low, high = limits or limits_of(name, [buffer])
+    if name == "rgb":
+        return Picture(buffer, "display sRGB")
+    if name == "hdr":
+        return Picture(_display(buffer / max(high, 1e-6)), f"radiance, white is {high:.3g}")
+    if name in ("depth", "distance"):
+        return Picture(depth_picture(buffer, low, high), f"{low:.2f} to {high:.2f} m")
+    if name in ("forward_flow", "backward_flow"):
+        return Picture(flow_picture(buffer, high), f"up to {high:.3g} px")
+    if name in ("instance", "semantic"):
+        count = np.count_nonzero(np.unique(buffer))
+        return Picture(id_picture(buffer), f"{count} id{'' if count == 1 else 's'}")
+    if buffer.dtype == np.bool_:
+        return Picture(mask_picture(buffer), f"{100.0 * buffer.mean():.1f} % true")
+    if "normal" in name:
+        return Picture(normal_picture(buffer), "x, y, z as red, green, blue")
+    if name == "albedo":
+        return Picture(_display(buffer), "linear Rec.709")
+    if name == "scene_flow":
+        scale = max(abs(low), abs(high), 1e-9)
+        return Picture(_to_bytes(0.5 + 0.5 * buffer / scale), f"grey is 0, up to {scale:.3g} m")
+    if name == "position":
+        return Picture(_ranged(buffer, low, high), f"{low:.2f} to {high:.2f} m")
+    if name == "uv":
+        return Picture(_to_bytes(_three_channels(buffer - np.floor(buffer))), "u, v as red, green")
+    return Picture(_ranged(buffer, low, high), f"{low:.3g} to {high:.3g}")
+
+
+def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
+    """The values between which the colours of these buffers (of one name) are to run."""
+    if name in ("rgb", "albedo", "roughness", "metallic", "object_coordinates"):
+        return (0.0, 1.0)
+    values = []
+    for buffer in buffers:
+        vectors = buffer.ndim == 3 and "flow" in name
+        flat = np.linalg.norm(buffer, axis=2).ravel() if vectors else np.asarray(buffer, dtype=np.float64).ravel()
+        values.append(flat[np.isfinite(flat)])
+    finite = np.concatenate(values) if values else np.empty(0)
+    if finite.size == 0:
+        return (0.0, 1.0)
+    if name == "hdr":
+        return (0.0, float(np.percentile(finite, 98.0)))
+    if "flow" in name:
+        return (0.0, float(finite.max()))
+    low, high = np.percentile(finite, [0.5, 99.5])
+    return (float(low), float(high))
+
+
+def depth_picture(depth: ArrayLike, near: float, far: float) -> Pixels:
+    """Near is bright, far is dark, by lightness from yellow over red to violet; no hit is the background colour."""
+    depth = np.asarray(depth, dtype=np.float64)
+    finite = np.isfinite(depth)
+    closeness = 1.0 - (np.where(finite, depth, far) - near) / max(far - near, 1e-9)
+    image = sequential(closeness)
+    image[~finite] = BACKGROUND
+    return image
+
+
+def sequential(values: ArrayLike) -> Pixels:
+    """0..1 as colours of evenly rising lightness: deep violet, red, orange, pale yellow. Values outside are clamped."""
+    t = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
+    hue = np.radians(-75.0 + 170.0 * t)
+    return oklch(0.18 + 0.77 * t, 0.07 + 0.11 * np.sin(np.pi * t), hue)
+
+
+def id_picture(ids: NDArray[Any]) -> Pixels:
+    """Ids in colours far apart, the same colour for the same id in every frame; 0 is the background colour."""
+    distinct, rows = np.unique(ids, return_inverse=True)
+    return id_colors(distinct)[rows.reshape(ids.shape)]
+
+
+def id_colors(ids: ArrayLike) -> Pixels:
+    """One colour [n, 3] for each id [n]: hues by the golden angle, lightness in four steps."""
+    ids = np.asarray(ids, dtype=np.int64)
+    lightness = np.array([0.70, 0.56, 0.82, 0.44])[ids % 4]
+    colors = oklch(lightness, np.full(ids.shape, 0.135), ids * GOLDEN_ANGLE)
+    colors[ids == 0] = BACKGROUND
+    return colors
+
+
+def mask_picture(mask: NDArray[np.bool_]) -> Pixels:
+    """True is a pale orange, False dark."""
+    return np.where(mask[..., None], np.array((255, 176, 92), np.uint8), np.array(BACKGROUND, np.uint8))
+
+
+def normal_picture(normal: NDArray[np.floating]) -> Pixels:
+    """-1..1 as 0..255 in each channel; no hit (the zero vector) is the background colour."""
+    image = _to_bytes(0.5 + 0.5 * normal)
+    image[~np.any(normal, axis=2)] = BACKGROUND
+    return image
+
+
+def flow_picture(flow: NDArray[np.floating], longest: float | None = None, legend: bool = True) -> Pixels:
+    """Flow (dx right, dy down) by the colour wheel: hue is the direction, white is no motion.
+
+    longest: length in px that gets full colour; default the longest in the picture. Longer ones are darkened, and what
+    is not finite is black. legend: draws the wheel into the lower right corner, centre no motion, right +dx, below +dy.
+    """
+    length = np.linalg.norm(flow, axis=2)
+    finite = np.isfinite(length)
+    if longest is None:
+        longest = float(length[finite].max(initial=0.0))
+    image = _wheel_colors(np.where(finite[..., None], flow, 0.0) / max(longest, 1e-9))
+    image[~finite] = 0
+    height, width = length.shape
+    radius = min(height, width) // 9
+    if legend and radius >= 6:
+        y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+        square = np.stack([x, y], axis=2)
+        distance = np.hypot(x, y)
+        corner = image[height - 2 * radius - 4 : height - 3, width - 2 * radius - 4 : width - 3]
+        corner[distance <= radius] = (40, 42, 48)
+        inside = distance <= radius - 1.5
+        corner[inside] = _wheel_colors(square / (radius - 1.5))[inside]
+    return image
+
+
+def _wheel_colors(flow: NDArray[np.floating]) -> Pixels:
+    """Vectors [h, w, 2] whose length 1 means full colour."""
+    wheel = _flow_wheel()
+    angle = np.arctan2(-flow[..., 1], -flow[..., 0]) / np.pi  # -1 and 1: to the right, 0: to the left
+    place = (angle + 1.0) / 2.0 * (len(wheel) - 1)
+    before = np.floor(place).astype(np.int64)
+    part = (place - before)[..., None]
+    color = (1.0 - part) * wheel[before] + part * wheel[(before + 1) % len(wheel)]
+    length = np.linalg.norm(flow, axis=2)[..., None]
+    return _to_bytes(np.where(length <= 1.0 + 1e-6, 1.0 - length * (1.0 - color), 0.75 * color))
+
+
+def _flow_wheel() -> NDArray[np.float64]:
+    """The 55 pure colours of the wheel [n, 3]; each stretch raises or lowers one channel."""
+    corners = [(1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 1), (1, 0, 0)]
+    stretches = []
+    for steps, start, end in zip(WHEEL_STEPS, corners[:-1], corners[1:], strict=True):
+        part = np.arange(steps)[:, None] / steps
+        stretches.append((1.0 - part) * np.array(start) + part * np.array(end))
+    return np.concatenate(stretches)
+
+
+def oklch(lightness: ArrayLike, chroma: ArrayLike, hue: ArrayLike) -> Pixels:
+    """OKLab lightness 0..1, chroma about 0..0.3 and hue in radians, [...] each, as sRGB bytes [..., 3], clamped."""
+    level, a, b = np.broadcast_arrays(lightness, chroma * np.cos(hue), chroma * np.sin(hue))
+    cone_from_lab = np.array(
+        [
+            [1.0, 0.3963377774, 0.2158037573],
+            [1.0, -0.1055613458, -0.0638541728],
+            [1.0, -0.0894841775, -1.2914855480],
+        ]
+    )
+    linear_from_cone = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    cones = (np.stack([level, a, b], axis=-1) @ cone_from_lab.T) ** 3
+    return _display(cones @ linear_from_cone.T)
+
+
+def _display(linear: NDArray[Any]) -> Pixels:
+    """Scene-linear 0..1 by the sRGB curve."""
+    x = np.clip(np.nan_to_num(linear, nan=0.0), 0.0, 1.0)
+    return _to_bytes(np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1.0 / 2.4) - 0.055))
+
+
+def _ranged(buffer: NDArray[Any], low: float, high: float) -> Pixels:
+    """low..high as 0..255; what is not finite is the background colour."""
+    values = _three_channels(np.asarray(buffer, dtype=np.float64))
+    finite = np.isfinite(values).all(axis=2)
+    image = _to_bytes((np.where(finite[..., None], values, low) - low) / max(high - low, 1e-9))
+    image[~finite] = BACKGROUND
+    return image
+
+
+def _three_channels(buffer: NDArray[Any]) -> NDArray[Any]:
+    """[h, w], [h, w, 1] as grey; [h, w, 2] with an empty third channel; [h, w, 3] as it is."""
+    if buffer.ndim == 2:
+        buffer = buffer[..., None]
+    if buffer.shape[2] == 1:
+        return np.repeat(buffer, 3, axis=2)
+    if buffer.shape[2] == 2:
+        return np.concatenate([buffer, np.zeros_like(buffer[..., :1])], axis=2)
+    return buffer
+
+
+def _to_bytes(unit: NDArray[Any]) -> Pixels:
+    image: Pixels = np.round(np.clip(unit, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return image
