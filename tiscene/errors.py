@@ -8,7 +8,7 @@
     │   ├── TemplateNotFound              no such object template
     │   ├── ObjectNotFound                no live object of that name or id
     │   ├── CameraNotFound                no such camera on the stage
-    │   └── BufferNotFound                no such buffer
+    │   └── BufferNotFound (AttributeError)  no such buffer
     ├── MissingFile (FileNotFoundError)   a file that the user named is not there
     ├── StageError (ValueError)           a USD stage that cannot be rendered; lists every problem with its prim path
     ├── ScenarioError (ValueError)        a scenario that contradicts itself or its scene
@@ -67,8 +67,8 @@ class CameraNotFound(UnknownName):
     """The stage holds no camera of that name."""
 
 
-class BufferNotFound(UnknownName):
-    """No per-pixel buffer has that name."""
+class BufferNotFound(UnknownName, AttributeError):
+    """No per-pixel buffer has that name. An AttributeError too, so that `hasattr(frame, name)` is an answer."""
 
 
 class MissingFile(TisceneError, FileNotFoundError):
