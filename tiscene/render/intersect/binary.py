@@ -1,0 +1,206 @@
+"""Traversal of the binary layout: two boxes, one triangle at a time, all scalar; for a GPU. See wide.py for the method."""
+
+import taichi as ti
+
+Table = ti.types.ndarray(ti.f32, 2)
+Matrices = ti.types.ndarray(ti.f32, 3)
+Ids = ti.types.ndarray(ti.i32, 2)
+Queue = ti.types.ndarray(ti.i32, 1)
+vec3 = ti.math.vec3
+
+STACK = 72  # a BLAS needs 48 entries at most, a TLAS 24 (scene/bvh.py)
+SLACK = 1.000002
+INFINITY = ti.math.inf
+LARGEST = 3e38
+
+
+@ti.func
+def reciprocal(d: ti.template()):
+    """1 / d by component, finite also for 0, so that 0 * infinity does not arise."""
+    return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
+
+
+@ti.func
+def enter_box(nodes: ti.template(), node: ti.i32, at: ti.template(), origin, inverse, best: ti.f32) -> ti.f32:
+    """Distance at which a ray enters the box at column `at` of a node, infinity if it does not."""
+    low = (vec3(nodes[node, at], nodes[node, at + 1], nodes[node, at + 2]) - origin) * inverse
+    high = (vec3(nodes[node, at + 3], nodes[node, at + 4], nodes[node, at + 5]) - origin) * inverse
+    near = ti.max(ti.min(low, high).max(), 0.0)
+    far = ti.min(ti.max(low, high).min(), best)
+    return ti.select(near <= far * SLACK, near, INFINITY)
+
+
+@ti.func
+def hit_triangle(rows: ti.template(), at: ti.i32, o, d):
+    """Distance (infinity for a miss) and barycentrics b1, b2; operation for operation what wide.hit_pack does."""
+    e1 = vec3(rows[at, 4], rows[at, 5], rows[at, 6])
+    e2 = vec3(rows[at, 8], rows[at, 9], rows[at, 10])
+    s = o - vec3(rows[at, 0], rows[at, 1], rows[at, 2])
+    p = d.cross(e2)
+    q = s.cross(e1)
+    scale = 1.0 / e1.dot(p)
+    b1 = s.dot(p) * scale
+    b2 = d.dot(q) * scale
+    t = e2.dot(q) * scale
+    inside = ti.min(ti.min(b1, b2), 1.0 - b1 - b2)
+    t = ti.select(inside >= 0.0, t, INFINITY)
+    return ti.select(t > 0.0, t, INFINITY), b1, b2
+
+
+@ti.func
+def affine(transforms: ti.template(), time: ti.i32, row: ti.i32, v, w: ti.f32):
+    """A transformed point (w = 1) or direction (w = 0)."""
+    result = vec3(0.0)
+    for i in ti.static(range(3)):
+        at = ti.static(4 * i)
+        x = transforms[time, row, at] * v.x + transforms[time, row, at + 1] * v.y + transforms[time, row, at + 2] * v.z
+        result[i] = x + transforms[time, row, at + 3] * w
+    return result
+
+
+@ti.func
+def trace(
+    nodes: ti.template(),
+    packs: ti.template(),
+    transforms: ti.template(),
+    instances: ti.template(),
+    time: ti.i32,
+    root: ti.i32,
+    only: ti.i32,
+    rays: ti.template(),
+    ray: ti.i32,
+    any_hit: ti.template(),
+):
+    """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
+
+    only: the row of the one instance to test, -1 for all. any_hit (static): stop at the first hit found.
+    """
+    world_origin = vec3(rays[ray, 0], rays[ray, 1], rays[ray, 2])
+    world_direction = vec3(rays[ray, 4], rays[ray, 5], rays[ray, 6])
+    best = ti.min(rays[ray, 7], LARGEST)  # below infinity, which is a miss
+    b1 = 0.0
+    b2 = 0.0
+    hit_instance = -1
+    hit_triangle_row = -1
+    origin = world_origin
+    direction = world_direction
+    inverse = reciprocal(direction)
+    references = ti.Vector([0] * STACK)
+    distances = ti.Vector([0.0] * STACK)
+    waiting = 0
+    floor = -1  # waiting entries below it belong to the TLAS; -1 while in the TLAS
+    instance = -1
+    current = root
+    if only >= 0:
+        current = -1 - 4 * only
+    searching = True
+    while searching:
+        pop = False
+        if current >= 0:
+            left = enter_box(nodes, current, 0, origin, inverse, best)
+            right = enter_box(nodes, current, 6, origin, inverse, best)
+            near = ti.bit_cast(nodes[current, 12], ti.i32)
+            far = ti.bit_cast(nodes[current, 13], ti.i32)
+            if right < left:
+                near, far = far, near
+                left, right = right, left
+            if right < INFINITY:
+                references[waiting] = far
+                distances[waiting] = right
+                waiting += 1
+            current = near
+            pop = left == INFINITY
+        elif floor < 0:
+            instance = (-1 - current) // 4
+            origin = affine(transforms, time, instance, world_origin, 1.0)
+            direction = affine(transforms, time, instance, world_direction, 0.0)
+            inverse = reciprocal(direction)
+            floor = waiting
+            current = instances[instance, 0]
+        else:
+            code = -1 - current
+            for row in range(code // 4, code // 4 + code % 4 + 1):
+                t, u, v = hit_triangle(packs, row, origin, direction)
+                if t <= best:
+                    triangle = ti.bit_cast(packs[row, 3], ti.i32)
+                    first = t < best
+                    if not first:
+                        first = instance < hit_instance
+                        if instance == hit_instance:
+                            first = triangle < hit_triangle_row
+                    if first:
+                        best = t
+                        b1 = u
+                        b2 = v
+                        hit_instance = instance
+                        hit_triangle_row = triangle
+            if ti.static(any_hit):
+                searching = hit_instance < 0
+            pop = True
+        while pop and searching:
+            if waiting == floor:
+                floor = -1
+                origin = world_origin
+                direction = world_direction
+                inverse = reciprocal(direction)
+            if waiting == 0:
+                searching = False
+            else:
+                waiting -= 1
+                if distances[waiting] <= best * SLACK:
+                    current = references[waiting]
+                    pop = False
+    return best, b1, b2, hit_instance, hit_triangle_row
+
+
+@ti.kernel
+def closest(
+    nodes: Table,
+    packs: Table,
+    transforms: Matrices,
+    instances: Ids,
+    time: ti.i32,
+    root: ti.i32,
+    rays: Table,
+    queue: Queue,
+    count: ti.i32,
+    hits: Table,
+    hit_ids: Ids,
+):
+    ti.loop_config(block_dim=256)
+    for i in range(count):
+        ray = queue[i]
+        t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, -1, rays, ray, False)
+        if instance < 0:
+            t = INFINITY
+        hits[ray, 0] = t
+        hits[ray, 1] = b1
+        hits[ray, 2] = b2
+        hits[ray, 3] = 0.0
+        hit_ids[ray, 0] = instance
+        hit_ids[ray, 1] = triangle
+
+
+@ti.kernel
+def occluded(
+    nodes: Table,
+    packs: Table,
+    transforms: Matrices,
+    instances: Ids,
+    time: ti.i32,
+    root: ti.i32,
+    rays: Table,
+    queue: Queue,
+    count: ti.i32,
+    targets: Queue,
+    targeted: ti.i32,
+    result: Queue,
+):
+    ti.loop_config(block_dim=256)
+    for i in range(count):
+        ray = queue[i]
+        only = -1
+        if targeted > 0:
+            only = targets[ray]
+        t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, only, rays, ray, True)
+        result[ray] = ti.select(instance >= 0, 1, 0)

@@ -1,0 +1,242 @@
+"""Two-level bounding volume hierarchy: one tree for each mesh (BLAS), one over the instances for each time (TLAS).
+
+All trees share one array of nodes, so that a ray goes from a TLAS into a BLAS without changing arrays. Two layouts:
+"wide", 8 children a node and packs of 4 triangles, for the vector units of a CPU; "binary", for a GPU.
+Building is deterministic: the same input gives the same bytes, for any number of threads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.errors import ArgumentError
+from tiscene.scene import bvh_build as kernels
+
+Boxes = NDArray[np.float32]
+TIMES = 3
+EMPTY_NODE = 0  # a node without children: the root of an empty mesh and of an empty TLAS
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The shape of a tree. Stacks: entries that a traversal needs at most for a BLAS and a TLAS.
+
+    unit: what one node adds to its number to refer to it. node_cost: in units of one block of triangles tested.
+    """
+
+    name: str
+    width: int
+    unit: int
+    block: int
+    leaf_kind: int
+    node_cost: float
+    blas_stack: int
+    tlas_stack: int
+
+
+WIDE = Layout("wide", 8, 8, 4, kernels.PACK, 0.5, 56, 56)
+BINARY = Layout("binary", 2, 1, 1, kernels.ROWS, 1.0, 48, 24)
+LAYOUTS = {layout.name: layout for layout in (WIDE, BINARY)}
+LEAF_SIZE = 4
+SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
+
+
+@dataclass(frozen=True)
+class Blas:
+    """A mesh in the hierarchy. root: reference of its first node. box: least and greatest corner, [2, 3], m."""
+
+    root: int
+    box: NDArray[np.float64]
+
+    @property
+    def empty(self) -> bool:
+        """No triangle of the mesh can be hit."""
+        return self.root == EMPTY_NODE
+
+
+class Bvh:
+    """The nodes and packed triangles on the device, and the roots of the trees in them.
+
+    nodes, packs: Taichi arrays whose rows `bvh_build.write_*` describes. They are replaced when they grow.
+    """
+
+    def __init__(self, layout: str) -> None:
+        if layout not in LAYOUTS:
+            raise ArgumentError(f"traversal={layout!r}: must be one of {', '.join(LAYOUTS)}")
+        self.layout = LAYOUTS[layout]
+        self._work = _Workspace()
+        self._used_nodes = 0
+        self._used_packs = 0
+        self._instance_capacity = 0
+        self._roots: dict[int, int] = {}
+        self.nodes = self._new_nodes(1)
+        self.packs = self._new_packs(1)
+        self._write_nodes(1, EMPTY_NODE, 0, kernels.NAME)
+        self._used_nodes = 1
+
+    def root(self, time: int) -> int:
+        """The reference where rays enter the instances at PREVIOUS, CURRENT or NEXT."""
+        if time not in self._roots:
+            raise ArgumentError(f"time={time}: no instances are placed there; name it in place(..., times=...)")
+        return self._roots[time]
+
+    def add_mesh(self, positions: Boxes, triangles: NDArray[np.int32], first_triangle: int) -> Blas:
+        """Build the tree of a mesh whose triangles are rows `first_triangle` and on of the scene.
+
+        Triangles without area are left out: no ray can hit them.
+        """
+        corners = positions.astype(np.float64)[triangles]
+        edge_1 = corners[:, 1] - corners[:, 0]
+        edge_2 = corners[:, 2] - corners[:, 0]
+        longest = np.maximum((edge_1**2).sum(1), (edge_2**2).sum(1))
+        area = np.sqrt((np.cross(edge_1, edge_2) ** 2).sum(1))
+        solid = np.flatnonzero(area > 1e-9 * longest).astype(np.int32)
+        if not len(solid):
+            return Blas(EMPTY_NODE, np.zeros((2, 3)))
+        boxes = _widened(np.concatenate([corners[solid].min(1), corners[solid].max(1)], axis=1))
+        nodes, packs = self._build(boxes, solid, LEAF_SIZE, self.layout.block, self.layout.leaf_kind)
+        self._reserve(nodes, packs)
+        first = self._used_nodes
+        self._write_nodes(nodes, first, self._used_packs, self.layout.leaf_kind)
+        work = self._work
+        if self.layout is WIDE:
+            kernels.write_packs(
+                positions, triangles, work.order, work.node_link, work.children, nodes, self.packs, self._used_packs, first_triangle
+            )  # fmt: skip
+        else:
+            kernels.write_triangles(
+                positions, triangles, work.order, packs, self.packs, self._used_packs, first_triangle
+            )
+        self._used_nodes += nodes
+        self._used_packs += packs
+        return Blas(first * self.layout.unit, np.stack([boxes[:, :3].min(0), boxes[:, 3:].max(0)]).astype(np.float64))
+
+    def clear_instances(self) -> None:
+        """Forget the trees over instances."""
+        self._roots.clear()
+
+    def place(self, time: int, boxes: NDArray[np.float64], rows: NDArray[np.int32], capacity: int) -> None:
+        """Build the tree over the instances `rows` with these world boxes [n, 6], of at most `capacity` rows ever."""
+        if capacity > self._instance_capacity:
+            self._instance_capacity = max(64, 1 << (capacity - 1).bit_length())
+            self._reserve(0, 0)
+            self._roots.clear()
+        if not len(rows):
+            self._roots[time] = EMPTY_NODE
+            return
+        nodes, _ = self._build(_widened(boxes), rows, 1, 1, kernels.NAME)
+        first = self._node_capacity() - (TIMES - time) * self._instance_capacity
+        self._write_nodes(nodes, first, 0, kernels.NAME)
+        self._roots[time] = first * self.layout.unit
+
+    def _build(
+        self, boxes: Boxes, order: NDArray[np.int32], leaf_size: int, block: int, leaf_kind: int
+    ) -> tuple[int, int]:
+        """Build a tree into the workspace; returns its nodes and the rows of packs that its leaves need."""
+        budget = self.layout.tlas_stack if leaf_kind == kernels.NAME else self.layout.blas_stack
+        for sah_depth in (kernels.SAH_DEPTH, 0):  # a tree that is too deep is built again, balanced
+            self._work.load(boxes, order)
+            self._work.grow(len(order), sah_depth, self.layout, leaf_size, block)
+            nodes, packs, stack = self._work.collapse(self.layout.width, leaf_kind, by_count=sah_depth == 0)
+            if stack <= budget:
+                break
+        else:
+            raise ArgumentError(f"{len(order)} triangles in one mesh, or instances, are more than the tracer can take")
+        return nodes, packs if leaf_kind == kernels.PACK else len(order)
+
+    def _write_nodes(self, count: int, first: int, first_pack: int, leaf_kind: int) -> None:
+        work = self._work
+        if self.layout is WIDE:
+            rows = 10 if leaf_kind == kernels.PACK else 1
+            kernels.write_wide_nodes(
+                work.node_box, work.node_link, work.children, count, self.nodes, first, first_pack, rows
+            )
+        else:
+            kernels.write_binary_nodes(
+                work.node_box, work.node_link, work.children, count, self.nodes, first, first_pack
+            )
+
+    def _reserve(self, nodes: int, packs: int) -> None:
+        """Make room for more BLAS nodes and packs, the TLAS regions included, which lie at the end."""
+        needed = self._used_nodes + nodes + TIMES * self._instance_capacity
+        if needed > self._node_capacity():
+            self.nodes = _grown(self.nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
+            self._roots.clear()
+        if self._used_packs + packs > self._pack_capacity():
+            needed = self._used_packs + packs
+            self.packs = _grown(self.packs, self._new_packs(max(needed, 2 * self._pack_capacity())))
+
+    def _new_nodes(self, count: int) -> Any:
+        return ti.ndarray(kernels.vec8, 8 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 16))
+
+    def _new_packs(self, count: int) -> Any:
+        return ti.ndarray(kernels.vec4, 10 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 12))
+
+    def _node_capacity(self) -> int:
+        return int(self.nodes.shape[0]) // self.layout.unit
+
+    def _pack_capacity(self) -> int:
+        return int(self.packs.shape[0]) // (10 if self.layout is WIDE else 1)
+
+
+class _Workspace:
+    """The arrays of a build in progress; they grow and stay."""
+
+    def __init__(self) -> None:
+        self._allocate(64)
+        self._totals = np.zeros(3, np.int32)
+        self.children.fill(-1)
+
+    def _allocate(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.boxes = ti.ndarray(ti.f32, (capacity, 6))
+        self.order = ti.ndarray(ti.i32, capacity)
+        self.tasks = ti.ndarray(ti.i32, (capacity + 1, 4))
+        self.node_box = ti.ndarray(ti.f32, (2 * capacity, 6))
+        self.node_link = ti.ndarray(ti.i32, (2 * capacity, 4))
+        self.children = ti.ndarray(ti.i32, (capacity, 8))
+        self.stack = ti.ndarray(ti.i32, (capacity, 2))
+
+    def load(self, boxes: Boxes, order: NDArray[np.int32]) -> None:
+        if len(order) > self.capacity:
+            self._allocate(1 << (len(order) - 1).bit_length())
+        kernels.load(boxes, order, self.boxes, self.order, self.tasks)
+
+    def grow(self, count: int, sah_depth: int, layout: Layout, leaf_size: int, block: int) -> None:
+        """Split the loaded primitives into a binary tree."""
+        serial_until = 0 if count <= SERIAL_BUILD else max(SERIAL_BUILD // 4, count // 64)
+
+        def run(first: int, tasks: int, stop: int) -> int:
+            arrays = (self.boxes, self.order, self.node_box, self.node_link, self.tasks)
+            return int(kernels.grow(*arrays, first, tasks, stop, sah_depth, leaf_size, block, layout.node_cost))
+
+        subtrees = run(0, 1, serial_until)
+        if subtrees:
+            run(1, subtrees, 0)
+
+    def collapse(self, width: int, leaf_kind: int, by_count: bool) -> tuple[int, int, int]:
+        """Merge binary nodes; returns how many nodes and packs there are and the stack that a traversal needs."""
+        arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self._totals)
+        kernels.collapse(*arrays, width, leaf_kind, int(by_count))
+        nodes, packs, stack = self._totals.tolist()
+        return nodes, packs, stack
+
+
+def _grown(old: Any, new: Any) -> Any:
+    """The larger array `new` with the values of `old` at its beginning."""
+    values = old.to_numpy()
+    filled = np.zeros((new.shape[0], *values.shape[1:]), np.float32)
+    filled[: len(values)] = values
+    new.from_numpy(filled)
+    return new
+
+
+def _widened(boxes: NDArray[np.float64]) -> Boxes:
+    """Boxes [n, 6] that still contain what they should after rounding, and that a ray within a face of them enters."""
+    margin = max(4e-7 * float(np.abs(boxes).max()), 1e-12)
+    return np.concatenate([boxes[:, :3] - margin, boxes[:, 3:] + margin], axis=1, dtype=np.float32, casting="same_kind")

@@ -1,0 +1,204 @@
+"""What kernels read: every mesh, material, texture and light as device arrays, and the trees that rays walk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene import device
+from tiscene.errors import ArgumentError
+from tiscene.scene.bvh import Blas, Bvh
+from tiscene.scene.description import Mesh, SceneDescription
+from tiscene.scene.device_array import upload
+from tiscene.scene.light_table import LightTable
+from tiscene.scene.material_table import MaterialTable
+from tiscene.scene.placement import CURRENT, Placement
+from tiscene.scene.texture_atlas import TextureAtlas
+
+HAS_NORMALS, HAS_UV, MIRRORED = 1, 2, 4  # bits of `instance_info` column 5
+
+
+class DeviceScene:
+    """A growing set of meshes, materials, textures and lights, and where the instances are.
+
+    Empty at first: `add` what the files said, `place` the instances, then render. Placing is cheap and done for every
+    frame; adding builds trees. Neither compiles anything after the first time. Taichi arrays, of n vertices, m triangles
+    and i instances; those of meshes are replaced by the first `place` after an `add`, those of instances by `place`:
+
+    vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
+    triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
+    instance_info: i32 [i, 8], 0 root of its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row, 5 flags
+    (HAS_NORMALS | HAS_UV | MIRRORED).
+    world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
+    box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
+    """
+
+    def __init__(self, traversal: str | None = None) -> None:
+        """traversal: "wide" or "binary", the layout of the trees; None: what suits the device. Starts Taichi.
+
+        Raises ArgumentError for another layout.
+        """
+        architecture = device.start()
+        self.traversal = traversal or ("binary" if architecture == "cuda" else "wide")
+        self._bvh = Bvh(self.traversal)
+        self.materials = MaterialTable()
+        self.textures = TextureAtlas()
+        self.lights = LightTable()
+        self._meshes: list[Mesh] = []
+        self._blas: list[Blas] = []
+        self._triangle_materials: list[NDArray[np.int32]] = []
+        self._first_triangles: list[int] = [0]
+        self._mesh_table = np.zeros((0, 3), np.int32)
+        self._boxes = np.zeros((0, 2, 3))
+        self.instance_count = 0
+        self.bounds: NDArray[np.float64] = np.zeros((2, 3))
+        self._upload_meshes()
+        self._upload_instances(_NOTHING, np.zeros((3, 0, 3, 4)), np.zeros((3, 0)))
+
+    @property
+    def nodes(self) -> Any:
+        """The nodes of all trees; only tiscene.render.intersect knows their layout."""
+        return self._bvh.nodes
+
+    @property
+    def packs(self) -> Any:
+        """The triangles as traversal wants them; only tiscene.render.intersect knows their layout."""
+        return self._bvh.packs
+
+    def tlas_root(self, time: int) -> int:
+        """Where rays enter the instances at `time`. Raises ArgumentError if they are not placed there."""
+        return self._bvh.root(time)
+
+    def add(self, description: SceneDescription) -> int:
+        """Append what a stage or template consists of; returns the row of its first mesh.
+
+        Rows of meshes, materials and textures count on from those before. `place` must follow before anything is rendered.
+        """
+        first_mesh = len(self._meshes)
+        first_texture = self.textures.append(description.textures)
+        first_material = self.materials.append(description.materials, first_texture=first_texture)
+        self.lights.append(description.lights, first_texture=first_texture)
+        for mesh in description.meshes:
+            first_triangle = self._first_triangles[-1]
+            positions = np.ascontiguousarray(mesh.positions, np.float32)
+            triangles = np.ascontiguousarray(mesh.triangles, np.int32)
+            self._blas.append(self._bvh.add_mesh(positions, triangles, first_triangle))
+            self._meshes.append(mesh)
+            self._triangle_materials.append(np.asarray(mesh.materials, np.int32) + first_material)
+            self._first_triangles.append(first_triangle + len(triangles))
+        self._bvh.clear_instances()
+        self._mesh_arrays_are_old = True
+        return first_mesh
+
+    def place(self, placement: Placement, times: Iterable[int] = (CURRENT,)) -> None:
+        """Put the instances where they are around this frame, and build the tree over them for each of `times`.
+
+        An instance is left out of a tree where it is not present, has nothing to hit or is squashed flat.
+        Raises ArgumentError for a mesh that was not added.
+        """
+        if self._mesh_arrays_are_old:
+            self._upload_meshes()
+        count = len(placement.mesh)
+        if count and not 0 <= placement.mesh.min() <= placement.mesh.max() < len(self._meshes):
+            raise ArgumentError(
+                f"placement.mesh has rows from {placement.mesh.min()} to {placement.mesh.max()}, "
+                f"but {len(self._meshes)} meshes were added"
+            )
+        inverse, determinant = _inverted(placement.world_from_object)
+        self._upload_instances(placement, inverse, determinant)
+        hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
+        boxes = _transformed(self._boxes[placement.mesh], placement.world_from_object)
+        self._bvh.clear_instances()
+        for time in sorted(set(times)):
+            rows = np.flatnonzero(hittable[time]).astype(np.int32)
+            self._bvh.place(time, boxes[time, rows], rows, capacity=count)
+        here = boxes[CURRENT, hittable[CURRENT]]
+        if len(here):
+            self.bounds = np.stack([here[:, :3].min(axis=0), here[:, 3:].max(axis=0)])
+        else:
+            self.bounds = np.zeros((2, 3))
+
+    def _upload_meshes(self) -> None:
+        meshes = self._meshes
+        vertex_counts = [len(mesh.positions) for mesh in meshes]
+        first_vertices = np.cumsum([0, *vertex_counts])
+        self.vertex_position = upload(_stacked([mesh.positions for mesh in meshes], 3, np.float32))
+        self.vertex_normal = upload(
+            _stacked([np.zeros_like(m.positions) if m.normals is None else m.normals for m in meshes], 3, np.float32)
+        )
+        self.vertex_uv = upload(
+            _stacked([np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in meshes], 2, np.float32)
+        )
+        self.triangle_vertices = upload(
+            _stacked([m.triangles + first for m, first in zip(meshes, first_vertices, strict=False)], 3, np.int32)
+        )
+        self.triangle_material = upload(np.concatenate([np.zeros(0, np.int32), *self._triangle_materials]))
+        flags = [HAS_NORMALS * (mesh.normals is not None) + HAS_UV * (mesh.uv is not None) for mesh in meshes]
+        roots = [blas.root for blas in self._blas]
+        self._mesh_table = np.array([roots, self._first_triangles[:-1], flags], np.int32).T.reshape(-1, 3)
+        self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
+        self._boxes = np.array([blas.box for blas in self._blas]).reshape(-1, 2, 3)
+        self._mesh_arrays_are_old = False
+
+    def _upload_instances(
+        self, placement: Placement, inverse: NDArray[np.float64], determinant: NDArray[np.float64]
+    ) -> None:
+        count = len(placement.mesh)
+        info = np.zeros((count, 8), np.int32)
+        info[:, [0, 1, 5]] = self._mesh_table[placement.mesh]
+        info[:, 2] = placement.instance_id
+        info[:, 3] = placement.category_id
+        info[:, 4] = placement.mesh
+        mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
+        info[:, 5] |= np.where(mirrored, MIRRORED, 0)
+        self.instance_count = count
+        self.instance_info = upload(info)
+        self.world_from_instance = upload(placement.world_from_object.reshape(3, count, 12))
+        self.instance_from_world = upload(inverse.reshape(3, count, 12))
+        self.box_from_instance = upload(placement.box_from_object.reshape(count, 12))
+
+
+_NOTHING = Placement(
+    mesh=np.zeros(0, np.int32),
+    instance_id=np.zeros(0, np.int32),
+    category_id=np.zeros(0, np.int32),
+    world_from_object=np.zeros((3, 0, 3, 4)),
+    box_from_object=np.zeros((0, 3, 4)),
+    present=np.zeros((3, 0), bool),
+)
+
+
+def _stacked(parts: list[Any], width: int, dtype: Any) -> NDArray[Any]:
+    return np.concatenate([np.zeros((0, width), dtype), *(np.asarray(part, dtype) for part in parts)])
+
+
+def _inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The inverses of affine maps [..., 3, 4] by cofactors, zeros where there is none, and the determinants [...]."""
+    rows = np.moveaxis(matrices, (-2, -1), (0, 1))
+    (a, b, c, x), (d, e, f, y), (g, h, i, z) = rows
+    cofactors = np.array(
+        [
+            [e * i - f * h, c * h - b * i, b * f - c * e],
+            [f * g - d * i, a * i - c * g, c * d - a * f],
+            [d * h - e * g, b * g - a * h, a * e - b * d],
+        ]
+    )
+    determinant = a * cofactors[0, 0] + b * cofactors[1, 0] + c * cofactors[2, 0]
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        inverse = cofactors / determinant
+        offset = -(inverse[:, 0] * x + inverse[:, 1] * y + inverse[:, 2] * z)
+    result = np.moveaxis(np.concatenate([inverse, offset[:, None]], axis=1), (0, 1), (-2, -1))
+    usable = np.isfinite(result).all(axis=(-2, -1))
+    return np.where(usable[..., None, None], result, 0.0), np.where(usable, determinant, 0.0)
+
+
+def _transformed(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """World boxes [3, n, 6] around boxes [n, 2, 3] under affine maps [3, n, 3, 4]."""
+    centre = 0.5 * (boxes[:, 0] + boxes[:, 1])
+    half = 0.5 * (boxes[:, 1] - boxes[:, 0])
+    world_centre = np.einsum("tnij,nj->tni", matrices[..., :3], centre) + matrices[..., 3]
+    world_half = np.einsum("tnij,nj->tni", np.abs(matrices[..., :3]), half)
+    return np.concatenate([world_centre - world_half, world_centre + world_half], axis=-1)
