@@ -34,6 +34,8 @@ class DeviceScene:
     (HAS_NORMALS | HAS_UV | MIRRORED).
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
+
+    placement: what was placed last (host).
     """
 
     def __init__(self, traversal: str | None = None) -> None:
@@ -54,9 +56,15 @@ class DeviceScene:
         self._mesh_table = np.zeros((0, 3), np.int32)
         self._boxes = np.zeros((0, 2, 3))
         self.instance_count = 0
+        self.placement = _NOTHING
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._upload_meshes()
         self._upload_instances(_NOTHING, np.zeros((3, 0, 3, 4)), np.zeros((3, 0)))
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """The meshes as they were added, by row."""
+        return tuple(self._meshes)
 
     @property
     def nodes(self) -> Any:
@@ -109,6 +117,7 @@ class DeviceScene:
             )
         inverse, determinant = _inverted(placement.world_from_object)
         self._upload_instances(placement, inverse, determinant)
+        self.placement = placement
         hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
         boxes = _transformed(self._boxes[placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
