@@ -27,7 +27,7 @@ def exact(seconds: float | Rational) -> Fraction:
 
 @dataclass(frozen=True)
 class Window:
-    """When a body's clock runs: from `start` on, `active` seconds long (None: for ever), in every `cycle` (None: once)."""
+    """When a body's clock runs: from `start` on, `active` seconds (None: for ever), in every `cycle` (None: once)."""
 
     start: Fraction
     active: Fraction | None = None

@@ -18,7 +18,7 @@ from dynamics.timings import ALWAYS, AllTogether, Timing
 
 
 class Simulation:
-    """Moves bodies. Taichi must run already (float64 is needed: its CPU and CUDA backends have it).
+    """Moves bodies. Taichi must run when poses are asked for (with float64, which its CPU and CUDA backends have).
 
     A pose is a pure function of (bodies, timings, time), and of its own body alone but for the timings' turns: the same
     bits for any number of threads, in any order of asking, with any other bodies beside it.
@@ -33,7 +33,8 @@ class Simulation:
             for row, body in enumerate(self.bodies)
         ]
         self._clocks = Clocks(self._windows(), [exact(body.birth) for body in self.bodies], tracks)
-        self._columns = [_on_device(column) for column in (*columns(tracks).arrays(), GAUSS)]
+        self._host_columns = (*columns(tracks).arrays(), GAUSS)
+        self._columns: list[ti.Ndarray] = []
 
     def poses(self, time: float | Rational) -> NDArray[np.float64]:
         """Where every body is at `time`, s: float64 [n, 7], position (m) and unit quaternion (w, x, y, z).
@@ -43,6 +44,8 @@ class Simulation:
         """
         poses = np.zeros((len(self.bodies), 7))
         if self.bodies:
+            # Only here, so that a simulation can be made, and its errors seen, before Taichi runs.
+            self._columns = self._columns or [_on_device(column) for column in self._host_columns]
             evaluate(*self._columns, self._clocks.parameters(exact(time)), poses)
         return poses
 

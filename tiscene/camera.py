@@ -43,7 +43,9 @@ class Camera:
         norm = math.sqrt(sum(component * component for component in self.rotation))
         if norm < 1e-9:
             raise ArgumentError(f"camera {self.name!r}: rotation={self.rotation} is not a quaternion (w, x, y, z)")
-        object.__setattr__(self, "rotation", tuple(float(component / norm) for component in self.rotation))
+        # One that is a unit quaternion already is kept to the bit, so that a camera survives a file exactly.
+        scale = 1.0 if abs(norm - 1.0) < 1e-14 else norm
+        object.__setattr__(self, "rotation", tuple(float(component / scale) for component in self.rotation))
         object.__setattr__(self, "position", tuple(float(component) for component in self.position))
         if not 0.0 < self.vertical_fov < math.pi:
             raise ArgumentError(

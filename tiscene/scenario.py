@@ -1,0 +1,245 @@
+"""Scenario: what happens in a scene, as plain frozen values that can be compared, copied and written to a file.
+
+It is the paper's Θ: a scene, objects with their dynamics and life spans, the timings that tie them together, the view
+frustum that bounds them, and the camera. It holds names, not meshes: `tiscene.world` brings it to life.
+
+Rotations are Euler angles (x, y, z) in degrees, or quaternions (w, x, y, z). Euler angles turn about the fixed z axis,
+then x, then y, each right-handed: x is pitch (positive looks up), y is yaw (positive turns left), z is roll.
+
+Time: frame k shows k / fps seconds. Life spans count frames, both ends included. An object's path clock counts the
+time during which it was both alive and active by the timings: one that appears later starts its path when it appears.
+Before its start a follower of waypoints stands at its waypoint 0; `position` and `rotation` place everything that does
+not name its own poses. The camera's clock is the stream's time: timings order objects only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import dynamics
+from dynamics import AllTogether, Dynamic, Still, Timing, check
+from tiscene import scenario_json
+from tiscene.camera import Camera, Vector3
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError
+
+FORMAT, VERSION = "tiscene.scenario", 1
+
+
+@dataclass(frozen=True)
+class Object:
+    """One object of a template, alive from `first_frame` to `last_frame`.
+
+    id: its name in the scenario, unique. template: a template's name ("Chair 01") or file.
+    position: m. rotation: Euler degrees or a quaternion. dynamic: what moves it; None: nothing.
+    first_frame, last_frame: both inclusive; None: it stays for ever.
+    frustum_limited, collide: whether the frustum's walls bind it and whether it collides with anything. They are kept
+    with the scenario; the dynamics that exist so far are pure paths and pass through everything.
+    scale: a factor or one for each of its own axes.
+    Raises ScenarioError for anything out of range.
+    """
+
+    id: str
+    template: str
+    position: Vector3 = (0.0, 0.0, 0.0)
+    rotation: tuple[float, ...] = (0.0, 0.0, 0.0)
+    dynamic: Dynamic | None = None
+    first_frame: int = 0
+    last_frame: int | None = None
+    frustum_limited: bool = True
+    collide: bool = True
+    scale: float | Vector3 = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        with _scenario_errors():
+            _check_text(self.id, "id")
+            object.__setattr__(self, "template", _check_text(self.template, "template"))
+            object.__setattr__(self, "position", check.vector(self.position, "position"))
+            object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
+            _check_dynamic(self.dynamic, "dynamic")
+            object.__setattr__(self, "first_frame", _check_frame(self.first_frame, "first_frame"))
+            if self.last_frame is not None:
+                object.__setattr__(self, "last_frame", _check_frame(self.last_frame, "last_frame"))
+                if self.last_frame < self.first_frame:
+                    raise ScenarioError(
+                        f"last_frame={self.last_frame} is before first_frame={self.first_frame}; both are inclusive"
+                    )
+            check.flag(self.frustum_limited, "frustum_limited")
+            check.flag(self.collide, "collide")
+            object.__setattr__(self, "scale", _check_scale(self.scale))
+
+    def alive(self, frame: int) -> bool:
+        """Whether it is there at a frame."""
+        return self.first_frame <= frame and (self.last_frame is None or frame <= self.last_frame)
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """Invisible walls at the sides of the camera's view, its near plane and `far`: objects stay in view.
+
+    far: m from the camera along its axis; -1: the camera's own.
+    """
+
+    far: float = -1.0
+
+    def __post_init__(self) -> None:
+        with _scenario_errors():
+            far = check.number(self.far, "far")
+            if far <= 0.0 and far != -1.0:
+                raise ScenarioError(f"far={self.far!r}: must be greater than 0, or -1 for the camera's own")
+            object.__setattr__(self, "far", far)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What happens in a scene.
+
+    scene: its name or file. objects: besides what stands in the scene. timings: when the objects move.
+    frustum: walls at the edges of the view, None for none.
+    camera: a Camera (which may have a dynamic), the name of one on the stage, or None for the stage's own.
+    Raises ScenarioError if it contradicts itself, such as by timings that cannot work for a dynamic.
+    """
+
+    scene: str
+    objects: Sequence[Object] = ()
+    timings: Timing = field(default_factory=lambda: AllTogether(0.0))
+    frustum: Frustum | None = None
+    camera: Camera | str | None = None
+
+    def __post_init__(self) -> None:
+        scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
+        with _scenario_errors():
+            object.__setattr__(self, "scene", _check_text(scene, "scene"))
+            object.__setattr__(self, "objects", _check_objects(self.objects))
+            if not isinstance(self.timings, Timing):
+                raise ScenarioError(f"timings={self.timings!r}: must be a timing, such as AllTogether(0.75)")
+            if not isinstance(self.frustum, Frustum | None):
+                raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
+            if not isinstance(self.camera, Camera | str | None):
+                raise ScenarioError(f"camera={self.camera!r}: must be a Camera, the name of one on the stage, or None")
+            if isinstance(self.camera, Camera):
+                _check_dynamic(self.camera.dynamic, "camera.dynamic")
+            try:
+                self.timings.windows([(each.id, each.dynamic or Still()) for each in self.objects])
+            except ValueError as error:
+                raise ScenarioError(f"timings: {error}") from error
+
+    def to_json(self) -> dict[str, Any]:
+        """The scenario as JSON values; `from_json` gives the same scenario, to the bit."""
+        content: dict[str, Any] = scenario_json.encode(self, FIELDS, SCENARIOS)
+        return {"format": FORMAT, "version": VERSION} | content
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Scenario:
+        """The scenario of JSON values. Raises ScenarioError that names the place of what is wrong in them."""
+        if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+            raise ScenarioError(f'not a scenario: it should be an object with "format": "{FORMAT}"')
+        if content.get("version") != VERSION:
+            raise ScenarioError(f"version: {content.get('version')!r}, but this tiscene reads version {VERSION}")
+        members = {key: value for key, value in content.items() if key not in ("format", "version")}
+        scenario: Scenario = scenario_json.decode(members, FIELDS, SCENARIOS)
+        return scenario
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a JSON file for people and programs."""
+        path = Path(path)
+        if path.suffix.lower() != ".json":
+            raise ArgumentError(f"path={str(path)!r}: a scenario is saved as a file that ends in .json")
+        path.write_text(scenario_json.dumps(self.to_json()), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Scenario:
+        """Read what `save` wrote. Raises MissingFile, or ScenarioError with the file and the place in it."""
+        path = Path(path)
+        try:
+            return cls.from_json(scenario_json.loads(path.read_text(encoding="utf-8")))
+        except FileNotFoundError as error:
+            raise MissingFile(f"no scenario file {str(path)!r} (looked from {str(Path.cwd())!r})") from error
+        except UnicodeDecodeError as error:
+            raise ScenarioError(f"{path}: not a text file in UTF-8") from error
+        except ScenarioError as error:
+            raise ScenarioError(f"{path}: {error}") from error
+
+
+def _classes(*classes: type) -> dict[str, type]:
+    return {cls.__name__: cls for cls in classes}
+
+
+_DYNAMICS = _classes(
+    dynamics.CatmullWaypoints,
+    dynamics.Composite,
+    dynamics.Keyframes,
+    dynamics.LinearWaypoints,
+    dynamics.LookAt,
+    dynamics.Orbit,
+    dynamics.Still,
+)
+SCENARIOS = _classes(Scenario)
+# Which classes a field holds, by its name; see `scenario_json`.
+FIELDS: dict[str, dict[str, type]] = {
+    "camera": _classes(Camera),
+    "dynamic": _DYNAMICS,
+    "frustum": _classes(Frustum),
+    "motion": _DYNAMICS,
+    "objects": _classes(Object),
+    "parts": _DYNAMICS,
+    "timings": _classes(dynamics.AllTogether, dynamics.DictTimings, dynamics.WaitUntilComplete),
+    "waypoints": _classes(dynamics.Waypoint),
+}
+
+
+@contextlib.contextmanager
+def _scenario_errors() -> Iterator[None]:
+    """What the checks of `dynamics` raise, as ScenarioError."""
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(str(error)) from error
+
+
+def _check_text(value: Any, name: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise ScenarioError(f"{name}={value!r}: must be a text that is not empty")
+    return value
+
+
+def _check_dynamic(value: Any, name: str) -> None:
+    if not isinstance(value, Dynamic | None):
+        hint = " (an instance, not the class)" if isinstance(value, type) else ""
+        raise ScenarioError(f"{name}={value!r}: must be a dynamic{hint}, such as CatmullWaypoints(...), or None")
+
+
+def _check_frame(value: Any, name: str) -> int:
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise ScenarioError(f"{name}={value!r}: must be a whole number of frames")
+    frame = int(value)
+    if frame < 0:
+        raise ScenarioError(f"{name}={value!r}: must be 0 or more")
+    return frame
+
+
+def _check_scale(value: Any) -> Vector3:
+    one = isinstance(value, int | float) and not isinstance(value, bool)
+    x, y, z = check.vector((value,) * 3 if one else value, "scale")
+    if min(x, y, z) <= 0.0:
+        raise ScenarioError(f"scale={value!r}: must be greater than 0")
+    return (x, y, z)
+
+
+def _check_objects(value: Any) -> tuple[Object, ...]:
+    if isinstance(value, Object) or not isinstance(value, Sequence):
+        raise ScenarioError(f"objects={value!r}: must be a sequence of Object(id, template, ...)")
+    rows: dict[str, int] = {}
+    for row, each in enumerate(value):
+        if not isinstance(each, Object):
+            raise ScenarioError(f"objects[{row}]={each!r}: must be an Object(id, template, ...)")
+        if each.id in rows:
+            raise ScenarioError(f"objects[{row}].id={each.id!r}: objects[{rows[each.id]}] has this id already")
+        rows[each.id] = row
+    return tuple(value)

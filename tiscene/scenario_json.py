@@ -1,0 +1,137 @@
+"""Frozen dataclasses to JSON values and back, strictly: unknown keys and wrong values name their place in the file.
+
+A table says which classes a field may hold, by the field's name. Where there is a choice the JSON object carries the
+class's name as "type"; where there is none, nothing. Everything else is numbers, text, true, false, null and arrays of
+them, which the classes check themselves when they are made.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import json
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from tiscene.errors import ScenarioError
+
+Classes = Mapping[str, type]
+LINE_LENGTH = 110
+
+
+def encode(value: Any, table: Mapping[str, Classes], classes: Classes | None = None, path: str = "") -> Any:
+    """`value` as what `json` writes. table: field name to the classes it may hold. Raises ScenarioError."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        name = type(value).__name__
+        if classes is None or classes.get(name) is not type(value):
+            raise ScenarioError(f"{path}: a {name} cannot be written to a file; only {_names(classes or {})} can")
+        tag = {"type": name} if len(classes) > 1 else {}
+        return tag | {
+            field.name: encode(getattr(value, field.name), table, table.get(field.name), _member(path, field.name))
+            for field in dataclasses.fields(value)
+        }
+    if isinstance(value, tuple | list):
+        return [encode(item, table, classes, f"{path}[{index}]") for index, item in enumerate(value)]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise ScenarioError(f"{path}: a {type(value).__name__} cannot be written to a file")
+
+
+def decode(value: Any, table: Mapping[str, Classes], classes: Classes | None = None, path: str = "") -> Any:
+    """What `encode` was given. Raises ScenarioError that begins with the place, as `objects[2].dynamic.total_time`."""
+    if isinstance(value, list):
+        return tuple(decode(item, table, classes, f"{path}[{index}]") for index, item in enumerate(value))
+    if not isinstance(value, Mapping):
+        return value
+    if not classes:
+        raise ScenarioError(f"{path}: must be a plain value, not an object {{...}}")
+    members = dict(value)
+    kind = _class_of(members, classes, path)
+    fields = {field.name: field for field in dataclasses.fields(kind)}
+    for name in members:
+        if name not in fields:
+            raise ScenarioError(f"{_member(path, name)}: {kind.__name__} has no such key.{_nearest(name, fields)}")
+    for name, field in fields.items():
+        optional = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
+        if name not in members and not optional:
+            raise ScenarioError(f"{_member(path, name)}: is missing")
+    arguments = {name: decode(item, table, table.get(name), _member(path, name)) for name, item in members.items()}
+    try:
+        return kind(**arguments)
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(_located(path, str(error), fields)) from error
+
+
+def dumps(value: Any) -> str:
+    """JSON for people: what fits on a line stands on one. Floats are written so that they read back exactly."""
+    return _lines(value, "", "") + "\n"
+
+
+def loads(text: str) -> Any:
+    """Strict JSON: a key twice in one object, NaN and Infinity are refused. Raises ScenarioError."""
+    try:
+        return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+    except json.JSONDecodeError as error:
+        raise ScenarioError(f"line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
+
+
+def _class_of(members: dict[str, Any], classes: Classes, path: str) -> type:
+    if len(classes) == 1:
+        return next(iter(classes.values()))
+    where = _member(path, "type")
+    if "type" not in members:
+        raise ScenarioError(f"{where}: is missing; must be one of {_names(classes)}")
+    name = members.pop("type")
+    if not isinstance(name, str) or name not in classes:
+        raise ScenarioError(f"{where}: unknown type {name!r}.{_nearest(name, classes)} There are: {_names(classes)}")
+    return classes[name]
+
+
+def _member(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _located(path: str, message: str, fields: Iterable[str]) -> str:
+    """The message with its place in front; a message that begins with a field's name goes on from the path."""
+    first = re.match(r"\w+", message)
+    if first and first.group() in fields:
+        return _member(path, message)
+    return f"{path}: {message}" if path else message
+
+
+def _nearest(name: Any, known: Iterable[str]) -> str:
+    nearest = difflib.get_close_matches(str(name), list(known), n=1)
+    return f" Did you mean {nearest[0]!r}?" if nearest else ""
+
+
+def _names(classes: Classes) -> str:
+    return ", ".join(sorted(classes)) or "plain values"
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in result:
+            raise ScenarioError(f"the key {key!r} stands twice in one object")
+        result[key] = value
+    return result
+
+
+def _refuse_constant(name: str) -> None:
+    raise ScenarioError(f"{name} is not a number that a scenario can hold")
+
+
+def _lines(value: Any, indent: str, before: str) -> str:
+    """The JSON text of `value`, to stand after `before` (such as a key) on a line indented by `indent`."""
+    line = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    if len(indent) + len(before) + len(line) < LINE_LENGTH or not value or not isinstance(value, dict | list):
+        return line
+    inner = indent + "  "
+    if isinstance(value, dict):
+        parts = []
+        for key, item in value.items():
+            head = f"{json.dumps(key, ensure_ascii=False)}: "
+            parts.append(f"{inner}{head}{_lines(item, inner, head)}")
+        return "{\n" + ",\n".join(parts) + f"\n{indent}}}"
+    return "[\n" + ",\n".join(f"{inner}{_lines(item, inner, '')}" for item in value) + f"\n{indent}]"

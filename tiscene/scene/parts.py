@@ -1,0 +1,76 @@
+"""Objects made of several meshes: their parts side by side, and the boxes around them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Vector3
+from tiscene.scene.description import Matrix, SceneDescription
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Meshes of objects, one row each, object after object.
+
+    mesh: int32 [p]. owner: int32 [p], row of the object. matrix: float64 [p, 3, 4], places the mesh.
+    box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole object.
+    """
+
+    mesh: NDArray[np.int32]
+    owner: NDArray[np.int32]
+    matrix: Matrix
+    box_from_mesh: Matrix
+
+
+def joined(parts: Sequence[Parts]) -> Parts:
+    """All parts in one table."""
+    nothing = Parts(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3, 4)), np.zeros((0, 3, 4)))
+    every = [nothing, *parts]
+    return Parts(
+        np.concatenate([each.mesh for each in every]),
+        np.concatenate([each.owner for each in every]),
+        np.concatenate([each.matrix for each in every]),
+        np.concatenate([each.box_from_mesh for each in every]),
+    )
+
+
+def rigid(matrix: Matrix) -> Matrix:
+    """The rotation nearest to a 4x4 matrix (polar decomposition), with its translation."""
+    left, _, right = np.linalg.svd(matrix[:3, :3])
+    if np.linalg.det(left @ right) < 0.0:
+        left = left * (1.0, 1.0, -1.0)
+    result = np.eye(4)
+    result[:3, :3] = left @ right
+    result[:3, 3] = matrix[:3, 3]
+    return result
+
+
+def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]) -> Matrix:
+    """[2, 3]: the box around the vertices of `meshes`, each mapped by its 4x4 matrix; zeros if there are none."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for mesh, matrix in zip(meshes, matrices, strict=True):
+        positions = description.meshes[mesh].positions
+        if len(positions):
+            mapped = positions @ matrix[:3, :3].T + matrix[:3, 3]
+            low, high = np.minimum(low, mapped.min(axis=0)), np.maximum(high, mapped.max(axis=0))
+    return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
+
+
+def box_matrices(box: Matrix, matrices: Sequence[Matrix]) -> Matrix:
+    """[p, 3, 4]: from each mesh, by its 4x4 matrix, to 0..1 in the box. A flat direction of the box maps to 0.5."""
+    extent = box[1] - box[0]
+    flat = extent < 1e-9
+    scale = np.where(flat, 0.0, 1.0 / np.where(flat, 1.0, extent))
+    unit = np.diag([*scale, 1.0])
+    unit[:3, 3] = np.where(flat, 0.5, -box[0] * scale)
+    return np.array([(unit @ matrix)[:3] for matrix in matrices]).reshape(-1, 3, 4)
+
+
+def corners(box: Matrix) -> tuple[Vector3, Vector3]:
+    """The lowest and the highest corner of a box [2, 3]."""
+    (a, b, c), (d, e, f) = box.tolist()
+    return (a, b, c), (d, e, f)
