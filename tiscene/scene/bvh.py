@@ -103,15 +103,12 @@ class Bvh:
         self._reserve(nodes, packs)
         first = self._used_nodes
         self._write_nodes(nodes, first, self._used_packs, self.layout.leaf_kind)
-        work = self._work
+        source = positions, triangles, self._work.order
+        target = self.packs, self._used_packs, first_triangle
         if self.layout is WIDE:
-            kernels.write_packs(
-                positions, triangles, work.order, work.node_link, work.children, nodes, self.packs, self._used_packs, first_triangle
-            )  # fmt: skip
+            kernels.write_packs(*source, self._work.node_link, self._work.children, nodes, *target)
         else:
-            kernels.write_triangles(
-                positions, triangles, work.order, packs, self.packs, self._used_packs, first_triangle
-            )
+            kernels.write_triangles(*source, packs, *target)
         self._used_nodes += nodes
         self._used_packs += packs
         return Blas(first * self.layout.unit, np.stack([boxes[:, :3].min(0), boxes[:, 3:].max(0)]).astype(np.float64))

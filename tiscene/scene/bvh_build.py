@@ -1,8 +1,8 @@
-"""Kernels that build a bounding volume hierarchy: binned surface-area heuristic (Wald 2007), then nodes of 8 or 2 children.
+"""Kernels that build a bounding volume hierarchy: binned surface-area heuristic (Wald 2007), nodes of 8 or 2 children.
 
 A build runs `load`, `grow` (once for the top of the tree, once for the subtrees in parallel), `collapse` and one of the
-`write_*` kernels. A binary node that covers n primitives owns the 2n - 1 slots from its own on, left child next to it, so
-that subtrees are numbered without talking to each other and the tree is the same for any number of threads.
+`write_*` kernels. A binary node that covers n primitives owns the 2n - 1 slots from its own on, left child next to it,
+so that subtrees are numbered without talking to each other and the tree is the same for any number of threads.
 """
 
 import taichi as ti
@@ -131,7 +131,7 @@ def split(
     block: ti.i32,
     node_cost: ti.f32,
 ) -> ti.i32:
-    """Set the node's box; reorder its primitives into two sides and return where the second begins, or -1 for a leaf."""
+    """Set the node's box; sort its primitives into two sides and return where the second begins, -1 for a leaf."""
     low = ti.Vector([FAR, FAR, FAR])
     high = -low
     centre_low = low
@@ -197,8 +197,8 @@ def grow(
     """Grow the binary tree below `tasks[first .. first + count)`, rows of (slot, begin, end, depth).
 
     Ranges of at most `stop` primitives are not split but appended as tasks, which is only right when count is 1;
-    returns how many. sah_depth: below this depth ranges are halved, without looking at areas. leaf_size: most primitives
-    in a leaf. block: how many are tested at once. node_cost: a node visited, in units of one block tested.
+    returns how many. sah_depth: below this depth ranges are halved, without looking at areas. leaf_size: most
+    primitives in a leaf. block: how many are tested at once. node_cost: a node visited, in units of one block tested.
     node_link: left slot (-1 for a leaf), right slot, first primitive, number of primitives.
     """
     found = 0

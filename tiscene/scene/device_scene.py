@@ -25,8 +25,9 @@ class DeviceScene:
     """A growing set of meshes, materials, textures and lights, and where the instances are.
 
     Empty at first: `add` what the files said, `place` the instances, then render. Placing is cheap and done for every
-    frame; adding builds trees. Neither compiles anything after the first time. Taichi arrays, of n vertices, m triangles
-    and i instances; those of meshes are replaced by the first `place` after an `add`, those of instances by `place`:
+    frame; adding builds trees. Neither compiles anything after the first time. Taichi arrays, of n vertices, m
+    triangles and i instances; those of meshes are replaced by the first `place` after an `add`, those of instances by
+    every `place`:
 
     vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
     triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
@@ -53,13 +54,14 @@ class DeviceScene:
         self._blas: list[Blas] = []
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
+        self.placement = _NOTHING
         self._mesh_table = np.zeros((0, 3), np.int32)
         self._boxes = np.zeros((0, 2, 3))
         self.instance_count = 0
         self.placement = _NOTHING
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._upload_meshes()
-        self._upload_instances(_NOTHING, np.zeros((3, 0, 3, 4)), np.zeros((3, 0)))
+        self._upload_instances(np.zeros((3, 0, 3, 4)), np.zeros((3, 0)))
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
@@ -83,7 +85,7 @@ class DeviceScene:
     def add(self, description: SceneDescription) -> int:
         """Append what a stage or template consists of; returns the row of its first mesh.
 
-        Rows of meshes, materials and textures count on from those before. `place` must follow before anything is rendered.
+        Rows of meshes, materials and textures count on from those before. Call `place` before rendering.
         """
         first_mesh = len(self._meshes)
         first_texture = self.textures.append(description.textures)
@@ -116,7 +118,8 @@ class DeviceScene:
                 f"but {len(self._meshes)} meshes were added"
             )
         inverse, determinant = _inverted(placement.world_from_object)
-        self._upload_instances(placement, inverse, determinant)
+        self.placement = placement
+        self._upload_instances(inverse, determinant)
         self.placement = placement
         hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
         boxes = _transformed(self._boxes[placement.mesh], placement.world_from_object)
@@ -152,9 +155,8 @@ class DeviceScene:
         self._boxes = np.array([blas.box for blas in self._blas]).reshape(-1, 2, 3)
         self._mesh_arrays_are_old = False
 
-    def _upload_instances(
-        self, placement: Placement, inverse: NDArray[np.float64], determinant: NDArray[np.float64]
-    ) -> None:
+    def _upload_instances(self, inverse: NDArray[np.float64], determinant: NDArray[np.float64]) -> None:
+        placement = self.placement
         count = len(placement.mesh)
         info = np.zeros((count, 8), np.int32)
         info[:, [0, 1, 5]] = self._mesh_table[placement.mesh]

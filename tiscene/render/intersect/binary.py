@@ -1,4 +1,4 @@
-"""Traversal of the binary layout: two boxes, one triangle at a time, all scalar; for a GPU. See wide.py for the method."""
+"""Traversal of the binary layout: two boxes, one triangle at a time, all scalar; for a GPU. The method is wide.py's."""
 
 import taichi as ti
 
@@ -202,5 +202,7 @@ def occluded(
         only = -1
         if targeted > 0:
             only = targets[ray]
-        t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, only, rays, ray, True)
+        _t, _b1, _b2, instance, _triangle = trace(
+            nodes, packs, transforms, instances, time, root, only, rays, ray, True
+        )
         result[ray] = ti.select(instance >= 0, 1, 0)

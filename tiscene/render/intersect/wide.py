@@ -1,7 +1,7 @@
 """Traversal of the wide layout: a ray against eight boxes, or four triangles, at once. Compiled in vector mode only.
 
-Boxes are tested by slabs as (plane - origin) / direction, whose relative error is bounded, and the far side is moved out by
-more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles: Moeller and Trumbore 1997.
+Boxes are tested by slabs as (plane - origin) / direction, whose relative error is bounded, and the far side is moved
+out by more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles: Moeller and Trumbore 1997.
 """
 
 import taichi as ti
@@ -269,5 +269,7 @@ def occluded(
         only = -1
         if targeted > 0:
             only = targets[ray]
-        t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, only, rays, ray, True)
+        _t, _b1, _b2, instance, _triangle = trace(
+            nodes, packs, transforms, instances, time, root, only, rays, ray, True
+        )
         result[ray] = ti.select(instance >= 0, 1, 0)

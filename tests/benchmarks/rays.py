@@ -1,0 +1,174 @@
+"""Closest-hit and any-hit rates against Embree's single rays, and build times, on the benchmark room.
+
+Both run in this process on the same triangles and rays, one after the other in turn; a rate is rays per CPU-second, so
+that neither the number of threads nor other processes count.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tests.benchmarks.room import room, still
+from tiscene.camera import Camera
+from tiscene.render import intersect
+from tiscene.scene.description import RectLight, SceneDescription
+from tiscene.scene.device_array import upload
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, Placement
+
+WIDTH, HEIGHT = 640, 480
+ROUNDS = 9
+LIFT = 1e-4  # how far off a surface a ray starts, m
+
+
+def world_triangles(description: SceneDescription, placement: Placement) -> NDArray[np.float32]:
+    """float32 [n, 3, 3]: the triangles of all instances at CURRENT, in the world."""
+    parts = []
+    for row, matrix in zip(placement.mesh, placement.world_from_object[CURRENT], strict=True):
+        mesh = description.meshes[row]
+        parts.append((mesh.positions @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
+    return np.concatenate(parts).astype(np.float32)
+
+
+def camera_rays(camera: Camera, width: int, height: int) -> NDArray[np.float32]:
+    """float32 [n, 8]: one ray through a random point of each pixel."""
+    random = np.random.default_rng(0)
+    y, x = np.mgrid[0:height, 0:width] + random.random((2, height, width))
+    scale = 2.0 * np.tan(0.5 * camera.vertical_fov) / height
+    directions = np.stack([(x - 0.5 * width) * scale, (0.5 * height - y) * scale, -np.ones_like(x)], axis=-1)
+    return rays_from(np.broadcast_to(camera.position, (width * height, 3)), directions.reshape(-1, 3) @ camera.axes().T)
+
+
+def rays_from(
+    origins: NDArray[Any], directions: NDArray[Any], t_max: NDArray[Any] | float = np.inf
+) -> NDArray[np.float32]:
+    """float32 [n, 8]: rays as the kernels take them."""
+    rays = np.zeros((len(origins), 8), np.float32)
+    rays[:, :3] = origins
+    rays[:, 4:7] = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    rays[:, 7] = t_max
+    return rays
+
+
+class Embree:
+    """Embree on the same triangles, as one mesh, one ray a call of rtcIntersect1 or rtcOccluded1."""
+
+    def __init__(self, triangles: NDArray[np.float32]) -> None:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self.scene = EmbreeScene()
+        TriangleMesh(self.scene, triangles)
+        self.scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds
+
+    def closest(self, rays: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+        found: dict[str, NDArray[Any]] = self.scene.run(rays[:, :3].copy(), rays[:, 4:7].copy(), output=True)
+        return found
+
+    def timed(self, rays: NDArray[np.float32], query: str) -> Callable[[], None]:
+        origins, directions, t_max = rays[:, :3].copy(), rays[:, 4:7].copy(), rays[:, 7].copy()
+        t_max = np.minimum(t_max, np.float32(1e30))
+        return lambda: self.scene.run(origins, directions, query=query, dists=t_max.copy())
+
+
+def ray_sets(
+    description: SceneDescription, triangles: NDArray[np.float32], embree: Embree
+) -> dict[str, NDArray[np.float32]]:
+    """Camera rays, and from where they hit a cosine-distributed bounce and a ray to the light each."""
+    random = np.random.default_rng(3)
+    primary = camera_rays(description.cameras[0], WIDTH, HEIGHT)
+    found = embree.closest(primary)
+    hit = found["primID"] >= 0
+    corners = triangles[found["primID"][hit]].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= -np.sign((normals * primary[hit, 4:7]).sum(axis=1, keepdims=True))
+    points = primary[hit, :3] + primary[hit, 4:7] * found["tfar"][hit, None] + LIFT * normals
+    sphere = random.normal(size=points.shape)
+    bounce = rays_from(points, normals + 0.999 * sphere / np.linalg.norm(sphere, axis=1, keepdims=True))
+    light = description.lights[0]
+    assert isinstance(light, RectLight)
+    on_light = np.zeros((len(points), 4))
+    on_light[:, :2] = random.uniform(-0.5, 0.5, (len(points), 2)) * (light.width, light.height)
+    on_light[:, 3] = 1.0
+    to_light = (on_light @ light.world_from_light.T)[:, :3] - points
+    shadow = rays_from(points, to_light, 0.9995 * np.linalg.norm(to_light, axis=1))
+    return {"primary": primary, "bounce": bounce, "shadow": shadow}
+
+
+def cpu_seconds(*jobs: Callable[[], None], rounds: int = ROUNDS) -> list[float]:
+    """The least process CPU time of each job; they take turns, so that all meet the same machine."""
+    best = [np.inf] * len(jobs)
+    for _ in range(rounds):
+        for k, job in enumerate(jobs):
+            start = time.process_time()
+            job()
+            best[k] = min(best[k], time.process_time() - start)
+    return best
+
+
+def run(traversal: str = "wide") -> list[tuple[str, float, float, str]]:
+    """Rows of (what, ours, Embree's, unit)."""
+    description = room()
+    placement = still(description)
+    triangles = world_triangles(description, placement)
+    DeviceScene(traversal).add(room())  # compiles the build kernels
+    start = time.perf_counter()
+    scene = DeviceScene(traversal)
+    scene.add(description)
+    ti.sync()
+    ours_build = time.perf_counter() - start
+    start = time.perf_counter()
+    embree = Embree(triangles)
+    embree_build = time.perf_counter() - start
+    scene.place(placement)
+
+    rows = []
+    for name, rays in ray_sets(description, triangles, embree).items():
+        count = len(rays)
+        on_device, queue = upload(rays), upload(np.arange(count, dtype=np.int32))
+        hits, hit_ids = ti.ndarray(ti.f32, (count, 4)), ti.ndarray(ti.i32, (count, 2))
+        result = ti.ndarray(ti.i32, count)
+
+        def job(
+            any_hit: bool = name == "shadow", arrays: Any = (on_device, queue, count, hits, hit_ids, result)
+        ) -> None:
+            rays, queue, count, hits, hit_ids, result = arrays
+            if any_hit:
+                intersect.occluded(scene, CURRENT, rays, queue, count, result)
+            else:
+                intersect.closest(scene, CURRENT, rays, queue, count, hits, hit_ids)
+            ti.sync()
+
+        job()
+        theirs = embree.timed(rays, "OCCLUDED" if name == "shadow" else "INTERSECT")
+        ours_time, embree_time = cpu_seconds(job, theirs)
+        what = {"primary": "closest hit, camera", "bounce": "closest hit, bounce", "shadow": "any hit, to the light"}
+        rows.append((what[name], 1e-6 * count / ours_time, 1e-6 * count / embree_time, "M rays per CPU-second"))
+    rows.append(("build (ours: each mesh once)", 1e3 * ours_build, 1e3 * embree_build, "ms"))
+    place_times = []
+    for _ in range(20):
+        start = time.perf_counter()
+        scene.place(placement)
+        ti.sync()
+        place_times.append(time.perf_counter() - start)
+    rows.append((f"place {len(placement.mesh)} instances", 1e3 * float(np.median(place_times)), np.nan, "ms"))
+    return rows
+
+
+def main() -> None:
+    """Print the table."""
+    rows = run()
+    print(f"{'rays':32} {'tiscene':>9} {'Embree':>9} {'ratio':>7}")
+    for what, ours, embree, unit in rows:
+        print(f"{what:32} {ours:9.2f} {embree:9.2f} {ours / embree:7.2f}  {unit}")
+
+
+if __name__ == "__main__":
+    main()
