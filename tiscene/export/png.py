@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import io
 import struct
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import ExportError
+from tiscene.export.manifest import write_atomically
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame
@@ -53,6 +55,14 @@ def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
     if name in ("forward_flow", "backward_flow"):
         return ".flo", _flo(buffer)
     return ".npy", _npy(buffer)
+
+
+def write_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
+    """Write one picture, uint8 [h, w, 3]. Raises ExportError if it cannot be written."""
+    try:
+        write_atomically(Path(path), _png(pixels))
+    except OSError as error:
+        raise ExportError(f"cannot write {str(path)!r}: {error}") from error
 
 
 def _png(pixels: NDArray[Any]) -> bytes:

@@ -1,0 +1,7 @@
+"""`python -m tiscene`."""
+
+import sys
+
+from tiscene.cli import main
+
+sys.exit(main())

@@ -1,0 +1,136 @@
+"""The command `tiscene`: what can be asked for, and how errors and interruptions leave.
+
+Exit status: 0 done, 1 a pipe was closed by its reader, 2 a mistake that the message explains, 130 interrupted.
+The commands are in tiscene/commands and imported when they run, so that `tiscene --help` is instant.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import tiscene
+from tiscene.errors import StageWarning, TisceneError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line (default: this process's); return the exit status."""
+    args = parser().parse_args(arguments)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", StageWarning)
+        warnings.showwarning = _show_warning
+        try:
+            importlib.import_module(f"tiscene.commands.{args.command}").run(args)
+            sys.stdout.flush()
+        except TisceneError as error:
+            print(f"tiscene: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return 130
+        except BrokenPipeError:
+            # The reader has left (`tiscene list | head`). Python would complain once more at its own end.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """Every command and its arguments."""
+    top = argparse.ArgumentParser(
+        prog="tiscene", description="Labelled, path-traced, exactly repeatable frame streams from USD scenes."
+    )
+    top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
+    commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
+
+    demo = commands.add_parser("demo", help="render a short scenario and show every buffer of it")
+    demo.add_argument(
+        "-o", "--output", metavar="DIR", default="tiscene-demo", help="folder to write (default: %(default)s)"
+    )
+    demo.add_argument(
+        "--frames", metavar="N", type=int, default=36, help="length of the animation (default: %(default)s)"
+    )
+    _add_size(demo, width=320, height=240)
+
+    render = commands.add_parser(
+        "render",
+        help="write frames of a scene or scenario into a folder",
+        description="Write frames into a folder, beside a manifest (tiscene.json). The same command goes on after an "
+        "interruption: frames whose files are there are not rendered again.",
+    )
+    render.add_argument("source", metavar="SCENE_OR_SCENARIO", help="a scene's name, a USD file, or a scenario (.json)")
+    render.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    render.add_argument(
+        "--frames", metavar="A:B", type=_frames, default=range(1), help="frames A to B - 1, or one frame K (default: 0)"
+    )
+    render.add_argument(
+        "--buffers", metavar="NAMES", type=_names, help="separated by commas, or 'all' (default: those of Stream)"
+    )
+    render.add_argument("--format", default="png", help="png, exr or npz (default: %(default)s)")
+    render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
+    _add_size(render, width=256, height=192)
+    render.add_argument("--fps", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)")
+    render.add_argument("--quality", default="standard", help="preview, standard or photo (default: %(default)s)")
+    render.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
+    render.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
+    render.add_argument("--camera", metavar="NAME", help="a camera of the scene (default: its first)")
+    render.add_argument(
+        "--variant",
+        metavar="PRIM{SET}=NAME",
+        type=_variant,
+        action="append",
+        default=[],
+        help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
+    )
+    render.add_argument("--arch", help="cpu or cuda (default: cpu)")
+
+    commands.add_parser("list", help="list scenes and object templates")
+
+    show = commands.add_parser("show", help="show what a scene holds: size, cameras, lights, objects, templates")
+    show.add_argument("scene", metavar="SCENE", help="a scene's name or a USD file")
+
+    bench = commands.add_parser("bench", help="measure frames per second on this machine")
+    bench.add_argument("scene", metavar="SCENE", nargs="?", help="a scene's name or a USD file (default: the demo's)")
+    bench.add_argument("--seconds", type=float, default=3.0, help="for each line of the table (default: %(default)g)")
+    bench.add_argument("--arch", help="cpu or cuda (default: cpu)")
+    return top
+
+
+def _add_size(command: argparse.ArgumentParser, width: int, height: int) -> None:
+    command.add_argument("--width", type=int, default=width, help="px (default: %(default)s)")
+    command.add_argument("--height", type=int, default=height, help="px (default: %(default)s)")
+
+
+def _frames(text: str) -> range:
+    """Python's slices: "3:10" is 3 to 9, ":10" is 0 to 9, "0:10:2" every second one; and "3" is frame 3 alone."""
+    mistake = argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B, such as 0:100")
+    try:
+        numbers = [int(part) if part else None for part in text.split(":")]
+        start = numbers[0] or 0
+        frames = range(start, start + 1) if len(numbers) == 1 else range(start, *(part or 0 for part in numbers[1:]))
+    except (ValueError, TypeError):
+        raise mistake from None
+    if len(frames) == 0 or min(frames) < 0:
+        raise mistake
+    return frames
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _variant(text: str) -> tuple[str, str]:
+    """ "/Room{lighting}=evening" as ("/Room{lighting}", "evening")."""
+    place, _, choice = text.partition("=")
+    if not (place.startswith("/") and "{" in place and place.endswith("}") and choice):
+        raise argparse.ArgumentTypeError(f"{text!r} is not PRIM{{SET}}=NAME, such as /Room{{lighting}}=evening")
+    return place, choice
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """One line, without the place in our source that Python would add."""
+    print(f"tiscene: warning: {message}", file=sys.stderr)

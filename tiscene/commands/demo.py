@@ -1,0 +1,88 @@
+"""`tiscene demo`: a short scenario, from nothing to pictures."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import AllTogether, CatmullWaypoints, Waypoint
+from tiscene.commands.progress import note, progress
+from tiscene.errors import ArgumentError, ExportError
+from tiscene.export.animation import write_animation
+from tiscene.export.contact_sheet import contact_sheet
+from tiscene.export.png import write_png
+from tiscene.export.visualize import Limits, limits_of
+from tiscene.frame import Frame
+from tiscene.render.aovs import AOVS
+from tiscene.scenario import Object, Scenario
+from tiscene.stream import Stream
+
+SCENE = "room_02"
+FPS = 12.0
+ANIMATED = ("rgb", "instance", "depth", "forward_flow")
+
+
+def scenario() -> Scenario:
+    """Three things on closed curves through the free middle of the living room."""
+
+    def loop(
+        seconds: float, *stations: tuple[tuple[float, float, float], tuple[float, float, float]]
+    ) -> CatmullWaypoints:
+        return CatmullWaypoints([Waypoint(position, rotation) for position, rotation in stations], total_time=seconds)
+
+    chair = loop(3.0, ((-0.8, 1.1, 0.4), (0, 0, 0)), ((0.6, 1.3, 0.9), (20, 120, 0)), ((0.3, 0.9, -0.6), (0, 240, 15)))
+    racket = loop(
+        3.0, ((0.9, 1.7, 0.2), (0, 0, 40)), ((-0.6, 1.9, 0.8), (60, 90, 0)), ((-0.9, 1.4, -0.5), (0, 180, 80))
+    )
+    ball = loop(3.0, ((0.0, 0.5, 1.2), (0, 0, 0)), ((-1.1, 1.5, 0.2), (90, 0, 0)), ((1.0, 1.2, -0.4), (180, 0, 0)))
+    return Scenario(
+        SCENE,
+        [
+            Object("chair", "Chair 01", dynamic=chair),
+            Object("racket", "Tennis Racket 01", dynamic=racket),
+            Object("ball", "Sphere", dynamic=ball, scale=0.3),
+        ],
+        timings=AllTogether(0.0),
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the pictures and print where they are."""
+    if args.frames < 1:
+        raise ArgumentError(f"--frames {args.frames}: must be at least 1")
+    folder = Path(args.output)
+    what = scenario()
+    with progress(f"reading {what.scene}", args.frames) as step:
+        stream = Stream(what, width=args.width, height=args.height, fps=FPS, buffers=tuple(AOVS), quality="preview")
+        _make(folder)
+        what.save(folder / "scenario.json")
+        step(0, doing="compiling, the first time only")
+        frames = []
+        for index in range(args.frames):
+            frames.append(stream[index])
+            if index == 0:
+                write_png(folder / "first_frame.png", frames[0].rgb)
+                note(f"First frame: {folder / 'first_frame.png'}")
+            step(doing="rendering")
+    middle = frames[len(frames) // 2]
+    write_png(folder / "contact_sheet.png", contact_sheet(middle))
+    write_animation(folder / "animation.webp", animated(frames), FPS)
+    print(f"Every buffer of frame {middle.index}: {folder / 'contact_sheet.png'}")
+    print(f"The stream in motion:      {folder / 'animation.webp'}")
+    print(f"Render it as you like:     tiscene render {folder / 'scenario.json'} --frames 0:100 -o frames")
+
+
+def animated(frames: list[Frame]) -> list[NDArray[np.uint8]]:
+    """Four buffers side by side for each frame, in colours that mean the same in all of them."""
+    limits: dict[str, Limits] = {name: limits_of(name, [frame.buffers[name] for frame in frames]) for name in ANIMATED}
+    return [contact_sheet(frame, ANIMATED, columns=2, limits=limits) for frame in frames]
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error

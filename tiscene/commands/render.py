@@ -1,0 +1,52 @@
+"""`tiscene render`: frames of a scene or scenario into a folder."""
+
+from __future__ import annotations
+
+import argparse
+
+from tiscene.commands.progress import note, progress
+from tiscene.export import export
+from tiscene.frame import Frame
+from tiscene.render.aovs import AOVS
+from tiscene.stream import DEFAULT_BUFFERS, Stream
+
+
+def run(args: argparse.Namespace) -> None:
+    """Render, and print the folder. When interrupted, say how to go on."""
+    buffers = tuple(AOVS) if args.buffers == ("all",) else args.buffers or DEFAULT_BUFFERS
+    done = 0
+    try:
+        with progress(f"reading {args.source}", len(args.frames)) as step:
+            stream = Stream(
+                args.source,
+                width=args.width,
+                height=args.height,
+                fps=args.fps,
+                buffers=buffers,
+                quality=args.quality,
+                spp=args.spp,
+                seed=args.seed,
+                camera=args.camera,
+                variants=dict(args.variant),
+                arch=args.arch,
+            )
+            step(0, doing="first frame")
+
+            def frame_done(index: int, frame: Frame | None) -> None:
+                nonlocal done
+                done += 1
+                step(doing=f"frame {index}")
+
+            export(
+                stream,
+                args.output,
+                format=args.format,
+                frames=args.frames,
+                overwrite=args.overwrite,
+                progress=frame_done,
+            )
+    except KeyboardInterrupt:
+        total = len(args.frames)
+        note(f"Interrupted: {done} of {total} frames are in {args.output}. The same command goes on from there.")
+        raise
+    print(args.output)

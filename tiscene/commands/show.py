@@ -1,0 +1,61 @@
+"""`tiscene show`: what a scene holds."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+import numpy as np
+
+from tiscene import catalog
+from tiscene.camera import Camera
+from tiscene.scene.description import DistantLight, Light, SceneDescription
+from tiscene.usd import read_stage
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print it."""
+    path = catalog.find_scene(args.scene)
+    stage = read_stage(path)
+    templates = sorted({template.name for template in stage.templates} | set(catalog.templates()))
+    low, high = stage.bounds()
+    size = " x ".join(f"{length:.2f}" for length in np.subtract(high, low))
+    print(f"{stage.name}  {path}")
+    print(f"Size: {size} m (x, y, z), {stage.up_axis} up; {triangle_count(stage):,} triangles")
+    _section("Cameras", [_camera(camera) for camera in stage.cameras])
+    _section("Lights", [_light(light) for light in stage.lights])
+    _section("Objects", _objects(stage))
+    _section("Templates", templates)
+
+
+def triangle_count(stage: SceneDescription) -> int:
+    """Triangles as placed: those of a mesh count once for each of its instances."""
+    return sum(len(stage.meshes[instance.mesh].triangles) for instance in stage.instances)
+
+
+def _section(title: str, lines: list[str]) -> None:
+    print(f"{title} ({len(lines)}):")
+    for line in lines:
+        print(f"  {line}")
+
+
+def _camera(camera: Camera) -> str:
+    place = ", ".join(f"{component:.2f}" for component in camera.position)
+    return f"{camera.name}: at ({place}), {math.degrees(camera.vertical_fov):.0f} degrees high"
+
+
+def _light(light: Light) -> str:
+    kind = type(light).__name__.removesuffix("Light").lower()
+    if isinstance(light, DistantLight):
+        return f"{light.name}: {kind}, {max(light.irradiance):.3g} W/m²"
+    radiance = getattr(light, "radiance", (0.0, 0.0, 0.0))
+    textured = ", textured" if getattr(light, "texture", None) is not None else ""
+    return f"{light.name}: {kind}{textured}, {max(radiance):.3g} W/m²/sr"
+
+
+def _objects(stage: SceneDescription) -> list[str]:
+    """Categories with the names of what has them."""
+    names: dict[str, list[str]] = {}
+    for item in stage.objects:
+        names.setdefault(item.category or "(no category)", []).append(item.name)
+    return [f"{category}: {', '.join(sorted(names[category]))}" for category in sorted(names)]
