@@ -22,7 +22,9 @@ from dynamics.dynamic import Track
 
 def exact(seconds: float | Rational) -> Fraction:
     """The rational number that a time stands for: of a float, its shortest decimal."""
-    return Fraction(seconds) if isinstance(seconds, Rational) else Fraction(repr(float(seconds)))
+    if isinstance(seconds, Rational):
+        return Fraction(int(seconds.numerator), int(seconds.denominator))
+    return Fraction(repr(float(seconds)))
 
 
 @dataclass(frozen=True)

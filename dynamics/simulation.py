@@ -9,6 +9,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from dynamics import check
 from dynamics.bodies import Body, columns
 from dynamics.clocks import Clocks, Window, exact
 from dynamics.closed_form import check_closed_form
@@ -42,6 +43,7 @@ class Simulation:
         A float stands for the decimal number it prints as; pass Fraction(k, fps) for frame k of a stream. Before its
         birth a body is where it will appear; times before 0 show the world as it starts.
         """
+        check.number(time, "time")
         poses = np.zeros((len(self.bodies), 7))
         if self.bodies:
             # Only here, so that a simulation can be made, and its errors seen, before Taichi runs.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -38,23 +39,35 @@ class Camera:
     dynamic: Any = None
 
     def __post_init__(self) -> None:
-        if not np.isfinite([*self.position, *self.rotation]).all():
-            raise ArgumentError(f"camera {self.name!r}: position and rotation must be finite numbers")
+        def refuse(name: str, rule: str) -> ArgumentError:
+            return ArgumentError(f"{name}={getattr(self, name)!r}: must be {rule} (camera {self.name!r})")
+
+        if not isinstance(self.name, str):
+            raise refuse("name", "a text")
+        for name, count in (("position", 3), ("rotation", 4)):
+            if not _are_numbers(getattr(self, name), count):
+                raise refuse(name, f"{count} finite numbers")
+            object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
+        for name in ("vertical_fov", "lens_radius", "focus_distance", "near", "far", "exposure"):
+            if name == "exposure" and self.exposure is None:
+                continue
+            if not _are_numbers((getattr(self, name),), 1):
+                raise refuse(name, "a finite number")
+            object.__setattr__(self, name, float(getattr(self, name)))
         norm = math.sqrt(sum(component * component for component in self.rotation))
         if norm < 1e-9:
-            raise ArgumentError(f"camera {self.name!r}: rotation={self.rotation} is not a quaternion (w, x, y, z)")
+            raise refuse("rotation", "a quaternion (w, x, y, z), not zero")
         # One that is a unit quaternion already is kept to the bit, so that a camera survives a file exactly.
         scale = 1.0 if abs(norm - 1.0) < 1e-14 else norm
-        object.__setattr__(self, "rotation", tuple(float(component / scale) for component in self.rotation))
-        object.__setattr__(self, "position", tuple(float(component) for component in self.position))
+        object.__setattr__(self, "rotation", tuple(component / scale for component in self.rotation))
         if not 0.0 < self.vertical_fov < math.pi:
-            raise ArgumentError(
-                f"camera {self.name!r}: vertical_fov={self.vertical_fov} must lie between 0 and pi radians"
-            )
-        if self.lens_radius < 0.0 or self.focus_distance <= 0.0:
-            raise ArgumentError(f"camera {self.name!r}: lens_radius must be >= 0 and focus_distance > 0")
+            raise refuse("vertical_fov", "between 0 and pi radians")
+        if self.lens_radius < 0.0:
+            raise refuse("lens_radius", "0 m or more")
+        if self.focus_distance <= 0.0:
+            raise refuse("focus_distance", "greater than 0 m")
         if not 0.0 < self.near < self.far:
-            raise ArgumentError(f"camera {self.name!r}: near={self.near}, far={self.far}: must be 0 < near < far")
+            raise refuse("near", f"greater than 0 and less than far={self.far}")
 
     @classmethod
     def look_at(cls, position: Vector3, target: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
@@ -121,6 +134,17 @@ class Camera:
         planes.append([*-backward, backward @ position - self.near])
         planes.append([*backward, -(backward @ position) + (self.far if far is None else far)])
         return np.array(planes)
+
+
+def _are_numbers(values: Any, count: int) -> bool:
+    """Whether `values` are so many finite numbers."""
+    try:
+        listed = list(values)
+    except TypeError:
+        return False
+    return len(listed) == count and all(
+        isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) for value in listed
+    )
 
 
 def matrix_from_quaternion(quaternion: Quaternion) -> NDArray[np.float64]:

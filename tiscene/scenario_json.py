@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import json
+import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -33,9 +34,9 @@ def encode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
         }
     if isinstance(value, tuple | list):
         return [encode(item, table, classes, f"{path}[{index}]") for index, item in enumerate(value)]
-    if value is None or isinstance(value, bool | int | float | str):
+    if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
-    raise ScenarioError(f"{path}: a {type(value).__name__} cannot be written to a file")
+    raise ScenarioError(f"{path}={value!r}: cannot be written to a file")
 
 
 def decode(value: Any, table: Mapping[str, Classes], classes: Classes | None = None, path: str = "") -> Any:

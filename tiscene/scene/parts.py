@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from tiscene.camera import Vector3
 from tiscene.scene.description import Matrix, SceneDescription
 
+# m: how thick a flat object's box counts, so that the way into it can be turned round.
+LEAST_EXTENT = 1e-4
+
 
 @dataclass(frozen=True, eq=False)
 class Parts:
@@ -61,12 +64,10 @@ def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices:
 
 
 def box_matrices(box: Matrix, matrices: Sequence[Matrix]) -> Matrix:
-    """[p, 3, 4]: from each mesh, by its 4x4 matrix, to 0..1 in the box. A flat direction of the box maps to 0.5."""
-    extent = box[1] - box[0]
-    flat = extent < 1e-9
-    scale = np.where(flat, 0.0, 1.0 / np.where(flat, 1.0, extent))
-    unit = np.diag([*scale, 1.0])
-    unit[:3, 3] = np.where(flat, 0.5, -box[0] * scale)
+    """[p, 3, 4]: from each mesh, by its 4x4 matrix, to 0..1 in the box. What is flat lies at 0.5."""
+    extent = np.maximum(box[1] - box[0], LEAST_EXTENT)
+    unit = np.diag([*(1.0 / extent), 1.0])
+    unit[:3, 3] = 0.5 - 0.5 * (box[0] + box[1]) / extent
     return np.array([(unit @ matrix)[:3] for matrix in matrices]).reshape(-1, 3, 4)
 
 
