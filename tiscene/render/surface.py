@@ -17,6 +17,7 @@ HAS_NORMALS, HAS_UV = 1, 2
 # How far a new ray starts from the surface it leaves, as a part of the largest coordinate: some 80 steps of a float.
 _OFFSET = 1e-5
 
+FLOATS_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
 FLOATS_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
 FLOATS_3D = ti.types.ndarray(dtype=ti.f32, ndim=3)
 INTS_1D = ti.types.ndarray(dtype=ti.i32, ndim=1)
@@ -104,6 +105,17 @@ def unit_or(v: vec3, otherwise: vec3) -> vec3:
     if length > 0.0:
         result = v / length
     return result
+
+
+@ti.func
+def object_point_at(
+    vertex_position: ti.template(), triangle_vertices: ti.template(), triangle: ti.i32, b1: ti.f32, b2: ti.f32
+) -> vec3:
+    """The point (1-b1-b2, b1, b2) of a triangle in the space of its mesh."""
+    v0 = row3(vertex_position, triangle_vertices[triangle, 0])
+    e1 = row3(vertex_position, triangle_vertices[triangle, 1]) - v0
+    e2 = row3(vertex_position, triangle_vertices[triangle, 2]) - v0
+    return v0 + b1 * e1 + b2 * e2
 
 
 @ti.func

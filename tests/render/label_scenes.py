@@ -1,0 +1,124 @@
+"""Scenes for the tests of labels: plates, boxes and crowds, described without any file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera, matrix_from_quaternion
+from tiscene.render.integrators.labels import LabelPass
+from tiscene.render.view import View
+from tiscene.scene.description import Material, Mesh, SceneDescription
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
+
+ALL_TIMES = (PREVIOUS, CURRENT, NEXT)
+
+
+def mesh_of(shape: trimesh.Trimesh, material: int = 0, *, smooth: bool = False, uv: bool = False) -> Mesh:
+    """A mesh of the same triangles; uv: its x and y."""
+    positions = np.asarray(shape.vertices, np.float32)
+    return Mesh(
+        name="mesh",
+        positions=positions,
+        triangles=np.asarray(shape.faces, np.int32),
+        materials=np.full(len(shape.faces), material, np.int32),
+        normals=np.asarray(shape.vertex_normals, np.float32) if smooth else None,
+        uv=positions[:, :2].copy() if uv else None,
+    )
+
+
+def plate(width: float, height: float, material: int = 0) -> Mesh:
+    """A rectangle about the origin in the xy plane, facing +z; uv 0..1."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32)
+    return Mesh(
+        name="plate",
+        positions=np.pad(corners * (width / 2, height / 2), ((0, 0), (0, 1))).astype(np.float32),
+        triangles=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        materials=np.full(2, material, np.int32),
+        uv=(corners * 0.5 + 0.5).astype(np.float32),
+    )
+
+
+def pose(position: Sequence[float] = (0, 0, 0), rotation: Sequence[float] = (1, 0, 0, 0), scale: float = 1.0):
+    """A 3x4 matrix; rotation: quaternion (w, x, y, z), normalised here."""
+    quaternion = np.asarray(rotation, float) / np.linalg.norm(rotation)
+    return np.column_stack([matrix_from_quaternion(tuple(quaternion)) * scale, np.asarray(position, float)])
+
+
+@dataclass
+class Thing:
+    """An instance: its mesh row, its poses at the three times (one: it rests), its presence."""
+
+    mesh: int
+    poses: Sequence[NDArray[np.float64]]
+    present: tuple[bool, bool, bool] = (True, True, True)
+    category: int = 0
+    id: int | None = None
+
+
+def placement_of(things: Sequence[Thing], meshes: Sequence[Mesh]) -> Placement:
+    """Things in the order of their ids (by default 1, 2, ...)."""
+    boxes = []
+    for thing in things:
+        low, high = meshes[thing.mesh].positions.min(axis=0), meshes[thing.mesh].positions.max(axis=0)
+        scale = 1.0 / np.maximum(high - low, 1e-6)
+        boxes.append(np.column_stack([np.diag(scale), -low * scale]))
+    poses = [thing.poses if len(thing.poses) == 3 else [thing.poses[0]] * 3 for thing in things]
+    return Placement(
+        mesh=np.array([thing.mesh for thing in things], np.int32),
+        instance_id=np.array([thing.id or row + 1 for row, thing in enumerate(things)], np.int32),
+        category_id=np.array([thing.category for thing in things], np.int32),
+        world_from_object=np.array(poses, float).reshape(-1, 3, 3, 4).transpose(1, 0, 2, 3),
+        box_from_object=np.array(boxes).reshape(-1, 3, 4),
+        present=np.array([thing.present for thing in things], bool).reshape(-1, 3).T,
+    )
+
+
+class Stage:
+    """Meshes on the device, and things placed among them."""
+
+    def __init__(self, meshes: Sequence[Mesh], things: Sequence[Thing], materials: Sequence[Material] = ()) -> None:
+        self.meshes = meshes
+        self.things = things
+        self.scene = DeviceScene()
+        self.scene.add(
+            SceneDescription("test", meshes=tuple(meshes), materials=tuple(materials) or (Material("grey"),))
+        )
+        self.placement = placement_of(things, meshes)
+        self.scene.place(self.placement, ALL_TIMES)
+        self.labels = LabelPass(self.scene)
+
+    def render(self, view: View, *buffers: str) -> dict[str, NDArray]:
+        return self.labels.render(view, buffers)
+
+
+def still(camera: Camera, width: int, height: int) -> View:
+    """A view whose camera rests."""
+    return View(camera, camera, camera, width, height)
+
+
+def crowd(count: int = 240, seed: int = 5) -> Stage:
+    """A room's worth of turned, scaled, moving things before a wall."""
+    random = np.random.default_rng(seed)
+    meshes = [
+        mesh_of(trimesh.creation.icosphere(subdivisions=2, radius=0.3), smooth=True, uv=True),
+        mesh_of(trimesh.creation.box((0.5, 0.3, 0.4))),
+        mesh_of(trimesh.creation.torus(0.3, 0.1, major_sections=24, minor_sections=12), smooth=True),
+        plate(12.0, 9.0),
+    ]
+    things = [Thing(3, [pose((0, 0, -6))], category=9)]
+    for row in range(count - 1):
+        start = random.uniform((-4, -3, -5), (4, 3, 3))
+        turn, step = random.normal(size=4), random.normal(size=3) * 0.05
+        scale = random.uniform(0.5, 1.5)
+        poses = []
+        for time in (-1, 0, 1):
+            nudged = turn + time * 0.03 * random.normal(size=4)
+            poses.append(pose(start + time * step, nudged, scale))
+        things.append(Thing(row % 3, poses, category=1 + row % 3))
+    return Stage(meshes, things)

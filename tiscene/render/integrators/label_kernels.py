@@ -1,0 +1,275 @@
+"""The kernels of the label pass. One loop turn is one pixel; nothing is summed over pixels."""
+
+import taichi as ti
+
+from tiscene.render.ray_arrays import write_ray
+from tiscene.render.surface import (
+    FLOATS_1D,
+    FLOATS_2D,
+    FLOATS_3D,
+    INFO_CATEGORY_ID,
+    INFO_INSTANCE_ID,
+    INTS_1D,
+    INTS_2D,
+    Geometry,
+    object_point_at,
+    surface_at,
+    transform_point,
+    vec2,
+    vec3,
+)
+from tiscene.render.view import FORWARD, POSITION, RIGHT, UP, camera_ray, view_vector
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+
+# Columns of the instance motion array: three matrices to camera coordinates, then these.
+DISPLACEMENT, PRESENT, MOTION_COLUMNS = 36, 48, 51
+FOCAL_LENGTH = 9  # of the camera motion array, after a rotation
+
+# The buffers that `surface_labels` writes, in the order of its arguments; a buffer's number is its place in `wanted`.
+SURFACE_BUFFERS = (
+    "depth",
+    "distance",
+    "position",
+    "normal",
+    "geometric_normal",
+    "normal_camera",
+    "semantic",
+    "instance",
+    "forward_flow",
+    "backward_flow",
+    "scene_flow",
+    "uv",
+    "object_coordinates",
+)
+DEPTH, DISTANCE, POSITION_OF_POINT, NORMAL, GEOMETRIC_NORMAL, NORMAL_CAMERA = 0, 1, 2, 3, 4, 5
+SEMANTIC, INSTANCE, FORWARD_FLOW, BACKWARD_FLOW, SCENE_FLOW, UV, OBJECT_COORDINATES = 6, 7, 8, 9, 10, 11, 12
+
+# A point closer to a camera's plane than this, or behind it, is projected as if it were here: it has no place in that
+# picture, and so gets a finite flow that leads far out of it. m
+_NEAREST = 1e-4
+# A hit this much short of a point, as a part of its distance, is the point itself: on another instance, on its own.
+_TOLERANCE = 1e-5
+_OWN_TOLERANCE = 1e-4
+
+IDS = ti.types.ndarray(dtype=ti.u16, ndim=2)
+FLAGS = ti.types.ndarray(dtype=ti.u8, ndim=2)
+
+
+@ti.func
+def affine(rows: ti.template(), row: ti.i32, column: ti.i32, p: vec3) -> vec3:
+    """A point by the 3x4 matrix that starts at a column of a row."""
+    return vec3(
+        rows[row, column] * p.x + rows[row, column + 1] * p.y + rows[row, column + 2] * p.z + rows[row, column + 3],
+        rows[row, column + 4] * p.x + rows[row, column + 5] * p.y + rows[row, column + 6] * p.z + rows[row, column + 7],
+        rows[row, column + 8] * p.x + rows[row, column + 9] * p.y + rows[row, column + 10] * p.z
+        + rows[row, column + 11],
+    )  # fmt: skip
+
+
+@ti.func
+def rotate(rows: ti.template(), row: ti.i32, v: vec3) -> vec3:
+    """A vector by the 3x3 matrix in the first columns of a row."""
+    return vec3(
+        rows[row, 0] * v.x + rows[row, 1] * v.y + rows[row, 2] * v.z,
+        rows[row, 3] * v.x + rows[row, 4] * v.y + rows[row, 5] * v.z,
+        rows[row, 6] * v.x + rows[row, 7] * v.y + rows[row, 8] * v.z,
+    )
+
+
+@ti.func
+def from_principal_point(p: vec3, focal_length: ti.f32) -> vec2:
+    """Where a point in camera coordinates appears, px right and down of the picture's centre."""
+    return vec2(p.x, p.y) * (focal_length / ti.max(p.z, _NEAREST))
+
+
+@ti.kernel
+def primary_rays(view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: FLOATS_2D):
+    for pixel in range(width * height):
+        origin, direction = camera_ray(
+            view, CURRENT, ti.cast(pixel % width, ti.f32), ti.cast(pixel // width, ti.f32), width, height
+        )
+        write_ray(rays, pixel, origin, direction, ti.math.inf)
+
+
+@ti.func
+def write2(array: ti.template(), y: ti.i32, x: ti.i32, value: vec2):
+    for c in ti.static(range(2)):
+        array[y, x, c] = value[c]
+
+
+@ti.func
+def write3(array: ti.template(), y: ti.i32, x: ti.i32, value: vec3):
+    for c in ti.static(range(3)):
+        array[y, x, c] = value[c]
+
+
+@ti.kernel
+def surface_labels(
+    rays: FLOATS_2D,
+    hits: FLOATS_2D,
+    hit_ids: INTS_2D,
+    vertex_position: FLOATS_2D,
+    vertex_normal: FLOATS_2D,
+    vertex_uv: FLOATS_2D,
+    triangle_vertices: INTS_2D,
+    triangle_material: INTS_1D,
+    instance_info: INTS_2D,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    box_from_instance: FLOATS_2D,
+    instance_motion: FLOATS_2D,
+    camera_motion: FLOATS_2D,
+    view: FLOATS_2D,
+    width: ti.i32,
+    height: ti.i32,
+    wanted: INTS_1D,
+    depth: FLOATS_2D,
+    distance: FLOATS_2D,
+    position: FLOATS_3D,
+    normal: FLOATS_3D,
+    geometric_normal: FLOATS_3D,
+    normal_camera: FLOATS_3D,
+    semantic: IDS,
+    instance: INTS_2D,
+    forward_flow: FLOATS_3D,
+    backward_flow: FLOATS_3D,
+    scene_flow: FLOATS_3D,
+    uv: FLOATS_3D,
+    object_coordinates: FLOATS_3D,
+):
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    for pixel in range(width * height):
+        x, y = pixel % width, pixel // width
+        row = hit_ids[pixel, 0]
+        focal = camera_motion[CURRENT, FOCAL_LENGTH]
+
+        # The background: a direction, infinitely far away.
+        towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, 1.0)
+        before, now, after = towards, towards, towards
+        far, length = ti.math.inf, ti.math.inf
+        point = vec3(ti.math.nan)
+        shading, flat, box, displacement = vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0)
+        texture = vec2(0.0)
+        identity, category = 0, 0
+        if row >= 0:
+            direction = vec3(rays[pixel, 4], rays[pixel, 5], rays[pixel, 6])
+            surface = surface_at(geometry, row, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], CURRENT, direction)
+            before = affine(instance_motion, row, 12 * PREVIOUS, surface.object_point)
+            now = affine(instance_motion, row, 12 * CURRENT, surface.object_point)
+            after = affine(instance_motion, row, 12 * NEXT, surface.object_point)
+            displacement = affine(instance_motion, row, DISPLACEMENT, surface.object_point)
+            box = ti.math.clamp(affine(box_from_instance, row, 0, surface.object_point), 0.0, 1.0)
+            far, length = now.z, now.norm()
+            point, shading, flat, texture = surface.position, surface.normal, surface.geometric_normal, surface.uv
+            identity = instance_info[row, INFO_INSTANCE_ID]
+            category = instance_info[row, INFO_CATEGORY_ID]
+        else:
+            before = rotate(camera_motion, PREVIOUS, towards)
+            now = rotate(camera_motion, CURRENT, towards)
+            after = rotate(camera_motion, NEXT, towards)
+        here = from_principal_point(now, focal)
+
+        if wanted[DEPTH]:
+            depth[y, x] = far
+        if wanted[DISTANCE]:
+            distance[y, x] = length
+        if wanted[POSITION_OF_POINT]:
+            write3(position, y, x, point)
+        if wanted[NORMAL]:
+            write3(normal, y, x, shading)
+        if wanted[GEOMETRIC_NORMAL]:
+            write3(geometric_normal, y, x, flat)
+        if wanted[NORMAL_CAMERA]:
+            right, up = view_vector(view, CURRENT, RIGHT), view_vector(view, CURRENT, UP)
+            forward = view_vector(view, CURRENT, FORWARD)
+            write3(normal_camera, y, x, vec3(shading.dot(right), -shading.dot(up), shading.dot(forward)))
+        if wanted[SEMANTIC]:
+            semantic[y, x] = ti.cast(category, ti.u16)
+        if wanted[INSTANCE]:
+            instance[y, x] = identity
+        if wanted[FORWARD_FLOW]:
+            there = from_principal_point(after, camera_motion[NEXT, FOCAL_LENGTH])
+            write2(forward_flow, y, x, there - here)
+        if wanted[BACKWARD_FLOW]:
+            there = from_principal_point(before, camera_motion[PREVIOUS, FOCAL_LENGTH])
+            write2(backward_flow, y, x, there - here)
+        if wanted[SCENE_FLOW]:
+            write3(scene_flow, y, x, displacement)
+        if wanted[UV]:
+            write2(uv, y, x, texture)
+        if wanted[OBJECT_COORDINATES]:
+            write3(object_coordinates, y, x, box)
+
+
+@ti.kernel
+def occlusion_rays(
+    time: ti.i32,
+    hits: FLOATS_2D,
+    hit_ids: INTS_2D,
+    vertex_position: FLOATS_2D,
+    triangle_vertices: INTS_2D,
+    world_from_instance: FLOATS_3D,
+    instance_motion: FLOATS_2D,
+    camera_motion: FLOATS_2D,
+    view: FLOATS_2D,
+    width: ti.i32,
+    height: ti.i32,
+    rays: FLOATS_2D,
+    expected: FLOATS_1D,
+):
+    """Rays from the camera of another time to where each pixel's point is then; `expected`: its distance, m.
+
+    A ray that need not be traced, because the point is not in that picture at all, gets t_max 0 and expects -1.
+    """
+    for pixel in range(width * height):
+        row = hit_ids[pixel, 0]
+        origin = view_vector(view, time, POSITION)
+        direction = view_vector(view, time, FORWARD)
+        t_max, length = 0.0, -1.0
+        if row >= 0:
+            object_point = object_point_at(
+                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2]
+            )
+            seen = affine(instance_motion, row, 12 * time, object_point)
+            place = from_principal_point(seen, camera_motion[time, FOCAL_LENGTH])
+            inside = ti.abs(place.x) < 0.5 * width and ti.abs(place.y) < 0.5 * height and seen.z > _NEAREST
+            if inside and instance_motion[row, PRESENT + time] > 0.0:
+                target = transform_point(world_from_instance, time, row, object_point)
+                length = (target - origin).norm()
+                direction = (target - origin) / length
+                # Coordinates far from the world's origin are coarse, however near the camera is.
+                coarse = ti.max(ti.abs(target.x), ti.abs(target.y), ti.abs(target.z))
+                t_max = length - _TOLERANCE * (length + 0.1 * coarse)
+        write_ray(rays, pixel, origin, direction, t_max)
+        expected[pixel] = length
+
+
+@ti.kernel
+def occlusion_labels(
+    hit_ids: INTS_2D, expected: FLOATS_1D, other_hits: FLOATS_2D, other_ids: INTS_2D, width: ti.i32, occluded: FLAGS
+):
+    """From what the rays of `occlusion_rays` met: whether something else lies before the point.
+
+    The point's own triangle, or its own mesh just short of it, is no obstacle: at a grazing angle the rounding of a
+    direction moves the hit far along the ray.
+    """
+    for pixel in range(expected.shape[0]):
+        length = expected[pixel]
+        hidden = length < 0.0
+        if not hidden and other_ids[pixel, 0] >= 0:
+            own = other_ids[pixel, 0] == hit_ids[pixel, 0]
+            same = own and other_ids[pixel, 1] == hit_ids[pixel, 1]
+            near = own and other_hits[pixel, 0] >= length * (1.0 - _OWN_TOLERANCE)
+            hidden = not (same or near)
+        occluded[pixel // width, pixel % width] = ti.cast(hidden, ti.u8)

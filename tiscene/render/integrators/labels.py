@@ -1,0 +1,162 @@
+"""The label pass: one ray through each pixel's centre, and everything that can be said about what it meets.
+
+No sampling, no randomness. Motion is exact to the float: the matrices that lead from each object to the cameras at
+k-1, k and k+1 are multiplied in double precision, so a point's pixel position has no large world coordinates to cancel,
+and what stands still before a still camera moves by exactly 0.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.errors import BufferNotFound
+from tiscene.render.aovs import AOVS, LABELS
+from tiscene.render.integrators import label_kernels as kernels
+from tiscene.render.integrators.label_materials import MATERIAL_BUFFERS, MaterialLabels
+from tiscene.render.intersect import closest
+from tiscene.render.ray_arrays import RayArrays
+from tiscene.render.surface import geometry_of
+from tiscene.render.view import View
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
+
+_OCCLUSIONS = (("backward_occlusion", PREVIOUS), ("forward_occlusion", NEXT))
+
+
+class LabelPass:
+    """Renders label buffers of what a DeviceScene has placed."""
+
+    def __init__(self, scene: DeviceScene) -> None:
+        self.scene = scene
+        self._rays = RayArrays()
+        self._other = RayArrays()
+        self._materials = MaterialLabels(scene)
+
+    def render(self, view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """The label buffers named, as new arrays; those not named cost nothing.
+
+        The scene must have been placed at `times_needed(buffers)`. Raises BufferNotFound for any other name.
+        """
+        for name in buffers:
+            if name not in LABELS:
+                raise BufferNotFound("label buffer", str(name), LABELS)
+        arrays = {name: AOVS[name].empty(view.width, view.height) for name in buffers}
+        if not arrays:
+            return arrays
+        rays = self._rays.sized(view.width, view.height)
+        kernels.primary_rays(view.array(), view.width, view.height, rays.rays)
+        closest(self.scene, CURRENT, rays.rays, rays.queue, rays.count, rays.hits, rays.hit_ids)
+
+        motion = instance_motion(self.scene.placement, view)
+        cameras = camera_motion(view)
+        if not arrays.keys().isdisjoint(kernels.SURFACE_BUFFERS):
+            self._surface(view, motion, cameras, arrays)
+        for name, time in _OCCLUSIONS:
+            if name in arrays:
+                self._occlusion(view, time, motion, cameras, arrays[name])
+        if not arrays.keys().isdisjoint(MATERIAL_BUFFERS):
+            # Last: it follows mirrors and overwrites the rays.
+            self._materials.render(rays, view.width, view.height, arrays)
+        return arrays
+
+    def _surface(
+        self,
+        view: View,
+        motion: NDArray[np.float32],
+        cameras: NDArray[np.float32],
+        arrays: dict[str, NDArray[Any]],
+    ) -> None:
+        wanted = np.array([name in arrays for name in kernels.SURFACE_BUFFERS], np.int32)
+        rays = self._rays
+        kernels.surface_labels(
+            rays.rays,
+            rays.hits,
+            rays.hit_ids,
+            *geometry_of(self.scene),
+            self.scene.box_from_instance,
+            motion,
+            cameras,
+            view.array(),
+            view.width,
+            view.height,
+            wanted,
+            *(arrays.get(name, _unwanted(name)) for name in kernels.SURFACE_BUFFERS),
+        )
+
+    def _occlusion(
+        self,
+        view: View,
+        time: int,
+        motion: NDArray[np.float32],
+        cameras: NDArray[np.float32],
+        occluded: NDArray[np.bool_],
+    ) -> None:
+        rays, other = self._rays, self._other.sized(view.width, view.height)
+        kernels.occlusion_rays(
+            time,
+            rays.hits,
+            rays.hit_ids,
+            self.scene.vertex_position,
+            self.scene.triangle_vertices,
+            self.scene.world_from_instance,
+            motion,
+            cameras,
+            view.array(),
+            view.width,
+            view.height,
+            other.rays,
+            other.distance,
+        )
+        closest(self.scene, time, other.rays, other.queue, other.count, other.hits, other.hit_ids)
+        kernels.occlusion_labels(
+            rays.hit_ids, other.distance, other.hits, other.hit_ids, view.width, occluded.view(np.uint8)
+        )
+
+
+_UNWANTED: dict[str, NDArray[Any]] = {}
+
+
+def _unwanted(name: str) -> NDArray[Any]:
+    """What a kernel gets in the place of a buffer that nobody wants: an array of its kind with one pixel."""
+    if name not in _UNWANTED:
+        _UNWANTED[name] = AOVS[name].empty(1, 1)
+    return _UNWANTED[name]
+
+
+def instance_motion(placement: Placement, view: View) -> NDArray[np.float32]:
+    """What kernels need of each instance's motion: float32 [max(n, 1), 51].
+
+    Columns: 0-35 mesh to camera coordinates (x right, y down, z forward) at k-1, k, k+1, each 3x4; 36-47 world
+    displacement from k to k+1, 3x4; 48-50 whether it is present at k-1, k, k+1.
+    """
+    world = placement.world_from_object
+    count = world.shape[1]
+    motion = np.zeros((max(count, 1), kernels.MOTION_COLUMNS), np.float32)
+    for time, camera in enumerate(view.cameras):
+        pose = camera.world_from_camera()
+        relative = world[time].copy()
+        relative[:, :, 3] -= pose[:3, 3]
+        motion[:count, 12 * time : 12 * time + 12] = _product(pose[:3, :3].T, relative).reshape(count, 12)
+    motion[:count, kernels.DISPLACEMENT : kernels.PRESENT] = (world[NEXT] - world[CURRENT]).reshape(count, 12)
+    motion[:count, kernels.PRESENT :] = placement.present.T
+    return motion
+
+
+def camera_motion(view: View) -> NDArray[np.float32]:
+    """float32 [3, 10], per time: the rotation from the current camera's coordinates to that camera's, 3x3, and its
+    focal length in px."""
+    rotations = view.camera_from_world()[:, :, :3]
+    motion = np.empty((3, 10), np.float32)
+    for time in (PREVIOUS, CURRENT, NEXT):
+        motion[time, :9] = _product(rotations[time], rotations[CURRENT].T).ravel()
+    motion[:, 9] = view.focal_lengths()
+    return motion
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The matrix product [..., 3, 3] x [..., 3, m], summed in one order on every machine: equal poses give equal bytes,
+    wherever in an array they are."""
+    columns = [a[..., :, axis, None] * b[..., axis, None, :] for axis in range(3)]
+    return columns[0] + columns[1] + columns[2]

@@ -1,0 +1,72 @@
+"""The arrays that one wave of primary rays is traced through."""
+
+from typing import Any, Self
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+_TILE = 8
+
+
+@ti.func
+def write_ray(rays: ti.template(), row: ti.i32, origin: ti.math.vec3, direction: ti.math.vec3, t_max: ti.f32):
+    for c in ti.static(range(3)):
+        rays[row, c] = origin[c]
+        rays[row, 4 + c] = direction[c]
+    rays[row, 7] = t_max
+
+
+class RayArrays:
+    """Rays, hits and a queue of every pixel, kept from frame to frame and renewed where the size changes."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._size = (0, 0)
+        self.rays: Any = None
+        self.hits: Any = None
+        self.hit_ids: Any = None
+        self.distance: Any = None
+        self.queue: Any = None
+
+    def sized(self, width: int, height: int) -> Self:
+        """Itself, with one row for each pixel (row y * width + x)."""
+        if self._size != (width, height):
+            self._size = (width, height)
+            self.count = width * height
+            self.rays = ti.ndarray(ti.f32, (self.count, 8))
+            self.hits = ti.ndarray(ti.f32, (self.count, 4))
+            self.hit_ids = ti.ndarray(ti.i32, (self.count, 2))
+            self.distance = ti.ndarray(ti.f32, (self.count,))
+            self.queue = ti.ndarray(ti.i32, (self.count,))
+            self.queue.from_numpy(tiled_order(width, height))
+        return self
+
+
+class AnyHitArrays:
+    """Rays that each ask whether they meet one instance."""
+
+    def __init__(self, count: int) -> None:
+        count = max(count, 1)
+        self.rays = ti.ndarray(ti.f32, (count, 8))
+        self.targets = ti.ndarray(ti.i32, (count,))
+        self.result = ti.ndarray(ti.i32, (count,))
+        self.queue = ti.ndarray(ti.i32, (count,))
+        self.queue.from_numpy(np.arange(count, dtype=np.int32))
+
+
+def tiled_order(width: int, height: int) -> NDArray[np.int32]:
+    """Every pixel's row, int32 [width * height], tile by tile, the tiles strewn over the picture.
+
+    Neighbouring rays share the nodes they visit; Taichi gives each thread one contiguous part of a loop, so without
+    the strewing one thread would get the sky and the other one the furniture.
+    """
+    rows = np.arange(width * height, dtype=np.int32).reshape(height, width)
+    tiles_y, tiles_x = -(-height // _TILE), -(-width // _TILE)
+    count = tiles_y * tiles_x
+    stride = next(s for s in range(max(1, int(0.618 * count)), 2 * count + 1) if np.gcd(s, count) == 1)
+    y, x = np.mgrid[:height, :width]
+    tile = (y // _TILE) * tiles_x + x // _TILE
+    place = np.empty(count, np.int64)
+    place[(np.arange(count) * stride) % count] = np.arange(count)
+    return rows.ravel()[np.argsort(place[tile].ravel(), kind="stable")]
