@@ -40,34 +40,34 @@ class Camera:
 
     def __post_init__(self) -> None:
         def refuse(name: str, rule: str) -> ArgumentError:
-            return ArgumentError(f"{name}={getattr(self, name)!r}: must be {rule} (camera {self.name!r})")
+            return ArgumentError(f"camera {self.name!r}: {name}={getattr(self, name)!r}: {rule}")
 
         if not isinstance(self.name, str):
-            raise refuse("name", "a text")
+            raise refuse("name", "must be a text")
         for name, count in (("position", 3), ("rotation", 4)):
             if not _are_numbers(getattr(self, name), count):
-                raise refuse(name, f"{count} finite numbers")
+                raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
         for name in ("vertical_fov", "lens_radius", "focus_distance", "near", "far", "exposure"):
             if name == "exposure" and self.exposure is None:
                 continue
             if not _are_numbers((getattr(self, name),), 1):
-                raise refuse(name, "a finite number")
+                raise refuse(name, "must be finite")
             object.__setattr__(self, name, float(getattr(self, name)))
         norm = math.sqrt(sum(component * component for component in self.rotation))
         if norm < 1e-9:
-            raise refuse("rotation", "a quaternion (w, x, y, z), not zero")
+            raise refuse("rotation", "is not a quaternion (w, x, y, z)")
         # One that is a unit quaternion already is kept to the bit, so that a camera survives a file exactly.
         scale = 1.0 if abs(norm - 1.0) < 1e-14 else norm
         object.__setattr__(self, "rotation", tuple(component / scale for component in self.rotation))
         if not 0.0 < self.vertical_fov < math.pi:
-            raise refuse("vertical_fov", "between 0 and pi radians")
+            raise refuse("vertical_fov", "must lie between 0 and pi radians")
         if self.lens_radius < 0.0:
-            raise refuse("lens_radius", "0 m or more")
+            raise refuse("lens_radius", "must be 0 m or more")
         if self.focus_distance <= 0.0:
-            raise refuse("focus_distance", "greater than 0 m")
+            raise refuse("focus_distance", "must be greater than 0 m")
         if not 0.0 < self.near < self.far:
-            raise refuse("near", f"greater than 0 and less than far={self.far}")
+            raise refuse("near", f"must be 0 < near < far, far={self.far}")
 
     @classmethod
     def look_at(cls, position: Vector3, target: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:

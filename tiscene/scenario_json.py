@@ -95,9 +95,10 @@ def _member(path: str, name: str) -> str:
 
 def _located(path: str, message: str, fields: Iterable[str]) -> str:
     """The message with its place in front; a message that begins with a field's name goes on from the path."""
-    first = re.match(r"\w+", message)
-    if first and first.group() in fields:
-        return _member(path, message)
+    # Cameras say which one they are first.
+    first = re.match(r"(?:camera '[^']*': )?((\w+).*)", message, re.DOTALL)
+    if first and first.group(2) in fields:
+        return _member(path, first.group(1))
     return f"{path}: {message}" if path else message
 
 
