@@ -1,0 +1,194 @@
+"""The command line: what it writes, says and returns. Pictures come from a fake stream at the commands' seam."""
+
+import json
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.export.fake_stream import FakeStream
+from tiscene import catalog, cli
+from tiscene.errors import SceneNotFound, StageWarning
+from tiscene.export import EXPORTERS
+from tiscene.render.aovs import AOVS
+
+
+class FakeCommandStream(FakeStream):
+    """A FakeStream with the arguments that the commands give to Stream; they are kept in `made`."""
+
+    made: list["FakeCommandStream"] = []  # noqa: RUF012
+    interrupt_at = None
+
+    def __init__(self, source, *, width, height, buffers, seed=0, **others) -> None:
+        if source == "nowhere":
+            raise SceneNotFound("scene", source, ["somewhere"])
+        super().__init__(buffers, width=width, height=height, seed=seed)
+        self.source, self.others = source, others
+        self.interrupt_at = type(self).interrupt_at
+        self.made.append(self)
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    from tiscene.commands import demo, render
+
+    monkeypatch.setattr(FakeCommandStream, "made", [])
+    for command in (demo, render):
+        monkeypatch.setattr(command, "Stream", FakeCommandStream)
+    return FakeCommandStream
+
+
+def render(*arguments) -> int:
+    return cli.main(["render", "somewhere", "--width", "12", "--height", "8", *map(str, arguments)])
+
+
+def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys):
+    folder = tmp_path / "out"
+    assert render("-o", folder, "--frames", "2:5", "--buffers", "rgb,depth", "--seed", 3, "--format", "npz") == 0
+    assert capsys.readouterr().out == f"{folder}\n"
+    assert sorted(path.name for path in folder.iterdir()) == ["000002.npz", "000003.npz", "000004.npz", "tiscene.json"]
+    assert list(np.load(folder / "000002.npz")) == ["rgb", "depth"]
+    assert fake.made[0].seed == 3
+
+
+def test_render_hands_on_every_option(tmp_path, fake):
+    options = ["--quality", "photo", "--spp", 64, "--camera", "Front", "--fps", 12.5, "--arch", "cpu"]
+    variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
+    assert render("-o", tmp_path, *options, *variants) == 0
+    assert fake.made[0].source == "somewhere"
+    assert fake.made[0].others == {
+        "quality": "photo",
+        "spp": 64,
+        "camera": "Front",
+        "fps": 12.5,
+        "arch": "cpu",
+        "variants": {"/Room{lighting}": "evening", "/Room{appearance}": "primitives"},
+    }
+
+
+def test_render_all_buffers_and_the_default_ones(tmp_path, fake):
+    from tiscene.stream import DEFAULT_BUFFERS
+
+    render("-o", tmp_path / "all", "--buffers", "all")
+    render("-o", tmp_path / "default")
+    assert [stream.buffers for stream in fake.made] == [tuple(AOVS), DEFAULT_BUFFERS]
+    assert [stream.rendered for stream in fake.made] == [[0], [0]]
+
+
+def test_interrupted_render_says_how_to_go_on_and_does(tmp_path, fake, capsys, monkeypatch):
+    monkeypatch.setattr(fake, "interrupt_at", 3)
+    assert render("-o", tmp_path, "--frames", ":5") == 130
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert f"3 of 5 frames are in {tmp_path}" in told.err.replace("\n", "")
+    monkeypatch.setattr(fake, "interrupt_at", None)
+    assert render("-o", tmp_path, "--frames", ":5") == 0
+    assert fake.made[1].rendered == [3, 4]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["render", "nowhere", "-o", "x"], "tiscene: no scene 'nowhere'. There are: somewhere."),
+        (["render", "s", "-o", "x", "--buffers", "dept"], "tiscene: no buffer 'dept'. Did you mean 'depth'?"),
+        (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of exr, npz, png"),
+        (["demo", "-o", "x", "--frames", "0"], "tiscene: --frames 0: must be at least 1"),
+        (["show", "kitchn"], "tiscene: no scene 'kitchn'. Did you mean 'kitchen'?"),
+        (["show", "gone.usda"], "tiscene: no file 'gone.usda'"),
+    ],
+)
+def test_mistakes_are_one_message_and_status_2(tmp_path, monkeypatch, fake, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path / "shelf"))
+    (tmp_path / "shelf" / "kitchen").mkdir(parents=True)
+    (tmp_path / "shelf" / "kitchen" / "scene.usda").write_text("#usda 1.0\n")
+    assert cli.main(arguments) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert message in told.err
+    assert "Traceback" not in told.err
+
+
+@pytest.mark.parametrize(
+    ("text", "frames"),
+    [("7", range(7, 8)), ("3:6", range(3, 6)), (":4", range(4)), ("0:10:3", range(0, 10, 3))],
+)
+def test_frames(text, frames):
+    args = cli.parser().parse_args(["render", "s", "-o", "x", "--frames", text])
+    assert list(args.frames) == list(frames)
+
+
+@pytest.mark.parametrize("text", ["", "x", "5:5", "5:2", "3:", "-1:4", "1:2:3:4", "0:9:0"])
+def test_frames_that_are_none(text, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["render", "s", "-o", "x", f"--frames={text}"])
+    assert "is not A:B" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["evening", "/Room=evening", "Room{lighting}=evening", "/Room{lighting}="])
+def test_variants_that_are_none(text, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["render", "s", "-o", "x", "--variant", text])
+    assert "is not PRIM{SET}=NAME" in capsys.readouterr().err
+
+
+def test_the_help_names_every_format():
+    words = cli.parser()._subparsers._group_actions[0].choices["render"].format_help().replace(",", " ").split()
+    assert set(EXPORTERS) <= set(words)
+
+
+def test_list_prints_every_name_and_file(capsys):
+    assert cli.main(["list"]) == 0
+    printed = capsys.readouterr().out
+    for name, path in {**catalog.scenes(), **catalog.templates()}.items():
+        assert any(line.split("  ")[1] == name and line.endswith(str(path)) for line in printed.splitlines() if line)
+
+
+def test_demo_ends_with_the_pictures(tmp_path, fake, capsys):
+    assert cli.main(["demo", "-o", str(tmp_path), "--frames", "4", "--width", "40", "--height", "30"]) == 0
+    printed = capsys.readouterr().out
+    with Image.open(tmp_path / "contact_sheet.png") as sheet, Image.open(tmp_path / "animation.webp") as movie:
+        assert sheet.width > 1000
+        assert movie.n_frames == 4
+    for name in ("contact_sheet.png", "animation.webp", "scenario.json"):
+        assert str(tmp_path / name) in printed
+    assert json.loads((tmp_path / "scenario.json").read_text())["scene"] == "room_02"
+    assert (tmp_path / "first_frame.png").exists()
+    assert fake.made[0].buffers == tuple(AOVS)
+
+
+def test_warnings_of_the_stage_are_one_line(monkeypatch, capsys):
+    from tiscene.commands import list as list_command
+
+    monkeypatch.setattr(list_command, "run", lambda args: warnings.warn("</Room/Fog> is left out", StageWarning, 2))
+    assert cli.main(["list"]) == 0
+    assert capsys.readouterr().err == "tiscene: warning: </Room/Fog> is left out\n"
+
+
+def test_a_closed_pipe_is_no_traceback():
+    command = f"{sys.executable} -m tiscene list | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+    assert done.returncode in (0, 1)
+
+
+def test_version_and_no_command(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--version"])
+    assert capsys.readouterr().out.startswith("tiscene 0.")
+    with pytest.raises(SystemExit, match="2"):
+        cli.main([])
+
+
+def test_progress_goes_to_stderr_only(capsys):
+    from tiscene.commands.progress import note, progress
+
+    with progress("working", 3) as step:
+        step(doing="still working")
+    note("a line [with] brackets")
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "a line [with] brackets\n" in told.err
