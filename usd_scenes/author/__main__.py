@@ -1,0 +1,46 @@
+"""`python -m usd_scenes.author [NAME ...] [--output FOLDER]`: writes textures, templates and scenes again.
+
+NAME: a scene (room_02), a template's folder (chair_01), "textures" or one texture (oak); default everything.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from usd_scenes.author import object_view, room_02, templates
+from usd_scenes.author.textures.library import MAKERS
+
+PACKAGE = Path(__file__).resolve().parents[1]
+SCENES = {"object_view": object_view.build, "room_02": room_02.build}
+
+
+def jobs(output: Path) -> dict[str, Callable[[], None]]:
+    """What can be written, by name, in an order in which it can be."""
+    result: dict[str, Callable[[], None]] = {}
+    for name, make in MAKERS.items():
+        result[name] = lambda make=make: make(output / "textures")  # type: ignore[misc]
+    for folder in templates.TEMPLATES:
+        result[folder] = lambda folder=folder: templates.write(folder, output)  # type: ignore[misc]
+    for name, build in SCENES.items():
+        result[name] = lambda build=build: build().write(output)  # type: ignore[misc]
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m usd_scenes.author", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--output", type=Path, default=PACKAGE, help="default: the usd_scenes package itself")
+    arguments = parser.parse_args()
+    known = jobs(arguments.output)
+    names = [n for name in arguments.names for n in (MAKERS if name == "textures" else [name])] or list(known)
+    unknown = sorted(set(names) - set(known))
+    if unknown:
+        parser.error(f"unknown: {', '.join(unknown)}; there are: textures, {', '.join(known)}")
+    for name in names:
+        known[name]()
+
+
+if __name__ == "__main__":
+    main()

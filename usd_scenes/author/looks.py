@@ -1,0 +1,108 @@
+"""Materials by name. Albedos are measured values or close to them: none below 0.03 or above 0.82."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Look:
+    """UsdPreviewSurface in short. A string is a texture file in `usd_scenes/textures`.
+
+    tile: how many metres of surface a texture covers, along u and v; None: uv is already 0..1.
+    """
+
+    color: Color | str
+    roughness: float | str = 0.5
+    metallic: float = 0.0
+    normal: str | None = None
+    tile: tuple[float, float] | None = (1.0, 1.0)
+    emission: Color | str | None = None
+    emission_scale: float = 1.0
+    clearcoat: float = 0.0
+    ior: float = 1.5
+    opacity: float = 1.0
+
+
+def _textured(name: str, tile: float | tuple[float, float], **others: object) -> Look:
+    size = tile if isinstance(tile, tuple) else (tile, tile)
+    roughness = f"{name}_roughness.png"
+    fields = {"color": f"{name}_color.png", "roughness": roughness, "normal": f"{name}_normal.png", "tile": size}
+    return Look(**{**fields, **others})  # type: ignore[arg-type]
+
+
+LOOKS: dict[str, Look] = {
+    # Building
+    "WallPlaster": Look((0.70, 0.675, 0.63), 0.85, normal="plaster_normal.png", tile=(1.2, 1.2)),
+    "AccentPlaster": Look((0.245, 0.305, 0.285), 0.8, normal="plaster_normal.png", tile=(1.2, 1.2)),
+    "CeilingPaint": Look((0.78, 0.775, 0.76), 0.9, normal="plaster_normal.png", tile=(1.7, 1.7)),
+    "TrimPaint": Look((0.72, 0.71, 0.68), 0.32),
+    "OakFloor": _textured("oak", (2.4, 1.92)),
+    "FloorGap": Look((0.035, 0.028, 0.02), 0.9),
+    # Woods
+    "Oak": _textured("oak_board", (1.6, 0.8)),
+    "Walnut": _textured("walnut_board", (1.6, 0.8)),
+    "Chestnut": _textured("chestnut_board", (1.6, 0.8)),
+    # Cloth
+    "Linen": _textured("linen", 0.16, roughness=0.9),
+    "SofaWool": _textured("wool", 0.16, roughness=0.95),
+    "Mustard": _textured("mustard", 0.16, roughness=0.95),
+    "Rust": _textured("rust", 0.16, roughness=0.95),
+    "Cream": _textured("cream", 0.16, roughness=0.95),
+    "Leather": _textured("leather", 0.5),
+    "Rug": _textured("rug", (3.2, 2.3), roughness=0.95),
+    "ScribbleCotton": Look("scribble_color.png", 0.9, normal="cream_normal.png", tile=None),
+    "ThrowWool": _textured("throw", 0.12, roughness=0.95),
+    "LampShade": _textured("linen", 0.16, roughness=0.9, normal=None, emission=(1.0, 0.60, 0.28), emission_scale=1.6),
+    # Metals and ceramics
+    "Brass": Look((0.78, 0.58, 0.30), 0.28, metallic=1.0),
+    "Steel": Look((0.60, 0.59, 0.57), 0.25, metallic=1.0),
+    "Aluminium": Look((0.72, 0.73, 0.74), 0.34, metallic=1.0),
+    "BlackMetal": Look((0.045, 0.044, 0.042), 0.42),
+    "Porcelain": Look((0.76, 0.75, 0.71), 0.12),
+    "CreamGlaze": Look((0.66, 0.58, 0.42), 0.16),
+    "BlueGlaze": Look((0.05, 0.12, 0.27), 0.14),
+    "Stoneware": Look((0.26, 0.235, 0.20), 0.55),
+    "Terracotta": Look((0.44, 0.19, 0.095), 0.75),
+    "Candle": Look((0.70, 0.64, 0.52), 0.5),
+    "BulbGlass": Look((0.8, 0.78, 0.72), 0.3),
+    # Plastics, paper, plants, food
+    "BlackPlastic": Look((0.04, 0.04, 0.042), 0.38),
+    "GreyPlastic": Look((0.20, 0.20, 0.205), 0.45),
+    "WhitePlastic": Look((0.70, 0.70, 0.68), 0.35),
+    "RedButton": Look((0.45, 0.04, 0.03), 0.4),
+    "ScreenOff": Look((0.035, 0.035, 0.037), 0.08),
+    "Keys": Look((0.05, 0.05, 0.053), 0.5),
+    "LaptopScreen": Look((0.04, 0.04, 0.04), 0.15, tile=None, emission="screen_color.png", emission_scale=1.3),
+    "Pages": Look("pages_color.png", 0.9, tile=(0.25, 0.25)),
+    "Spines": Look("spines_color.png", 0.6, tile=None),
+    "Paper": Look((0.72, 0.70, 0.66), 0.85),
+    "Landscape": Look("landscape_color.png", 0.45, tile=None),
+    "AbstractWarm": Look("abstract_warm_color.png", 0.8, tile=None),
+    "AbstractCool": Look("abstract_cool_color.png", 0.8, tile=None),
+    "Leaf": Look((0.055, 0.13, 0.035), 0.36),
+    "LeafPale": Look((0.10, 0.19, 0.05), 0.42),
+    "Bark": Look((0.13, 0.085, 0.05), 0.85),
+    "Soil": Look((0.045, 0.032, 0.024), 0.95),
+    "Lemon": Look((0.70, 0.50, 0.035), 0.42),
+    "Apple": Look((0.42, 0.055, 0.03), 0.25),
+    # Sports
+    "RacketFrame": Look((0.48, 0.035, 0.03), 0.22, clearcoat=1.0),
+    "RacketWhite": Look((0.72, 0.71, 0.68), 0.25, clearcoat=1.0),
+    "RacketString": Look((0.70, 0.66, 0.52), 0.45),
+    "Grip": Look((0.05, 0.05, 0.055), 0.8),
+    "BallRed": Look((0.56, 0.05, 0.035), 0.35),
+    "BallWhite": Look((0.74, 0.73, 0.69), 0.35),
+    "BallBlue": Look((0.04, 0.14, 0.42), 0.35),
+    "BallYellow": Look((0.72, 0.50, 0.04), 0.35),
+    # Matte primitives
+    "MatteWhite": Look((0.72, 0.70, 0.66), 0.6),
+    "MatteBlue": Look((0.09, 0.20, 0.38), 0.55),
+    "MatteRed": Look((0.50, 0.085, 0.055), 0.55),
+    "MatteYellow": Look((0.66, 0.43, 0.07), 0.55),
+    "MatteGreen": Look((0.11, 0.28, 0.13), 0.55),
+    "MatteTeal": Look((0.06, 0.28, 0.28), 0.55),
+    "MatteOrange": Look((0.60, 0.22, 0.05), 0.55),
+}

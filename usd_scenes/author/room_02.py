@@ -1,0 +1,175 @@
+"""room_02, a living room of 8 × 7 × 2.9 m: x from -4.4 to 3.6, z from -6 to 1, the floor at y = 0.
+
+Sun and sky come through two windows in the -x wall; sofa and pictures at the far wall, the dining table to the right,
+the television behind the usual camera. The air over the coffee table is kept free for objects to fly through.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usd_scenes.author.room import Room
+from usd_scenes.author.things import building, plants, seating, small, tables
+
+LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
+WALL = 0.32
+SUN = (-0.80, 0.50, 0.33)
+WINDOWS = (-4.25, -1.55)  # centres along z
+WINDOW_WIDTH, SILL, HEAD = 1.70, 0.42, 2.52
+
+
+def build() -> Room:
+    room = Room("Room02", "room_02")
+    _shell(room)
+    _sitting(room)
+    _dining(room)
+    _books(room)
+    _television(room)
+    _light(room)
+    _cameras(room)
+    return room
+
+
+def _shell(room: Room) -> None:
+    centre = ((LEFT + RIGHT) / 2.0, 0.0, (FAR + NEAR) / 2.0)
+    width, depth = RIGHT - LEFT, NEAR - FAR
+    corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
+    half = WINDOW_WIDTH / 2.0
+    openings = [building.Opening(NEAR - z - half, NEAR - z + half, SILL, HEAD) for z in WINDOWS]
+    room.put("Building", building.planks(width, depth, 17), centre)
+    room.put("Building", building.ceiling(width, depth, HEIGHT), centre)
+    names = ("WallFar", "WallRight", "WallNear", "WallWindows")
+    for index, name in enumerate(names):
+        start, end = corners[index], corners[(index + 1) % 4]
+        look = "AccentPlaster" if name == "WallFar" else "WallPlaster"
+        holes = openings if name == "WallWindows" else []
+        room.put("Building", building.wall(name, start, end, HEIGHT, WALL, look, holes))
+    room.put("Building", building.cornice("Cornice", corners, HEIGHT))
+    door_z = -0.15
+    runs = [[(RIGHT, door_z + 0.527), (RIGHT, NEAR), (LEFT, NEAR), *corners[:2], (RIGHT, door_z - 0.527)]]
+    room.put("Building", building.skirting("Skirting", runs))
+    room.put("Building", building.door("Door"), (RIGHT, 0.0, door_z), (0.0, -90.0, 0.0))
+    room.put("Building", building.switch("Switch"), (RIGHT, 1.08, door_z - 0.72), (0.0, -90.0, 0.0))
+    window = building.window("Window", WINDOW_WIDTH, HEAD - SILL, WALL)
+    for index, z in enumerate(WINDOWS):
+        room.put("Building", window, (LEFT, SILL, z), (0.0, 90.0, 0.0), f"Window{index + 1}")
+        curtains = building.curtain_pair(f"Curtains{index + 1}", WINDOW_WIDTH, 2.66, 60 + 10 * index)
+        room.put("Furnishings", curtains, (LEFT + 0.13, 0.012, z), (0.0, 90.0, 0.0))
+
+
+def _sitting(room: Room) -> None:
+    rug_centre = (-1.55, 0.0, -3.75)
+    room.put("Furnishings", building.rug("Rug"), rug_centre)
+    room.put("Furniture", seating.sofa("Sofa"), (-1.55, 0.0, -5.42))
+    room.put("Furniture", tables.coffee_table("CoffeeTable"), (-1.50, 0.011, -3.95), (0.0, 3.0, 0.0))
+    room.put_template("Furniture", "Armchair", "armchair_01", (-3.35, 0.0, -3.45), (0.0, 62.0, 0.0))
+    room.put_template("Furniture", "Pouf", "pouf_01", (0.22, 0.0, -3.35), (0.0, 20.0, 0.0))
+    room.put("Furniture", tables.floor_lamp("FloorLamp"), (0.02, 0.0, -5.55), (0.0, 25.0, 0.0))
+    room.put("Plants", plants.rubber_plant("RubberPlant"), (-3.75, 0.0, -5.45))
+    for index, (look, x, z, turn, size) in enumerate(
+        (
+            ("Mustard", -2.22, -5.28, (-21.0, 24.0, 0.0), 0.46),
+            ("Cream", -2.02, -5.16, (-24.0, 8.0, 0.0), 0.42),
+            ("Rust", -0.86, -5.24, (-21.0, -20.0, 0.0), 0.46),
+        )
+    ):
+        room.put(
+            "Furnishings", seating.scatter_pillow(f"Pillow{index + 1}", look, size, 40 + index), (x, 0.505, z), turn
+        )
+    room.put("Furnishings", seating.folded_throw("Throw"), (-0.49, 0.615, -5.30), (0.0, 0.0, 0.0))
+    top = 0.412
+    stack = ((5, 0.19, 0.26, 0.030, 8.0), (10, 0.17, 0.24, 0.024, -6.0), (0, 0.14, 0.21, 0.028, 15.0))
+    y = top
+    for index, (spine, width, height, thick, turn) in enumerate(stack):
+        item = small.book(f"TableBook{index + 1}", spine, width, height, thick)
+        room.put("TableThings", item, (-1.86, y, -3.93), (0.0, 90.0 + turn, 0.0))
+        y += thick
+    room.put_template("TableThings", "TableBowl", "bowl_01", (-1.40, top, -4.06))
+    for index, (look, x, y, z) in enumerate(
+        (("Lemon", -1.44, 0.030, -4.08), ("Lemon", -1.36, 0.030, -4.05), ("Apple", -1.40, 0.028, -4.005))
+    ):
+        room.put("TableThings", small.fruit(f"Fruit{index + 1}", look, index + 1), (x, top + y - 0.010, z))
+    room.put_template("TableThings", "TableRemote", "remote_controller_01", (-1.52, top, -3.77), (0.0, 62.0, 0.0))
+    room.put_template("TableThings", "TableCup", "cup_01", (-1.10, top, -3.84), (0.0, -35.0, 0.0))
+    room.put("TableThings", small.candle("TableCandle", 0.10, 0.034), (-1.13, top, -4.05))
+    wall = FAR + 0.001
+    room.put("Pictures", small.picture("Landscape", "Landscape", 1.20, 0.80, "Oak"), (-1.62, 1.62, wall))
+    room.put(
+        "Pictures", small.picture("AbstractWarm", "AbstractWarm", 0.45, 0.60, "Walnut", 0.055), (-2.82, 1.72, wall)
+    )
+    room.put(
+        "Pictures", small.picture("AbstractCool", "AbstractCool", 0.45, 0.60, "Walnut", 0.055), (-3.44, 1.62, wall)
+    )
+
+
+def _dining(room: Room) -> None:
+    x, z, top = 1.95, -2.55, 0.75
+    room.put("Furniture", tables.dining_table("DiningTable"), (x, 0.0, z), (0.0, 90.0, 0.0))
+    seats = ((-0.62, -0.42, 90.0), (-0.66, 0.40, 84.0), (0.62, -0.40, -90.0), (0.70, 0.46, -101.0))
+    for index, (dx, dz, yaw) in enumerate(seats):
+        room.put_template("Furniture", f"Chair{index + 1}", "chair_01", (x + dx, 0.0, z + dz), (0.0, yaw, 0.0))
+    for index, (dx, dz) in enumerate(((-0.25, -0.42), (-0.25, 0.42), (0.25, -0.42), (0.25, 0.42))):
+        room.put_template("TableThings", f"Dish{index + 1}", "dish_01", (x + dx, top, z + dz))
+    room.put_template("TableThings", "Ewer", "ewer_01", (x + 0.04, top, z - 0.05), (0.0, 140.0, 0.0))
+    room.put_template("TableThings", "DiningCup1", "cup_01", (x - 0.16, top, z + 0.68), (0.0, 20.0, 0.0))
+    room.put_template("TableThings", "DiningCup2", "cup_01", (x + 0.15, top, z - 0.68), (0.0, 200.0, 0.0))
+    room.put("TableThings", small.vase("Vase"), (x - 0.03, top, z + 0.30 - 0.12))
+    room.put("Plants", plants.branches("Branches"), (x - 0.03, top + 0.012, z + 0.18))
+    room.put("Furniture", tables.pendant("Pendant", 1.15), (x, HEIGHT, z))
+
+
+def _books(room: Room) -> None:
+    """Two cases against the far wall, each shelf filled from the left, leaning at the end, with gaps for ornaments."""
+    rng = np.random.default_rng(29)
+    case = tables.bookcase("Bookcase")
+    kinds = [
+        (spine, float(rng.uniform(0.125, 0.19)), float(rng.uniform(0.19, 0.27)), float(rng.uniform(0.020, 0.046)))
+        for spine in range(16)
+    ]
+    library = [small.book(f"Book{spine:02}", spine, *size) for spine, *size in kinds]
+    count = 0
+    for case_index, x in enumerate((1.30, 2.52)):
+        z = FAR + 0.152
+        room.put("Furniture", case, (x, 0.0, z), name=f"Bookcase{case_index + 1}")
+        for level, y in enumerate(tables.shelf_heights()[:-1]):
+            at, end = x - 0.555, x + 0.555 - float(rng.uniform(0.05, 0.5))
+            while True:
+                pick = int(rng.integers(16))
+                _, width, height, thick = kinds[pick]
+                if at + thick + 0.004 > end:
+                    break
+                count += 1
+                depth = z + 0.138 - width / 2.0 - float(rng.uniform(0.01, 0.03))
+                place = (at + 0.004, y + 0.012 + height / 2.0, depth)
+                room.put("Books", library[pick], place, (90.0, 0.0, -90.0), name=f"Book{count:03}")
+                at += thick + float(rng.uniform(0.0005, 0.003))
+            middle = (at + x + 0.555) / 2.0
+            if x + 0.555 - at > 0.24:
+                ornament = (
+                    small.vase(f"ShelfVase{count}", "CreamGlaze"),
+                    small.ornament(f"Ornament{count}"),
+                    small.bowl(f"ShelfBowl{count}", "BlueGlaze", 0.09),
+                )[(level + case_index) % 3]
+                room.put("Ornaments", ornament, (middle, y + 0.012, z))
+
+
+def _television(room: Room) -> None:
+    room.put("Furniture", tables.sideboard("Sideboard"), (-1.55, 0.0, NEAR - 0.235), (0.0, 180.0, 0.0))
+    room.put("Furniture", tables.television("Television"), (-1.55, 0.5, NEAR - 0.22), (0.0, 180.0, 0.0))
+    room.put("Plants", plants.rubber_plant("SmallPlant", 0.95, 8), (-3.7, 0.0, 0.35))
+
+
+def _light(room: Room) -> None:
+    room.dome("Sky", 1.0, "afternoon_sky.hdr")
+    room.sun("Sun", SUN, 6.0, (1.0, 0.86, 0.68), 1.2)
+    room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, 16.0, (1.0, 0.60, 0.28))
+    room.bulb("PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, 9.0, (1.0, 0.62, 0.30))
+
+
+def _cameras(room: Room) -> None:
+    room.camera("Main", (3.05, 1.42, 0.55), (-1.55, 1.02, -3.95), fov=52.0, exposure=2.6)
+    # SAILenv's published pose: Unity (-1.5, 2.0, 0.5), pitch 18 down, yaw 12 to the left.
+    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.6, focus=3.6)
+    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.6)
+    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.6)
+    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.6, f_stop=2.8)

@@ -1,0 +1,77 @@
+"""Every texture file by name, and how it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from usd_scenes.author.textures import cloth, images, pictures, sky, wood
+from usd_scenes.author.textures.noise import normals_from_height, spectral
+
+Maker = Callable[[Path], None]
+OAK = (0.42, 0.275, 0.15), (0.235, 0.13, 0.062)
+WALNUT = (0.165, 0.094, 0.052), (0.066, 0.036, 0.021)
+CHESTNUT = (0.33, 0.155, 0.07), (0.15, 0.058, 0.026)
+
+
+def _surface(name: str, make: Callable[[], wood.Surface], roughness: bool = True) -> Maker:
+    def write(folder: Path) -> None:
+        surface = make()
+        images.save_color(folder / f"{name}_color.png", surface.color)
+        images.save_normal(folder / f"{name}_normal.png", surface.normal)
+        if roughness:
+            images.save_raw(folder / f"{name}_roughness.png", surface.roughness)
+
+    return write
+
+
+def _color(name: str, make: Callable[[], np.ndarray]) -> Maker:
+    return lambda folder: images.save_color(folder / f"{name}_color.png", make())
+
+
+def _cloth(name: str, seed: int, color: tuple[float, float, float], threads: int = 64, contrast: float = 0.3) -> Maker:
+    return _surface(name, lambda: cloth.weave(512, seed, 0.16, threads, color, contrast), roughness=False)
+
+
+def _plaster(folder: Path) -> None:
+    """Roller-painted plaster: orange-peel stipple over slow unevenness."""
+    shape = (512, 512)
+    height = 6.0e-5 * spectral(shape, 71, 0.006, slope=1.6) + 4.0e-4 * spectral(shape, 72, 0.12, slope=2.2)
+    images.save_normal(folder / "plaster_normal.png", normals_from_height(height, 512 / 1.2))
+
+
+WARM = [(0.50, 0.16, 0.07), (0.60, 0.40, 0.14), (0.16, 0.06, 0.05), (0.62, 0.45, 0.34)]
+COOL = [(0.09, 0.16, 0.24), (0.40, 0.44, 0.40), (0.55, 0.35, 0.20), (0.05, 0.07, 0.09)]
+
+
+def _sky(folder: Path) -> None:
+    """The sun's place is room_02's: it stands over the left of the garden, out of the windows' sight."""
+    sun = np.array([-0.80, 0.50, 0.33])
+    images.save_hdr(folder / "afternoon_sky.hdr", sky.afternoon(1024, 512, 7, sun / np.linalg.norm(sun)))
+
+
+MAKERS: dict[str, Maker] = {
+    "afternoon_sky": _sky,
+    "plaster": _plaster,
+    "oak": _surface("oak", lambda: wood.boards(1024, 11, 2.4, *OAK)),
+    "oak_board": _surface("oak_board", lambda: wood.board(512, 1024, 23, 1.6, *OAK)),
+    "walnut_board": _surface("walnut_board", lambda: wood.board(512, 1024, 37, 1.6, *WALNUT)),
+    "chestnut_board": _surface("chestnut_board", lambda: wood.board(512, 1024, 41, 1.6, *CHESTNUT)),
+    "linen": _cloth("linen", 51, (0.60, 0.55, 0.46)),
+    "wool": _cloth("wool", 52, (0.40, 0.37, 0.325), threads=40),
+    "mustard": _cloth("mustard", 53, (0.50, 0.29, 0.045), threads=40),
+    "rust": _cloth("rust", 54, (0.34, 0.095, 0.045), threads=40),
+    "cream": _cloth("cream", 55, (0.66, 0.615, 0.53), threads=40),
+    "throw": _cloth("throw", 56, (0.14, 0.19, 0.20), threads=24, contrast=0.5),
+    "leather": _surface("leather", lambda: cloth.leather(512, 61, 0.5, (0.24, 0.092, 0.035))),
+    "rug": _surface("rug", lambda: cloth.rug(1024, 736, 81), roughness=False),
+    "landscape": _color("landscape", lambda: pictures.landscape(768, 512, 91)),
+    "abstract_warm": _color("abstract_warm", lambda: pictures.abstract(384, 512, 92, WARM)),
+    "abstract_cool": _color("abstract_cool", lambda: pictures.abstract(384, 512, 97, COOL)),
+    "spines": _color("spines", lambda: pictures.spines(1024, 93, 16)),
+    "pages": _color("pages", lambda: pictures.pages(128, 94)),
+    "screen": _color("screen", lambda: pictures.screen(512, 320, 95)),
+    "scribble": _color("scribble", lambda: pictures.scribble(512, 96)),
+}

@@ -1,0 +1,157 @@
+"""Paintings, book covers and pages, a laptop's screen, a ball: images that are the thing itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usd_scenes.author.textures.noise import mix, smoothstep, spectral
+
+Array = NDArray[np.float64]
+
+
+def landscape(width: int, height: int, seed: int) -> Array:
+    """An oil sketch: hills in haze under an evening sky, with a lake, in visible brush strokes."""
+    shape = (height, width)
+    y, x = np.mgrid[0:height, 0:width]
+    stroke = 0.020 * spectral(shape, seed, (0.012, 0.06), slope=1.4)
+    v = 1.0 - (y + 0.5) / height + stroke
+    u = (x + 0.5) / width + np.roll(stroke, 11, axis=1)
+    sky = mix(np.broadcast_to((0.72, 0.42, 0.20), (*shape, 3)), (0.16, 0.28, 0.42), smoothstep(0.45, 1.0, v))
+    clouds = spectral(shape, seed + 1, (0.05, 0.22), slope=1.6)
+    picture = mix(sky, (0.80, 0.60, 0.42), 0.75 * smoothstep(0.3, 1.6, clouds) * smoothstep(0.45, 0.7, v))
+    glow = np.exp(-(((u - 0.66) / 0.16) ** 2) - ((v - 0.52) / 0.07) ** 2)
+    picture = mix(picture, (0.92, 0.70, 0.36), glow)
+    rng = np.random.default_rng(seed)
+    for layer, (level, tone) in enumerate(
+        [
+            (0.50, (0.26, 0.27, 0.33)),
+            (0.43, (0.14, 0.18, 0.22)),
+            (0.35, (0.075, 0.11, 0.085)),
+            (0.16, (0.06, 0.065, 0.03)),
+        ]
+    ):
+        phases = rng.uniform(0.0, 2.0 * np.pi, 6)
+        ridge = level + sum(0.05 / (n + 1) * np.sin((n + 1.3) * 3.1 * u + phases[n]) for n in range(6)) * (
+            1 - 0.1 * layer
+        )
+        picture = mix(picture, tone, smoothstep(-0.008, 0.008, ridge - v))
+    lake = smoothstep(0.27, 0.255, v) * smoothstep(0.14, 0.15, v + 0.04 * np.sin(5.0 * u + 1.0))
+    picture = mix(picture, (0.45, 0.38, 0.33), 0.8 * lake * smoothstep(-1.0, 1.0, np.roll(clouds, 30, axis=0)))
+    strokes = spectral(shape, seed + 5, (0.008, 0.035), slope=1.2)
+    return np.asarray(picture * np.exp(0.13 * strokes)[..., None]).clip(0.02, 0.85)
+
+
+def abstract(width: int, height: int, seed: int, palette: list[tuple[float, float, float]]) -> Array:
+    """Soft-edged fields of colour and a few arcs on a pale ground, on paper."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0:height, 0:width]
+    u, v = (x + 0.5) / height, (y + 0.5) / height
+    grain = spectral((height, width), seed, 0.02, slope=1.2)
+    edge = 0.010 * spectral((height, width), seed + 1, 0.05, slope=1.6)
+    picture = np.broadcast_to((0.70, 0.66, 0.58), (height, width, 3))
+    for index, color in enumerate(palette):
+        cx, cy = rng.uniform(0.15, 0.85) * width / height, 0.14 + 0.72 * (index + 0.5) / len(palette)
+        a, b, turn = rng.uniform(0.16, 0.34), rng.uniform(0.10, 0.22), rng.uniform(-0.6, 0.6)
+        p = np.cos(turn) * (u - cx) + np.sin(turn) * (v - cy)
+        q = -np.sin(turn) * (u - cx) + np.cos(turn) * (v - cy)
+        inside = 1.0 - ((np.abs(p) / a) ** 2.6 + (np.abs(q) / b) ** 2.6) + edge * 4.0
+        picture = mix(picture, color, 0.93 * smoothstep(-0.03, 0.03, inside))
+    for _ in range(3):
+        cx, cy, radius = rng.uniform(0.2, 0.8) * width / height, rng.uniform(0.2, 0.8), rng.uniform(0.12, 0.36)
+        ring = np.abs(np.hypot(u - cx, v - cy) + 0.5 * edge - radius)
+        start = np.arctan2(v - cy, u - cx) > rng.uniform(-2.5, 0.5)
+        picture = mix(picture, (0.035, 0.035, 0.04), smoothstep(0.007, 0.004, ring) * start)
+    return np.asarray(picture * np.exp(0.035 * grain)[..., None]).clip(0.02, 0.85)
+
+
+def spines(size: int, seed: int, count: int) -> Array:
+    """`count` book spines side by side: cloth in a colour, bands, and a title as a worn foil texture."""
+    rng = np.random.default_rng(seed)
+    cloths = [
+        (0.30, 0.055, 0.045), (0.05, 0.085, 0.17), (0.055, 0.12, 0.085), (0.42, 0.30, 0.13), (0.60, 0.55, 0.46),
+        (0.045, 0.045, 0.05), (0.36, 0.15, 0.055), (0.12, 0.20, 0.24), (0.50, 0.42, 0.30), (0.20, 0.045, 0.09),
+        (0.68, 0.64, 0.57), (0.16, 0.19, 0.12), (0.085, 0.055, 0.045), (0.55, 0.22, 0.10), (0.26, 0.31, 0.35),
+        (0.62, 0.48, 0.20),
+    ]  # fmt: skip
+    edges = np.round(np.linspace(0, size, count + 1)).astype(int)
+    picture = np.zeros((size, size, 3))
+    for index in range(count):
+        width = int(edges[index + 1] - edges[index])
+        y, x = np.mgrid[0:size, 0:width]
+        v, u = 1.0 - (y + 0.5) / size, (x + 0.5) / width
+        cloth = np.array(cloths[index % len(cloths)])
+        dark = cloth.mean() < 0.25
+        foil = (
+            np.array((0.62, 0.47, 0.20))
+            if dark and rng.random() < 0.6
+            else np.array((0.66, 0.62, 0.54) if dark else (0.06, 0.05, 0.05))
+        )
+        spine = np.broadcast_to(cloth, (size, width, 3))
+        worn = smoothstep(-0.5, 0.8, spectral((size, width), seed + index, 0.05, slope=1.0))
+        ink = np.zeros((size, width))
+        for level in (0.06, 0.085, 0.90) if rng.random() < 0.6 else (0.94,):
+            ink = np.maximum(ink, np.abs(v - level) < 0.004)
+        low, high = (0.42, 0.84) if rng.random() < 0.7 else (0.3, 0.7)
+        letters = np.repeat(rng.random(60) < 0.78, 2)[(v * 119).astype(int)]
+        strokes = np.repeat(rng.random((120, 5)) < 0.62, 1, axis=0)[(v * 119).astype(int), (u * 4.999).astype(int)]
+        ink = np.maximum(ink, letters * strokes * (v > low) * (v < high) * (np.abs(u - 0.5) < 0.24))
+        ink = np.maximum(ink, (np.hypot((v - 0.14) * size / width / 4.2, u - 0.5) < 0.16) * 1.0)
+        fade = np.exp(0.05 * spectral((size, width), seed + 50 + index, 0.2, slope=1.2))
+        picture[:, edges[index] : edges[index + 1]] = mix(spine, foil, ink * (0.55 + 0.4 * worn)) * fade[..., None]
+    return picture
+
+
+def pages(size: int, seed: int) -> Array:
+    """The cut edge of a block of paper; the sheets lie along u."""
+    sheets = spectral((size, size), seed, (0.006, 3.0), slope=0.8)
+    return np.asarray((0.66, 0.60, 0.49) * np.exp(0.10 * sheets)[..., None])
+
+
+def screen(width: int, height: int, seed: int) -> Array:
+    """A desktop: a gradient of dunes with a dock of icons; linear, also used as emission."""
+    y, x = np.mgrid[0:height, 0:width]
+    u, v = (x + 0.5) / width, 1.0 - (y + 0.5) / height
+    picture = mix(np.broadcast_to((0.62, 0.30, 0.14), (height, width, 3)), (0.05, 0.16, 0.38), smoothstep(0.3, 1.0, v))
+    rng = np.random.default_rng(seed)
+    for layer in range(5):
+        level, phase = 0.52 - 0.11 * layer, rng.uniform(0.0, 6.3)
+        ridge = level + 0.07 * np.sin(3.0 * u + phase) + 0.04 * np.sin(7.0 * u - 1.7 * phase)
+        tone = mix((0.30, 0.14, 0.20), (0.02, 0.05, 0.13), np.full((height, width), layer / 4.0))
+        picture = mix(picture, tone, smoothstep(-0.004, 0.004, ridge - v))
+    dock = (np.abs(u - 0.5) < 0.30) * (v > 0.03) * (v < 0.115)
+    picture = mix(picture, (0.55, 0.57, 0.60), 0.45 * dock)
+    icons = [
+        (0.75, 0.12, 0.08),
+        (0.08, 0.35, 0.75),
+        (0.10, 0.55, 0.20),
+        (0.80, 0.60, 0.08),
+        (0.45, 0.15, 0.60),
+        (0.7, 0.7, 0.7),
+    ]
+    for index, color in enumerate(icons):
+        centre = 0.5 + (index - 2.5) * 0.09
+        inside = np.maximum(np.abs(u - centre) * width / height, np.abs(v - 0.0725)) < 0.030
+        picture = mix(picture, color, inside * 1.0)
+    bar = v > 0.968
+    return np.asarray(mix(picture, (0.04, 0.04, 0.05), 0.7 * bar))
+
+
+def scribble(size: int, seed: int) -> Array:
+    """A child's painting on white cotton: a yellow disc and brush lines in red, blue and green."""
+    y, x = np.mgrid[0:size, 0:size]
+    wobble = 0.012 * spectral((size, size), seed, 0.08, slope=1.6)
+    u, v = (x + 0.5) / size + wobble, (y + 0.5) / size + np.roll(wobble, 9, axis=0)
+    picture = np.broadcast_to((0.70, 0.68, 0.63), (size, size, 3))
+    picture = mix(picture, (0.74, 0.55, 0.03), smoothstep(0.19, 0.18, np.hypot(u - 0.42, v - 0.67)))
+    rng = np.random.default_rng(seed)
+    colors = [(0.60, 0.035, 0.03), (0.035, 0.07, 0.42), (0.04, 0.30, 0.07), (0.60, 0.035, 0.03), (0.35, 0.05, 0.33)] * 2
+    for color in colors:
+        start, end = rng.uniform(0.05, 0.95, 2), rng.uniform(0.05, 0.95, 2)
+        bend, width = rng.normal(0.0, 0.25, 2), rng.uniform(0.012, 0.024)
+        nearest = np.full((size, size), 9.0)
+        for t in np.linspace(0.0, 1.0, 48):
+            point = start + t * (end - start) + np.sin(np.pi * t) * bend
+            nearest = np.minimum(nearest, np.hypot(u - point[0], v - point[1]))
+        picture = mix(picture, color, 0.92 * smoothstep(width + 0.004, width - 0.004, nearest))
+    return np.asarray(picture)

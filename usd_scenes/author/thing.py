@@ -1,0 +1,54 @@
+"""What furniture and templates are made of: named parts, each a mesh with a look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from usd_scenes.author.mesh import Array, Mesh, merged
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A mesh with one material. look: a name in `looks.LOOKS`."""
+
+    name: str
+    mesh: Mesh
+    look: str
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """An object with an identity of its own. label: its semantic class."""
+
+    name: str
+    label: str
+    parts: tuple[Part, ...]
+
+    @property
+    def bounds(self) -> Array:
+        """[2, 3], m."""
+        boxes = np.array([part.mesh.bounds for part in self.parts])
+        return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+    @property
+    def triangles(self) -> int:
+        return sum(part.mesh.triangles for part in self.parts)
+
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Thing:
+        return replace(self, parts=tuple(replace(part, mesh=part.mesh.moved(x, y, z)) for part in self.parts))
+
+    def turned(self, axis: str, degrees: float) -> Thing:
+        return replace(self, parts=tuple(replace(part, mesh=part.mesh.turned(axis, degrees)) for part in self.parts))
+
+    def centred(self) -> Thing:
+        """With the centre of its bounding box at the origin."""
+        return self.moved(*(-self.bounds.mean(axis=0)))
+
+
+def thing(name: str, label: str, *parts: tuple[str, str, Mesh | Iterable[Mesh]]) -> Thing:
+    """A Thing from (part name, look, mesh or meshes)."""
+    built = tuple(Part(part, mesh if isinstance(mesh, Mesh) else merged(mesh), look) for part, look, mesh in parts)
+    return Thing(name, label, built)

@@ -1,0 +1,1 @@
+"""Furniture, clutter and plants: each function builds one Thing, standing on y = 0 about x = z = 0, facing +z."""

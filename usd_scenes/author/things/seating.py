@@ -1,0 +1,190 @@
+"""Chair, sofa, armchair."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usd_scenes.author.mesh import Array, Mesh, merged
+from usd_scenes.author.shapes import curve, cylinder, rectangle, rounded_box, sweep
+from usd_scenes.author.soft import cushion, pillow, throw, wrinkles
+from usd_scenes.author.thing import Thing, thing
+
+
+def chair(name: str) -> Thing:
+    """A dining chair, 0.90 m: turned-out legs, a dished seat, three back slats between raked posts."""
+    seat = rounded_box((0.44, 0.026, 0.42), 0.010, 3, (14, 1, 14), grain=2)
+
+    def dish(points: Array) -> Array:
+        x, z = points[:, 0] / 0.22, points[:, 2] / 0.21
+        bent = points.copy()
+        bent[:, 0] *= 1.0 + 0.06 * z
+        bent[:, 1] -= 0.010 * (1.0 - x**2).clip(0.0) * (1.0 - z**2).clip(0.0) * (points[:, 1] > 0.0)
+        return bent
+
+    legs = [
+        sweep(
+            [[side * 0.175, 0.432, 0.165], [side * 0.200, 0.0, 0.190]],
+            rectangle(0.036, 0.036, 0.008),
+            scale=[1.0, 0.62],
+            up=(0.0, 0.0, 1.0),
+        )
+        for side in (-1.0, 1.0)
+    ]
+    for side in (-1.0, 1.0):
+        post = curve(
+            [
+                [side * 0.195, 0.0, -0.235],
+                [side * 0.185, 0.42, -0.185],
+                [side * 0.182, 0.66, -0.200],
+                [side * 0.180, 0.895, -0.262],
+            ],
+            14,
+        )
+        legs.append(
+            sweep(
+                post,
+                rectangle(0.030, 0.038, 0.008),
+                np.interp(np.linspace(0, 1, 14), [0, 0.5, 1], [0.75, 1.0, 0.72]),
+                up=(0.0, 0.0, 1.0),
+            )
+        )
+    rails = [
+        rounded_box((0.345, 0.055, 0.018), 0.004).moved(0.0, 0.398, 0.170),
+        rounded_box((0.345, 0.055, 0.018), 0.004).moved(0.0, 0.398, -0.180),
+        rounded_box((0.018, 0.055, 0.330), 0.004).moved(-0.176, 0.398, -0.005),
+        rounded_box((0.018, 0.055, 0.330), 0.004).moved(0.176, 0.398, -0.005),
+        sweep([[-0.192, 0.20, 0.178], [-0.192, 0.20, -0.205]], rectangle(0.018, 0.022, 0.006)),
+        sweep([[0.192, 0.20, 0.178], [0.192, 0.20, -0.205]], rectangle(0.018, 0.022, 0.006)),
+    ]
+    slats = [
+        _slat(height, depth, tall)
+        for height, depth, tall in ((0.600, -0.196, 0.045), (0.715, -0.213, 0.050), (0.850, -0.247, 0.075))
+    ]
+    return thing(
+        name,
+        "chair",
+        ("Seat", "Chestnut", seat.deformed(dish).moved(0.0, 0.437, 0.0)),
+        ("Frame", "Chestnut", [*legs, *rails]),
+        ("Back", "Chestnut", slats),
+    )
+
+
+def _slat(height: float, depth: float, tall: float) -> Mesh:
+    """A back slat, bowed backwards between the posts and raked with them."""
+    slat = rounded_box((0.366, tall, 0.016), 0.005, 2, (12, 1, 1))
+
+    def bow(points: Array) -> Array:
+        bent = points.copy()
+        bent[:, 2] -= 0.026 * (1.0 - (points[:, 0] / 0.183) ** 2)
+        bent[:, 1] += 0.010 * (tall > 0.06) * (1.0 - (points[:, 0] / 0.183) ** 2) * (points[:, 1] > 0.0)
+        return bent
+
+    return slat.deformed(bow).turned("x", 10.0).moved(0.0, height, depth)
+
+
+def sofa(name: str, width: float = 2.30) -> Thing:
+    """A three-seat sofa, 0.95 m deep: loose seat and back cushions between upholstered arms, on oak legs."""
+    arm, depth, seat_height = 0.19, 0.95, 0.43
+    inner = width - 2.0 * arm
+    body = [_upholstered((width - 0.02, 0.20, depth - 0.04), 1).moved(0.0, 0.235, 0.0)]
+    body += [
+        _upholstered((arm, 0.47, depth), 2 + side).moved((width - arm) / 2.0 * side, 0.370, 0.0) for side in (-1, 1)
+    ]
+    body.append(_upholstered((inner + 0.02, 0.60, 0.20), 5).turned("x", -6.0).moved(0.0, 0.47, -depth / 2.0 + 0.115))
+    third = inner / 3.0
+    seats = [
+        cushion(third - 0.008, 0.15, 0.70, 10 + i, 0.022).moved((i - 1) * third, seat_height - 0.015, 0.115)
+        for i in range(3)
+    ]
+    backs = [
+        cushion(third - 0.014, 0.17, 0.46, 20 + i, 0.040, 0.05)
+        .turned("x", 90.0)
+        .turned("x", -13.0 + 1.5 * (i - 1))
+        .moved((i - 1) * third, 0.685, -0.185)
+        for i in range(3)
+    ]
+    legs = [
+        cylinder(0.022, 0.14, 0.004, 20).moved(x * (width / 2.0 - 0.10), 0.07, z * (depth / 2.0 - 0.09))
+        for x in (-1.0, 1.0)
+        for z in (-1.0, 1.0)
+    ]
+    return thing(
+        name,
+        "sofa",
+        ("Body", "SofaWool", body),
+        ("Seats", "SofaWool", seats),
+        ("Backs", "SofaWool", backs),
+        ("Legs", "Walnut", legs),
+    )
+
+
+def _upholstered(size: tuple[float, float, float], seed: int) -> Mesh:
+    divisions = tuple(max(2, round(length / 0.09)) for length in size)
+    box = rounded_box(size, 0.032, 3, divisions)  # type: ignore[arg-type]
+
+    def pad(points: Array) -> Array:
+        q = 2.0 * points / np.array(size)
+        fullness = 0.007 * (1.0 - np.abs(q) ** 4).clip(0.0)
+        others = np.stack(
+            [fullness[:, 1] * fullness[:, 2], fullness[:, 0] * fullness[:, 2], fullness[:, 0] * fullness[:, 1]], axis=-1
+        )
+        return points + np.sign(q) * others / 0.007 + 0.0015 * wrinkles(points, seed, 0.35)[:, None]
+
+    return box.deformed(pad)
+
+
+def armchair(name: str) -> Thing:
+    """A lounge chair in leather: a walnut frame with bent arms, one deep cushion each for seat and back."""
+    frame = []
+    for side in (-1.0, 1.0):
+        x = 0.345 * side
+        leg_front = [[x, 0.0, 0.36], [x, 0.30, 0.335], [x, 0.55, 0.315]]
+        leg_back = [[x, 0.0, -0.40], [x, 0.28, -0.345], [x, 0.55, -0.325]]
+        frame += [
+            sweep(curve(leg, 10), rectangle(0.034, 0.046, 0.009), [0.66] + [0.9] * 4 + [1.0] * 5, up=(0.0, 0.0, 1.0))
+            for leg in (leg_front, leg_back)
+        ]
+        arm_line = curve([[x, 0.560, 0.385], [x, 0.578, 0.20], [x, 0.568, -0.15], [x, 0.545, -0.40]], 16)
+        frame.append(
+            sweep(
+                arm_line, rectangle(0.075, 0.026, 0.010), np.interp(np.linspace(0, 1, 16), [0, 0.3, 1], [0.9, 1.0, 0.7])
+            )
+        )
+        frame.append(sweep([[x, 0.285, 0.335], [x, 0.215, -0.345]], rectangle(0.026, 0.055, 0.006)))
+    frame += [rounded_box((0.66, 0.055, 0.026), 0.006).moved(0.0, y, z) for y, z in ((0.285, 0.325), (0.225, -0.335))]
+    tilt = -22.0
+    for height in (0.06, 0.27, 0.47):
+        frame.append(
+            rounded_box((0.66, 0.050, 0.020), 0.005)
+            .moved(0.0, height, -0.075)
+            .turned("x", tilt)
+            .moved(0.0, 0.335, -0.285)
+        )
+    for side in (-1.0, 1.0):
+        post = sweep(
+            [[0.318 * side, -0.12, -0.075], [0.318 * side, 0.50, -0.075]],
+            rectangle(0.030, 0.034, 0.007),
+            up=(0.0, 0.0, 1.0),
+        )
+        frame.append(post.turned("x", tilt).moved(0.0, 0.335, -0.285))
+    seat = cushion(0.62, 0.13, 0.66, 31, 0.022, 0.045).turned("x", -5.5).moved(0.0, 0.345, 0.025)
+    back = cushion(0.62, 0.13, 0.56, 32, 0.026, 0.045).turned("x", 90.0 + tilt).moved(0.0, 0.64, -0.300)
+    return thing(name, "armchair", ("Frame", "Walnut", frame), ("Seat", "Leather", seat), ("Back", "Leather", back))
+
+
+def scatter_pillow(name: str, look: str, size: float, seed: int) -> Thing:
+    """A square pillow standing upright."""
+    return thing(
+        name, "pillow", ("Cover", look, pillow(size, size, 0.15, seed, piping=0.004).moved(0.0, size / 2.0, 0.0))
+    )
+
+
+def folded_throw(name: str) -> Thing:
+    """A throw over a sofa's arm: its ridge at y = 0."""
+    return thing(name, "blanket", ("Wool", "ThrowWool", throw(0.42, 0.9, 0.108, 0.27, 7)))
+
+
+def pouf(name: str) -> Thing:
+    """A knitted pouf: a squashed ball of wool in lobes."""
+    body = cushion(0.50, 0.36, 0.50, 33, 0.03, 0.17)
+    return thing(name, "pouf", ("Cover", "Rust", merged([body]).moved(0.0, 0.19, 0.0)))

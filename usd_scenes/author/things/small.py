@@ -1,0 +1,410 @@
+"""Small things: tableware, books, pictures, what lies about. Each stands on y = 0 about x = z = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from usd_scenes.author.mesh import Array, Mesh, grid, merged
+from usd_scenes.author.shapes import (
+    circle,
+    curve,
+    cylinder,
+    fillet,
+    lathe,
+    moulding,
+    rectangle,
+    rounded_box,
+    sphere,
+    sweep,
+)
+from usd_scenes.author.thing import Thing, thing
+
+
+def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> Mesh:
+    """A vessel with a round lip: its outside profile from the foot's centre to the rim, (radius, height)."""
+    outer = np.asarray(outside, dtype=np.float64)
+    tangent = np.gradient(outer, axis=0)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    inner = outer + normal * thickness
+    inner = inner[(inner[:, 0] > 0.0) & (inner[:, 1] > outer[0, 1] + 0.5 * thickness)]
+    inner = np.concatenate([[[0.0, inner[0, 1]]], inner])
+    middle, half = (outer[-1] + inner[-1]) / 2.0, (outer[-1] - inner[-1]) / 2.0
+    along = np.array([-half[1], half[0]])
+    if along @ tangent[-1] < 0.0:
+        along = -along
+    lip = [middle + np.cos(a) * half + np.sin(a) * along for a in np.linspace(0.0, np.pi, 7)[1:-1]]
+    return lathe(np.concatenate([outer, lip, inner[::-1]]), segments)
+
+
+def dish(name: str) -> Thing:
+    """A dinner plate, 0.27 m, with a blue band under the rim."""
+    profile = fillet(
+        [[0.0, 0.003], [0.070, 0.003], [0.074, 0.0], [0.080, 0.0], [0.084, 0.006], [0.096, 0.012], [0.134, 0.024]],
+        0.006,
+        3,
+    )
+    band = lathe([[0.1305, 0.0272], [0.1215, 0.0240]], 72)
+    return thing(name, "dish", ("Plate", "Porcelain", shell(profile, 0.0045, 72)), ("Band", "BlueGlaze", band))
+
+
+def bowl(name: str, look: str = "Stoneware", radius: float = 0.14) -> Thing:
+    """A wide bowl on a foot."""
+    r = radius
+    profile = curve(
+        [
+            [0.0, 0.006],
+            [0.32 * r, 0.006],
+            [0.36 * r, 0.0],
+            [0.42 * r, 0.002],
+            [0.62 * r, 0.10 * r],
+            [0.88 * r, 0.32 * r],
+            [r, 0.62 * r],
+        ],
+        30,
+    )
+    return thing(name, "bowl", ("Bowl", look, shell(profile, 0.006)))
+
+
+def cup(name: str) -> Thing:
+    """A mug, 0.095 m, with a handle."""
+    profile = fillet([[0.0, 0.004], [0.030, 0.004], [0.033, 0.0], [0.040, 0.004], [0.042, 0.095]], 0.006, 4)
+    loop = curve(
+        [[0.040, 0.078, 0.0], [0.060, 0.081, 0.0], [0.072, 0.062, 0.0], [0.066, 0.038, 0.0], [0.040, 0.022, 0.0]], 24
+    )
+    handle = sweep(loop, rectangle(0.012, 0.008, 0.0038, 3), up=(0.0, 0.0, 1.0))
+    return thing(name, "cup", ("Cup", "BlueGlaze", [shell(_dense(profile), 0.0035, 48), handle]))
+
+
+def _dense(profile: Array, step: float = 0.008) -> Array:
+    """With points no farther apart than `step`, so that an offset keeps to the shape."""
+    pieces = []
+    for a, b in pairwise(profile):
+        count = max(1, int(np.linalg.norm(b - a) / step))
+        pieces.append(a + (b - a) * np.arange(count)[:, None] / count)
+    return np.concatenate([*pieces, profile[-1:]])
+
+
+def ewer(name: str) -> Thing:
+    """A glazed jug with spout, lid and handle, 0.26 m: what SAILenv called a ewer."""
+    outline = curve(
+        [
+            [0.0, 0.006],
+            [0.050, 0.004],
+            [0.058, 0.0],
+            [0.072, 0.018],
+            [0.098, 0.075],
+            [0.096, 0.120],
+            [0.066, 0.168],
+            [0.052, 0.200],
+            [0.058, 0.222],
+        ],
+        44,
+    )
+    lid = lathe(
+        curve(
+            [
+                [0.056, 0.221],
+                [0.054, 0.229],
+                [0.034, 0.240],
+                [0.010, 0.246],
+                [0.009, 0.254],
+                [0.016, 0.264],
+                [0.010, 0.274],
+                [0.0, 0.276],
+            ],
+            32,
+        ),
+        48,
+    )
+    spout_line = curve(
+        [[0.080, 0.070, 0.0], [0.120, 0.092, 0.0], [0.142, 0.142, 0.0], [0.152, 0.192, 0.0], [0.172, 0.214, 0.0]], 26
+    )
+    spout = sweep(spout_line, circle(0.022, 20), np.linspace(1.15, 0.50, 26), up=(0.0, 0.0, 1.0), bevel=0.003)
+    handle_line = curve(
+        [[-0.050, 0.204, 0.0], [-0.095, 0.222, 0.0], [-0.135, 0.190, 0.0], [-0.138, 0.130, 0.0], [-0.088, 0.070, 0.0]],
+        30,
+    )
+    handle = sweep(handle_line, rectangle(0.020, 0.013, 0.006, 3), up=(0.0, 0.0, 1.0))
+    return thing(
+        name,
+        "ewer",
+        ("Body", "CreamGlaze", [shell(outline, 0.004), spout, handle]),
+        ("Lid", "CreamGlaze", lid),
+    )
+
+
+def vase(name: str, look: str = "Terracotta") -> Thing:
+    profile = curve(
+        [
+            [0.0, 0.004],
+            [0.045, 0.003],
+            [0.052, 0.0],
+            [0.075, 0.05],
+            [0.088, 0.12],
+            [0.060, 0.20],
+            [0.034, 0.245],
+            [0.044, 0.285],
+        ],
+        40,
+    )
+    return thing(name, "vase", ("Vase", look, shell(profile, 0.005)))
+
+
+def candle(name: str, height: float = 0.14, radius: float = 0.036) -> Thing:
+    wax = lathe(
+        fillet(
+            [[0.0, 0.0], [radius, 0.0], [radius, height], [radius * 0.7, height - 0.006], [0.0, height - 0.008]],
+            0.005,
+            3,
+        ),
+        36,
+    )
+    wick = sweep(
+        curve([[0.0, height - 0.01, 0.0], [0.001, height + 0.004, 0.0], [0.004, height + 0.011, 0.001]], 6),
+        circle(0.0012, 6),
+        up=(0, 0, 1),
+        bevel=0.0,
+    )
+    return thing(name, "candle", ("Wax", "Candle", wax), ("Wick", "BlackPlastic", wick))
+
+
+def book(name: str, spine: int, width: float, height: float, thick: float) -> Thing:
+    """A hardback lying on its back cover, spine towards -x: height along z, width along x. spine: 0..15 of the sheet.
+
+    The boards take their colour from the spine's column of the sheet, at a place above its print.
+    """
+    board = 0.0025
+    u0, u1 = spine / 16.0 + 0.004, (spine + 1) / 16.0 - 0.004
+    boards = []
+    for y in (board / 2.0, thick - board / 2.0):
+        box = rounded_box((width, board, height), 0.0009).moved(0.0, y, 0.0)
+        u = u0 + (box.points[:, 0] / width + 0.5) * (u1 - u0)
+        boards.append(replace(box, uv=np.stack([u, 0.96 + 0.02 * box.points[:, 2] / height], axis=-1)))
+    angle = np.linspace(-0.95, 0.95, 9)
+    bulge = 0.006 * (np.cos(angle) - np.cos(0.95)) / (1.0 - np.cos(0.95))
+    points, uv = np.zeros((2, 9, 3)), np.zeros((2, 9, 2))
+    points[..., 0] = -width / 2.0 - bulge
+    points[..., 1] = thick / 2.0 * (1.0 + np.sin(angle) / np.sin(0.95))
+    points[:, :, 2] = np.array([[height], [-height]]) / 2.0
+    uv[..., 0], uv[0, :, 1], uv[1, :, 1] = np.linspace(u1, u0, 9), 0.003, 0.997
+    back = grid(points, uv)
+    block = rounded_box((width - 0.006, thick - 2.0 * board, height - 0.008), 0.001, grain=2)
+    pages = block.moved(-0.002, thick / 2.0, 0.0)
+    return thing(name, "book", ("Cover", "Spines", [*boards, back]), ("Pages", "Pages", pages))
+
+
+def remote(name: str) -> Thing:
+    """A remote control, 0.17 m, with keys in rows."""
+    body = rounded_box((0.045, 0.018, 0.170), 0.007, 3).moved(0.0, 0.009, 0.0)
+    keys = [
+        rounded_box((0.008, 0.003, 0.006), 0.0012).moved((i - 1) * 0.012, 0.0185, -0.02 + j * 0.0125)
+        for i in range(3)
+        for j in range(7)
+    ]
+    ring = lathe(fillet([[0.008, 0.0], [0.015, 0.0], [0.015, 0.002], [0.008, 0.002]], 0.0008, 2), 24).moved(
+        0.0, 0.018, -0.045
+    )
+    power = cylinder(0.0045, 0.003, 0.001, 16).moved(-0.012, 0.0185, -0.072)
+    return thing(
+        name,
+        "remote control",
+        ("Body", "BlackPlastic", body),
+        ("Keys", "GreyPlastic", [*keys, ring]),
+        ("Power", "RedButton", power),
+    )
+
+
+def fruit(name: str, look: str, seed: int) -> Thing:
+    """A lemon or an apple."""
+    if look == "Lemon":
+        profile = [
+            [0.0, 0.0],
+            [0.006, 0.002],
+            [0.010, 0.008],
+            [0.024, 0.022],
+            [0.028, 0.042],
+            [0.022, 0.062],
+            [0.009, 0.076],
+            [0.005, 0.083],
+            [0.0, 0.085],
+        ]
+        body = (
+            lathe(curve(profile, 30), 28)
+            .moved(0.0, -0.042)
+            .turned("z", 82.0)
+            .turned("y", 47.0 * seed)
+            .moved(0.0, 0.028)
+        )
+        return thing(name, "lemon", ("Fruit", look, body))
+    profile = [
+        [0.0, 0.006],
+        [0.012, 0.001],
+        [0.028, 0.008],
+        [0.039, 0.035],
+        [0.036, 0.058],
+        [0.020, 0.072],
+        [0.006, 0.066],
+        [0.0, 0.061],
+    ]
+    stalk = sweep(
+        curve([[0.0, 0.06, 0.0], [0.001, 0.075, 0.0], [0.006, 0.086, 0.002]], 6),
+        circle(0.0014, 6),
+        up=(0, 0, 1),
+        bevel=0.0,
+    )
+    return thing(name, "apple", ("Fruit", look, lathe(curve(profile, 30), 32)), ("Stalk", "Bark", stalk))
+
+
+def picture(name: str, look: str, width: float, height: float, frame: str = "Oak", mat: float = 0.0) -> Thing:
+    """A framed picture facing +z, its back on z = 0, centred on the origin; mat: width of a paper border, m."""
+    face = 0.022
+    profile = fillet([[0.0, 0.0], [0.0, 0.030], [-face, 0.026], [-face, 0.006]], 0.0025, 2)
+    corners = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) * (width / 2.0 + face, height / 2.0 + face)
+    path = np.concatenate([corners, np.zeros((4, 1))], axis=1)
+    border = moulding(path[::-1], profile, up=(0.0, 0.0, 1.0), closed=True)
+    parts: list[tuple[str, str, Mesh | Sequence[Mesh]]] = [("Frame", frame, border)]
+    w, h = width / 2.0 + 0.004, height / 2.0 + 0.004
+    if mat > 0.0:
+        parts.append(("Mat", "Paper", _quad(w, h, 0.010)))
+        w, h = width / 2.0 - mat, height / 2.0 - mat
+    parts.append(("Picture", look, _quad(w, h, 0.012, unit=True)))
+    return thing(name, "painting", *parts)
+
+
+def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -> Mesh:
+    points = np.array(
+        [
+            [[-half_width, -half_height, z], [half_width, -half_height, z]],
+            [[-half_width, half_height, z], [half_width, half_height, z]],
+        ]
+    )
+    uv = np.array([[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [1.0, 1.0]]])
+    return grid(points, uv if unit else points[..., :2])
+
+
+def laptop(name: str) -> Thing:
+    """A laptop, 0.33 m wide, open to 108°: keyboard, trackpad and a bright screen."""
+    base = rounded_box((0.33, 0.014, 0.228), 0.006, 2).moved(0.0, 0.007, 0.0)
+    well = rounded_box((0.286, 0.002, 0.108), 0.001).moved(0.0, 0.0135, -0.038)
+    keys = []
+    for row, counts in enumerate((14, 14, 13, 12, 11)):
+        pitch = 0.276 / counts
+        for column in range(counts):
+            x = -0.138 + (column + 0.5) * pitch
+            keys.append(_key(pitch - 0.0030, 0.0160).moved(x, 0.0145, -0.080 + row * 0.0190))
+    for x, width in ((-0.112, 0.049), (-0.0715, 0.026), (0.0, 0.110), (0.0715, 0.026), (0.112, 0.049)):
+        keys.append(_key(width, 0.0160).moved(x, 0.0145, 0.0150))
+    pad = rounded_box((0.110, 0.001, 0.062), 0.0005).moved(0.0, 0.0142, 0.066)
+    lid = rounded_box((0.33, 0.222, 0.006), 0.0028, 2).moved(0.0, 0.111, 0.0)
+    bezel = rounded_box((0.318, 0.210, 0.001), 0.0005).moved(0.0, 0.112, 0.0030)
+    display = _quad(0.152, 0.095, 0.0038, unit=True).moved(0.0, 0.113, 0.0)
+    hinge = sweep([[-0.12, 0.013, -0.112], [0.12, 0.013, -0.112]], circle(0.005, 12))
+
+    def open_lid(mesh: Mesh) -> Mesh:
+        return mesh.turned("x", -18.0).moved(0.0, 0.013, -0.112)
+
+    return thing(
+        name,
+        "laptop",
+        ("Case", "Aluminium", [base, open_lid(lid)]),
+        ("Keyboard", "Keys", [*keys, hinge]),
+        ("Bezel", "ScreenOff", [well, open_lid(bezel)]),
+        ("Trackpad", "Steel", pad),
+        ("Display", "LaptopScreen", open_lid(display)),
+    )
+
+
+def _key(width: float, depth: float) -> Mesh:
+    """A key cap: a low frustum."""
+    bottom = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * (width / 2.0, depth / 2.0)
+    rings = [np.insert(bottom * s, 1, y, axis=1) for s, y in ((1.0, 0.0), (1.0, 0.0012), (0.93, 0.0018))]
+    rings.append(np.tile((0.0, 0.0018, 0.0), (4, 1)))
+    points = np.concatenate([np.stack(rings), np.stack(rings)[:, :1]], axis=1)
+    return grid(points, points[..., [0, 2]])
+
+
+def beach_ball(name: str, radius: float = 0.13) -> Thing:
+    """A ball of six coloured gores and two caps."""
+    looks = ("BallRed", "BallWhite", "BallBlue", "BallWhite", "BallYellow", "BallWhite")
+    parts: dict[str, list[Mesh]] = {}
+    latitude = np.linspace(-1.37, 1.37, 25)[:, None]
+    for gore, look in enumerate(looks):
+        angle = (gore + np.linspace(0.0, 1.0, 11)[None]) * np.pi / 3.0
+        seam = 1.0 - 0.008 * np.exp(-(((np.linspace(-1.0, 1.0, 11)[None] ** 2 - 1.0) / 0.12) ** 2))
+        points = radius * np.stack(
+            np.broadcast_arrays(
+                seam * np.cos(latitude) * np.sin(angle),
+                seam * np.sin(latitude),
+                seam * np.cos(latitude) * np.cos(angle),
+            ),
+            -1,
+        )
+        parts.setdefault(look, []).append(grid(points, points[..., :2]))
+    for sign in (-1.0, 1.0):
+        angle = np.linspace(1.37, np.pi / 2.0, 6)
+        arc = radius * np.stack([np.cos(angle).clip(0.0), np.sin(angle)], -1)
+        cap = lathe(arc if sign > 0 else (arc * (1.0, -1.0))[::-1], 60)
+        parts["BallWhite"].append(cap)
+    return thing(name, "ball", *((look.removeprefix("Ball"), look, meshes) for look, meshes in parts.items()))
+
+
+def tennis_racket(name: str) -> Thing:
+    """A racket, 0.685 m, lying in the xy plane with its head up: frame, throat, 16 × 19 strings, wrapped grip."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    a, b = 0.124, 0.165
+    head = np.stack([a * np.sin(angle), b * np.cos(angle) * (1.0 + 0.04 * np.cos(angle)), 0.0 * angle], -1)
+    section = rectangle(0.013, 0.023, 0.005, 3)
+    frame = [sweep(head, section, up=(0.0, 0.0, 1.0), closed=True)]
+    for side in (-1.0, 1.0):
+        strut = curve(
+            [
+                [side * 0.074, -0.124, 0.0],
+                [side * 0.045, -0.190, 0.0],
+                [side * 0.015, -0.270, 0.0],
+                [side * 0.012, -0.335, 0.0],
+            ],
+            20,
+        )
+        frame.append(sweep(strut, rectangle(0.014, 0.022, 0.005, 3), up=(0.0, 0.0, 1.0)))
+    accents = [
+        sweep(
+            head[(np.arange(-9, 10)) % 72] * (1.004, 1.004, 1.0),
+            rectangle(0.0135, 0.0245, 0.005, 3),
+            up=(0.0, 0.0, 1.0),
+        )
+    ]
+    strings = []
+    for i in range(16):
+        x = (i - 7.5) * 0.0142
+        y = b * np.sqrt(1.0 - (x / a) ** 2)
+        strings.append(
+            sweep([[x, -y * 0.955, 0.0008], [x, y * 1.03, 0.0008]], circle(0.0011, 6), up=(0.0, 0.0, 1.0), bevel=0.0)
+        )
+    for j in range(19):
+        y = (j - 9.0) * 0.0168
+        x = a * np.sqrt(max(0.0, 1.0 - (y / (b * 1.03)) ** 2))
+        strings.append(sweep([[-x, y, -0.0008], [x, y, -0.0008]], circle(0.0011, 6), up=(0.0, 0.0, 1.0), bevel=0.0))
+    octagon = rectangle(0.033, 0.029, 0.009, 1)
+    turns = np.linspace(-0.335, -0.508, 66)
+    ridge = 1.0 + 0.035 * np.where(np.arange(66) % 4 < 2, 1.0, -0.4)
+    grip = sweep(np.stack([0 * turns, turns, 0 * turns], -1), octagon, ridge, up=(0.0, 0.0, 1.0))
+    butt = sweep([[0.0, -0.506, 0.0], [0.0, -0.520, 0.0]], octagon * 1.14, up=(0.0, 0.0, 1.0), bevel=0.004)
+    return thing(
+        name,
+        "tennis racket",
+        ("Frame", "RacketFrame", frame),
+        ("Accent", "RacketWhite", accents),
+        ("Strings", "RacketString", strings),
+        ("Grip", "Grip", [grip, butt]),
+    )
+
+
+def ornament(name: str) -> Thing:
+    """A brass sphere on the shelf."""
+    return thing(name, "ornament", ("Sphere", "Brass", merged([sphere(0.055, 40).moved(0.0, 0.055)])))
