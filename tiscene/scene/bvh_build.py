@@ -411,8 +411,8 @@ def write_binary_nodes(
     for node, k in ti.ndrange(count, 2):
         at = first_node + node
         for c in ti.static(range(3)):
-            nodes[at, 6 * k + c] = FAR
-            nodes[at, 6 * k + 3 + c] = -FAR
+            nodes[at, 6 * k + c] = ti.math.inf  # a box that no ray reaches, whichever way it goes
+            nodes[at, 6 * k + 3 + c] = ti.math.inf
         nodes[at, 12 + k] = 0.0
         nodes[at, 14 + k] = 0.0
         slot = children[node, k]

@@ -166,10 +166,18 @@ class DeviceScene:
         mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)
         self.instance_count = count
-        self.instance_info = upload(info)
-        self.world_from_instance = upload(placement.world_from_object.reshape(3, count, 12))
-        self.instance_from_world = upload(inverse.reshape(3, count, 12))
-        self.box_from_instance = upload(placement.box_from_object.reshape(count, 12))
+        columns = {
+            "instance_info": info,
+            "world_from_instance": placement.world_from_object.reshape(3, count, 12),
+            "instance_from_world": inverse.reshape(3, count, 12),
+            "box_from_instance": placement.box_from_object.reshape(count, 12),
+        }
+        for name, values in columns.items():
+            present = getattr(self, name, None)
+            if present is not None and present.shape == values.shape:
+                present.from_numpy(np.ascontiguousarray(values, info.dtype if values is info else np.float32))
+            else:
+                setattr(self, name, upload(values))
 
 
 _NOTHING = Placement(

@@ -1,7 +1,8 @@
 """Traversal of the wide layout: a ray against eight boxes, or four triangles, at once. Compiled in vector mode only.
 
 Boxes are tested by slabs as (plane - origin) / direction, whose relative error is bounded, and the far side is moved
-out by more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles: Moeller and Trumbore 1997.
+out by more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles are tested as Moeller and
+Trumbore (1997) do.
 """
 
 import taichi as ti
