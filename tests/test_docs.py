@@ -1,0 +1,66 @@
+"""What the documentation says, checked against the code. `python -m tests.test_docs` writes the tables of buffers."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tiscene.export import EXPORTERS
+from tiscene.render.aovs import AOVS
+from tiscene.scenario import Scenario
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+TABLE = re.compile(r"(?<=<!-- buffers -->\n).*?(?=<!-- /buffers -->)", re.DOTALL)
+
+
+def buffer_table() -> str:
+    """The buffers as a Markdown table."""
+    lines = ["| Buffer | Array | Unit | Nothing hit | Meaning |", "|---|---|---|---|---|"]
+    for aov in AOVS.values():
+        shape = "H, W" if aov.channels == 1 else f"H, W, {aov.channels}"
+        background = {None: "computed", True: "True"}.get(aov.background)
+        if background is None:
+            background = "NaN" if np.isnan(aov.background) else "+∞" if np.isinf(aov.background) else "0"
+        lines.append(f"| `{aov.name}` | {aov.dtype} {shape} | {aov.unit or '–'} | {background} | {aov.doc} |")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/buffers.md"])
+def test_tables_of_buffers_are_up_to_date(page):
+    (table,) = TABLE.findall((ROOT / page).read_text(encoding="utf-8"))
+    assert table == buffer_table(), "run `python -m tests.test_docs`"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_to_files_lead_somewhere(page):
+    links = re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    broken = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+    assert not broken
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_python_examples_are_python(page):
+    for example in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        ast.parse(example)
+
+
+def test_the_scenario_of_the_documentation_can_be_read():
+    (text,) = re.findall(r"```json\n(.*?)```", (ROOT / "docs/scenario.md").read_text(encoding="utf-8"), re.DOTALL)
+    scenario = Scenario.from_json(json.loads(text))
+    assert [item.id for item in scenario.objects] == ["chair", "pillow"]
+    assert Scenario.from_json(scenario.to_json()) == scenario
+
+
+def test_every_export_format_has_its_section():
+    sections = re.findall(r"^## (\w+):", (ROOT / "docs/export.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {section.lower() for section in sections} >= set(EXPORTERS)
+
+
+if __name__ == "__main__":
+    for page in ("README.md", "docs/buffers.md"):
+        path = ROOT / page
+        path.write_text(TABLE.sub(lambda _: buffer_table(), path.read_text(encoding="utf-8")), encoding="utf-8")
