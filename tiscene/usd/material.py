@@ -1,0 +1,310 @@
+"""UsdPreviewSurface networks and displayColor as rows of one material table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom, UsdShade
+
+from tiscene.scene.description import ColorInput, FloatInput, Material, TextureLookup
+from tiscene.usd.network import Connection, Source, connections_of
+from tiscene.usd.problems import Report
+from tiscene.usd.texture import TextureTable
+
+_SURFACE_IDS = ("UsdPreviewSurface", "ND_UsdPreviewSurface_surfaceshader")
+_DEFAULT = Material("default")
+Affine = tuple[float, float, float, float, float, float]
+_IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A material as a gprim or subset uses it. row: of the table. uv: the primvar its textures read, "" for any."""
+
+    row: int
+    uv: str = ""
+
+
+class MaterialTable:
+    """Reads each material once and numbers it."""
+
+    def __init__(self, textures: TextureTable, time: Usd.TimeCode, report: Report) -> None:
+        self.materials: list[Material] = []
+        self._textures = textures
+        self._time = time
+        self._report = report
+        self._primvars: dict[Any, tuple[str, ...]] = {}  # which primvars of the gprim a material's constants read
+        self._bindings: dict[Any, Binding | None] = {}
+
+    def binding(self, prim: Usd.Prim, gprim: Usd.Prim) -> Binding:
+        """The material bound to a gprim or to a subset of it (inherited and by collections), else its displayColor."""
+        for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
+            material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
+            if material:
+                binding = self._of_material(material, gprim)
+                if binding is not None:
+                    return binding
+        return self._of_display_color(gprim)
+
+    def emitter(self, name: str, radiance: tuple[float, float, float]) -> Binding:
+        """A black material that emits."""
+        return self._row(("emitter", radiance), Material(name, diffuse_color=(0.0, 0.0, 0.0), emissive_color=radiance))
+
+    def _row(self, key: Any, material: Material, uv: str = "") -> Binding:
+        if key not in self._bindings:
+            self._bindings[key] = Binding(len(self.materials), uv)
+            self.materials.append(material)
+        return cast(Binding, self._bindings[key])
+
+    def _of_display_color(self, gprim: Usd.Prim) -> Binding:
+        color = self._constant_primvar(gprim, "displayColor", 3)
+        opacity = self._constant_primvar(gprim, "displayOpacity", 1)
+        key = ("displayColor", color, opacity)
+        material = Material(
+            "displayColor",
+            diffuse_color=cast(Any, color) or _DEFAULT.diffuse_color,
+            opacity=1.0 if opacity is None else opacity[0],
+        )
+        return self._row(key, material)
+
+    def _constant_primvar(self, gprim: Usd.Prim, name: str, width: int) -> tuple[float, ...] | None:
+        """One value for the whole gprim: its constant primvar, or the mean of one that varies; None if unauthored."""
+        primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
+        value = primvar.Get(self._time) if primvar else None
+        if value is None:
+            return None
+        values = np.asarray(value, dtype=np.float64)
+        if values.size == 0 or values.size % width:
+            return None
+        values = values.reshape(-1, width)
+        if primvar.IsIndexed() and (indices := np.asarray(primvar.GetIndices(self._time))).size:
+            values = values[np.clip(indices, 0, len(values) - 1)]
+        if not np.isfinite(values).all():
+            self._report.problem(gprim.GetPath(), name, "is not a finite number")
+            return None
+        if len(values) > 1 and (values != values[0]).any():
+            self._report.omission(gprim.GetPath(), f"primvar {name!r} varies over the surface, its mean is used")
+        return tuple(round(v, 7) for v in values.mean(axis=0).tolist())
+
+    def _of_material(self, material: UsdShade.Material, gprim: Usd.Prim) -> Binding | None:
+        """The row of a material; None, with the reason reported, if none of its shaders is known."""
+        prim = material.GetPrim()
+        path = prim.GetPrimInPrototype().GetPath() if prim.IsInstanceProxy() else prim.GetPath()
+        values = tuple(self._constant_primvar(gprim, name, 3) for name in self._primvars.get(path, ()))
+        key = (path, values)
+        if path not in self._primvars or key not in self._bindings:
+            reader = _NetworkReader(self, gprim)
+            read = reader.read(material)
+            self._primvars[path] = tuple(reader.primvars)
+            values = tuple(self._constant_primvar(gprim, name, 3) for name in reader.primvars)
+            key = (path, values)
+            if read is None:
+                self._bindings[key] = None
+            else:
+                self._row(key, read, reader.uv)
+        return self._bindings[key]
+
+
+class _NetworkReader:
+    """Reads one material's network for one gprim."""
+
+    def __init__(self, table: MaterialTable, gprim: Usd.Prim) -> None:
+        self.uv = ""
+        self.primvars: list[str] = []
+        self._table = table
+        self._gprim = gprim
+        self._time = table._time
+        self._report = table._report
+
+    def read(self, material: UsdShade.Material) -> Material | None:
+        surface = self._surface(material)
+        if surface is None:
+            return None
+        self._path = surface.GetPath()
+        inputs = connections_of(surface, self._time)
+        default = _DEFAULT
+        displacement = inputs.get("displacement")
+        if displacement is not None and (displacement.source or displacement.value):
+            self._report.omission(self._path, "displacement is not applied")
+        mode = self._token(inputs, "opacityMode", "transparent")
+        return Material(
+            name=material.GetPrim().GetName(),
+            diffuse_color=self._color(inputs, "diffuseColor", default.diffuse_color),
+            emissive_color=self._color(inputs, "emissiveColor", default.emissive_color),
+            use_specular_workflow=bool(self._number(inputs, "useSpecularWorkflow", 0)),
+            specular_color=self._color(inputs, "specularColor", default.specular_color),
+            metallic=self._float(inputs, "metallic", default.metallic),
+            roughness=self._float(inputs, "roughness", default.roughness),
+            clearcoat=self._float(inputs, "clearcoat", default.clearcoat),
+            clearcoat_roughness=self._float(inputs, "clearcoatRoughness", default.clearcoat_roughness),
+            opacity=self._float(inputs, "opacity", default.opacity),
+            opacity_mode=cast(Literal["transparent", "presence"], mode),
+            opacity_threshold=self._number(inputs, "opacityThreshold", default.opacity_threshold),
+            ior=self._number(inputs, "ior", default.ior),
+            normal=self._normal(inputs),
+        )
+
+    def _surface(self, material: UsdShade.Material) -> UsdShade.Shader | None:
+        """The UsdPreviewSurface of a material, from whichever of its surface outputs has one."""
+        unknown: list[str] = []
+        for output in material.GetSurfaceOutputs():
+            for attribute in UsdShade.Utils.GetValueProducingAttributes(output):
+                shader = UsdShade.Shader(attribute.GetPrim())
+                name = shader.GetShaderId() if shader else ""
+                if name in _SURFACE_IDS:
+                    if unknown:
+                        self._unsupported(material, unknown[0], "its UsdPreviewSurface is used")
+                    return shader
+                unknown.append(name or str(attribute.GetPrim().GetTypeName()))
+        siblings = [UsdShade.Shader(p) for p in Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)]
+        for shader in siblings:
+            if shader and shader.GetShaderId() in _SURFACE_IDS:
+                self._unsupported(material, unknown[0] if unknown else "none", "its UsdPreviewSurface is used")
+                return shader
+        if unknown:
+            self._unsupported(material, unknown[0], "displayColor is used")
+        else:
+            self._report.omission(material.GetPath(), "a material without a surface shader, displayColor is used")
+        return None
+
+    def _unsupported(self, material: UsdShade.Material, name: str, instead: str) -> None:
+        self._report.omission(material.GetPath(), f"shader {name!r} is not supported, {instead}")
+
+    def _color(self, inputs: dict[str, Connection], name: str, default: ColorInput) -> ColorInput:
+        value = self._value(inputs, name)
+        if value is None or isinstance(value, TextureLookup):
+            return default if value is None else value
+        if len(value) == 1:
+            value = value * 3
+        return (value[0], value[1], value[2])
+
+    def _float(self, inputs: dict[str, Connection], name: str, default: FloatInput) -> FloatInput:
+        value = self._value(inputs, name)
+        if value is None:
+            return default
+        if isinstance(value, TextureLookup):
+            return (
+                value
+                if value.channel != "rgb"
+                else TextureLookup(value.texture, "r", value.scale, value.bias, value.uv_transform)
+            )
+        return value[0]
+
+    def _number(self, inputs: dict[str, Connection], name: str, default: float) -> float:
+        value = self._value(inputs, name)
+        if isinstance(value, TextureLookup):
+            self._report.omission(self._path, f"{name} cannot come from a texture, {default} is used")
+            return default
+        return default if value is None else value[0]
+
+    def _token(self, inputs: dict[str, Connection], name: str, default: str) -> str:
+        connection = inputs.get(name)
+        return default if connection is None or connection.value is None else str(connection.value)
+
+    def _normal(self, inputs: dict[str, Connection]) -> TextureLookup | None:
+        value = self._value(inputs, "normal")
+        if value is None or isinstance(value, TextureLookup):
+            return value
+        if value[:2] != (0.0, 0.0):
+            self._report.omission(self._path, "a constant normal other than (0, 0, 1) is not applied")
+        return None
+
+    def _value(self, inputs: dict[str, Connection], name: str) -> tuple[float, ...] | TextureLookup | None:
+        """Numbers, a texture, or None for the input's default."""
+        connection = inputs.get(name)
+        if connection is None:
+            return None
+        if connection.source is None:
+            return self._numbers(connection.value, name)
+        source = connection.source
+        if source.id in ("UsdUVTexture", "ND_UsdUVTexture"):
+            return self._texture(source, name)
+        if source.id.startswith("UsdPrimvarReader_"):
+            return self._primvar(source)
+        self._report.omission(
+            source.shader.GetPath(), f"shader {source.id!r} is not supported, {name} is left at default"
+        )
+        return None
+
+    def _numbers(self, value: Any, name: str) -> tuple[float, ...] | None:
+        if value is None:
+            return None
+        try:
+            numbers = tuple(float(v) for v in value) if hasattr(value, "__len__") else (float(value),)
+        except (TypeError, ValueError):
+            self._report.problem(self._path, name, f"{value!r} is not a number")
+            return None
+        if not all(math.isfinite(v) for v in numbers) or not numbers:
+            self._report.problem(self._path, name, f"{value} is not a finite number")
+            return None
+        return numbers
+
+    def _primvar(self, source: Source) -> tuple[float, ...] | None:
+        """A primvar read as a constant: UsdPreviewSurface's inputs come from constants or textures here."""
+        inputs = connections_of(source.shader, self._time)
+        name = self._token(inputs, "varname", "")
+        fallback = inputs.get("fallback")
+        if name not in self.primvars:
+            self.primvars.append(name)
+        width = {"UsdPrimvarReader_float": 1, "UsdPrimvarReader_float2": 2, "UsdPrimvarReader_float4": 4}.get(
+            source.id, 3
+        )
+        value = self._table._constant_primvar(self._gprim, name, width)
+        return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
+
+    def _texture(self, source: Source, name: str) -> TextureLookup | tuple[float, ...] | None:
+        inputs = connections_of(source.shader, self._time)
+        fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
+        scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
+        file = inputs.get("file")
+        row = None
+        if file is not None and isinstance(file.value, Sdf.AssetPath) and file.value.path:
+            space = self._token(inputs, "sourceColorSpace", "auto")
+            wrap_s, wrap_t = (self._token(inputs, wrap, "useMetadata") for wrap in ("wrapS", "wrapT"))
+            row = self._table._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)
+        channel = source.output if source.output in ("r", "g", "b", "a") else "rgb"
+        if row is None:
+            values = {"r": fallback[:1], "g": fallback[1:2], "b": fallback[2:3], "a": fallback[3:]}
+            return values.get(channel, fallback[:3])
+        transform, uv = self._coordinates(inputs.get("st"), source)
+        if uv and self.uv and uv != self.uv:
+            self._report.omission(self._path, f"textures read both {self.uv!r} and {uv!r}, the first serves for all")
+        self.uv = self.uv or uv
+        return TextureLookup(row, cast(Any, channel), cast(Any, scale), cast(Any, bias), transform)
+
+    def _four(self, inputs: dict[str, Connection], name: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        connection = inputs.get(name)
+        value = self._numbers(connection.value, name) if connection and connection.value is not None else None
+        return default if value is None or len(value) != 4 else value
+
+    def _coordinates(self, st: Connection | None, texture: Source) -> tuple[Affine, str]:
+        """The affine map and the primvar that a texture's coordinates come from."""
+        transform = np.eye(3)
+        while st is not None and st.source is not None:
+            source = st.source
+            inputs = connections_of(source.shader, self._time)
+            if source.id == "UsdPrimvarReader_float2":
+                return _rows(transform), self._token(inputs, "varname", "st")
+            if source.id != "UsdTransform2d":
+                self._report.omission(source.shader.GetPath(), f"shader {source.id!r} is not supported, 'st' is read")
+                break
+            transform = transform @ self._transform2d(inputs)
+            st = inputs.get("in")
+        return _rows(transform), ""
+
+    def _transform2d(self, inputs: dict[str, Connection]) -> np.ndarray[Any, Any]:
+        """Scale, then rotate counter-clockwise by degrees, then translate."""
+        angle = math.radians(self._number(inputs, "rotation", 0.0))
+        scale = self._value(inputs, "scale") or (1.0, 1.0)
+        move = self._value(inputs, "translation") or (0.0, 0.0)
+        if isinstance(scale, TextureLookup) or isinstance(move, TextureLookup):
+            return np.eye(3)
+        c, s = math.cos(angle), math.sin(angle)
+        return np.array([[c * scale[0], -s * scale[1], move[0]], [s * scale[0], c * scale[1], move[1]], [0, 0, 1]])
+
+
+def _rows(matrix: np.ndarray[Any, Any]) -> Affine:
+    return cast(Affine, tuple(matrix[:2].reshape(-1).tolist()))

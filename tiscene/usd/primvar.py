@@ -1,0 +1,137 @@
+"""Primvars and normals of a mesh, checked against its topology."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom
+
+from tiscene.usd.problems import Report
+from tiscene.usd.surface import Attribute
+
+_TEXTURE_COORDINATE_TYPES = (
+    Sdf.ValueTypeNames.TexCoord2fArray,
+    Sdf.ValueTypeNames.TexCoord2dArray,
+    Sdf.ValueTypeNames.TexCoord2hArray,
+    Sdf.ValueTypeNames.Float2Array,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Faces over points. counts: [faces]; indices: [corners], the point of each corner of each face."""
+
+    points: int
+    counts: NDArray[np.int32]
+    indices: NDArray[np.int32]
+
+    @cached_property
+    def face_of_corner(self) -> NDArray[np.int64]:
+        """int64 [corners]."""
+        return np.repeat(np.arange(len(self.counts)), self.counts)
+
+    def elements(self, interpolation: str) -> int | None:
+        """How many values a primvar of this interpolation has; None for an unknown interpolation."""
+        return {
+            "constant": 1,
+            "uniform": len(self.counts),
+            "varying": self.points,
+            "vertex": self.points,
+            "faceVarying": len(self.indices),
+        }.get(interpolation)
+
+
+def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any = None) -> NDArray[Any]:
+    """The attribute's array as numpy, without a copy where dtype agrees; empty if it has no value."""
+    value = attribute.Get(time) if attribute else None
+    return np.empty(0, dtype=dtype) if value is None else np.asarray(value, dtype=dtype)
+
+
+def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report: Report) -> Attribute | None:
+    """The authored normals of a polygon mesh; `primvars:normals` comes before `normals`. None for flat shading."""
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
+    if primvar and primvar.HasAuthoredValue():
+        return read_primvar(primvar, 3, topology, time, report)
+    mesh = UsdGeom.Mesh(prim)
+    values = array_of(mesh.GetNormalsAttr(), time, np.float32)
+    if values.size == 0:
+        return None
+    return _checked(prim, "normals", values, None, mesh.GetNormalsInterpolation(), 3, topology, report)
+
+
+def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, report: Report) -> Attribute | None:
+    """The texture coordinates of that name ("" for whichever there are: `st`, else the first of such a type)."""
+    api = UsdGeom.PrimvarsAPI(prim)
+    primvar = api.FindPrimvarWithInheritance(name or "st")
+    if not (primvar and primvar.HasAuthoredValue()):
+        if name and name != "st":
+            report.omission(prim.GetPath(), f"has no primvar {name!r} that its material reads, 'st' is read instead")
+            return read_uv(prim, "st", topology, time, report)
+        others = [p for p in api.GetPrimvarsWithAuthoredValues() if p.GetTypeName() in _TEXTURE_COORDINATE_TYPES]
+        if name or not others:
+            return None
+        primvar = others[0]
+    return read_primvar(primvar, 2, topology, time, report)
+
+
+def read_primvar(
+    primvar: UsdGeom.Primvar, width: int, topology: Topology, time: Usd.TimeCode, report: Report
+) -> Attribute | None:
+    """A primvar of `width` numbers; None with a problem reported if it does not fit the mesh."""
+    attribute = primvar.GetAttr()
+    values = array_of(attribute, time)
+    if values.size == 0:
+        return None
+    indices = np.asarray(primvar.GetIndices(time)) if primvar.IsIndexed() else None
+    name = attribute.GetName()
+    return _checked(attribute.GetPrim(), name, values, indices, primvar.GetInterpolation(), width, topology, report)
+
+
+def _checked(
+    prim: Usd.Prim,
+    name: str,
+    values: NDArray[Any],
+    indices: NDArray[np.int32] | None,
+    interpolation: str,
+    width: int,
+    topology: Topology,
+    report: Report,
+) -> Attribute | None:
+    fault = _fault(values, indices, interpolation, width, topology.elements(interpolation))
+    if fault:
+        report.problem(prim.GetPath(), name, fault)
+        return None
+    values = values.astype(np.float32, copy=False)
+    if indices is not None:
+        values = values[indices]
+    if interpolation == "constant":
+        return Attribute(np.broadcast_to(values[:1], (topology.points, width)), per_corner=False)
+    if interpolation == "faceVarying":
+        return Attribute(values, per_corner=True)
+    if interpolation == "uniform":
+        return Attribute(values[topology.face_of_corner], per_corner=True)
+    return Attribute(values, per_corner=False)
+
+
+def _fault(
+    values: NDArray[Any], indices: NDArray[np.int32] | None, interpolation: str, width: int, wanted: int | None
+) -> str:
+    """What is wrong with a primvar that should have `wanted` values of `width` numbers; "" if nothing."""
+    if wanted is None:
+        return f"unknown interpolation {interpolation!r}"
+    if values.ndim != 2 or values.shape[1] != width or not np.issubdtype(values.dtype, np.floating):
+        return f"has values of shape {values.shape[1:]}, but {width} numbers each are needed"
+    count = len(values) if indices is None else len(indices)
+    if count != wanted and not (interpolation == "constant" and count > 0):
+        kind = "values" if indices is None else "indices"
+        return f"{count} {kind}, but {interpolation} interpolation needs {wanted}"
+    if indices is not None and (indices.min() < 0 or indices.max() >= len(values)):
+        worst = indices.max() if indices.max() >= len(values) else indices.min()
+        return f"an index refers to value {worst}, but there are {len(values)} values"
+    if not np.isfinite(values).all():
+        return f"{int((~np.isfinite(values).all(axis=1)).sum())} values are not finite numbers"
+    return ""

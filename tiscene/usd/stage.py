@@ -1,0 +1,118 @@
+"""Opening a stage: composition errors are failures, and USD's own chatter stays off the terminal."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from pxr import Sdf, Tf, Usd, UsdUtils
+
+from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
+
+Variants = Mapping[str, str | Mapping[str, str]]
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep USD's diagnostics from stdout and stderr: what matters of them is raised or warned by the reader."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        delegate.TakeUncoalescedDiagnostics()  # a delegate prints what it still holds when it goes
+        del delegate
+
+
+def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
+    """Open a stage with every payload loaded and the wanted variants selected in its session layer.
+
+    Raises MissingFile, StageError (unreadable, or anything that does not compose), UnknownName (variants).
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MissingFile(f"{path} does not exist")
+    if not path.is_file():
+        raise MissingFile(f"{path} is not a file: name the .usd, .usda, .usdc or .usdz file itself")
+    try:
+        stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
+    except Tf.ErrorException as error:
+        raise StageError(str(path), [f"cannot be read: {line}" for line in error_lines(error)]) from None
+    select_variants(stage, variants or {})
+    problems = [f"<{_error_path(error)}> composition: {_one_line(error)}" for error in stage.GetCompositionErrors()]
+    if problems:
+        raise StageError(str(path), list(dict.fromkeys(problems)))
+    return stage
+
+
+def error_lines(error: Tf.ErrorException) -> list[str]:
+    """What USD says of a failure, one line each. `str(error)` itself can fail on bytes that are no UTF-8."""
+    lines = []
+    for diagnostic in error.args:
+        try:
+            text = diagnostic.commentary if hasattr(diagnostic, "commentary") else str(diagnostic)
+        except UnicodeDecodeError:
+            text = "USD's message about it is not valid UTF-8, so the file is likely damaged"
+        lines.append(" ".join(text.split()))
+    return list(dict.fromkeys(lines)) or ["USD gave no reason"]
+
+
+def _one_line(error: object) -> str:
+    try:
+        return " ".join(str(error).split())
+    except UnicodeDecodeError:
+        return "a composition error whose text is not valid UTF-8"
+
+
+def _error_path(error: object) -> str:
+    try:
+        return str(error.rootSite.path)  # type: ignore[attr-defined]
+    except (AttributeError, UnicodeDecodeError):
+        return "/"
+
+
+def select_variants(stage: Usd.Stage, variants: Variants) -> None:
+    """Select variants in the session layer, so that no file changes. `{"/Room{lighting}": "night"}` or nested."""
+    if not isinstance(variants, Mapping):
+        raise ArgumentError(f"variants={variants!r} must be a mapping such as {{'/Room{{lighting}}': 'night'}}")
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for prim_path, set_name, choice in _flattened(variants):
+            prim = stage.GetPrimAtPath(prim_path)
+            if not prim:
+                raise UnknownName("prim", prim_path, _paths_with_variants(stage), hint="Variants are selected on it.")
+            sets = prim.GetVariantSets()
+            if set_name not in sets.GetNames():
+                raise UnknownName("variant set", set_name, sets.GetNames(), where=f" on <{prim_path}>")
+            names = sets.GetVariantSet(set_name).GetVariantNames()
+            if choice not in names:
+                raise UnknownName("variant", choice, names, where=f" in <{prim_path}>{{{set_name}}}")
+            sets.GetVariantSet(set_name).SetVariantSelection(choice)
+
+
+def _flattened(variants: Variants) -> Iterator[tuple[str, str, str]]:
+    """(prim path, variant set, variant) for both ways of writing a selection."""
+    for key, value in variants.items():
+        if isinstance(value, str):
+            prim_path, brace, rest = key.partition("{")
+            if not brace or not rest.endswith("}"):
+                raise ArgumentError(f"variants: {key!r} must name a variant set, as in '/Room{{lighting}}'")
+            choices: Mapping[str, str] = {rest[:-1]: value}
+        else:
+            prim_path, choices = key, value
+        if not Sdf.Path.IsValidPathString(prim_path) or not Sdf.Path(prim_path).IsAbsoluteRootOrPrimPath():
+            raise ArgumentError(f"variants: {prim_path!r} is not the path of a prim, such as '/Room'")
+        for set_name, choice in choices.items():
+            yield prim_path, set_name, choice
+
+
+def _paths_with_variants(stage: Usd.Stage) -> list[str]:
+    return [str(prim.GetPath()) for prim in stage.TraverseAll() if prim.HasVariantSets()][:30]
+
+
+def reading_time(stage: Usd.Stage, time_code: float | None) -> Usd.TimeCode:
+    """The given time code, else the start of the stage's range, else each attribute's earliest value."""
+    if time_code is not None:
+        return Usd.TimeCode(time_code)
+    if stage.HasAuthoredTimeCodeRange():
+        return Usd.TimeCode(stage.GetStartTimeCode())
+    return Usd.TimeCode.EarliestTime()

@@ -1,0 +1,87 @@
+"""Object templates: what can be spawned. From files of their own, or from the class prim "Templates" of a stage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pxr import Gf, Usd, UsdGeom
+
+from tiscene.scene.description import Template
+from tiscene.usd.label import inherited_label
+from tiscene.usd.problems import Report
+from tiscene.usd.reader import UNDEFINED_TOO, Context, StageReader
+from tiscene.usd.stage import open_stage, quiet, reading_time
+
+TEMPLATES_PRIM = "/Templates"
+
+
+def read_template(path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None) -> Template:
+    """Read the default prim of a file (else its only root prim) as a template.
+
+    Its origin is that of the default prim, wherever the file has placed it; rotation and scale stay. up_axis: turn
+    the template so that its up is this axis; None leaves it in the axes of its file. The name is the prim's
+    displayName, else made from the file's name; the category is the prim's label, else its first labelled part's.
+
+    Raises MissingFile and StageError; what is left out is named in one StageWarning.
+    """
+    with quiet():
+        stage = open_stage(path)
+        report = Report(str(path))
+        prim = stage.GetDefaultPrim()
+        if not prim:
+            roots = [child for child in stage.GetPseudoRoot().GetChildren() if child.IsA(UsdGeom.Imageable)]
+            prim = roots[0] if len(roots) == 1 else None
+        if not prim:
+            report.problem("/", "template", "the file has no default prim, so that it is unclear what to spawn")
+            report.raise_problems()
+        template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis)
+        report.raise_problems()
+    report.warn()
+    return template
+
+
+def stage_templates(stage: Usd.Stage, report: Report) -> tuple[Template, ...]:
+    """The children of the class prim "Templates" at the root of a stage."""
+    folder = stage.GetPrimAtPath(TEMPLATES_PRIM)
+    if not folder or not folder.IsAbstract():
+        return ()
+    children = folder.GetFilteredChildren(UNDEFINED_TOO)
+    return tuple(template_of(child, display_name(child) or spaced(child.GetName()), report) for child in children)
+
+
+def template_of(prim: Usd.Prim, name: str, report: Report, up_axis: str | None = None) -> Template:
+    """A prim and all below it as a template; a problem if nothing of it draws."""
+    stage = prim.GetStage()
+    time = reading_time(stage, None)
+    reader = StageReader(stage, time, report)
+    world = Gf.Matrix4d(1.0)
+    if prim.IsA(UsdGeom.Xformable):
+        placed = UsdGeom.Xformable(prim).GetLocalTransformation(time).ExtractTranslation()
+        world.SetTranslate(-placed)
+    if up_axis is not None and up_axis != reader.up_axis:
+        turn = Gf.Rotation(Gf.Vec3d(1, 0, 0), -90.0 if up_axis == "Y" else 90.0)
+        world = world * Gf.Matrix4d(1.0).SetRotate(turn)
+        reader.up_axis = "Y" if up_axis == "Y" else "Z"
+    label = inherited_label(prim, time)
+    reader.walk(prim, Context(world), UNDEFINED_TOO)
+    description = reader.description(name)
+    if not description.instances:
+        report.problem(prim.GetPath(), "template", "it holds no geometry that would be drawn")
+    category = label or next((thing.category for thing in description.objects if thing.category), "")
+    return Template(name, category, description)
+
+
+def display_name(prim: Usd.Prim) -> str:
+    """The displayName metadata of a prim, "" for none."""
+    return str(prim.GetDisplayName() or "")
+
+
+def readable_name(path: Path) -> str:
+    """A name from a file's: that of the folder for `chair_01/template.usda`, "Chair 01"; else of the file itself."""
+    return spaced(path.resolve().parent.name if path.stem == "template" else path.stem)
+
+
+def spaced(name: str) -> str:
+    """ "chair_01" as "Chair 01"."""
+    return " ".join(word[:1].upper() + word[1:] for word in name.split("_") if word)

@@ -1,0 +1,44 @@
+"""USD's row-vector matrices in stage units to column-vector matrices in metres."""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Gf
+
+from tiscene.scene.description import Matrix
+
+
+def to_matrix(matrix: Gf.Matrix4d, meters_per_unit: float) -> Matrix:
+    """A USD transform as float64 4x4 for column vectors. Both its spaces turn from stage units to metres."""
+    result = np.array(matrix, dtype=np.float64).T
+    result[:3, 3] *= meters_per_unit
+    return result
+
+
+def fault(matrix: Matrix) -> str:
+    """Why a transform cannot place anything; "" if it can."""
+    if not np.isfinite(matrix).all():
+        return "its transform holds numbers that are not finite"
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not scale.all() or abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-9:
+        return "its transform is singular: a scale is zero, or axes coincide"
+    if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)):
+        return "its transform is not affine"
+    return ""
+
+
+def rigid(matrix: Matrix) -> Matrix | None:
+    """The transform without its scale and shear: -z stays normal to the xy plane, x keeps its direction.
+
+    None for a singular transform.
+    """
+    if fault(matrix):
+        return None
+    x, y, z = matrix[:3, :3].T
+    normal = np.cross(x, y)
+    normal /= np.linalg.norm(normal) * np.sign(normal @ z)  # a mirrored light still emits towards its own -z
+    right = x / np.linalg.norm(x)
+    result = np.eye(4)
+    result[:3, :3] = np.column_stack([right, np.cross(normal, right), normal])
+    result[:3, 3] = matrix[:3, 3]
+    return result
