@@ -1,0 +1,130 @@
+"""What the lobes of UsdPreviewSurface share: its weights at one point for one outgoing direction, and Fresnel's terms.
+
+Directions are in the frame of the shading normal, on whose positive side the outgoing direction is.
+"""
+
+import taichi as ti
+
+from tiscene.render.bsdfs.energy import (
+    AVERAGES_AT,
+    COSINES,
+    GLASS_AT,
+    GLASS_COSINES,
+    GLASS_ROUGHNESSES,
+    GLASS_SIZE,
+    ROUGHNESSES,
+)
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+vec4 = ti.math.vec4
+
+COAT_F0 = 0.04
+
+
+@ti.dataclass
+class Closure:
+    """Weights of the lobes. What only serves a lobe whose chance is 0 has no meaning."""
+
+    wo: vec3
+    chances: vec4  # of sampling each lobe, in the order of LOBES; they sum to 1
+    diffuse: vec3  # Lambertian reflectance, what the specular layer takes on the way in already taken
+    layered: ti.i32  # 1: there is a specular layer, which takes from the diffuse light on its way out too
+    layer_f0: vec3  # that layer's reflectance, see `layer_reflectance`
+    layer_f90: ti.f32
+    layer_multiple: vec3
+    f0: vec3  # specular reflectance towards the normal, and at grazing angles
+    f90: ti.f32
+    multiple: vec3  # light that is reflected more than once between the microfacets
+    roughness: ti.f32
+    alpha: ti.f32
+    specular: ti.f32
+    coat: ti.f32
+    coat_alpha: ti.f32
+    glass: ti.f32
+    eta: ti.f32  # index of refraction beyond the surface over the index on wo's side
+
+
+@ti.func
+def schlick(f0: vec3, f90: ti.f32, cosine: ti.f32) -> vec3:
+    """Schlick's Fresnel term."""
+    m = ti.math.clamp(1.0 - cosine, 0.0, 1.0)
+    m2 = m * m
+    return f0 + (f90 - f0) * (m2 * m2 * m)
+
+
+@ti.func
+def grazing_reflectance(f0: vec3) -> ti.f32:
+    """F90: 1, but fading to 0 for a surface without specular reflection (F0 below 2 %: nothing real has that)."""
+    return ti.min(50.0 * f0.max(), 1.0)
+
+
+@ti.func
+def dielectric(cosine: ti.f32, eta: ti.f32) -> ti.f32:
+    """Fresnel reflectance of unpolarised light; 1 under total internal reflection."""
+    sine2 = ti.max(1.0 - cosine * cosine, 0.0) / (eta * eta)
+    result = 1.0
+    if sine2 < 1.0:
+        cos_t = ti.sqrt(1.0 - sine2)
+        parallel = (eta * cosine - cos_t) / (eta * cosine + cos_t)
+        perpendicular = (cosine - eta * cos_t) / (cosine + eta * cos_t)
+        result = 0.5 * (parallel * parallel + perpendicular * perpendicular)
+    return result
+
+
+@ti.func
+def reflected_parts(energy: ti.template(), cosine: ti.f32, roughness: ti.f32) -> vec2:
+    """(A, B): a rough surface reflects F0 A + F90 B of the light from that direction, once."""
+    x = ti.sqrt(ti.math.clamp(cosine, 0.0, 1.0)) * (COSINES - 1)
+    y = ti.math.clamp(roughness, 0.0, 1.0) * (ROUGHNESSES - 1)
+    column, row = ti.min(ti.cast(x, ti.i32), COSINES - 2), ti.min(ti.cast(y, ti.i32), ROUGHNESSES - 2)
+    fx, fy = x - column, y - row
+    at = 2 * (row * COSINES + column)
+    below = at + 2 * COSINES
+    result = vec2(0.0)
+    for part in ti.static(range(2)):
+        low = energy[at + part] * (1.0 - fx) + energy[at + 2 + part] * fx
+        high = energy[below + part] * (1.0 - fx) + energy[below + 2 + part] * fx
+        result[part] = low * (1.0 - fy) + high * fy
+    return result
+
+
+@ti.func
+def mean_reflected_parts(energy: ti.template(), roughness: ti.f32) -> vec2:
+    """`reflected_parts` averaged over a Lambertian distribution of directions."""
+    y = ti.math.clamp(roughness, 0.0, 1.0) * (ROUGHNESSES - 1)
+    row = ti.min(ti.cast(y, ti.i32), ROUGHNESSES - 2)
+    fy = y - row
+    at = AVERAGES_AT + 2 * row
+    return vec2(
+        energy[at] * (1.0 - fy) + energy[at + 2] * fy,
+        energy[at + 1] * (1.0 - fy) + energy[at + 3] * fy,
+    )
+
+
+@ti.func
+def glass_transfer(energy: ti.template(), glass: ti.i32, inside: ti.i32, cosine: ti.f32, roughness: ti.f32) -> ti.f32:
+    """The part of the light that leaves a rough glass boundary after one bounce, either way."""
+    x = ti.sqrt(ti.math.clamp(cosine, 0.0, 1.0)) * (GLASS_COSINES - 1)
+    y = ti.math.clamp(roughness, 0.0, 1.0) * (GLASS_ROUGHNESSES - 1)
+    column, row = ti.min(ti.cast(x, ti.i32), GLASS_COSINES - 2), ti.min(ti.cast(y, ti.i32), GLASS_ROUGHNESSES - 2)
+    fx, fy = x - column, y - row
+    at = GLASS_AT + glass * GLASS_SIZE + (inside * GLASS_ROUGHNESSES + row) * GLASS_COSINES + column
+    below = at + GLASS_COSINES
+    low = energy[at] * (1.0 - fx) + energy[at + 1] * fx
+    high = energy[below] * (1.0 - fx) + energy[below + 1] * fx
+    return low * (1.0 - fy) + high * fy
+
+
+@ti.func
+def multiple_reflectance(f0: vec3, f90: ti.f32, mean: vec2) -> vec3:
+    """The colour of light after many reflections between microfacets: Kulla and Conty's term with Hill's numerator."""
+    mean_fresnel = f0 + (f90 - f0) * (1.0 / 21.0)
+    mean_kept = mean.x + mean.y
+    return mean_fresnel * mean_fresnel * mean_kept / (1.0 - mean_fresnel * (1.0 - mean_kept))
+
+
+@ti.func
+def layer_reflectance(f0: vec3, f90: ti.f32, multiple: vec3, parts: vec2) -> vec3:
+    """All that a specular layer reflects of the light from one direction (or on average), at any number of bounces."""
+    return f0 * parts.x + f90 * parts.y + multiple * (1.0 - parts.x - parts.y)

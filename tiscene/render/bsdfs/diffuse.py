@@ -1,0 +1,32 @@
+"""Lambertian reflection below the specular layer, and the diffuse-like rest of what rough metal reflects repeatedly."""
+
+import math
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.bsdfs.closure import layer_reflectance, reflected_parts
+
+vec3 = ti.math.vec3
+vec4 = ti.math.vec4
+
+
+@ti.func
+def sample(c: ti.template(), u: vec3) -> vec3:
+    """A direction by its cosine."""
+    return warp.cosine_hemisphere(u.xy)
+
+
+@ti.func
+def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+    """(f |cos|, density of `sample`)."""
+    result = vec4(0.0)
+    if wi.z > 0.0:
+        f = c.diffuse
+        if c.layered != 0:
+            parts = reflected_parts(energy, wi.z, c.roughness)
+            f *= 1.0 - layer_reflectance(c.layer_f0, c.layer_f90, c.layer_multiple, parts)
+            f += c.multiple * (1.0 - parts.x - parts.y)
+        pdf = wi.z * (1.0 / math.pi)
+        result = vec4(f * pdf, pdf)
+    return result

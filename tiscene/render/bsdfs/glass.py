@@ -1,0 +1,51 @@
+"""A rough dielectric boundary: GGX reflection and refraction (Walter et al. 2007) with the exact Fresnel term.
+
+Of radiance: refraction scales it by the squared ratio of the indices. `c.glass` holds the energy compensation.
+"""
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.bsdfs.closure import dielectric
+
+vec3 = ti.math.vec3
+vec4 = ti.math.vec4
+
+
+@ti.func
+def sample(c: ti.template(), u: vec3) -> vec3:
+    """Reflected or refracted by a visible microfacet, as the Fresnel term says. u.z makes that choice."""
+    m = warp.visible_normal(u.xy, c.wo, c.alpha)
+    cosine = c.wo.dot(m)
+    wi = 2.0 * cosine * m - c.wo
+    if u.z >= dielectric(cosine, c.eta):
+        cos_t = ti.sqrt(ti.max(1.0 - (1.0 - cosine * cosine) / (c.eta * c.eta), 0.0))
+        wi = (cosine / c.eta - cos_t) * m - c.wo / c.eta
+    return wi.normalized()
+
+
+@ti.func
+def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+    """(f |cos|, density of `sample`)."""
+    result = vec4(0.0)
+    reflects = wi.z > 0.0
+    m = c.wo + wi
+    if not reflects:
+        m = c.wo + c.eta * wi
+    m = m.normalized()
+    if m.z < 0.0:
+        m = -m
+    cos_o, cos_i = c.wo.dot(m), wi.dot(m)
+    if wi.z != 0.0 and cos_o > 0.0 and cos_i * wi.z > 0.0:
+        fresnel = dielectric(cos_o, c.eta)
+        visible = warp.ggx_masking_shadowing(c.wo, wi, c.alpha)
+        density = warp.ggx_density(m, c.alpha) / c.wo.z
+        if reflects:
+            density *= 0.25 * fresnel
+            visible *= c.glass
+        else:
+            spread = cos_i + cos_o / c.eta
+            density *= (1.0 - fresnel) * cos_o * ti.abs(cos_i) / (spread * spread)
+            visible *= c.glass / (c.eta * c.eta)
+        result = vec4(vec3(visible * density), density * warp.ggx_masking(c.wo, c.alpha))
+    return result

@@ -1,0 +1,291 @@
+"""UsdPreviewSurface: its inputs at a point, and the lobes that they make.
+
+Layers from the top: clearcoat; specular reflection with Schlick's Fresnel term; then, below it, diffuse reflection. Metal
+has no diffuse part. Where the material is glass (see `material_table.flags_of`), 1 - opacity of it is a dielectric
+boundary instead, rough as the material is and colourless, of the solid that the mesh encloses: light refracts in and out
+by `ior`. A roughness of 0 is a mirror as sharp as a pixel can show (`energy.SMALLEST_ALPHA`), not a singular one, so that
+every direction has a finite density. All lobes together reflect what they should: see `energy`.
+"""
+
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.bsdfs import clearcoat, diffuse, glass, specular
+from tiscene.render.bsdfs.closure import (
+    COAT_F0,
+    Closure,
+    glass_transfer,
+    grazing_reflectance,
+    layer_reflectance,
+    mean_reflected_parts,
+    multiple_reflectance,
+    reflected_parts,
+)
+from tiscene.render.bsdfs.energy import SMALLEST_ALPHA
+from tiscene.render.textures import lookup
+from tiscene.scene.material_table import (
+    CLEARCOAT,
+    CLEARCOAT_ROUGHNESS,
+    COATED,
+    DIFFUSE,
+    EMISSIVE,
+    EMITS,
+    FLAGS,
+    GLASS,
+    GLASS_INDEX,
+    INPUTS,
+    IOR,
+    LOOKUP_BIAS,
+    LOOKUP_CHANNEL,
+    LOOKUP_OF,
+    LOOKUP_SCALE,
+    LOOKUP_TEXTURE,
+    LOOKUP_TRANSFORM,
+    MATTE,
+    METALLIC,
+    OPACITY,
+    ROUGHNESS,
+    SPECULAR,
+    SPECULAR_WORKFLOW,
+    TEXTURED,
+    THRESHOLD,
+)
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+vec4 = ti.math.vec4
+
+# Each has sample(closure, u) and evaluate(closure, energy, wi). A new lobe is a file, a name here and its chance below.
+LOBES = (diffuse, specular, clearcoat, glass)
+
+_LOOKUP_COLUMN_OF = {column: LOOKUP_OF[name] for name, column in INPUTS}
+_COLORS = (DIFFUSE, EMISSIVE, SPECULAR)
+
+
+class Materials(NamedTuple):
+    """The arrays of a MaterialTable, bundled inside a kernel."""
+
+    values: Any
+    info: Any
+    lookups: Any
+
+
+@ti.dataclass
+class MaterialPoint:
+    """The inputs of UsdPreviewSurface at one point, in their meaningful ranges."""
+
+    diffuse_color: vec3
+    emissive_color: vec3
+    specular_color: vec3
+    metallic: ti.f32
+    roughness: ti.f32
+    clearcoat: ti.f32
+    clearcoat_roughness: ti.f32
+    opacity: ti.f32  # after the threshold
+    ior: ti.f32
+    normal: vec3  # in the tangent frame, unit
+    flags: ti.i32
+    glass: ti.i32  # which of the glass energy tables
+
+
+@ti.func
+def texture_value(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
+    """A row of the lookups at uv: rgb as it is, or one channel four times; scaled and biased."""
+    transform = LOOKUP_TRANSFORM
+    lookups = ti.static(materials.lookups)
+    u = lookups[row, transform] * uv.x + lookups[row, transform + 1] * uv.y + lookups[row, transform + 2]
+    v = lookups[row, transform + 3] * uv.x + lookups[row, transform + 4] * uv.y + lookups[row, transform + 5]
+    value = lookup(textures, ti.cast(lookups[row, LOOKUP_TEXTURE], ti.i32), vec2(u, v))
+    for channel in ti.static(range(4)):
+        value[channel] = value[channel] * lookups[row, LOOKUP_SCALE + channel] + lookups[row, LOOKUP_BIAS + channel]
+    channel = ti.cast(lookups[row, LOOKUP_CHANNEL], ti.i32)
+    if channel > 0:
+        value = vec4(value.x if channel == 1 else (value.y if channel == 2 else (value.z if channel == 3 else value.w)))
+    return value
+
+
+@ti.func
+def material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2):
+    """Every input of the material at uv: a MaterialPoint."""
+    values = ti.static(materials.values)
+    point = MaterialPoint(
+        diffuse_color=vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2]),
+        emissive_color=vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2]),
+        specular_color=vec3(values[row, SPECULAR], values[row, SPECULAR + 1], values[row, SPECULAR + 2]),
+        metallic=values[row, METALLIC],
+        roughness=values[row, ROUGHNESS],
+        clearcoat=values[row, CLEARCOAT],
+        clearcoat_roughness=values[row, CLEARCOAT_ROUGHNESS],
+        opacity=values[row, OPACITY],
+        ior=values[row, IOR],
+        normal=vec3(0.0, 0.0, 1.0),
+        flags=materials.info[row, FLAGS],
+        glass=ti.max(materials.info[row, GLASS_INDEX], 0),
+    )
+    if point.flags & TEXTURED:
+        for column in range(LOOKUP_OF["diffuse_color"], LOOKUP_OF["normal"] + 1):  # one lookup in the code, not nine
+            lookup_row = materials.info[row, column]
+            if lookup_row >= 0:
+                value = texture_value(materials, textures, lookup_row, uv)
+                if column == ti.static(_LOOKUP_COLUMN_OF[DIFFUSE]):
+                    point.diffuse_color = value.xyz
+                elif column == ti.static(_LOOKUP_COLUMN_OF[EMISSIVE]):
+                    point.emissive_color = value.xyz
+                elif column == ti.static(_LOOKUP_COLUMN_OF[SPECULAR]):
+                    point.specular_color = value.xyz
+                elif column == ti.static(_LOOKUP_COLUMN_OF[METALLIC]):
+                    point.metallic = value.x
+                elif column == ti.static(_LOOKUP_COLUMN_OF[ROUGHNESS]):
+                    point.roughness = value.x
+                elif column == ti.static(_LOOKUP_COLUMN_OF[CLEARCOAT]):
+                    point.clearcoat = value.x
+                elif column == ti.static(_LOOKUP_COLUMN_OF[CLEARCOAT_ROUGHNESS]):
+                    point.clearcoat_roughness = value.x
+                elif column == ti.static(_LOOKUP_COLUMN_OF[OPACITY]):
+                    point.opacity = value.x
+                elif value.xyz.dot(value.xyz) > 1e-8:
+                    point.normal = value.xyz.normalized()
+    point.diffuse_color = ti.math.clamp(point.diffuse_color, 0.0, 1.0)
+    point.emissive_color = ti.max(point.emissive_color, 0.0)
+    point.specular_color = ti.math.clamp(point.specular_color, 0.0, 1.0)
+    point.metallic = ti.math.clamp(point.metallic, 0.0, 1.0)
+    point.roughness = ti.math.clamp(point.roughness, 0.0, 1.0)
+    point.clearcoat = ti.math.clamp(point.clearcoat, 0.0, 1.0)
+    point.clearcoat_roughness = ti.math.clamp(point.clearcoat_roughness, 0.0, 1.0)
+    point.opacity = ti.math.clamp(point.opacity, 0.0, 1.0)
+    threshold = values[row, THRESHOLD]
+    if threshold > 0.0:
+        point.opacity = 1.0 if point.opacity >= threshold else 0.0
+    return point
+
+
+@ti.func
+def shading_normal(surface: ti.template(), point: ti.template(), wo: vec3) -> vec3:
+    """The surface's normal after the normal map, bent where need be so that wo is above it."""
+    n = surface.normal
+    if point.normal.z < 1.0:
+        tangent = surface.dp_du - n * n.dot(surface.dp_du)
+        length = tangent.norm()
+        if length > 0.0:
+            tangent /= length
+            bitangent = n.cross(tangent)
+            if bitangent.dot(surface.dp_dv) < 0.0:
+                bitangent = -bitangent
+            side = 1.0 if surface.front != 0 else -1.0  # seen from behind, the bumps are hollows
+            n = side * (tangent * point.normal.x + bitangent * point.normal.y) + n * point.normal.z
+            n = n.normalized()
+    cosine = n.dot(wo)
+    if cosine < 0.01:
+        n = (n + wo * (0.01 - cosine)).normalized()
+    return n
+
+
+@ti.func
+def is_mirror_like(point: ti.template()):
+    """Whether one sees other things in it rather than itself: 1 or 0."""
+    sharp = point.roughness < 0.15
+    clear = (point.flags & GLASS) != 0 and point.opacity < 0.5
+    shiny = point.metallic > 0.5
+    if point.flags & SPECULAR_WORKFLOW:
+        shiny = point.specular_color.min() > 0.5
+    return ti.cast(sharp and (clear or shiny), ti.i32)
+
+
+@ti.func
+def closure_at(point: ti.template(), energy: ti.template(), wo: vec3, front: ti.i32):
+    """The lobes of a material for one outgoing direction in the shading frame, wo.z > 0."""
+    metal = point.metallic
+    c = Closure(wo=wo, chances=vec4(1.0, 0.0, 0.0, 0.0), roughness=point.roughness)
+    if point.flags & MATTE:
+        c.diffuse = point.diffuse_color
+    else:
+        layer_f0 = vec3(((point.ior - 1.0) / (point.ior + 1.0)) ** 2)
+        if point.flags & SPECULAR_WORKFLOW:
+            layer_f0 = point.specular_color
+            metal = 0.0
+        through = 0.0
+        if point.flags & GLASS:
+            through = (1.0 - point.opacity) * (1.0 - metal)
+        base = 1.0
+        if point.flags & COATED:
+            parts = reflected_parts(energy, wo.z, point.clearcoat_roughness)
+            reflected = point.clearcoat * (COAT_F0 * parts.x + parts.y)
+            base = 1.0 - reflected
+            c.coat = point.clearcoat
+            c.coat_alpha = ti.max(point.clearcoat_roughness * point.clearcoat_roughness, SMALLEST_ALPHA)
+            c.chances[2] = reflected
+        c.alpha = ti.max(point.roughness * point.roughness, SMALLEST_ALPHA)
+
+        parts = reflected_parts(energy, wo.z, point.roughness)
+        mean = mean_reflected_parts(energy, point.roughness)
+        c.layered = 1
+        c.layer_f0 = layer_f0
+        c.layer_f90 = grazing_reflectance(layer_f0)
+        c.layer_multiple = multiple_reflectance(layer_f0, c.layer_f90, mean)
+        c.f0 = layer_f0 * (1.0 - metal) + point.diffuse_color * metal
+        metal_f90 = grazing_reflectance(point.diffuse_color)
+        c.f90 = c.layer_f90 * (1.0 - metal) + metal_f90 * metal
+
+        opaque = base * (1.0 - through)
+        c.specular = opaque
+        multiple = c.layer_multiple * (1.0 - metal) + multiple_reflectance(point.diffuse_color, metal_f90, mean) * metal
+        c.multiple = multiple * (opaque * (1.0 - parts.x - parts.y) / ti.max(1.0 - mean.x - mean.y, 1e-5))
+        below = 1.0 - layer_reflectance(layer_f0, c.layer_f90, c.layer_multiple, parts)
+        mean_below = 1.0 - layer_reflectance(layer_f0, c.layer_f90, c.layer_multiple, mean)
+        c.diffuse = point.diffuse_color * (opaque * (1.0 - metal)) * below / ti.max(mean_below, 1e-5)
+
+        c.chances[1] = opaque * (c.f0 * parts.x + c.f90 * parts.y).sum() * (1.0 / 3.0)
+        # What the diffuse lobe reflects of wo's light, near enough.
+        c.chances[0] = (c.diffuse * mean_below + c.multiple * (1.0 - mean.x - mean.y)).sum() * (1.0 / 3.0)
+        if through > 0.0:
+            inside = 1 - front
+            c.eta = point.ior if front != 0 else 1.0 / point.ior
+            c.glass = base * through / ti.max(glass_transfer(energy, point.glass, inside, wo.z, point.roughness), 0.1)
+            c.chances[3] = base * through
+        total = c.chances.sum()
+        c.chances = c.chances / total if total > 0.0 else vec4(1.0, 0.0, 0.0, 0.0)
+    return c
+
+
+@ti.func
+def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+    """(f |cos|, density of `sample`) of all lobes for a direction in the shading frame."""
+    result = vec4(0.0)
+    for k in ti.static(range(len(LOBES))):
+        if c.chances[k] > 0.0:
+            part = LOBES[k].evaluate(c, energy, wi)
+            part.w *= c.chances[k]
+            result += part
+    return result
+
+
+@ti.func
+def sample(c: ti.template(), u: vec3) -> vec3:
+    """A direction in the shading frame. u.z chooses the lobe."""
+    lobe, rest, low = 0, u.z, 0.0
+    for k in ti.static(range(len(LOBES))):
+        if c.chances[k] > 0.0 and u.z >= low:
+            lobe = k
+            rest = ti.min((u.z - low) / c.chances[k], 0.99999994)
+        low += c.chances[k]
+    wi = vec3(0.0, 0.0, 1.0)
+    for k in ti.static(range(len(LOBES))):
+        if lobe == k:
+            wi = LOBES[k].sample(c, vec3(u.x, u.y, rest))
+    return wi
+
+
+@ti.func
+def to_frame(n: vec3, w: vec3) -> vec3:
+    """A world direction in the frame of n."""
+    s, t = warp.tangents(n)
+    return vec3(s.dot(w), t.dot(w), n.dot(w))
+
+
+@ti.func
+def from_frame(n: vec3, w: vec3) -> vec3:
+    """A direction in the frame of n, in the world."""
+    s, t = warp.tangents(n)
+    return s * w.x + t * w.y + n * w.z

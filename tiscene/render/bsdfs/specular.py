@@ -1,0 +1,29 @@
+"""GGX reflection with Schlick's Fresnel term: metals, and the polish of everything else."""
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.bsdfs.closure import schlick
+
+vec3 = ti.math.vec3
+vec4 = ti.math.vec4
+
+
+@ti.func
+def sample(c: ti.template(), u: vec3) -> vec3:
+    """The mirror direction about a visible microfacet."""
+    m = warp.visible_normal(u.xy, c.wo, c.alpha)
+    return 2.0 * c.wo.dot(m) * m - c.wo
+
+
+@ti.func
+def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+    """(f |cos|, density of `sample`)."""
+    result = vec4(0.0)
+    if wi.z > 0.0:
+        m = (c.wo + wi).normalized()
+        density = warp.ggx_density(m, c.alpha) / (4.0 * c.wo.z)
+        visible = warp.ggx_masking_shadowing(c.wo, wi, c.alpha)
+        f = schlick(c.f0, c.f90, c.wo.dot(m)) * (c.specular * density * visible)
+        result = vec4(f, density * warp.ggx_masking(c.wo, c.alpha))
+    return result

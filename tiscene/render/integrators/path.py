@@ -1,0 +1,180 @@
+"""The path pass: radiance by path tracing with next-event estimation, in waves of kernels over batches of paths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene import device
+from tiscene.errors import ArgumentError
+from tiscene.render.bsdfs.energy import energy_tables
+from tiscene.render.integrators import path_kernels as kernels
+from tiscene.render.integrators.path_shading import SceneArrays, shade
+from tiscene.render.integrators.path_state import FILM_COLUMNS, PathState
+from tiscene.render.integrators.path_shadows import pass_shadows
+from tiscene.render.intersect import closest, occluded
+from tiscene.render.ray_arrays import tiled_order
+from tiscene.render.sampler import frame_key, index_bits
+from tiscene.render.surface import geometry_of
+from tiscene.render.view import View
+from tiscene.scene.device_array import upload
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT
+
+FloatImage = NDArray[np.float32]
+
+# Paths in flight: so few on a CPU that their state stays in its cache, so many on a GPU that it fills.
+BATCH_SIZES = {"cpu": 1 << 15, "cuda": 1 << 20}
+# A path passes through so many partly absent surfaces for nothing; each further one costs it a bounce.
+FREE_PASSES = 16
+
+
+@dataclass(frozen=True, eq=False)
+class PathImage:
+    """Float32 [height, width, 3] images, means over the samples of each pixel.
+
+    hdr: scene-linear Rec.709 radiance. albedo, normal: of the first thing seen that is not a mirror or clear glass (0..1,
+    and unit before the mean, world), for the denoiser.
+    """
+
+    hdr: FloatImage
+    albedo: FloatImage
+    normal: FloatImage
+
+
+class PathPass:
+    """Renders radiance of what a DeviceScene has placed at CURRENT.
+
+    nonfinite: how many samples of the last picture were infinite or not numbers; they are left out of the means.
+    """
+
+    def __init__(self, scene: DeviceScene, width: int, height: int, batch_size: int | None = None) -> None:
+        """batch_size: paths in flight; no effect on any byte of the result."""
+        if width < 1 or height < 1:
+            raise ArgumentError(f"a picture of {width}x{height} pixels: both must be at least 1")
+        self.scene = scene
+        self.width = width
+        self.height = height
+        self.nonfinite = 0
+        self._batch_size = batch_size or BATCH_SIZES[device.start()]
+        self._state: PathState | None = None
+        self._pixels = upload(tiled_order(width, height))
+        self._film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
+        self._energy: Any = None
+        self._energy_iors: tuple[float, ...] | None = None
+
+    def render(
+        self, view: View, *, frame_index: int, seed: int, spp: int, max_depth: int, mis: bool = True
+    ) -> PathImage:
+        """One picture; a pure function of the scene, the view and the four numbers.
+
+        spp: paths per pixel, any number; powers of two are stratified best. max_depth: how many edges a path may have,
+        as in Mitsuba's `path`: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces more. Passing through
+        a partly absent surface is no bounce. mis=False samples lights alone, for tests.
+        Raises ArgumentError for numbers out of range or a view of another size.
+        """
+        if spp < 1 or max_depth < 1:
+            raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
+        if (view.width, view.height) != (self.width, self.height):
+            raise ArgumentError(f"a view of {view.width}x{view.height} pixels for a {self.width}x{self.height} picture")
+        total = self.width * self.height * spp
+        if total >= 1 << 31:
+            raise ArgumentError(f"{self.width}x{self.height} pixels at spp={spp}: more than 2^31 paths in one frame")
+        size = min(self._batch_size, -(-total // kernels.CHUNK) * kernels.CHUNK)
+        if self._state is None or self._state.size != size:
+            self._state = PathState(size)
+        scene = self._scene_arrays()
+        numbers = (spp, index_bits(spp), frame_key(seed, frame_index))
+        for first in range(0, total, size):
+            self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
+        shape = (self.height, self.width)
+        hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
+        dropped = np.empty(shape, np.int32)
+        kernels.develop(self._film, self.width, self.height, spp, hdr, albedo, normal, dropped)
+        self.nonfinite = int(dropped.sum())
+        return PathImage(hdr, albedo, normal)
+
+    def _trace(
+        self,
+        scene: _SceneForPaths,
+        view: View,
+        s: PathState,
+        first: int,
+        count: int,
+        numbers: tuple[int, int, int],
+        max_depth: int,
+        mis: int,
+    ) -> None:
+        """Trace the paths first .. first + count - 1 to their ends and add them to the film."""
+        spp, bits, key = numbers
+        kernels.start_paths(
+            view.array(), self._pixels, self.width, self.height, first, count, spp, bits, key,
+            s.rays, s.shadow_rays, s.state, s.features, s.status, s.queue,
+        )  # fmt: skip
+        live = count
+        steps = max_depth + (FREE_PASSES if scene.any_coverage else 0)
+        for step in range(steps):
+            closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
+            shade(
+                *scene.arrays, scene.light_total, scene.light_solid,
+                self._pixels, first, spp, bits, key, step, max_depth, mis, s.queue, live,
+                s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
+            )  # fmt: skip
+            both = kernels.compact(s.status, s.shadow_rays, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
+            live, shadows = both & 0xFFFFFFFF, both >> 32
+            s.swap()
+            if shadows:
+                self._cast_shadows(scene, s, shadows, first, step, numbers)
+            if not live:
+                break
+        kernels.expose(
+            self._pixels, first, count, spp, s.shadow_rays, s.occluded, s.state, s.features, self._film
+        )  # fmt: skip
+
+    def _cast_shadows(
+        self, scene: _SceneForPaths, s: PathState, count: int, first: int, step: int, numbers: tuple[int, int, int]
+    ) -> None:
+        """Find out which of the shadow rays reach their lights."""
+        if not scene.any_coverage:
+            occluded(self.scene, CURRENT, s.shadow_rays, s.shadow_queue, count, s.occluded)
+            return
+        spp, _, key = numbers
+        hits, hit_ids = s.shadow_hits
+        for layer in range(FREE_PASSES):
+            closest(self.scene, CURRENT, s.shadow_rays, s.shadow_queue, count, hits, hit_ids)
+            going_on = pass_shadows(
+                *scene.arrays, self._pixels, first, spp, key, step, layer, s.shadow_queue, count,
+                s.shadow_rays, hits, hit_ids, s.occluded,
+            )  # fmt: skip
+            if not going_on:
+                break
+
+    def _scene_arrays(self) -> _SceneForPaths:
+        """The scene's arrays as they are now; tables that depend on the materials are made when those change."""
+        scene = self.scene
+        iors = tuple(scene.materials.glass_iors)
+        if iors != self._energy_iors:
+            self._energy = upload(energy_tables(iors))
+            self._energy_iors = iors
+        radius = 0.5 * float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
+        lights = scene.lights.arrays(scene.textures, radius)
+        arrays = SceneArrays(
+            *geometry_of(scene),
+            *scene.materials.arrays(),
+            *scene.textures.arrays(),
+            lights.values,
+            lights.distribution,
+            self._energy,
+        )
+        return _SceneForPaths(arrays, lights.total, lights.solid, scene.materials.any_coverage)
+
+
+@dataclass(frozen=True, eq=False)
+class _SceneForPaths:
+    arrays: SceneArrays
+    light_total: int
+    light_solid: int
+    any_coverage: bool

@@ -1,0 +1,194 @@
+"""The path tracer's own kernels: start paths, compact the live ones, add finished ones to the film, develop it.
+
+Each thread owns the rows, chunks or pixels it writes, and sums run in one fixed order, so that every result has the same
+bytes for any number of threads and any size of batch.
+"""
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.integrators.path_state import (
+    CHUNK,
+    DIRECT,
+    DROPPED,
+    FEATURE_COLUMNS,
+    FILM_COLUMNS,
+    LIVE,
+    ORIGIN,
+    PDF,
+    RADIANCE,
+    RELATIVE_IOR2,
+    THROUGHPUT,
+)
+from tiscene.render.ray_arrays import write_ray
+from tiscene.render.sampler import combine, pixel_key, sobol
+from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, UP, camera_ray, view_vector
+from tiscene.scene.placement import CURRENT
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
+Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
+Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
+Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+
+CAMERA_SET = 0  # the first four dimensions of a path: where on the pixel, where on the lens
+
+
+@ti.func
+def path_key(pixels: ti.template(), frame_key: ti.i32, path: ti.i32, spp: ti.i32) -> ti.u32:
+    """The key of the numbers of a path's pixel."""
+    return pixel_key(frame_key, pixels[path // spp])
+
+
+@ti.kernel
+def start_paths(
+    view: Floats2,
+    pixels: Ints1,
+    width: ti.i32,
+    height: ti.i32,
+    first: ti.i32,
+    count: ti.i32,
+    spp: ti.i32,
+    bits: ti.i32,
+    frame_key: ti.i32,
+    rays: Floats2,
+    shadow_rays: Floats2,
+    state: Floats2,
+    features: Floats2,
+    status: Ints1,
+    queue: Ints1,
+):
+    """Send the paths first .. first + count - 1 of the frame through their pixels."""
+    for i in range(count):
+        path = first + i
+        pixel = pixels[path // spp]
+        u = sobol(combine(path_key(pixels, frame_key, path, spp), ti.u32(CAMERA_SET)), path % spp, bits)
+        x, y = pixel % width + (u.x - 0.5), pixel // width + (u.y - 0.5)
+        origin, direction = camera_ray(view, CURRENT, x, y, width, height)
+        radius = view[CURRENT, LENS_RADIUS]
+        if radius > 0.0:
+            focus = origin + direction * (
+                view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
+            )
+            lens = radius * warp.disk(vec2(u.z, u.w))
+            origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
+            direction = (focus - origin).normalized()
+        write_ray(rays, i, origin, direction, ti.math.inf)
+        for c in ti.static(range(3)):
+            state[i, THROUGHPUT + c] = 1.0
+            state[i, RADIANCE + c] = 0.0
+            state[i, DIRECT + c] = 0.0
+            state[i, ORIGIN + c] = origin[c]
+        state[i, PDF] = 0.0
+        state[i, RELATIVE_IOR2] = 1.0
+        for c in ti.static(range(FEATURE_COLUMNS)):
+            features[i, c] = 0.0
+        status[i] = LIVE
+        shadow_rays[i, 7] = 0.0
+        queue[i] = i
+
+
+@ti.kernel
+def compact(
+    status: Ints1,
+    shadow_rays: Floats2,
+    queue: Ints1,
+    count: ti.i32,
+    live: Ints1,
+    shadows: Ints1,
+    chunks: Ints2,
+) -> ti.i64:
+    """Of queue[0..count) the live paths to `live` and those with a shadow ray to `shadows`, in the same order.
+
+    Returns how many: live + shadows * 2^32.
+    """
+    chunk_count = (count + CHUNK - 1) // CHUNK
+    for chunk in range(chunk_count):
+        lives, casts = 0, 0
+        for k in range(chunk * CHUNK, ti.min(count, (chunk + 1) * CHUNK)):
+            i = queue[k]
+            if status[i] & LIVE:
+                lives += 1
+            if shadow_rays[i, 7] > 0.0:
+                casts += 1
+        chunks[chunk, 0] = lives
+        chunks[chunk, 1] = casts
+    ti.loop_config(serialize=True)
+    for column in range(2):
+        total = 0
+        for chunk in range(chunk_count):
+            here = chunks[chunk, column]
+            chunks[chunk, column] = total
+            total += here
+        chunks[chunk_count, column] = total
+    for chunk in range(chunk_count):
+        lives, casts = chunks[chunk, 0], chunks[chunk, 1]
+        for k in range(chunk * CHUNK, ti.min(count, (chunk + 1) * CHUNK)):
+            i = queue[k]
+            if status[i] & LIVE:
+                live[lives] = i
+                lives += 1
+            if shadow_rays[i, 7] > 0.0:
+                shadows[casts] = i
+                casts += 1
+    return ti.cast(chunks[chunk_count, 0], ti.i64) + (ti.cast(chunks[chunk_count, 1], ti.i64) << 32)
+
+
+@ti.kernel
+def expose(
+    pixels: Ints1,
+    first: ti.i32,
+    count: ti.i32,
+    spp: ti.i32,
+    shadow_rays: Floats2,
+    occluded: Ints1,
+    state: Floats2,
+    features: Floats2,
+    film: Floats2,
+):
+    """Add a batch to the sums of its pixels, sample by sample in their order."""
+    for rank in range(first // spp, (first + count - 1) // spp + 1):
+        pixel = pixels[rank]
+        begin, end = ti.max(first, rank * spp), ti.min(first + count, (rank + 1) * spp)
+        fresh = begin == rank * spp
+        sums = ti.Vector.zero(ti.f32, FILM_COLUMNS)
+        if not fresh:
+            for c in ti.static(range(FILM_COLUMNS)):
+                sums[c] = film[pixel, c]
+        for path in range(begin, end):
+            i = path - first
+            radiance = vec3(state[i, RADIANCE], state[i, RADIANCE + 1], state[i, RADIANCE + 2])
+            if shadow_rays[i, 7] > 0.0 and occluded[i] == 0:
+                radiance += vec3(state[i, DIRECT], state[i, DIRECT + 1], state[i, DIRECT + 2])
+            if ti.abs(radiance.sum()) < ti.math.inf:  # false for nan too
+                for c in ti.static(range(3)):
+                    sums[c] += radiance[c]
+            else:
+                sums[DROPPED] += 1.0
+            for c in ti.static(range(FEATURE_COLUMNS)):
+                sums[3 + c] += features[i, c]
+        for c in ti.static(range(FILM_COLUMNS)):
+            film[pixel, c] = sums[c]
+
+
+@ti.kernel
+def develop(
+    film: Floats2,
+    width: ti.i32,
+    height: ti.i32,
+    spp: ti.i32,
+    hdr: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    albedo: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    dropped: Ints2,
+):
+    """Means of the sums, as images."""
+    for pixel in range(width * height):
+        x, y = pixel % width, pixel // width
+        kept = ti.max(spp - film[pixel, DROPPED], 1.0)
+        for c in ti.static(range(3)):
+            hdr[y, x, c] = film[pixel, c] / kept
+            albedo[y, x, c] = film[pixel, 3 + c] / spp
+            normal[y, x, c] = film[pixel, 6 + c] / spp
+        dropped[y, x] = ti.cast(film[pixel, DROPPED], ti.i32)

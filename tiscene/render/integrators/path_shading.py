@@ -1,0 +1,282 @@
+"""One step of every live path: what it met, the light there, where it goes on."""
+
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from tiscene.render.bsdfs import preview_surface as bsdf
+from tiscene.render.bsdfs.preview_surface import Materials
+from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
+from tiscene.render.integrators.path_state import (
+    ALBEDO,
+    DEPTH_MASK,
+    DIRECT,
+    LIVE,
+    NORMAL,
+    ORIGIN,
+    PDF,
+    RADIANCE,
+    RELATIVE_IOR2,
+    SEEN,
+    THROUGHPUT,
+)
+from tiscene.render.lights import all_lights
+from tiscene.render.lights.light_sample import Lights
+from tiscene.render.ray_arrays import write_ray
+from tiscene.render.sampler import combine, sobol
+from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
+from tiscene.render.textures import Textures
+from tiscene.scene.material_table import COVERAGE, EMITS
+from tiscene.scene.placement import CURRENT
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+# Lights are not in the tree of surfaces. One that lies on a surface wins over it, by this part of the distance.
+LIGHT_FRONT = 1e-4
+RUSSIAN_ROULETTE_DEPTH = 3
+LARGEST_SURVIVAL = 0.95
+
+
+class SceneArrays(NamedTuple):
+    """What `shade` and `pass_shadows` read of the scene, in the order of their arguments."""
+
+    vertex_position: Any
+    vertex_normal: Any
+    vertex_uv: Any
+    triangle_vertices: Any
+    triangle_material: Any
+    instance_info: Any
+    world_from_instance: Any
+    instance_from_world: Any
+    material_values: Any
+    material_info: Any
+    material_lookups: Any
+    texture_info: Any
+    texture_words: Any
+    texture_floats: Any
+    light_values: Any
+    light_distribution: Any
+    energy: Any
+
+
+@ti.func
+def power_heuristic(a: ti.f32, b: ti.f32) -> ti.f32:
+    """Veach's weight, with exponent 2, of a sample of density a that could have been one of density b."""
+    ratio = b / a
+    return 1.0 / (1.0 + ratio * ratio)
+
+
+@ti.func
+def write3(array: ti.template(), row: ti.i32, column: ti.i32, v: vec3):
+    for c in ti.static(range(3)):
+        array[row, column + c] = v[c]
+
+
+@ti.func
+def read3(array: ti.template(), row: ti.i32, column: ti.i32) -> vec3:
+    return vec3(array[row, column], array[row, column + 1], array[row, column + 2])
+
+
+@ti.func
+def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_distance: ti.f32):
+    """(row, distance) of the light that a ray meets before the surface; row -1 for none."""
+    row, nearest = -1, surface_distance * (1.0 + LIGHT_FRONT)
+    for candidate in range(lights.solid):
+        distance = all_lights.intersect(lights, candidate, origin, direction)
+        if distance < nearest:
+            row, nearest = candidate, distance
+    return row, nearest
+
+
+@ti.func
+def seen_light(
+    lights: ti.template(),
+    textures: ti.template(),
+    row: ti.i32,
+    origin: vec3,
+    direction: vec3,
+    distance: ti.f32,
+    last_vertex: vec3,
+    pdf: ti.f32,
+    mis: ti.i32,
+) -> vec3:
+    """Radiance from a light that a path ran into, weighted against having sampled it from the last vertex."""
+    radiance = all_lights.emitted(lights, textures, row, origin, direction, distance)
+    if pdf > 0.0 and radiance.max() > 0.0:
+        weight = 0.0  # without MIS, light sampling alone counts
+        if mis != 0:
+            from_vertex = distance
+            if distance < ti.math.inf:
+                from_vertex = (origin + direction * distance - last_vertex).norm()
+            weight = power_heuristic(pdf, all_lights.pdf(lights, row, last_vertex, direction, from_vertex))
+        radiance *= weight
+    return radiance
+
+
+@ti.kernel
+def shade(
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    light_values: Floats2,
+    light_distribution: Floats1,
+    energy: Floats1,
+    light_total: ti.i32,
+    light_solid: ti.i32,
+    pixels: Ints1,
+    first: ti.i32,
+    spp: ti.i32,
+    bits: ti.i32,
+    frame_key: ti.i32,
+    step: ti.i32,
+    max_depth: ti.i32,
+    mis: ti.i32,
+    queue: Ints1,
+    count: ti.i32,
+    rays: Floats2,
+    hits: Floats2,
+    hit_ids: Ints2,
+    shadow_rays: Floats2,
+    occluded: Ints1,
+    state: Floats2,
+    features: Floats2,
+    status: Ints1,
+):
+    """Advance the paths in the queue by one vertex.
+
+    step: how often they were advanced before; it names their random numbers. mis: 0 samples lights alone (for tests).
+    """
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
+    ti.loop_config(block_dim=128)
+    for k in range(count):
+        i = queue[k]
+        origin, direction = row3(rays, i), read3(rays, i, 4)
+        throughput, radiance = read3(state, i, THROUGHPUT), read3(state, i, RADIANCE)
+        pdf, last_vertex = state[i, PDF], read3(state, i, ORIGIN)
+        if shadow_rays[i, 7] > 0.0:
+            if occluded[i] == 0:
+                radiance += read3(state, i, DIRECT)
+            shadow_rays[i, 7] = 0.0
+        bits_of_status = status[i]
+        depth = bits_of_status & DEPTH_MASK
+        goes_on = False
+
+        instance = hit_ids[i, 0]
+        light, distance = nearest_light(lights, origin, direction, hits[i, 0])
+        seen = vec3(0.0)  # emitted towards the path by what it met
+        if light >= 0:
+            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, mis)
+        elif instance < 0:
+            for row in range(light_solid, light_total):
+                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, mis)
+        else:
+            surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
+            point = bsdf.material_at(materials, textures, surface.material, surface.uv)
+            key = path_key(pixels, frame_key, first + i, spp)
+            sample = (first + i) % spp
+            light_u = sobol(combine(key, ti.cast(1 + 2 * step, ti.u32)), sample, bits)
+            if (point.flags & COVERAGE) != 0 and light_u.w >= point.opacity:
+                goes_on = True
+                write_ray(
+                    rays,
+                    i,
+                    offset_origin(surface.position, surface.geometric_normal, direction),
+                    direction,
+                    ti.math.inf,
+                )
+            else:
+                if point.flags & EMITS:
+                    seen = point.emissive_color
+                depth += 1
+                wo = -direction
+                normal = bsdf.shading_normal(surface, point, wo)
+                if (bits_of_status & SEEN) == 0 and bsdf.is_mirror_like(point) == 0:
+                    bits_of_status |= SEEN
+                    write3(features, i, ALBEDO, point.diffuse_color)
+                    write3(features, i, NORMAL, normal)
+                if depth < max_depth:
+                    closure = bsdf.closure_at(point, energy, bsdf.to_frame(normal, wo), surface.front)
+                    bsdf_u = sobol(combine(key, ti.cast(2 + 2 * step, ti.u32)), sample, bits)
+                    # Twice the same: a direction towards a light, then one that the surface likes.
+                    for turn in range(2):
+                        wi = vec3(0.0)
+                        light_radiance = vec3(0.0)
+                        light_pdf, light_distance, light_delta = 0.0, 0.0, 0
+                        if turn == 0:
+                            if light_total > 0:
+                                row = all_lights.choose(lights, light_u.x)
+                                found = all_lights.sample(
+                                    lights, textures, row, surface.position, vec2(light_u.y, light_u.z)
+                                )
+                                wi = bsdf.to_frame(normal, found.direction)
+                                light_radiance = found.radiance
+                                light_pdf = found.pdf * light_values[row, all_lights.CHANCE]
+                                light_distance = found.distance
+                                light_delta = found.delta
+                        else:
+                            wi = bsdf.sample(closure, vec3(bsdf_u.x, bsdf_u.y, bsdf_u.z))
+                        if turn == 1 or light_pdf > 0.0:
+                            world = bsdf.from_frame(normal, wi)
+                            f = bsdf.evaluate(closure, energy, wi)
+                            # Interpolated normals must not let light through a surface or out of its back.
+                            if surface.geometric_normal.dot(world) * wi.z <= 0.0:
+                                f = ti.math.vec4(0.0)
+                            if turn == 0:
+                                contribution = throughput * f.xyz * light_radiance / light_pdf
+                                if mis != 0 and light_delta == 0:
+                                    contribution *= power_heuristic(light_pdf, f.w)
+                                if contribution.max() > 0.0:
+                                    start = offset_origin(surface.position, surface.geometric_normal, world)
+                                    write_ray(shadow_rays, i, start, world, light_distance * (1.0 - LIGHT_FRONT))
+                                    write3(state, i, DIRECT, contribution)
+                            elif f.w > 0.0:
+                                new_throughput = throughput * f.xyz / f.w
+                                ior2 = state[i, RELATIVE_IOR2]
+                                if wi.z < 0.0:
+                                    ior2 *= closure.eta * closure.eta
+                                    state[i, RELATIVE_IOR2] = ior2
+                                survival = 1.0
+                                if depth >= RUSSIAN_ROULETTE_DEPTH:
+                                    survival = ti.min(new_throughput.max() * ior2, LARGEST_SURVIVAL)
+                                if bsdf_u.w < survival and new_throughput.max() > 0.0:
+                                    goes_on = True
+                                    write3(state, i, THROUGHPUT, new_throughput / survival)
+                                    state[i, PDF] = f.w
+                                    write3(state, i, ORIGIN, surface.position)
+                                    start = offset_origin(surface.position, surface.geometric_normal, world)
+                                    write_ray(rays, i, start, world, ti.math.inf)
+        if seen.max() > 0.0:
+            radiance += throughput * seen
+        if (bits_of_status & SEEN) == 0 and not goes_on:
+            write3(features, i, ALBEDO, ti.min(throughput * seen, 1.0))
+        write3(state, i, RADIANCE, radiance)
+        bits_of_status = depth | (bits_of_status & SEEN)
+        if goes_on:
+            bits_of_status |= LIVE
+        status[i] = bits_of_status

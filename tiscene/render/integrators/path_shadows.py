@@ -1,0 +1,99 @@
+"""Shadow rays through surfaces that are only partly there."""
+
+import taichi as ti
+
+from tiscene.render.bsdfs import preview_surface as bsdf
+from tiscene.render.bsdfs.preview_surface import Materials
+from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
+from tiscene.render.ray_arrays import write_ray
+from tiscene.render.sampler import combine, uniform
+from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
+from tiscene.render.textures import Textures
+from tiscene.scene.material_table import COVERAGE
+from tiscene.scene.placement import CURRENT
+
+vec3 = ti.math.vec3
+
+_SHADOW_SETS = 1 << 20  # the keys of these numbers begin beyond those of any path's dimensions
+# A ray that has its answer meets nothing more, and still is a ray (t_max > 0).
+_DONE = 1e-30
+
+
+@ti.kernel
+def pass_shadows(
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    light_values: Floats2,
+    light_distribution: Floats1,
+    energy: Floats1,
+    pixels: Ints1,
+    first: ti.i32,
+    spp: ti.i32,
+    frame_key: ti.i32,
+    step: ti.i32,
+    layer: ti.i32,
+    queue: Ints1,
+    count: ti.i32,
+    shadow_rays: Floats2,
+    hits: Floats2,
+    hit_ids: Ints2,
+    occluded: Ints1,
+) -> ti.i32:
+    """Let the rays that met a surface through it, each with the chance that the surface is not there.
+
+    Sets occluded[ray]; for a ray that goes on, to 1, which stands if it is never traced again. Returns how many go on.
+    """
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    going_on = 0
+    for k in range(count):
+        i = queue[k]
+        t_max = shadow_rays[i, 7]
+        if t_max > _DONE:
+            instance = hit_ids[i, 0]
+            through = False
+            if instance < 0:
+                occluded[i] = 0
+            else:
+                occluded[i] = 1
+                direction = vec3(shadow_rays[i, 4], shadow_rays[i, 5], shadow_rays[i, 6])
+                surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
+                point = bsdf.material_at(materials, textures, surface.material, surface.uv)
+                if point.flags & COVERAGE:
+                    key = combine(
+                        path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)
+                    )
+                    if uniform(combine(key, ti.cast((first + i) % spp, ti.u32))) >= point.opacity:
+                        start = offset_origin(surface.position, surface.geometric_normal, direction)
+                        travelled = (start - row3(shadow_rays, i)).dot(direction)
+                        through = t_max > travelled
+                        write_ray(shadow_rays, i, start, direction, t_max - travelled)
+            if through:
+                going_on += 1  # an integer: any order gives the same sum
+            else:
+                shadow_rays[i, 7] = _DONE
+    return going_on

@@ -1,0 +1,63 @@
+"""The arrays that a batch of paths lives in between kernels. One row a path; nothing outlives a batch but the film."""
+
+from typing import Any
+
+import taichi as ti
+
+# Columns of `state`.
+STATE_COLUMNS = 16
+THROUGHPUT, RADIANCE, PDF, RELATIVE_IOR2, DIRECT, ORIGIN = 0, 3, 6, 7, 8, 11
+
+# Columns of `features`: what the denoiser is told about the first thing seen that is not a mirror.
+FEATURE_COLUMNS = 6
+ALBEDO, NORMAL = 0, 3
+
+# `status`: the number of surfaces met so far, and bits.
+DEPTH_MASK = 0xFFFF
+LIVE = 1 << 16
+SEEN = 1 << 17  # features are written
+
+# Columns of the film, sums over the samples of a pixel: radiance, albedo, normal, number of samples dropped.
+FILM_COLUMNS = 10
+DROPPED = 9
+
+CHUNK = 128  # entries that one thread compacts
+
+
+class PathState:
+    """Room for `size` paths at a time.
+
+    rays, hits, hit_ids, queue: as tiscene.render.intersect wants them; `queue` and `next_queue` swap roles.
+    shadow_rays: t_max 0 where no light was sampled. occluded: their answers. shadow_hits: made where shadow rays must
+    look at what they meet.
+    state: f32 [size, 16]: throughput 0-2, radiance 3-5, density of the last direction 6 (0: none, the camera's), squared
+    index of refraction of where the path is 7, light sampled at the last vertex and not yet tested for shadow 8-10, that
+    vertex 11-13. features: f32 [size, 6]. status: i32 [size].
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.rays = ti.ndarray(ti.f32, (size, 8))
+        self.hits = ti.ndarray(ti.f32, (size, 4))
+        self.hit_ids = ti.ndarray(ti.i32, (size, 2))
+        self.shadow_rays = ti.ndarray(ti.f32, (size, 8))
+        self.occluded = ti.ndarray(ti.i32, (size,))
+        self.state = ti.ndarray(ti.f32, (size, STATE_COLUMNS))
+        self.features = ti.ndarray(ti.f32, (size, FEATURE_COLUMNS))
+        self.status = ti.ndarray(ti.i32, (size,))
+        self.queue = ti.ndarray(ti.i32, (size,))
+        self.next_queue = ti.ndarray(ti.i32, (size,))
+        self.shadow_queue = ti.ndarray(ti.i32, (size,))
+        self.chunks = ti.ndarray(ti.i32, (size // CHUNK + 2, 2))
+        self._shadow_hits: tuple[Any, Any] | None = None
+
+    def swap(self) -> None:
+        """The live paths become those to trace."""
+        self.queue, self.next_queue = self.next_queue, self.queue
+
+    @property
+    def shadow_hits(self) -> tuple[Any, Any]:
+        """(hits, hit_ids) of shadow rays."""
+        if self._shadow_hits is None:
+            self._shadow_hits = ti.ndarray(ti.f32, (self.size, 4)), ti.ndarray(ti.i32, (self.size, 2))
+        return self._shadow_hits

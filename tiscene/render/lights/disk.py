@@ -1,0 +1,63 @@
+"""A disk that emits from one side, towards the light's -z. Sampled uniformly in area."""
+
+import math
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.lights.light_sample import axis, color, no_sample
+from tiscene.scene.light_table import SIZE
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+
+@ti.func
+def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+    """A direction from `origin` to the light: a LightSample."""
+    values = ti.static(lights.values)
+    result = no_sample()
+    radius = values[row, SIZE]
+    p = radius * warp.disk(u)
+    offset = axis(values, row, 3) + axis(values, row, 0) * p.x + axis(values, row, 1) * p.y - origin
+    distance = offset.norm()
+    cosine = axis(values, row, 2).dot(offset) / distance
+    if cosine > 0.0:
+        result.direction = offset / distance
+        result.distance = distance
+        result.pdf = distance * distance / (cosine * math.pi * radius * radius)
+        result.radiance = color(values, row)
+    return result
+
+
+@ti.func
+def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+    """Density of `sample` for a direction that meets the light at that distance."""
+    values = ti.static(lights.values)
+    cosine = axis(values, row, 2).dot(direction)
+    radius = values[row, SIZE]
+    return distance * distance / (ti.max(cosine, 1e-9) * math.pi * radius * radius)
+
+
+@ti.func
+def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+    """Distance to the lit side, +inf for a miss."""
+    values = ti.static(lights.values)
+    result = ti.math.inf
+    normal = axis(values, row, 2)
+    cosine = normal.dot(direction)
+    offset = axis(values, row, 3) - origin
+    distance = normal.dot(offset) / cosine
+    if cosine > 0.0 and distance > 0.0:
+        q = direction * distance - offset
+        if q.dot(q) <= values[row, SIZE] * values[row, SIZE]:
+            result = distance
+    return result
+
+
+@ti.func
+def emitted(
+    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
+) -> vec3:
+    """Radiance from the light's point that a ray met."""
+    return color(lights.values, row)

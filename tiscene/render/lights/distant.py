@@ -1,0 +1,64 @@
+"""Light from infinity along the light's -z: parallel, or uniform over a small cone of directions (a sun)."""
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.lights.light_sample import FAR, axis, color, no_sample
+from tiscene.scene.light_table import SIZE
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+
+@ti.func
+def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+    """A direction towards the light: a LightSample."""
+    values = ti.static(lights.values)
+    result = no_sample()
+    towards = axis(values, row, 2)
+    height = values[row, SIZE + 1]
+    result.direction = towards
+    result.distance = FAR
+    result.radiance = color(values, row)
+    result.pdf = 1.0
+    result.delta = 1
+    if height > 0.0:
+        w = warp.cone(u, height)
+        s, t = warp.tangents(towards)
+        result.direction = s * w.x + t * w.y + towards * w.z
+        result.pdf = warp.cone_pdf(w, height)
+        result.delta = 0
+    return result
+
+
+@ti.func
+def is_seen(values: ti.template(), row: ti.i32, direction: vec3):
+    """Whether a direction lies in the light's cone: 1 or 0. By the distance from the axis, which keeps its digits."""
+    across = direction - axis(values, row, 2)
+    return ti.cast(0.5 * across.dot(across) <= values[row, SIZE + 1] and values[row, SIZE + 1] > 0.0, ti.i32)
+
+
+@ti.func
+def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+    """Density of `sample`."""
+    result = 0.0
+    if is_seen(lights.values, row, direction):
+        result = warp.cone_pdf(direction, lights.values[row, SIZE + 1])
+    return result
+
+
+@ti.func
+def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+    """Behind everything: +inf."""
+    return ti.math.inf
+
+
+@ti.func
+def emitted(
+    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
+) -> vec3:
+    """Radiance from a direction that nothing blocks."""
+    result = vec3(0.0)
+    if is_seen(lights.values, row, direction):
+        result = color(lights.values, row)
+    return result

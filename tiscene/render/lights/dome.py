@@ -1,0 +1,111 @@
+"""The surroundings: one radiance from everywhere, or a latlong image sampled by luminance times solid angle."""
+
+import math
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.lights.light_sample import FAR, axis, color, no_sample, to_light
+from tiscene.render.textures import CLAMP, REPEAT, lookup_wrapped
+from tiscene.scene.light_table import DISTRIBUTION, GRID, TEXTURE
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+
+@ti.func
+def uv_of(w: vec3) -> vec2:
+    """Where a unit direction in light axes reads the image (see DomeLight)."""
+    return vec2(
+        (ti.atan2(w.z, w.x) + 0.5 * math.pi) * (0.5 / math.pi), 1.0 - ti.acos(ti.math.clamp(w.y, -1.0, 1.0)) / math.pi
+    )
+
+
+@ti.func
+def interval(distribution: ti.template(), start: ti.i32, count: ti.i32, u: ti.f32) -> ti.i32:
+    """The i with cumulative[i] <= u < cumulative[i + 1], of `count` intervals whose cumulative begins at `start`."""
+    low, high = 0, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if distribution[start + middle] <= u:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@ti.func
+def cell_pdf(values: ti.template(), distribution: ti.template(), light: ti.i32, row: ti.i32, column: ti.i32) -> ti.f32:
+    """Density per steradian in a cell of the dome's grid: its chance over its solid angle."""
+    start = ti.cast(values[light, DISTRIBUTION], ti.i32)
+    columns, rows = ti.cast(values[light, GRID], ti.i32), ti.cast(values[light, GRID + 1], ti.i32)
+    at = start + rows + 1 + row * (columns + 1) + column
+    chance = (distribution[start + row + 1] - distribution[start + row]) * (distribution[at + 1] - distribution[at])
+    # The difference of the edges' cosines, by the product formula.
+    middle, half = math.pi * (row + 0.5) / rows, 0.5 * math.pi / rows
+    return chance * columns / (2.0 * math.pi * 2.0 * ti.sin(middle) * ti.sin(half))
+
+
+@ti.func
+def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+    """A direction of the surroundings: a LightSample."""
+    values, distribution = ti.static(lights.values, lights.distribution)
+    result = no_sample()
+    result.distance = FAR
+    result.radiance = color(values, row)
+    w = warp.sphere(u)
+    result.pdf = warp.sphere_pdf(w)
+    image = ti.cast(values[row, TEXTURE], ti.i32)
+    if image >= 0:
+        start = ti.cast(values[row, DISTRIBUTION], ti.i32)
+        columns, rows = ti.cast(values[row, GRID], ti.i32), ti.cast(values[row, GRID + 1], ti.i32)
+        j = interval(distribution, start, rows, u.y)
+        at = start + rows + 1 + j * (columns + 1)
+        i = interval(distribution, at, columns, u.x)
+        v = (u.y - distribution[start + j]) / ti.max(distribution[start + j + 1] - distribution[start + j], 1e-30)
+        s = (u.x - distribution[at + i]) / ti.max(distribution[at + i + 1] - distribution[at + i], 1e-30)
+        # Uniform in solid angle within the cell: in the cosine, not in the angle.
+        low, high = ti.cos(math.pi * j / rows), ti.cos(math.pi * (j + 1) / rows)
+        y = low + ti.math.clamp(v, 0.0, 1.0) * (high - low)
+        angle = 2.0 * math.pi * (i + ti.math.clamp(s, 0.0, 1.0)) / columns - 0.5 * math.pi
+        radius = ti.sqrt(ti.max(1.0 - y * y, 0.0))
+        w = vec3(radius * ti.cos(angle), y, radius * ti.sin(angle))
+        result.pdf = cell_pdf(values, distribution, row, j, i)
+        result.radiance *= lookup_wrapped(textures, image, uv_of(w), REPEAT, CLAMP).xyz
+    result.direction = (
+        axis(values, row, 0) * w.x + axis(values, row, 1) * w.y + axis(values, row, 2) * w.z
+    ).normalized()
+    return result
+
+
+@ti.func
+def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+    """Density of `sample`."""
+    values, distribution = ti.static(lights.values, lights.distribution)
+    result = warp.sphere_pdf(direction)
+    if values[row, TEXTURE] >= 0.0:
+        uv = uv_of(to_light(values, row, direction))
+        columns, rows = ti.cast(values[row, GRID], ti.i32), ti.cast(values[row, GRID + 1], ti.i32)
+        i = ti.cast(ti.floor((uv.x - ti.floor(uv.x)) * columns), ti.i32)
+        j = ti.cast((1.0 - uv.y) * rows, ti.i32)
+        result = cell_pdf(values, distribution, row, ti.math.clamp(j, 0, rows - 1), ti.math.clamp(i, 0, columns - 1))
+    return result
+
+
+@ti.func
+def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+    """Behind everything: +inf."""
+    return ti.math.inf
+
+
+@ti.func
+def emitted(
+    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
+) -> vec3:
+    """Radiance from a direction that nothing blocks."""
+    values = ti.static(lights.values)
+    result = color(values, row)
+    image = ti.cast(values[row, TEXTURE], ti.i32)
+    if image >= 0:
+        result *= lookup_wrapped(textures, image, uv_of(to_light(values, row, direction)), REPEAT, CLAMP).xyz
+    return result

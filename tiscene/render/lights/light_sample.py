@@ -1,0 +1,56 @@
+"""What every kind of light answers, and how a row of the light table is read."""
+
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from tiscene.scene.light_table import RADIANCE, TRANSFORM
+
+vec3 = ti.math.vec3
+
+FAR = 1e30  # stands for infinity where a ray has to have an end
+
+
+class Lights(NamedTuple):
+    """The arrays of a LightTable, bundled inside a kernel; total and solid as in `LightArrays`."""
+
+    values: Any
+    distribution: Any
+    total: Any
+    solid: Any
+
+
+@ti.dataclass
+class LightSample:
+    """A direction towards a light. pdf: per steradian, 0 for no sample; for a delta light 1, and delta is 1."""
+
+    direction: vec3
+    distance: ti.f32
+    radiance: vec3  # for a delta light: irradiance on a surface that faces it
+    pdf: ti.f32
+    delta: ti.i32
+
+
+@ti.func
+def no_sample():
+    """Nothing of the light is seen from there."""
+    return LightSample(direction=vec3(0.0, 0.0, 1.0), distance=0.0, radiance=vec3(0.0), pdf=0.0, delta=0)
+
+
+@ti.func
+def color(values: ti.template(), row: ti.i32) -> vec3:
+    """The radiance before any texture (a point's intensity; a delta distant light's irradiance)."""
+    return vec3(values[row, RADIANCE], values[row, RADIANCE + 1], values[row, RADIANCE + 2])
+
+
+@ti.func
+def axis(values: ti.template(), row: ti.i32, column: ti.i32) -> vec3:
+    """A column of world_from_light: 0, 1, 2 for its x, y, z axes, unit; 3 for its position."""
+    at = TRANSFORM + column
+    return vec3(values[row, at], values[row, at + 4], values[row, at + 8])
+
+
+@ti.func
+def to_light(values: ti.template(), row: ti.i32, w: vec3) -> vec3:
+    """A world direction in the light's axes."""
+    return vec3(axis(values, row, 0).dot(w), axis(values, row, 1).dot(w), axis(values, row, 2).dot(w))

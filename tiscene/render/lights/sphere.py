@@ -1,0 +1,78 @@
+"""A sphere that emits outwards. Sampled uniformly in the cone that it fills. From inside it is dark."""
+
+import taichi as ti
+
+from tiscene.render import warp
+from tiscene.render.lights.light_sample import axis, color, no_sample
+from tiscene.scene.light_table import SIZE
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+
+@ti.func
+def one_minus_cosine(values: ti.template(), row: ti.i32, offset: vec3) -> ti.f32:
+    """Of the angle from the centre to the rim; 0 from inside."""
+    sine2 = values[row, SIZE] * values[row, SIZE] / offset.dot(offset)
+    result = 0.0
+    if sine2 < 1.0:
+        result = sine2 / (1.0 + ti.sqrt(1.0 - sine2))
+    return result
+
+
+@ti.func
+def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+    """A direction from `origin` to the light: a LightSample."""
+    values = ti.static(lights.values)
+    result = no_sample()
+    offset = axis(values, row, 3) - origin
+    height = one_minus_cosine(values, row, offset)
+    if height > 0.0:
+        centre_distance = offset.norm()
+        towards = offset / centre_distance
+        w = warp.cone(u, height)
+        s, t = warp.tangents(towards)
+        result.direction = s * w.x + t * w.y + towards * w.z
+        # From the nearest point of the ray to the centre back to the sphere; the rim's rounding must not go below 0.
+        radius = values[row, SIZE]
+        sine2 = w.x * w.x + w.y * w.y
+        back2 = radius * radius - centre_distance * centre_distance * sine2
+        result.distance = centre_distance * w.z - ti.sqrt(ti.max(back2, 0.0))
+        result.pdf = warp.cone_pdf(w, height)
+        result.radiance = color(values, row)
+    return result
+
+
+@ti.func
+def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+    """Density of `sample` for a direction that meets the light."""
+    height = one_minus_cosine(lights.values, row, axis(lights.values, row, 3) - origin)
+    result = 0.0
+    if height > 0.0:
+        result = warp.cone_pdf(direction, height)
+    return result
+
+
+@ti.func
+def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+    """Distance to the outside, +inf for a miss or from inside."""
+    values = ti.static(lights.values)
+    result = ti.math.inf
+    offset = axis(values, row, 3) - origin
+    along = offset.dot(direction)
+    across = offset - direction * along
+    radius = values[row, SIZE]
+    back2 = radius * radius - across.dot(across)
+    if along > 0.0 and back2 >= 0.0:
+        distance = along - ti.sqrt(back2)
+        if distance > 0.0:
+            result = distance
+    return result
+
+
+@ti.func
+def emitted(
+    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
+) -> vec3:
+    """Radiance from the light's point that a ray met."""
+    return color(lights.values, row)

@@ -1,0 +1,194 @@
+"""Maps from the unit square to distributions, each beside its density.
+
+Directions are in a local frame whose z axis is the normal; densities are per steradian, on the disk per unit area.
+Sources: concentric disk, Shirley and Chiu 1997; spherical rectangle, Ureña, Fajardo and King 2013; visible normals,
+Heitz 2018 in the spherical-cap form of Dupuy and Benyoub 2023; basis, Duff et al. 2017.
+"""
+
+import math
+
+import taichi as ti
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+INV_PI = 1.0 / math.pi
+INV_TWO_PI = 0.5 / math.pi
+INV_FOUR_PI = 0.25 / math.pi
+
+
+@ti.func
+def tangents(n: vec3):
+    """Two unit vectors that make a right-handed frame with the unit vector n."""
+    sign = 1.0
+    if n.z < 0.0:
+        sign = -1.0
+    a = -1.0 / (sign + n.z)
+    b = n.x * n.y * a
+    return vec3(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), vec3(b, sign + n.y * n.y * a, -n.y)
+
+
+@ti.func
+def disk(u: vec2) -> vec2:
+    """Uniform on the unit disk, concentric: neighbours in the square stay neighbours."""
+    p = 2.0 * u - 1.0
+    radius, angle = 0.0, 0.0
+    if ti.abs(p.x) > ti.abs(p.y):
+        radius = p.x
+        angle = (0.25 * math.pi) * (p.y / p.x)
+    elif p.y != 0.0:
+        radius = p.y
+        angle = (0.5 * math.pi) - (0.25 * math.pi) * (p.x / p.y)
+    return radius * vec2(ti.cos(angle), ti.sin(angle))
+
+
+@ti.func
+def disk_pdf(p: vec2) -> ti.f32:
+    """Density of `disk`."""
+    density = 0.0
+    if p.dot(p) <= 1.0:
+        density = INV_PI
+    return density
+
+
+@ti.func
+def cosine_hemisphere(u: vec2) -> vec3:
+    """Proportional to the cosine with the normal."""
+    p = disk(u)
+    return vec3(p.x, p.y, ti.sqrt(ti.max(1.0 - p.dot(p), 0.0)))
+
+
+@ti.func
+def cosine_hemisphere_pdf(w: vec3) -> ti.f32:
+    """Density of `cosine_hemisphere`."""
+    return ti.max(w.z, 0.0) * INV_PI
+
+
+@ti.func
+def sphere(u: vec2) -> vec3:
+    """Uniform over all directions."""
+    z = 1.0 - 2.0 * u.x
+    angle = 2.0 * math.pi * u.y
+    radius = ti.sqrt(ti.max(1.0 - z * z, 0.0))
+    return vec3(radius * ti.cos(angle), radius * ti.sin(angle), z)
+
+
+@ti.func
+def sphere_pdf(w: vec3) -> ti.f32:
+    """Density of `sphere`."""
+    return INV_FOUR_PI
+
+
+@ti.func
+def cone(u: vec2, one_minus_cosine: ti.f32) -> vec3:
+    """Uniform over the directions within a cone about z; one_minus_cosine is of the angle to its rim.
+
+    (1 - cosine, because a small cone's cosine has no digits left in a float.)
+    """
+    height = u.x * one_minus_cosine
+    radius = ti.sqrt(ti.max(height * (2.0 - height), 0.0))
+    angle = 2.0 * math.pi * u.y
+    return vec3(radius * ti.cos(angle), radius * ti.sin(angle), 1.0 - height)
+
+
+@ti.func
+def cone_pdf(w: vec3, one_minus_cosine: ti.f32) -> ti.f32:
+    """Density of `cone`, for a direction inside."""
+    return INV_TWO_PI / one_minus_cosine
+
+
+@ti.dataclass
+class RectangleView:
+    """A rectangle [x0, x1] x [y0, y1] in the plane z = z0 of its own frame, seen from the frame's origin."""
+
+    x0: ti.f32
+    x1: ti.f32
+    y0: ti.f32
+    y1: ti.f32
+    z0: ti.f32
+    sine_y0: ti.f32  # y0 / sqrt(y0^2 + z0^2), and so for y1
+    sine_y1: ti.f32
+    first_angle: ti.f32
+    solid_angle: ti.f32  # sr
+
+
+@ti.func
+def rectangle_view(x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z0: ti.f32):
+    """The constants of Ureña's method, with arcsines for his arccosines so that small angles keep their digits."""
+    zz = z0 * z0
+    a0 = x0 / ti.sqrt(x0 * x0 + zz)
+    a1 = x1 / ti.sqrt(x1 * x1 + zz)
+    b0 = y0 / ti.sqrt(y0 * y0 + zz)
+    b1 = y1 / ti.sqrt(y1 * y1 + zz)
+    corner00, corner01 = ti.asin(a0 * b0), ti.asin(a0 * b1)
+    solid_angle = ti.asin(a1 * b1) + corner00 - ti.asin(a1 * b0) - corner01
+    return RectangleView(x0, x1, y0, y1, z0, b0, b1, corner01 - corner00, ti.max(solid_angle, 0.0))
+
+
+@ti.func
+def rectangle(view: RectangleView, u: vec2) -> vec2:
+    """The (x, y) of a point of the rectangle, uniform in solid angle."""
+    angle = view.first_angle + u.x * view.solid_angle
+    sine = ti.sin(angle)
+    f = (view.sine_y1 - view.sine_y0 * ti.cos(angle)) / (sine if ti.abs(sine) > 1e-12 else 1e-12)
+    inverse = 1.0 / ti.sqrt(f * f + view.sine_y0 * view.sine_y0)
+    cosine = ti.math.clamp(inverse if f > 0.0 else -inverse, -1.0, 1.0)
+    x = cosine * ti.abs(view.z0) / ti.sqrt(ti.max(1.0 - cosine * cosine, 1e-14))
+    x = ti.math.clamp(x, view.x0, view.x1)
+    dd = x * x + view.z0 * view.z0
+    h0 = view.y0 / ti.sqrt(dd + view.y0 * view.y0)
+    h1 = view.y1 / ti.sqrt(dd + view.y1 * view.y1)
+    h = h0 + u.y * (h1 - h0)
+    y = h * ti.sqrt(dd) / ti.sqrt(ti.max(1.0 - h * h, 1e-14))
+    return vec2(x, ti.math.clamp(y, view.y0, view.y1))
+
+
+@ti.func
+def rectangle_pdf(view: RectangleView) -> ti.f32:
+    """Density of the direction to `rectangle`'s point."""
+    return 1.0 / view.solid_angle
+
+
+@ti.func
+def visible_normal(u: vec2, wo: vec3, alpha: ti.f32) -> vec3:
+    """A microfacet normal of GGX as seen from wo (wo.z > 0)."""
+    stretched = vec3(alpha * wo.x, alpha * wo.y, wo.z).normalized()
+    angle = 2.0 * math.pi * u.x
+    z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z
+    radius = ti.sqrt(ti.max(1.0 - z * z, 0.0))
+    half = vec3(radius * ti.cos(angle), radius * ti.sin(angle), z) + stretched
+    return vec3(alpha * half.x, alpha * half.y, ti.max(half.z, 1e-12)).normalized()
+
+
+@ti.func
+def visible_normal_pdf(m: vec3, wo: vec3, alpha: ti.f32) -> ti.f32:
+    """Density of `visible_normal`."""
+    return ggx_masking(wo, alpha) * ggx_density(m, alpha) * ti.max(wo.dot(m), 0.0) / ti.max(wo.z, 1e-9)
+
+
+@ti.func
+def ggx_density(m: vec3, alpha: ti.f32) -> ti.f32:
+    """Microfacet area per solid angle about m (Trowbridge and Reitz). Written so that m near z loses no digits."""
+    tangent2 = (m.x * m.x + m.y * m.y) / ti.max(m.z * m.z, 1e-20)
+    a2 = alpha * alpha
+    spread = m.z * m.z * (a2 + tangent2)
+    return a2 * INV_PI / ti.max(spread * spread, 1e-30)
+
+
+@ti.func
+def ggx_lambda(w: vec3, alpha: ti.f32) -> ti.f32:
+    """Smith's auxiliary function."""
+    tangent2 = (w.x * w.x + w.y * w.y) / ti.max(w.z * w.z, 1e-20)
+    return 0.5 * (ti.sqrt(1.0 + alpha * alpha * tangent2) - 1.0)
+
+
+@ti.func
+def ggx_masking(w: vec3, alpha: ti.f32) -> ti.f32:
+    """The visible part of the microfacets from w: Smith's G1."""
+    return 1.0 / (1.0 + ggx_lambda(w, alpha))
+
+
+@ti.func
+def ggx_masking_shadowing(wo: vec3, wi: vec3, alpha: ti.f32) -> ti.f32:
+    """The part visible from both, height-correlated: G2."""
+    return 1.0 / (1.0 + ggx_lambda(wo, alpha) + ggx_lambda(wi, alpha))
