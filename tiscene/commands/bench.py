@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from itertools import count
 
 from tiscene.commands.demo import SCENE
 from tiscene.commands.progress import note
+from tiscene.scenario import Scenario
 from tiscene.stream import DEFAULT_BUFFERS, Stream
 
 SIZES = ((256, 192), (640, 480))
@@ -20,31 +20,35 @@ KINDS = (
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print the table, one line as soon as it is measured."""
-    scene = args.scene or SCENE
-    note(f"{scene}, {args.arch or 'cpu'}, {os.cpu_count()} logical cores; the first frame includes compiling")
+    """Print the table."""
+    source = args.scene or SCENE
+    note(f"{source}, {args.arch or 'cpu'}, {os.cpu_count()} logical cores; the first frame includes compiling")
+    print_table(source, seconds=args.seconds, arch=args.arch)
+
+
+def print_table(source: str | Scenario, *, seconds: float, arch: str | None = None) -> None:
+    """One line for each size and kind of frame, as soon as it is measured."""
     print(f"{'buffers':<22} {'size':>9} {'spp':>4} {'first frame':>12} {'frame':>10} {'frames/s':>9}")
     for width, height in SIZES:
         for kind, buffers, quality in KINDS:
-            stream = Stream(scene, width=width, height=height, buffers=buffers, quality=quality, arch=args.arch)
-            first, each = measure(stream, args.seconds)
+            stream = Stream(source, width=width, height=height, buffers=buffers, quality=quality, arch=arch)
+            first, each = measure(stream, seconds)
             spp = stream.quality.spp if "rgb" in buffers else 0
-            size = f"{width}x{height}"
-            print(
-                f"{kind:<22} {size:>9} {spp:>4} {first:>10.2f} s {1000.0 * each:>7.1f} ms {1.0 / each:>9.2f}",
-                flush=True,
+            row = (
+                f"{kind:<22} {f'{width}x{height}':>9} {spp:>4} {first:>10.2f} s {1e3 * each:>7.1f} ms {1 / each:>9.2f}"
             )
+            print(row, flush=True)
 
 
 def measure(stream: Stream, seconds: float) -> tuple[float, float]:
-    """Time of the first frame and the mean of those after it, s; at least one is measured."""
+    """Time of the next frame, and the mean of those after it for so many seconds (one at least); s."""
     began = time.perf_counter()
     next(stream)
     first = time.perf_counter() - began
     began = time.perf_counter()
-    for frames in count(1):
+    frames, elapsed = 0, 0.0
+    while frames == 0 or elapsed < seconds:
         next(stream)
+        frames += 1
         elapsed = time.perf_counter() - began
-        if elapsed >= seconds:
-            return first, elapsed / frames
-    raise AssertionError("count() never ends")
+    return first, elapsed / frames

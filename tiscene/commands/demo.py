@@ -26,24 +26,25 @@ ANIMATED = ("rgb", "instance", "depth", "forward_flow")
 
 
 def scenario() -> Scenario:
-    """Three things on closed curves through the free middle of the living room."""
+    """Four things on closed curves through the free middle of the living room."""
+    seconds = 3.0
 
-    def loop(
-        seconds: float, *stations: tuple[tuple[float, float, float], tuple[float, float, float]]
-    ) -> CatmullWaypoints:
+    def loop(*stations: tuple[tuple[float, float, float], tuple[float, float, float]]) -> CatmullWaypoints:
         return CatmullWaypoints([Waypoint(position, rotation) for position, rotation in stations], total_time=seconds)
 
-    chair = loop(3.0, ((-0.8, 1.1, 0.4), (0, 0, 0)), ((0.6, 1.3, 0.9), (20, 120, 0)), ((0.3, 0.9, -0.6), (0, 240, 15)))
-    racket = loop(
-        3.0, ((0.9, 1.7, 0.2), (0, 0, 40)), ((-0.6, 1.9, 0.8), (60, 90, 0)), ((-0.9, 1.4, -0.5), (0, 180, 80))
+    chair = loop(((-0.9, 1.2, -2.9), (0, 0, 0)), ((0.1, 1.5, -2.2), (25, 120, 0)), ((-0.4, 0.9, -1.5), (0, 240, 15)))
+    racket = loop(((0.6, 1.6, -2.0), (0, 0, 40)), ((-0.5, 2.0, -1.7), (60, 90, 0)), ((0.4, 1.0, -1.1), (0, 180, 80)))
+    ball = loop(((0.3, 0.5, -1.6), (0, 0, 0)), ((-1.3, 1.7, -2.4), (90, 0, 0)), ((-0.2, 1.9, -3.2), (180, 0, 0)))
+    pillow = loop(
+        ((-1.6, 1.4, -3.6), (20, 0, 0)), ((-1.9, 2.0, -2.6), (90, 60, 0)), ((-1.0, 1.9, -3.4), (150, 120, 40))
     )
-    ball = loop(3.0, ((0.0, 0.5, 1.2), (0, 0, 0)), ((-1.1, 1.5, 0.2), (90, 0, 0)), ((1.0, 1.2, -0.4), (180, 0, 0)))
     return Scenario(
         SCENE,
         [
             Object("chair", "Chair 01", dynamic=chair),
             Object("racket", "Tennis Racket 01", dynamic=racket),
-            Object("ball", "Sphere", dynamic=ball, scale=0.3),
+            Object("ball", "Ball 01", dynamic=ball),
+            Object("pillow", "Pillow 01", dynamic=pillow),
         ],
         timings=AllTogether(0.0),
     )

@@ -12,6 +12,8 @@ from tiscene.camera import Camera
 from tiscene.scene.description import DistantLight, Light, SceneDescription
 from tiscene.usd import read_stage
 
+SHOWN = 8  # names of objects in a line
+
 
 def run(args: argparse.Namespace) -> None:
     """Print it."""
@@ -24,7 +26,7 @@ def run(args: argparse.Namespace) -> None:
     print(f"Size: {size} m (x, y, z), {stage.up_axis} up; {triangle_count(stage):,} triangles")
     _section("Cameras", [_camera(camera) for camera in stage.cameras])
     _section("Lights", [_light(light) for light in stage.lights])
-    _section("Objects", _objects(stage))
+    _section("Objects", _objects(stage), len(stage.objects))
     _section("Templates", templates)
 
 
@@ -33,8 +35,8 @@ def triangle_count(stage: SceneDescription) -> int:
     return sum(len(stage.meshes[instance.mesh].triangles) for instance in stage.instances)
 
 
-def _section(title: str, lines: list[str]) -> None:
-    print(f"{title} ({len(lines)}):")
+def _section(title: str, lines: list[str], count: int | None = None) -> None:
+    print(f"{title} ({len(lines) if count is None else count}):")
     for line in lines:
         print(f"  {line}")
 
@@ -54,8 +56,13 @@ def _light(light: Light) -> str:
 
 
 def _objects(stage: SceneDescription) -> list[str]:
-    """Categories with the names of what has them."""
+    """Categories with the names of what has them, the first few."""
     names: dict[str, list[str]] = {}
     for item in stage.objects:
         names.setdefault(item.category or "(no category)", []).append(item.name)
-    return [f"{category}: {', '.join(sorted(names[category]))}" for category in sorted(names)]
+    lines = []
+    for category in sorted(names):
+        shown = sorted(names[category])
+        more = [f"and {len(shown) - SHOWN} more"] if len(shown) > SHOWN else []
+        lines.append(f"{category}: {', '.join(shown[:SHOWN] + more)}")
+    return lines
