@@ -1,0 +1,104 @@
+"""The simulation as a whole: pure, the same bits in any company, thread count and process; usable alone."""
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from dynamics import AllTogether, Body, CatmullWaypoints, LinearWaypoints, LookAt, Orbit, Simulation, Waypoint
+from dynamics.motion import evaluate
+
+TIMES = [0.04 * frame for frame in range(0, 400, 7)]
+
+
+def bodies(count: int) -> list[Body]:
+    random = np.random.default_rng(11)
+    result = []
+    for row in range(count):
+        points = [
+            Waypoint(tuple(p), tuple(a)) for p, a in random.uniform((-3, -200), (3, 200), (5, 3, 2)).swapaxes(1, 2)
+        ]
+        kind = (LinearWaypoints, CatmullWaypoints)[row % 2]
+        pacing = ("equal_time", "arc_length")[row // 2 % 2]
+        rotation = ("quaternion", "euler")[row // 4 % 2]
+        path = kind(points, 1.7 + 0.31 * row, pacing, rotation)
+        result.append(Body((path, LookAt((0, 0, 0), path), path, Orbit((1, 2, 3), 2.3))[row % 4], (row, 0, 1)))
+    return result
+
+
+def digest(count: int = 24) -> str:
+    simulation = Simulation(bodies(count), AllTogether(0.3))
+    return hashlib.sha256(b"".join(simulation.poses(time).tobytes() for time in TIMES)).hexdigest()
+
+
+ALONE = """
+import sys
+import taichi as ti
+ti.init(arch=ti.cpu, fast_math=False, cpu_max_num_threads={threads}, log_level=ti.ERROR, offline_cache={cache})
+sys.modules["pxr"] = None
+from tests.dynamics.test_simulation import digest
+print(digest())
+assert not any(name.split(".")[0] == "tiscene" for name in sys.modules), "dynamics needs tiscene"
+"""
+
+
+@pytest.mark.parametrize(("threads", "cache"), [(1, True), (2, False)])
+def test_another_process_alone_and_any_number_of_threads_give_the_same_bits(threads, cache):
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE.format(threads=threads, cache=cache)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"ENABLE_TAICHI_HEADER_PRINT": "0", "TI_SKIP_VERSION_CHECK": "ON"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-1] == digest()
+
+
+def test_other_bodies_change_no_bit():
+    everyone = bodies(24)
+    together = Simulation(everyone, AllTogether(0.3))
+    few = Simulation(everyone[3:9:2], AllTogether(0.3))
+    odd = Simulation([*everyone[::-1], Body(Orbit(period=0.123456789012345))], AllTogether(0.3))
+    for time in TIMES:
+        poses = together.poses(time)
+        assert poses[3:9:2].tobytes() == few.poses(time).tobytes()
+        assert poses.tobytes() == np.ascontiguousarray(odd.poses(time)[23::-1]).tobytes()
+
+
+def test_the_order_of_asking_changes_no_bit():
+    simulation = Simulation(bodies(8))
+    forward = [simulation.poses(time) for time in TIMES]
+    backward = [simulation.poses(time) for time in TIMES[::-1]][::-1]
+    assert np.array(forward).tobytes() == np.array(backward).tobytes()
+    forward[0][:] = 7.0
+    assert simulation.poses(TIMES[0]).tobytes() == backward[0].tobytes()
+
+
+def test_rotations_are_unit_and_everything_is_finite():
+    simulation = Simulation(bodies(24))
+    poses = np.array([simulation.poses(time) for time in TIMES])
+    assert np.isfinite(poses).all()
+    np.testing.assert_allclose(np.linalg.norm(poses[..., 3:], axis=-1), 1.0, atol=1e-15)
+
+
+def test_a_new_body_compiles_nothing():
+    Simulation(bodies(1)).poses(1.0)
+    compiled = len(evaluate._primal.compiled_kernels)
+    for count in (2, 5, 24):
+        Simulation(bodies(count)).poses(1.0)
+    assert len(evaluate._primal.compiled_kernels) == compiled == 1
+
+
+def test_no_bodies_have_no_poses():
+    assert Simulation([]).poses(1.0).shape == (0, 7)
+
+
+@pytest.mark.parametrize(("error", "time"), [(ValueError, math.nan), (ValueError, math.inf), (TypeError, "1")])
+def test_a_time_must_be_a_finite_number(error, time):
+    with pytest.raises(error, match="time="):
+        Simulation([Body()]).poses(time)
