@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tiscene.camera import Camera, matrix_from_quaternion
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.view import View
-from tiscene.scene.description import Material, Mesh, SceneDescription
+from tiscene.scene.description import Material, Mesh, SceneDescription, Texture
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
@@ -82,12 +82,23 @@ def placement_of(things: Sequence[Thing], meshes: Sequence[Mesh]) -> Placement:
 class Stage:
     """Meshes on the device, and things placed among them."""
 
-    def __init__(self, meshes: Sequence[Mesh], things: Sequence[Thing], materials: Sequence[Material] = ()) -> None:
+    def __init__(
+        self,
+        meshes: Sequence[Mesh],
+        things: Sequence[Thing],
+        materials: Sequence[Material] = (),
+        textures: Sequence[Texture] = (),
+    ) -> None:
         self.meshes = meshes
         self.things = things
         self.scene = DeviceScene()
         self.scene.add(
-            SceneDescription("test", meshes=tuple(meshes), materials=tuple(materials) or (Material("grey"),))
+            SceneDescription(
+                "test",
+                meshes=tuple(meshes),
+                materials=tuple(materials) or (Material("grey"),),
+                textures=tuple(textures),
+            )
         )
         self.placement = placement_of(things, meshes)
         self.scene.place(self.placement, ALL_TIMES)

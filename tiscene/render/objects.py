@@ -1,7 +1,7 @@
 """The objects of a frame: who they are, where they are, and how much of them is seen.
 
 Boxes in the picture are float (x0, y0, x1, y1) with x0 <= x < x1: pixel column i spans i .. i + 1, so that a box of
-whole numbers slices an array, ``depth[y0:y1, x0:x1]``, and is the box (x0, y0, x1 - x0, y1 - y0) of COCO. (Same origin as
+whole numbers slices an array, ``depth[y0:y1, x0:x1]``, and is COCO's (x0, y0, x1 - x0, y1 - y0). (Same origin as
 `FrameCamera.K_at(0.5)`.) Only what a row is asked for is computed, for all rows at once.
 """
 

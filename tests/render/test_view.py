@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+import taichi as ti
+
+from tiscene.camera import Camera
+from tiscene.errors import ArgumentError
+from tiscene.render.surface import FLOATS_2D
+from tiscene.render.view import View, camera_ray, project
+from tiscene.scene.placement import CURRENT, NEXT
+
+CAMERA = Camera.look_at((1.0, 2.0, 3.0), (-0.5, 0.2, 0.1), vertical_fov=0.9)
+OTHER = Camera.look_at((-2.0, 1.0, 2.0), (0.3, 0.2, 0.1), vertical_fov=1.2)
+WIDTH, HEIGHT = 64, 48
+
+
+@ti.kernel
+def rays_through(view: FLOATS_2D, time: ti.i32, pixels: FLOATS_2D, w: ti.i32, h: ti.i32, rays: FLOATS_2D):
+    for i in range(pixels.shape[0]):
+        origin, direction = camera_ray(view, time, pixels[i, 0], pixels[i, 1], w, h)
+        for c in ti.static(range(3)):
+            rays[i, c] = origin[c]
+            rays[i, 3 + c] = direction[c]
+
+
+@ti.kernel
+def projections_of(view: FLOATS_2D, time: ti.i32, points: FLOATS_2D, w: ti.i32, h: ti.i32, pixels: FLOATS_2D):
+    for i in range(points.shape[0]):
+        pixel = project(view, time, ti.math.vec3(points[i, 0], points[i, 1], points[i, 2]), w, h)
+        for c in ti.static(range(3)):
+            pixels[i, c] = pixel[c]
+
+
+@pytest.mark.parametrize(("time", "camera"), [(CURRENT, CAMERA), (NEXT, OTHER)])
+def test_rays_pass_through_what_k_projects_onto_the_pixel(time: int, camera: Camera) -> None:
+    pixels = np.array([[0, 0], [63, 47], [31.5, 23.5], [10.25, 40.75], [-30, 90]], np.float32)
+    rays = np.zeros((len(pixels), 6), np.float32)
+    rays_through(View(CAMERA, CAMERA, OTHER, WIDTH, HEIGHT).array(), time, pixels, WIDTH, HEIGHT, rays)
+    np.testing.assert_allclose(np.linalg.norm(rays[:, 3:], axis=1), 1.0, atol=1e-6)
+    points = rays[:, :3].astype(float) + 3.0 * rays[:, 3:]
+    inverse = np.linalg.inv(camera.world_from_camera())
+    seen = (points @ inverse[:3, :3].T + inverse[:3, 3]) @ camera.intrinsics(WIDTH, HEIGHT).T
+    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], pixels, atol=1e-4)
+
+
+def test_project_agrees_with_the_intrinsic_matrix() -> None:
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3)).astype(np.float32)
+    pixels = np.zeros_like(points)
+    view = View(CAMERA, CAMERA, OTHER, WIDTH, HEIGHT)
+    projections_of(view.array(), CURRENT, points, WIDTH, HEIGHT, pixels)
+    matrix = view.camera_from_world()[CURRENT]
+    seen = points @ matrix[:, :3].T + matrix[:, 3]
+    expected = seen @ CAMERA.intrinsics(WIDTH, HEIGHT).T
+    np.testing.assert_allclose(pixels[:, :2], expected[:, :2] / expected[:, 2:], atol=1e-4)
+    np.testing.assert_allclose(pixels[:, 2], seen[:, 2], rtol=1e-6)
+    assert view.focal_lengths()[NEXT] == pytest.approx(OTHER.intrinsics(WIDTH, HEIGHT)[0, 0])
+
+
+def test_the_array_is_made_once_and_sizes_are_checked() -> None:
+    view = View(CAMERA, CAMERA, CAMERA, WIDTH, HEIGHT)
+    assert view.array() is view.array()
+    np.testing.assert_array_equal(view.array().to_numpy(), view.rows())
+    with pytest.raises(ArgumentError, match="0x48 pixels"):
+        View(CAMERA, CAMERA, CAMERA, 0, HEIGHT)
