@@ -60,6 +60,10 @@ class DeviceScene:
         self.instance_count = 0
         self.placement = _NOTHING
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
+        self.instance_info: Any = None
+        self.world_from_instance: Any = None
+        self.instance_from_world: Any = None
+        self.box_from_instance: Any = None
         self._upload_meshes()
         self._upload_instances(np.zeros((3, 0, 3, 4)), np.zeros((3, 0)))
 
@@ -166,18 +170,20 @@ class DeviceScene:
         mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)
         self.instance_count = count
-        columns = {
-            "instance_info": info,
-            "world_from_instance": placement.world_from_object.reshape(3, count, 12),
-            "instance_from_world": inverse.reshape(3, count, 12),
-            "box_from_instance": placement.box_from_object.reshape(count, 12),
-        }
-        for name, values in columns.items():
-            present = getattr(self, name, None)
-            if present is not None and present.shape == values.shape:
-                present.from_numpy(np.ascontiguousarray(values, info.dtype if values is info else np.float32))
-            else:
-                setattr(self, name, upload(values))
+        self.instance_info = _refilled(self.instance_info, info)
+        self.world_from_instance = _refilled(
+            self.world_from_instance, placement.world_from_object.reshape(3, count, 12)
+        )
+        self.instance_from_world = _refilled(self.instance_from_world, inverse.reshape(3, count, 12))
+        self.box_from_instance = _refilled(self.box_from_instance, placement.box_from_object.reshape(count, 12))
+
+
+def _refilled(array: Any, values: NDArray[Any]) -> Any:
+    """The array with new values, another one if it has not their shape."""
+    if array is None or array.shape != values.shape:
+        return upload(values)
+    array.from_numpy(np.ascontiguousarray(values, np.int32 if values.dtype == np.int32 else np.float32))
+    return array
 
 
 _NOTHING = Placement(
