@@ -49,7 +49,7 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
     folder = tmp_path / "out"
     assert render("-o", folder, "--frames", "2:5", "--buffers", "rgb,depth", "--seed", 3, "--format", "npz") == 0
     assert capsys.readouterr().out == f"{folder}\n"
-    assert sorted(path.name for path in folder.iterdir()) == ["000002.npz", "000003.npz", "000004.npz", "tiscene.json"]
+    assert sorted(path.name for path in folder.iterdir()) == ["000002.npz", "000003.npz", "000004.npz", "labels", "tiscene.json"]
     assert list(np.load(folder / "000002.npz")) == ["rgb", "depth"]
     assert fake.made[0].seed == 3
 

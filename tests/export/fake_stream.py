@@ -6,8 +6,37 @@ from typing import Any
 
 import numpy as np
 
+from tiscene.camera import Camera
 from tiscene.errors import BufferNotFound
+from tiscene.frame import Frame, FrameCamera
 from tiscene.render.aovs import AOVS
+from tiscene.render.objects import ObjectTable, OrientedBox
+
+CHAIR = SimpleNamespace(
+    id=3,
+    name="chair",
+    template="Chair 01",
+    category="chair",
+    category_id=1,
+    prim_path="",
+    position=(1.0, 0.5, 0.0),
+    rotation=(1.0, 0.0, 0.0, 0.0),
+    velocity=(0.0, 0.0, 0.25),
+    first_frame=0,
+    last_frame=None,
+)
+
+
+class Measured:
+    """Measures of the chair, which is half hidden by nothing in particular and has no amodal box."""
+
+    visible_pixels = np.array([5])
+    pixels_in_frame = np.array([8])
+    amodal_pixels = np.array([10])
+    visible_box = np.array([[1.0, 2.0, 4.0, 5.0]])
+    amodal_box = np.full((1, 4), np.nan)
+    world_bounds = np.array([[[0.5, 0.0, -0.5], [1.5, 1.0, 0.5]]])
+    box_3d = (OrientedBox((1.0, 0.5, 0.0), (1.0, 1.0, 1.0), (1.0, 0.0, 0.0, 0.0)),)
 
 
 def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
@@ -50,9 +79,10 @@ class FakeStream:
     def settings(self) -> dict[str, Any]:
         return {"width": self.width, "height": self.height, "fps": self.fps, "seed": self.seed}
 
-    def __getitem__(self, index: int) -> SimpleNamespace:
+    def __getitem__(self, index: int) -> Frame:
         if index == self.interrupt_at:
             raise KeyboardInterrupt
         self.rendered.append(index)
         buffers = {name: fake_buffer(name, index, self.width, self.height) for name in self.buffers}
-        return SimpleNamespace(index=index, time=index / self.fps, buffers=buffers)
+        camera = FrameCamera(Camera(), self.width, self.height)
+        return Frame(index, index / self.fps, camera, buffers, ObjectTable([CHAIR], Measured()), self.categories)

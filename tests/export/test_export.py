@@ -30,7 +30,7 @@ def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
     stream = FakeStream(("rgb", "depth"), seed=7)
     export(stream, tmp_path, frames=[4, 2])
     raw = json.loads((tmp_path / NAME).read_text())
-    assert list(raw) == ["tiscene", "format", "buffers", "settings", "scenario", "categories", "frames"]
+    assert list(raw) == ["tiscene", "format", "buffers", "objects", "settings", "scenario", "categories", "frames"]
     assert raw["settings"]["seed"] == 7
     assert raw["categories"] == {"0": "", "1": "chair", "2": "table"}
     assert list(raw["frames"]) == ["2", "4"]
@@ -90,7 +90,7 @@ def test_overwrite_removes_what_the_manifest_lists_and_nothing_else(tmp_path):
     raw["frames"]["0"]["files"]["../outside.txt"] = "0"
     (tmp_path / NAME).write_text(json.dumps(raw))
     export(FakeStream(seed=2), tmp_path, format="npz", frames=range(1), overwrite=True)
-    assert set(contents(tmp_path)) == {"000000.npz", "notes.txt", NAME}
+    assert set(contents(tmp_path)) == {"000000.npz", "labels/000000.json", "notes.txt", NAME}
     assert outside.exists()
 
 

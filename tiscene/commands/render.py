@@ -42,6 +42,7 @@ def run(args: argparse.Namespace) -> None:
                 args.output,
                 format=args.format,
                 frames=args.frames,
+                objects=args.objects,
                 overwrite=args.overwrite,
                 progress=frame_done,
             )

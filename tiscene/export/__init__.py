@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import exr, npz, png
+from tiscene.export import exr, labels, npz, png
 from tiscene.export.manifest import NAME, Manifest, write_atomically
 
 if TYPE_CHECKING:
@@ -31,12 +31,14 @@ def export(
     *,
     format: str = "png",
     frames: Iterable[int] | None = None,
+    objects: bool = False,
     overwrite: bool = False,
     progress: Callable[[int, Frame | None], None] | None = None,
 ) -> Manifest:
     """Write frames of a stream into a folder; return the manifest, which is saved there as `tiscene.json`.
 
     format: a key of EXPORTERS. frames: their indices, in any order; None for all of a finite stream.
+    objects: write the table of objects of each frame too, into the `labels` file that has the camera.
     overwrite: remove what an earlier export with other settings left in the folder, instead of refusing.
     progress: called after each frame with its index and the frame, or None where the files were already there.
 
@@ -50,21 +52,23 @@ def export(
             raise ArgumentError("an endless stream needs frames=range(...) to be exported")
         frames = range(stream.frames)
     folder = Path(folder)
-    manifest = _continued(folder, made_by(stream, format), overwrite)
+    wanted = made_by(stream, format, objects)
+    manifest = _continued(folder, wanted, overwrite)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_frames(stream, folder, format, frames, manifest, progress)
+        _write_frames(stream, folder, frames, manifest, progress)
     except OSError as error:
         raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
     return manifest
 
 
-def made_by(stream: Stream, format: str) -> dict[str, Any]:
+def made_by(stream: Stream, format: str, objects: bool) -> dict[str, Any]:
     """Everything that decides the contents of the files, JSON-ready."""
     return {
         "tiscene": tiscene.__version__,
         "format": format,
         "buffers": list(stream.buffers),
+        "objects": objects,
         "settings": stream.settings(),
         "scenario": stream.scenario.to_json(),
     }
@@ -102,18 +106,18 @@ def _remove(folder: Path, manifest: Manifest) -> None:
 def _write_frames(
     stream: Stream,
     folder: Path,
-    format: str,
     indices: Iterable[int],
     manifest: Manifest,
     progress: Callable[[int, Frame | None], None] | None,
 ) -> None:
+    encode, objects = EXPORTERS[manifest.made_by["format"]], bool(manifest.made_by["objects"])
     saved_at, saving_took = time.monotonic(), 0.0
     try:
         for index in indices:
             frame = None
             if not manifest.holds(folder, index):
                 frame = stream[index]
-                files = EXPORTERS[format](frame)
+                files = encode(frame) | labels.encode(frame, objects)
                 for name, data in files.items():
                     write_atomically(folder / name, data)
                 manifest.categories = dict(stream.categories)

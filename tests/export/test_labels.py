@@ -1,0 +1,34 @@
+"""The JSON file of a frame: camera and objects."""
+
+import json
+
+import numpy as np
+
+from tests.export.fake_stream import FakeStream
+from tiscene.export import export, labels
+from tiscene.render.objects import ObjectTable
+
+
+def test_the_camera_is_there_and_the_objects_when_asked_for(tmp_path):
+    for objects in (False, True):
+        folder = tmp_path / str(objects)
+        export(FakeStream(("rgb",)), folder, frames=[2], objects=objects)
+        content = json.loads((folder / "labels" / "000002.json").read_text())
+        assert content["index"] == 2
+        assert content["time"] == 0.08
+        assert ("objects" in content) == objects
+        camera = FakeStream()[2].camera
+        np.testing.assert_array_equal(content["camera"]["K"], camera.K)
+        np.testing.assert_array_equal(content["camera"]["world_from_camera"], camera.world_from_camera)
+
+
+def test_a_row_has_every_column_and_null_for_none():
+    frame = FakeStream()[0]
+    (row,) = labels.frame_labels(frame, objects=True)["objects"]
+    assert list(row) == list(ObjectTable().columns())
+    assert row["name"] == "chair"
+    assert row["visible_box"] == [1.0, 2.0, 4.0, 5.0]
+    assert row["amodal_box"] is None
+    assert row["last_frame"] is None
+    assert row["percent_visible"] == 0.5
+    assert row["world_bounds"] == [0.5, 0.0, -0.5, 1.5, 1.0, 0.5]
