@@ -44,6 +44,7 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
                 arch=getattr(ti, wanted),
                 enable_fallback=False,
                 fast_math=False,
+                advanced_optimization=False,  # LLVM does it all again; the shading kernel compiles 12 times as fast
                 log_level=ti.ERROR,
                 offline_cache=True,
                 **options,
