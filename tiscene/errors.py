@@ -67,7 +67,7 @@ class CameraNotFound(UnknownName):
     """The stage holds no camera of that name."""
 
 
-class BufferNotFound(UnknownName, AttributeError):
+class BufferNotFound(UnknownName, AttributeError):  # type: ignore[misc]  # a `name` that is never None is fine
     """No per-pixel buffer has that name. An AttributeError too, so that `hasattr(frame, name)` is an answer."""
 
 
