@@ -6,7 +6,7 @@ kept, and the scene is placed anew for the measurement. Every render places the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ from tiscene.camera import quaternion_from_matrix
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.intersect import occluded_by_instance
 from tiscene.render.measure_kernels import pixel_rays
-from tiscene.render.objects import OrientedBox
+from tiscene.render.objects import ObjectState, ObjectTable, OrientedBox
 from tiscene.render.ray_arrays import AnyHitArrays
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
@@ -25,6 +25,12 @@ from tiscene.scene.placement import CURRENT, Placement
 MAX_SAMPLES = 65536  # pixels of one object, outside of the picture
 _BATCH = 1 << 18  # rays
 _FARTHEST = 1e7  # px; where the projection of a point on the near plane may end up
+
+
+def object_table(scene: DeviceScene, placement: Placement, view: View, states: Sequence[ObjectState]) -> ObjectTable:
+    """The rows of `frame.objects`. states: the objects alive at the frame, as its world tells."""
+    ids = np.array([state.id for state in states], np.int32)
+    return ObjectTable(states, SceneMeasures(scene, placement, view, ids))
 
 
 class SceneMeasures:
@@ -36,7 +42,6 @@ class SceneMeasures:
         self._placement = placement
         self._view = view
         self._ids = np.asarray(ids, np.int32)
-        self._labels = LabelPass(scene)
 
     @cached_property
     def _parts(self) -> list[NDArray[np.int64]]:
@@ -49,12 +54,14 @@ class SceneMeasures:
         """The vertices of an instance, [n, 3], m, world."""
         matrix = self._placement.world_from_object[CURRENT, instance]
         positions = self._scene.meshes[self._placement.mesh[instance]].positions
-        return positions @ matrix[:, :3].T + matrix[:, 3]
+        world: NDArray[np.float64] = positions @ matrix[:, :3].T + matrix[:, 3]
+        return world
 
     @cached_property
     def _instance_image(self) -> NDArray[np.int32]:
         self._scene.place(self._placement, (CURRENT,))
-        return self._labels.render(self._view, ("instance",))["instance"]
+        # Traced again, so that the buffers handed out may be written to, or never have been asked for.
+        return LabelPass(self._scene).render(self._view, ("instance",))["instance"]
 
     @cached_property
     def visible_pixels(self) -> NDArray[np.int64]:
@@ -141,7 +148,11 @@ class SceneMeasures:
     def _project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Camera coordinates to px; whole numbers are corners of pixels."""
         focal = self._view.focal_lengths()[CURRENT]
-        return points[:, :2] / points[:, 2:] * focal + (0.5 * self._view.width, 0.5 * self._view.height)
+        pixels: NDArray[np.float64] = points[:, :2] / points[:, 2:] * focal + (
+            0.5 * self._view.width,
+            0.5 * self._view.height,
+        )
+        return pixels
 
     @cached_property
     def amodal_box(self) -> NDArray[np.float64]:
@@ -241,4 +252,5 @@ def _rotation_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:
     left, _, right = np.linalg.svd(edges / np.maximum(np.linalg.norm(edges, axis=0), 1e-30))
     if np.linalg.det(left @ right) < 0.0:
         left = left * (1.0, 1.0, -1.0)
-    return left @ right
+    rotation: NDArray[np.float64] = left @ right
+    return rotation

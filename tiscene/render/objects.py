@@ -58,7 +58,9 @@ class OrientedBox:
     def corners(self) -> NDArray[np.float64]:
         """Its corners [8, 3], m, world; corner i is at the high end of axis a where bit a of i is set."""
         signs = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
-        return np.asarray(self.centre) + (signs * self.size) @ matrix_from_quaternion(self.rotation).T
+        axes = matrix_from_quaternion(self.rotation)
+        corners: NDArray[np.float64] = np.asarray(self.centre) + (signs * self.size) @ axes.T
+        return corners
 
 
 class Measures(Protocol):
@@ -133,7 +135,8 @@ class ObjectRow:
     @property
     def world_bounds(self) -> NDArray[np.float64]:
         """[2, 3]: the lowest and highest corner of the box along the world's axes, m."""
-        return self._measures.world_bounds[self._row].copy()
+        bounds: NDArray[np.float64] = self._measures.world_bounds[self._row].copy()
+        return bounds
 
     @property
     def visible_pixels(self) -> int:

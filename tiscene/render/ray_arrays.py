@@ -1,5 +1,6 @@
 """The arrays that one wave of primary rays is traced through."""
 
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -55,6 +56,7 @@ class AnyHitArrays:
         self.queue.from_numpy(np.arange(count, dtype=np.int32))
 
 
+@lru_cache(maxsize=4)
 def tiled_order(width: int, height: int) -> NDArray[np.int32]:
     """Every pixel's row, int32 [width * height], tile by tile, the tiles strewn over the picture.
 
