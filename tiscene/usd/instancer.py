@@ -17,10 +17,11 @@ from tiscene.usd.problems import Report
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A mesh of a prototype. matrix: from the mesh to the prototype's parent, metres."""
+    """A mesh of a prototype. matrix: from the mesh to the prototype's parent, metres. label: what is said of it."""
 
     mesh: int
     matrix: Matrix
+    label: str
 
 
 @dataclass(frozen=True, eq=False)

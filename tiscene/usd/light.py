@@ -35,7 +35,7 @@ class LightReader:
         """Read one light. world_from_prim: 4x4 for column vectors, its translation in metres."""
         path = prim.GetPath()
         emission = self._emission(prim)
-        if emission is None:
+        if emission is None or not any(emission):
             return
         self._report_unsupported(prim)
         pose = rigid(world_from_prim)
@@ -43,9 +43,8 @@ class LightReader:
             self._report.problem(path, "light", "its transform is singular or not finite")
             return
         kind = str(prim.GetTypeName())
+        kind = str(prim.GetTypeName())
         scale = [float(s) for s in np.linalg.norm(world_from_prim[:3, :3], axis=0)]
-        if kind not in ("DistantLight", "DomeLight", "DomeLight_1") and emission == (0.0, 0.0, 0.0):
-            return
         reader = {
             "RectLight": self._rect,
             "DiskLight": self._disk,
@@ -60,6 +59,13 @@ class LightReader:
         light = reader(prim, pose, emission, scale)
         if light is not None:
             self.lights.append(light)
+
+    def mesh_emission(self, prim: Usd.Prim) -> Color | None:
+        """The radiance of a mesh that is a light, None for none."""
+        self._report_unsupported(prim)
+        if self._input(prim, "normalize", False):
+            self._report.omission(prim.GetPath(), "a mesh light's normalize is not applied")
+        return self._emission(prim)
 
     def _emission(self, prim: Usd.Prim) -> Color | None:
         """Radiance before `normalize`, W/m²/sr: intensity · 2^exposure · color · colour temperature."""

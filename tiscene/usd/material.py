@@ -10,11 +10,10 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import ColorInput, FloatInput, Material, TextureLookup
-from tiscene.usd.network import Connection, Source, connections_of
+from tiscene.usd.network import Connection, Source, connections_of, shader_id
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import TextureTable
 
-_SURFACE_IDS = ("UsdPreviewSurface", "ND_UsdPreviewSurface_surfaceshader")
 _DEFAULT = Material("default")
 Affine = tuple[float, float, float, float, float, float]
 _IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -153,15 +152,15 @@ class _NetworkReader:
         for output in material.GetSurfaceOutputs():
             for attribute in UsdShade.Utils.GetValueProducingAttributes(output):
                 shader = UsdShade.Shader(attribute.GetPrim())
-                name = shader.GetShaderId() if shader else ""
-                if name in _SURFACE_IDS:
+                name = shader_id(shader) if shader else ""
+                if name == "UsdPreviewSurface":
                     if unknown:
                         self._unsupported(material, unknown[0], "its UsdPreviewSurface is used")
                     return shader
                 unknown.append(name or str(attribute.GetPrim().GetTypeName()))
         siblings = [UsdShade.Shader(p) for p in Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)]
         for shader in siblings:
-            if shader and shader.GetShaderId() in _SURFACE_IDS:
+            if shader and shader_id(shader) == "UsdPreviewSurface":
                 self._unsupported(material, unknown[0] if unknown else "none", "its UsdPreviewSurface is used")
                 return shader
         if unknown:
@@ -220,7 +219,7 @@ class _NetworkReader:
         if connection.source is None:
             return self._numbers(connection.value, name)
         source = connection.source
-        if source.id in ("UsdUVTexture", "ND_UsdUVTexture"):
+        if source.id == "UsdUVTexture":
             return self._texture(source, name)
         if source.id.startswith("UsdPrimvarReader_"):
             return self._primvar(source)

@@ -58,6 +58,11 @@ def read_mesh(
     return surface
 
 
+def face_count(prim: Usd.Prim, time: Usd.TimeCode) -> int:
+    """How many faces a mesh prim has."""
+    return len(array_of(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr(), time))
+
+
 def _read_topology(
     mesh: UsdGeom.Mesh, time: Usd.TimeCode, report: Report
 ) -> tuple[NDArray[np.float32], Topology] | None:

@@ -7,6 +7,24 @@ from typing import Any
 
 from pxr import Usd, UsdShade
 
+# MaterialX carries the same nodes under names of its own.
+_MATERIALX_NAMES = {
+    "ND_UsdPreviewSurface_surfaceshader": "UsdPreviewSurface",
+    "ND_UsdUVTexture": "UsdUVTexture",
+    "ND_UsdUVTexture_22": "UsdUVTexture",
+    "ND_UsdUVTexture_23": "UsdUVTexture",
+    "ND_UsdTransform2d": "UsdTransform2d",
+    "ND_UsdPrimvarReader_vector2": "UsdPrimvarReader_float2",
+    "ND_UsdPrimvarReader_vector3": "UsdPrimvarReader_float3",
+    "ND_UsdPrimvarReader_float": "UsdPrimvarReader_float",
+}
+
+
+def shader_id(shader: UsdShade.Shader) -> str:
+    """The shader's info:id, by UsdPreviewSurface's names for its nodes; "" for a shader without one."""
+    name = str(shader.GetShaderId() or "")
+    return _MATERIALX_NAMES.get(name, name)
+
 
 @dataclass(frozen=True)
 class Source:
@@ -33,7 +51,7 @@ def connections_of(shader: UsdShade.Shader, time: Usd.TimeCode) -> dict[str, Con
         for attribute in UsdShade.Utils.GetValueProducingAttributes(item):
             if attribute.GetName().startswith("outputs:"):
                 other = UsdShade.Shader(attribute.GetPrim())
-                source = Source(other, str(other.GetShaderId() or ""), attribute.GetName().removeprefix("outputs:"))
+                source = Source(other, shader_id(other), attribute.GetName().removeprefix("outputs:"))
                 found[item.GetBaseName()] = Connection(attribute, source=source)
             else:
                 found[item.GetBaseName()] = Connection(attribute, value=attribute.Get(time))

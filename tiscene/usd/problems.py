@@ -46,4 +46,4 @@ class Report:
             more = f" and {len(paths) - _PATHS_NAMED} more" if len(paths) > _PATHS_NAMED else ""
             lines.append(f"  {text}: {named}{more}")
         message = f"{self.stage} is not drawn quite as authored:\n" + "\n".join(lines)
-        warnings.warn(StageWarning(message), stacklevel=4)
+        warnings.warn(StageWarning(message), stacklevel=3)

@@ -1,0 +1,106 @@
+"""The table of meshes: each gprim once, however many instances show it, with a material for every triangle."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdShade
+
+from tiscene.scene.description import Mesh
+from tiscene.usd.gprim import read_gprim
+from tiscene.usd.material import Binding, MaterialTable
+from tiscene.usd.mesh import face_count, read_mesh
+from tiscene.usd.problems import Report
+from tiscene.usd.surface import Surface
+
+Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]
+
+_CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+
+
+class MeshTable:
+    """Reads gprims and numbers their meshes. Prims of one prototype share a mesh, and so do equal meshes."""
+
+    def __init__(self, materials: MaterialTable, time: Usd.TimeCode, report: Report, meters_per_unit: float) -> None:
+        self.meshes: list[Mesh] = []
+        self._materials = materials
+        self._time = time
+        self._report = report
+        self._meters = meters_per_unit
+        self._surfaces: dict[Any, Surface | None] = {}
+        self._rows: dict[Any, int | None] = {}
+        self._rows_by_content: dict[bytes, int] = {}
+
+    def row(self, prim: Usd.Prim, emitter: Binding | None = None) -> int | None:
+        """The row of a gprim's mesh; None, with the reason reported, if it has no triangles.
+
+        emitter: the material of a mesh that is a light, in place of what is bound to it.
+        """
+        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        whole = emitter or self._materials.binding(prim, prim)
+        subsets = [] if emitter else self._subsets(prim)
+        bindings = (whole, *(binding for binding, _ in subsets))
+        key = (source, bindings)
+        if key not in self._rows:
+            surface = self._surface(prim, source, bindings, subsets)
+            self._rows[key] = None if surface is None else self._add(prim.GetName(), surface, whole, subsets)
+        return self._rows[key]
+
+    def _subsets(self, prim: Usd.Prim) -> Subsets:
+        """The faces of a mesh that have a material of their own: the subsets of the family materialBind."""
+        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
+            return []
+        found = []
+        faces = face_count(prim, self._time)
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
+                self._report.omission(subset.GetPath(), "a material for anything but faces is not applied")
+                continue
+            value = subset.GetIndicesAttr().Get(self._time)
+            indices = np.asarray([] if value is None else value, dtype=np.int64)
+            if len(indices) and (indices.min() < 0 or indices.max() >= faces):
+                worst = indices.max() if indices.max() >= faces else indices.min()
+                text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"
+                self._report.problem(subset.GetPath(), "subset", text)
+                continue
+            found.append((self._materials.binding(subset.GetPrim(), prim), indices))
+        return found
+
+    def _surface(self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets) -> Surface | None:
+        """The triangles of a gprim, read once for each prototype and choice of texture coordinates."""
+        uv_names = tuple(dict.fromkeys(binding.uv for binding in bindings))
+        uv_of_face = None
+        key: Any = (source, uv_names)
+        if len(uv_names) > 1:
+            key = (source, bindings)
+            uv_of_face = np.full(face_count(prim, self._time), uv_names.index(bindings[0].uv))
+            for binding, indices in subsets:
+                uv_of_face[indices] = uv_names.index(binding.uv)
+        if key not in self._surfaces:
+            if prim.IsA(UsdGeom.Mesh):
+                self._surfaces[key] = read_mesh(prim, self._time, self._report, uv_names, uv_of_face)
+            else:
+                self._surfaces[key] = read_gprim(prim, self._time, self._report)
+        return self._surfaces[key]
+
+    def _add(self, name: str, surface: Surface, whole: Binding, subsets: Subsets) -> int:
+        materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
+        if subsets:
+            of_face = np.full(int(surface.face.max()) + 1, whole.row, dtype=np.int32)
+            for binding, indices in subsets:
+                of_face[indices[indices < len(of_face)]] = binding.row
+            materials = of_face[surface.face]
+        positions = surface.positions * np.float32(self._meters)
+        digest = hashlib.blake2b(digest_size=16)
+        for array in (positions, surface.triangles, materials, surface.normals, surface.uv):
+            digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
+            digest.update(b"|")
+        content = digest.digest()
+        if content not in self._rows_by_content:
+            self._rows_by_content[content] = len(self.meshes)
+            self.meshes.append(Mesh(name, positions, surface.triangles, materials, surface.normals, surface.uv))
+        return self._rows_by_content[content]
