@@ -30,7 +30,7 @@ class Simulation:
         self.bodies = tuple(bodies)
         self.timings = AllTogether(0.0) if timings is None else timings
         tracks = [
-            check_closed_form(body.dynamic, f"bodies[{row}].dynamic").tracks(body.start)
+            check_closed_form(body.dynamic, f"bodies[{row}] ({body.name!r}): dynamic").tracks(body.start)
             for row, body in enumerate(self.bodies)
         ]
         self._clocks = Clocks(self._windows(), [exact(body.birth) for body in self.bodies], tracks)

@@ -233,7 +233,7 @@ def _check_scale(value: Any) -> Vector3:
 
 
 def _check_objects(value: Any) -> tuple[Object, ...]:
-    if isinstance(value, Object) or not isinstance(value, Sequence):
+    if isinstance(value, str) or not isinstance(value, Sequence):
         raise ScenarioError(f"objects={value!r}: must be a sequence of Object(id, template, ...)")
     rows: dict[str, int] = {}
     for row, each in enumerate(value):

@@ -179,7 +179,10 @@ class World:
                 bodies.append(Body(camera.dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
             except TypeError as error:
                 raise ScenarioError(f"camera {camera.name!r}: {error}") from error
-        return Simulation(bodies, self.scenario.timings)
+        try:
+            return Simulation(bodies, self.scenario.timings)
+        except TypeError as error:
+            raise ScenarioError(str(error)) from error
 
     def _category_id(self, category: str) -> int:
         number = self._category_ids.setdefault(category, len(self._category_ids))
