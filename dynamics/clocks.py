@@ -74,7 +74,7 @@ class Clocks:
                     values.append(inside * span / (whole * parts))
                 else:
                     values.append(0.0)
-        return np.array(values, dtype=np.float64)
+        return np.array(values or [0.0])  # a device array cannot be empty
 
     def _count(self, time: Fraction) -> int:
         return time.numerator * (self._ticks // time.denominator)

@@ -249,7 +249,8 @@ def test_the_camera_moves_by_its_dynamic():
 
 def test_which_camera():
     assert world(camera="Window").camera is STAGE.cameras[1]
-    assert world(stage=SceneDescription("empty")).camera == ts.Camera()
+    blind = SceneDescription("room", (UNIT_CUBE,), instances=(Instance(0, 0, np.eye(4)),), objects=STAGE.objects[:1])
+    assert world(stage=blind).camera == ts.Camera.seeing((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
     own = ts.Camera(name="own")
     assert World(ts.Scenario("room", camera="Window"), STAGE, load, 25, own).camera is own
     with pytest.raises(CameraNotFound, match=r"no camera 'Windw' in scene 'room'\. Did you mean 'Window'"):

@@ -72,7 +72,8 @@ class World:
     ) -> None:
         """load_template: finds what the stage does not hold, or raises TemplateNotFound. fps: frame k is at k / fps.
 
-        camera: default the scenario's, else the stage's first. Raises ScenarioError, CameraNotFound, ArgumentError.
+        camera: default the scenario's, else the stage's first, else one that sees the whole stage.
+        Raises ScenarioError, CameraNotFound, ArgumentError, and what `load_template` raises.
         """
         if isinstance(fps, bool) or not np.isfinite(fps) or fps <= 0:
             raise ArgumentError(f"fps={fps!r}: must be a positive number of frames per second")
@@ -295,8 +296,11 @@ class World:
 def _chosen_camera(scenario: Scenario, stage: SceneDescription) -> Camera:
     if isinstance(scenario.camera, Camera):
         return scenario.camera
+    if scenario.camera is None and stage.cameras:
+        return stage.cameras[0]
     if scenario.camera is None:
-        return stage.cameras[0] if stage.cameras else Camera()
+        (a, b, c), (d, e, f) = stage.bounds().tolist()
+        return Camera.seeing((a, b, c), (d, e, f), (0.0, 1.0, 0.0) if stage.up_axis == "Y" else (0.0, 0.0, 1.0))
     for camera in stage.cameras:
         if camera.name == scenario.camera:
             return camera
