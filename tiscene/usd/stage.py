@@ -36,6 +36,9 @@ def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
         raise MissingFile(f"{path} is not a file: name the .usd, .usda, .usdc or .usdz file itself")
     try:
         stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
+        for layer in stage.GetUsedLayers():  # USD shares layers in a process: see to it that they are today's files
+            if not layer.anonymous and not layer.dirty:
+                layer.Reload()
     except Tf.ErrorException as error:
         raise StageError(str(path), [f"cannot be read: {line}" for line in error_lines(error)]) from None
     select_variants(stage, variants or {})

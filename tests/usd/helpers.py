@@ -1,0 +1,80 @@
+"""Small stages for the tests of the reader."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tiscene.errors import StageError, StageWarning
+from tiscene.scene.description import SceneDescription
+from tiscene.usd import read_stage
+
+STAGES = Path(__file__).parent / "stages"
+
+
+def write(
+    folder: Path, body: str, *, meters: float = 1.0, up: str = "Y", name: str = "stage.usda", more: str = ""
+) -> Path:
+    """A stage file with the usual header."""
+    path = folder / name
+    path.write_text(f'#usda 1.0\n(\n    metersPerUnit = {meters}\n    upAxis = "{up}"\n    {more}\n)\n{body}\n')
+    return path
+
+
+def read(folder: Path, body: str, **header: object) -> SceneDescription:
+    """A stage that must be read without a warning."""
+    return read_stage(write(folder, body, **header))  # type: ignore[arg-type]
+
+
+def read_with_warning(folder: Path, body: str, expected: str) -> SceneDescription:
+    """A stage that must be read with exactly one StageWarning, which says what is expected (a regular expression)."""
+    path = write(folder, body)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        description = read_stage(path)
+    assert [type(w.message) for w in caught] == [StageWarning]
+    assert re.search(expected, str(caught[0].message)), str(caught[0].message)
+    assert caught[0].filename == __file__
+    return description
+
+
+def problems_of(folder: Path, body: str) -> tuple[str, ...]:
+    """What is wrong with a stage, without a word on omissions."""
+    path = write(folder, body)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)
+        with pytest.raises(StageError) as caught:
+            read_stage(path)
+    assert caught.value.stage == str(path)
+    return caught.value.problems
+
+
+def area(positions: np.ndarray, triangles: np.ndarray) -> float:
+    """Of all triangles together."""
+    a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0)
+
+
+def volume(positions: np.ndarray, triangles: np.ndarray) -> float:
+    """Enclosed by a closed mesh whose triangles face outwards."""
+    a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def facing(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Unit geometric normals of the triangles."""
+    a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))
+    normal = np.cross(b - a, c - a)
+    return normal / np.linalg.norm(normal, axis=1)[:, None]
+
+
+QUAD = """
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+"""
