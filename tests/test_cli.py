@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,13 +31,20 @@ class FakeCommandStream(FakeStream):
         self.interrupt_at = type(self).interrupt_at
         self.made.append(self)
 
+    @property
+    def quality(self):
+        return SimpleNamespace(spp=4)
+
+    def __next__(self):
+        return self[len(self.rendered)]
+
 
 @pytest.fixture
 def fake(monkeypatch):
-    from tiscene.commands import demo, render
+    from tiscene.commands import bench, demo, render
 
     monkeypatch.setattr(FakeCommandStream, "made", [])
-    for command in (demo, render):
+    for command in (bench, demo, render):
         monkeypatch.setattr(command, "Stream", FakeCommandStream)
     return FakeCommandStream
 
@@ -49,7 +57,13 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
     folder = tmp_path / "out"
     assert render("-o", folder, "--frames", "2:5", "--buffers", "rgb,depth", "--seed", 3, "--format", "npz") == 0
     assert capsys.readouterr().out == f"{folder}\n"
-    assert sorted(path.name for path in folder.iterdir()) == ["000002.npz", "000003.npz", "000004.npz", "labels", "tiscene.json"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "000002.npz",
+        "000003.npz",
+        "000004.npz",
+        "labels",
+        "tiscene.json",
+    ]
     assert list(np.load(folder / "000002.npz")) == ["rgb", "depth"]
     assert fake.made[0].seed == 3
 
@@ -92,7 +106,7 @@ def test_interrupted_render_says_how_to_go_on_and_does(tmp_path, fake, capsys, m
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["render", "nowhere", "-o", "x"], "tiscene: no scene 'nowhere'. There are: somewhere."),
+        (["render", "nowhere", "-o", "x"], "tiscene: no scene 'nowhere'. Did you mean 'somewhere'?"),
         (["render", "s", "-o", "x", "--buffers", "dept"], "tiscene: no buffer 'dept'. Did you mean 'depth'?"),
         (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of exr, npz, png"),
         (["demo", "-o", "x", "--frames", "0"], "tiscene: --frames 0: must be at least 1"),
@@ -144,7 +158,72 @@ def test_list_prints_every_name_and_file(capsys):
     assert cli.main(["list"]) == 0
     printed = capsys.readouterr().out
     for name, path in {**catalog.scenes(), **catalog.templates()}.items():
-        assert any(line.split("  ")[1] == name and line.endswith(str(path)) for line in printed.splitlines() if line)
+        assert any(line.startswith(f"  {name} ") and line.endswith(f" {path}") for line in printed.splitlines())
+
+
+KITCHEN = """#usda 1.0
+(
+    defaultPrim = "Kitchen"
+    metersPerUnit = 1
+    upAxis = "Y"
+)
+def Xform "Kitchen"
+{
+    def Cube "Stove" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])
+    {
+        double size = 2
+        token[] semantics:labels:class = ["stove"]
+    }
+    def Camera "Front"
+    {
+        double3 xformOp:translate = (0, 0.5, 4)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def SphereLight "Bulb"
+    {
+        float inputs:radius = 0.1
+        double3 xformOp:translate = (0, 3, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+
+
+def test_show_tells_what_a_scene_holds(tmp_path, capsys):
+    path = tmp_path / "kitchen.usda"
+    path.write_text(KITCHEN)
+    assert cli.main(["show", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith(str(path))
+    assert lines[1] == "Size: 2.00 x 2.00 x 2.00 m (x, y, z), Y up; 12 triangles"
+    assert lines[2:8] == [
+        "Cameras (1):",
+        "  Front: at (0.00, 0.50, 4.00), 17 degrees high",
+        "Lights (1):",
+        lines[5],
+        "Objects (1):",
+        "  stove: Stove",
+    ]
+    assert lines[5].startswith("  Bulb: sphere, ")
+    assert lines[8:] == [f"Templates ({len(catalog.templates())}):", *(f"  {name}" for name in catalog.templates())]
+
+
+def test_show_cuts_long_lists_short():
+    from tiscene.commands.show import _objects
+    from tiscene.scene.description import SceneDescription, SceneObject
+
+    books = [SceneObject(f"Book{k}", f"/Book{k}", "book") for k in range(10)]
+    (line,) = _objects(SceneDescription("shelf", objects=tuple(books)))
+    assert line == "book: Book0, Book1, Book2, Book3, Book4, Book5, Book6, Book7, and 2 more"
+
+
+def test_bench_prints_a_line_for_each_size_and_kind(fake, capsys):
+    assert cli.main(["bench", "somewhere", "--seconds", "0"]) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.split()[-1] == "frames/s"
+    assert len(rows) == len(fake.made) == 6
+    assert [stream.rendered for stream in fake.made] == [[0, 1]] * 6
+    assert " 640x480 " in rows[-1]
 
 
 def test_demo_ends_with_the_pictures(tmp_path, fake, capsys):

@@ -110,9 +110,9 @@ def _frames(text: str) -> range:
     """Python's slices: "3:10" is 3 to 9, ":10" is 0 to 9, "0:10:2" every second one; and "3" is frame 3 alone."""
     mistake = argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B, such as 0:100")
     try:
-        numbers = [int(part) if part else None for part in text.split(":")]
-        start = numbers[0] or 0
-        frames = range(start, start + 1) if len(numbers) == 1 else range(start, *(part or 0 for part in numbers[1:]))
+        parts = text.split(":")
+        start = int(parts[0] or "0")
+        frames = range(int(text), int(text) + 1) if len(parts) == 1 else range(start, *map(int, parts[1:]))
     except (ValueError, TypeError):
         raise mistake from None
     if len(frames) == 0 or min(frames) < 0:
