@@ -8,6 +8,7 @@ import operator
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
@@ -15,13 +16,16 @@ import numpy as np
 
 from tiscene import catalog, device
 from tiscene.camera import Camera
-from tiscene.errors import ArgumentError, BufferNotFound, CameraNotFound
-from tiscene.frame import Frame
+from tiscene.errors import ArgumentError, BufferNotFound
+from tiscene.frame import Frame, FrameCamera
 from tiscene.render.aovs import AOVS
+from tiscene.render.measure import object_table
 from tiscene.render.renderer import Quality, Renderer, quality_named
+from tiscene.render.view import View
 from tiscene.scenario import Scenario
-from tiscene.scene.description import SceneDescription, Template
+from tiscene.scene.description import Template
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import Placement
 from tiscene.usd import read_stage, read_template
 from tiscene.world import World
 
@@ -36,8 +40,8 @@ class Stream(Iterator[Frame]):
     width, height: px. fps: frame k shows time k / fps. frames: how many; None for an endless stream.
     buffers: which of `tiscene.render.aovs.AOVS` each frame holds; the others cost nothing.
     quality: "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
-    seed: of the rendering's random numbers (trajectories have their own). camera: a Camera, the name of one on the
-    stage, or None for the scenario's, else the stage's first, else one that sees the whole scene.
+    seed: of the rendering's random numbers (trajectories have their own).
+    camera: a Camera, or the name of one on the stage, in the place of the scenario's.
     time_code: the stage's time code to read. variants: {"/Prim{set}": "variant"}. arch: "cpu" or "cuda".
 
     A stream is an iterator with a position, as an open file is: a second `for` goes on where the first stopped, `seek`
@@ -75,17 +79,18 @@ class Stream(Iterator[Frame]):
         self.buffers = _buffer_names(buffers)
         self.quality: Quality = quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
         self.scenario = source if isinstance(source, Scenario) else _scenario_from(source)
+        if camera is not None:
+            self.scenario = replace(self.scenario, camera=camera)
         self.time_code = time_code
         self.variants = dict(variants or {})
 
         stage = read_stage(catalog.find_scene(self.scenario.scene), time_code=time_code, variants=self.variants)
-        self.camera = _choose_camera(camera if camera is not None else self.scenario.camera, stage)
-        self.world = World(self.scenario, stage, _load_template, self.fps, self.camera)
+        self.world = World(self.scenario, stage, _load_template, self.fps)
         self.arch = device.start(arch)
         self._scene = DeviceScene()
-        self._scene_parts = 0
+        self._loaded = 0  # how many of the world's descriptions are on the device
         self._renderer = Renderer(self._scene, self.width, self.height, self.quality)
-        self._exposure = self.camera.exposure
+        self._exposure = self.world.camera.exposure
         self._position = 0
 
     @property
@@ -169,18 +174,32 @@ class Stream(Iterator[Frame]):
         }
 
     def _render(self, index: int) -> Frame:
-        placement = self.world.placement(index)
-        for description in self.world.descriptions[self._scene_parts :]:
-            self._scene.add(description)
-            self._scene_parts += 1
+        view, placement = self._view(index), self._placement(index)
         if self._exposure is None and "rgb" in self.buffers:
             # Metered at frame 0 whatever frame is asked for first, so that a seek changes no pixel.
-            self._exposure = self._renderer.meter(self.world.placement(0), self.world.cameras(0)[1], seed=self.seed)
-        cameras = self.world.cameras(index)
+            self._exposure = self._renderer.meter(self._view(0), self._placement(0), seed=self.seed)
         buffers = self._renderer.render(
-            index, placement, cameras, self.buffers, seed=self.seed, exposure=self._exposure or 0.0
+            view, placement, self.buffers, frame_index=index, seed=self.seed, exposure=self._exposure or 0.0
         )
-        return Frame(index=index, time=index / self.fps, buffers=buffers)
+        return Frame(
+            index=index,
+            time=index / self.fps,
+            camera=FrameCamera(view.current, self.width, self.height),
+            buffers=buffers,
+            objects=object_table(self._scene, placement, view, self.world.objects(index)),
+            categories=self.categories,
+        )
+
+    def _view(self, index: int) -> View:
+        return View(*self.world.cameras(index), width=self.width, height=self.height)
+
+    def _placement(self, index: int) -> Placement:
+        """Where everything is; what the world has loaded since the last time goes to the device first."""
+        placement = self.world.placement(index)
+        for description in self.world.descriptions[self._loaded :]:
+            self._scene.add(description)
+            self._loaded += 1
+        return placement
 
 
 class FrameRange(Sequence[Frame]):
@@ -242,18 +261,3 @@ def _scenario_from(source: str | os.PathLike[str]) -> Scenario:
 
 def _load_template(name: str) -> Template:
     return read_template(catalog.find_template(name))
-
-
-def _choose_camera(wanted: Camera | str | None, stage: SceneDescription) -> Camera:
-    if isinstance(wanted, Camera):
-        return wanted
-    if isinstance(wanted, str):
-        for camera in stage.cameras:
-            if camera.name == wanted:
-                return camera
-        raise CameraNotFound("camera", wanted, [camera.name for camera in stage.cameras], f" in scene {stage.name!r}")
-    if stage.cameras:
-        return stage.cameras[0]
-    low, high = stage.bounds()
-    up = (0.0, 1.0, 0.0) if stage.up_axis == "Y" else (0.0, 0.0, 1.0)
-    return Camera.seeing(tuple(low), tuple(high), up)

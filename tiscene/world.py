@@ -68,11 +68,10 @@ class World:
         stage: SceneDescription,
         load_template: Callable[[str], Template],
         fps: float,
-        camera: Camera | None = None,
     ) -> None:
         """load_template: finds what the stage does not hold, or raises TemplateNotFound. fps: frame k is at k / fps.
 
-        camera: default the scenario's, else the stage's first, else one that sees the whole stage.
+        The camera is the scenario's, else the stage's first, else one that sees the whole stage.
         Raises ScenarioError, CameraNotFound, ArgumentError, and what `load_template` raises.
         """
         if isinstance(fps, bool) or not np.isfinite(fps) or fps <= 0:
@@ -80,7 +79,7 @@ class World:
         self.scenario = scenario
         self.stage = stage
         self.fps = fps
-        self.camera = _chosen_camera(scenario, stage) if camera is None else camera
+        self.camera = _chosen_camera(scenario, stage)
         self.descriptions = [stage]
         self.categories = {0: ""}
         self._category_ids = {"": 0}

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
 from tiscene.render import denoise, film
 from tiscene.render.aovs import times_needed
@@ -64,16 +63,15 @@ class Renderer:
 
     def render(
         self,
-        frame_index: int,
+        view: View,
         placement: Placement,
-        cameras: tuple[Camera, Camera, Camera],
         buffers: Sequence[str],
         *,
+        frame_index: int,
         seed: int,
         exposure: float,
     ) -> dict[str, NDArray[Any]]:
-        """The buffers named, in that order. cameras: at the frames before, now and after. exposure: stops."""
-        view = View(*cameras, width=self.width, height=self.height)
+        """The buffers named, in that order, each a new array. exposure: stops, for `rgb`."""
         self.scene.place(placement, times=times_needed(buffers))
         labels = [name for name in buffers if name not in COLOR_BUFFERS]
         result = self._labels.render(view, labels)
@@ -95,11 +93,11 @@ class Renderer:
             result["rgb"] = film.tone_map(radiance, exposure)
         return result
 
-    def meter(self, placement: Placement, camera: Camera, *, seed: int) -> float:
+    def meter(self, view: View, placement: Placement, *, seed: int) -> float:
         """The exposure in stops that shows this placement well, from a small picture of it."""
         width, height = self.METER_SIZE
         self.scene.place(placement, times=(CURRENT,))
-        view = View(camera, camera, camera, width=width, height=height)
+        view = View(*view.cameras, width=width, height=height)
         image = PathPass(self.scene, width, height).render(
             view, frame_index=0, seed=seed, spp=self.METER_SPP, max_depth=self.quality.max_depth
         )
