@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,17 +62,18 @@ def run(args: argparse.Namespace) -> None:
         _make(folder)
         what.save(folder / "scenario.json")
         step(0, doing="compiling, the first time only")
-        frames = []
+        frames, middle = [], args.frames // 2
         for index in range(args.frames):
-            frames.append(stream[index])
+            frame = stream[index]
             if index == 0:
-                write_png(folder / "first_frame.png", frames[0].rgb)
+                write_png(folder / "first_frame.png", frame.rgb)
                 note(f"First frame: {folder / 'first_frame.png'}")
+            if index == middle:
+                write_png(folder / "contact_sheet.png", contact_sheet(frame))
+            frames.append(replace(frame, buffers={name: frame.buffers[name] for name in ANIMATED}))
             step(doing="rendering")
-    middle = frames[len(frames) // 2]
-    write_png(folder / "contact_sheet.png", contact_sheet(middle))
     write_animation(folder / "animation.webp", animated(frames), FPS)
-    print(f"Every buffer of frame {middle.index}: {folder / 'contact_sheet.png'}")
+    print(f"Every buffer of frame {middle}: {folder / 'contact_sheet.png'}")
     print(f"The stream in motion:      {folder / 'animation.webp'}")
     print(f"Render it as you like:     tiscene render {folder / 'scenario.json'} --frames 0:100 -o frames")
 
