@@ -130,6 +130,42 @@ def test_albedo_of_a_textured_plate() -> None:
     np.testing.assert_allclose(albedo[:, -15:], np.broadcast_to((0.0, 0.5, 1.0), (HEIGHT, 15, 3)), atol=1e-5)
 
 
+def curtain(rows: int, step: float = 0.0) -> tuple[Stage, np.ndarray]:
+    """Plates 2 m away, one behind the other, each with a hole (opacity 0) for its right half, before a wall."""
+    pixels = np.ones((1, 2, 4), np.float32)
+    pixels[0, 1, 3] = 0.0
+    holes = TextureLookup(0, channel="a")
+    things = [Thing(0, [pose((0, 0, -2 - 0.01 * row))]) for row in range(rows)]
+    things.append(Thing(1, [pose((step * time, 0, -4)) for time in (-1, 0, 1)]))
+    stage = Stage(
+        [plate(2.0, 2.0), plate(40.0, 40.0, material=1)],
+        things,
+        [Material("lace", opacity=holes, opacity_threshold=0.5), Material("wall", diffuse_color=(0.1, 0.2, 0.3))],
+        [Texture("hole", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")],
+    )
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return stage, (np.abs(x - 39.5) < 25) & (np.abs(y - 29.5) < 25) & (x < 40)  # where there is lace
+
+
+@pytest.mark.parametrize("rows", [1, 5])
+def test_what_is_painted_absent_is_not_there(rows: int) -> None:
+    stage, lace = curtain(rows)
+    labels = stage.render(VIEW, "instance", "depth", "distance", "albedo")
+    np.testing.assert_array_equal(labels["instance"], np.where(lace, 1, rows + 1))
+    np.testing.assert_allclose(labels["depth"], np.where(lace, 2.0, 4.0), rtol=1e-6)
+    wall = labels["albedo"][~lace]
+    np.testing.assert_allclose(wall, np.broadcast_to((0.1, 0.2, 0.3), wall.shape), atol=1e-6)
+
+
+def test_what_is_painted_absent_hides_nothing() -> None:
+    stage, lace = curtain(3, step=0.4)  # wall points move by 5 px
+    occluded = stage.render(VIEW, "forward_occlusion")["forward_occlusion"]
+    arrives = np.zeros_like(lace)
+    arrives[:, :-5] = lace[:, 5:]
+    outside = np.mgrid[:HEIGHT, :WIDTH][1] >= WIDTH - 5
+    np.testing.assert_array_equal(occluded, ~lace & (arrives | outside))
+
+
 def test_a_buffer_does_not_depend_on_which_others_are_asked_for() -> None:
     stage = crowd(40)
     view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), WIDTH, HEIGHT)

@@ -1,5 +1,7 @@
 """Boxes and pixel counts against numbers worked out by hand: a camera of 200 x 200 px and focal length 200 px."""
 
+import copy
+import pickle
 from dataclasses import dataclass
 
 import numpy as np
@@ -188,3 +190,11 @@ def test_an_empty_table() -> None:
     columns = rows.columns()
     assert columns["position"].shape == (0, 3)
     assert all(len(column) == 0 for column in columns.values())
+
+
+def test_a_pickled_table_brings_its_numbers() -> None:
+    rows = table(Stage([plate(2.0, 2.0)], [Thing(0, [pose((2, 0, -4))])]))
+    for twin in (pickle.loads(pickle.dumps(rows)), copy.deepcopy(rows)):
+        assert list(twin) == list(rows)
+        for name, column in rows.columns().items():
+            np.testing.assert_array_equal(twin.columns()[name], column, name)

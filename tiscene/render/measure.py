@@ -7,6 +7,7 @@ kept, and the scene is placed anew for the measurement. Every render places the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -24,7 +25,21 @@ from tiscene.scene.placement import CURRENT, Placement
 
 MAX_SAMPLES = 65536  # pixels of one object, outside of the picture
 _BATCH = 1 << 18  # rays
+X, Y, INSTANCE, OWNER, STRIDE = 0, 1, 2, 3, 4  # columns of samples
 _FARTHEST = 1e7  # px; where the projection of a point on the near plane may end up
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Measures (see tiscene.render.objects) that have been taken: what is left of SceneMeasures in a pickle."""
+
+    visible_pixels: NDArray[np.int64]
+    visible_box: NDArray[np.float64]
+    amodal_box: NDArray[np.float64]
+    world_bounds: NDArray[np.float64]
+    box_3d: list[OrientedBox]
+    amodal_pixels: NDArray[np.int64]
+    pixels_in_frame: NDArray[np.int64]
 
 
 def object_table(scene: DeviceScene, placement: Placement, view: View, states: Sequence[ObjectState]) -> ObjectTable:
@@ -42,6 +57,10 @@ class SceneMeasures:
         self._placement = placement
         self._view = view
         self._ids = np.asarray(ids, np.int32)
+
+    def __reduce__(self) -> tuple[type[Measured], tuple[object, ...]]:
+        """Device arrays cannot leave the process: a copy or pickle takes the measures and forgets the scene."""
+        return Measured, tuple(getattr(self, field.name) for field in fields(Measured))
 
     @cached_property
     def _parts(self) -> list[NDArray[np.int64]]:
@@ -172,11 +191,11 @@ class SceneMeasures:
         self._scene.place(self._placement, (CURRENT,))
         for samples in self._batches():
             # A pixel counts once, however many parts of the object it shows.
-            seen = np.unique(samples[self._hits(samples)][:, [0, 1, 3, 4]], axis=0)
+            seen = _distinct(samples[self._hits(samples)])
             within = ((seen[:, :2] >= 0) & (seen[:, :2] < (self._view.width, self._view.height))).all(axis=1)
-            pixels = seen[:, 3].astype(np.int64) ** 2
-            np.add.at(inside, seen[within, 2], pixels[within])
-            np.add.at(outside, seen[~within, 2], pixels[~within])
+            pixels = seen[:, STRIDE].astype(np.int64) ** 2
+            inside += _sums(seen[within, OWNER], pixels[within], count)
+            outside += _sums(seen[~within, OWNER], pixels[~within], count)
         return inside, outside
 
     def _batches(self) -> Iterator[NDArray[np.int32]]:
@@ -191,7 +210,7 @@ class SceneMeasures:
             yield np.concatenate(waiting)
 
     def _samples(self, row: int, parts: list[tuple[int, NDArray[np.float64], bool]]) -> NDArray[np.int32]:
-        """The pixels that decide an object's count, int32 [n, 5]: x, y, instance, object's row, stride.
+        """The pixels that decide an object's count, int32 [n, 5]: x, y, instance, owner (the object's row), stride.
 
         Those in the picture all, at stride 1; outside of it every s-th in both axes, s so that they fit the budget.
         """
@@ -245,6 +264,21 @@ def _lattice(
     samples[:, 1] = y.ravel()
     samples[:, 2:] = instance, row, stride
     return samples
+
+
+def _distinct(samples: NDArray[np.int32]) -> NDArray[np.int32]:
+    """One sample of each pixel of each object."""
+    order = np.lexsort((samples[:, X], samples[:, Y], samples[:, OWNER]))
+    samples = samples[order]
+    place = samples[:, [X, Y, OWNER]]
+    first = np.ones(len(samples), bool)
+    first[1:] = (place[1:] != place[:-1]).any(axis=1)
+    return samples[first]
+
+
+def _sums(rows: NDArray[np.int32], values: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """The sum of the values of each row."""
+    return np.bincount(rows, values, count).astype(np.int64)  # doubles count exactly far beyond any picture
 
 
 def _rotation_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:

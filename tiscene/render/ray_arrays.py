@@ -12,14 +12,20 @@ _TILE = 8
 
 @ti.func
 def write_ray(rays: ti.template(), row: ti.i32, origin: ti.math.vec3, direction: ti.math.vec3, t_max: ti.f32):
+    """A row of an array of rays, as tiscene.render.intersect takes them."""
     for c in ti.static(range(3)):
         rays[row, c] = origin[c]
         rays[row, 4 + c] = direction[c]
+    rays[row, 3] = 0.0
     rays[row, 7] = t_max
 
 
 class RayArrays:
-    """Rays, hits and a queue of every pixel, kept from frame to frame and renewed where the size changes."""
+    """One ray for each pixel, and what it hits. Kept from frame to frame, made anew where the size changes.
+
+    queue: all pixels, in the order to trace them in. further, mirrored: two queues each, for the rays that go on after
+    a hit; further_count: how many were put there last. distance: f32 [n], for whoever needs one for each ray.
+    """
 
     def __init__(self) -> None:
         self.count = 0
@@ -29,6 +35,9 @@ class RayArrays:
         self.hit_ids: Any = None
         self.distance: Any = None
         self.queue: Any = None
+        self.further: tuple[Any, Any] = (None, None)
+        self.mirrored: tuple[Any, Any] = (None, None)
+        self.further_count: Any = None
 
     def sized(self, width: int, height: int) -> Self:
         """Itself, with one row for each pixel (row y * width + x)."""
@@ -41,7 +50,15 @@ class RayArrays:
             self.distance = ti.ndarray(ti.f32, (self.count,))
             self.queue = ti.ndarray(ti.i32, (self.count,))
             self.queue.from_numpy(tiled_order(width, height))
+            self.further = ti.ndarray(ti.i32, (self.count,)), ti.ndarray(ti.i32, (self.count,))
+            self.mirrored = ti.ndarray(ti.i32, (self.count,)), ti.ndarray(ti.i32, (self.count,))
+            self.further_count = ti.ndarray(ti.i32, (1,))
         return self
+
+    def count_further(self) -> int:
+        """How many rays a kernel has put into a further queue. In which order is the threads' business: each ray writes
+        to its own row only."""
+        return int(self.further_count.to_numpy()[0])
 
 
 class AnyHitArrays:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from tiscene.render.aovs import AOVS
 from tiscene.render.bsdfs.preview_surface import Materials, is_mirror_like, material_at, shading_normal
+from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_kernels import write3
-from tiscene.render.intersect import closest
 from tiscene.render.ray_arrays import RayArrays, write_ray
 from tiscene.render.surface import (
     FLOATS_1D,
@@ -37,19 +37,14 @@ class MaterialLabels:
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
-        self._queues: tuple[Any, Any] | None = None
-        self._count = ti.ndarray(ti.i32, (1,))
 
     def render(self, rays: RayArrays, width: int, height: int, arrays: dict[str, NDArray[Any]]) -> None:
         """Fill the material buffers among `arrays`. rays: what the primary rays met; overwritten."""
         outputs = [arrays.get(name, AOVS[name].empty(1, 1)) for name in MATERIAL_BUFFERS]
         wanted = np.array([name in arrays for name in MATERIAL_BUFFERS], np.int32)
-        if self._queues is None or self._queues[0].shape[0] != rays.count:
-            self._queues = ti.ndarray(ti.i32, (rays.count,)), ti.ndarray(ti.i32, (rays.count,))
         queue, count = rays.queue, rays.count
         for mirrors in range(MAX_MIRRORS + 1):
-            mirrored = self._queues[mirrors % 2]
-            self._count.fill(0)
+            rays.further_count.fill(0)
             material_labels(
                 queue,
                 count,
@@ -60,17 +55,16 @@ class MaterialLabels:
                 *self.scene.materials.arrays(),
                 *self.scene.textures.arrays(),
                 int(mirrors < MAX_MIRRORS),
-                mirrored,
-                self._count,
+                rays.mirrored[mirrors % 2],
+                rays.further_count,
                 width,
                 wanted,
                 *outputs,
             )
-            # The order of the queue is the threads' business; each ray writes only to its own pixel.
-            queue, count = mirrored, int(self._count.to_numpy()[0])
+            queue, count = rays.mirrored[mirrors % 2], rays.count_further()
             if count == 0:
                 return
-            closest(self.scene, CURRENT, rays.rays, queue, count, rays.hits, rays.hit_ids)
+            first_hits(self.scene, CURRENT, rays, queue, count)
 
 
 @ti.kernel

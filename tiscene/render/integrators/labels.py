@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from tiscene.errors import BufferNotFound
 from tiscene.render.aovs import AOVS, LABELS
 from tiscene.render.integrators import label_kernels as kernels
+from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_materials import MATERIAL_BUFFERS, MaterialLabels
-from tiscene.render.intersect import closest
 from tiscene.render.ray_arrays import RayArrays
 from tiscene.render.surface import geometry_of
 from tiscene.render.view import View
@@ -47,7 +47,7 @@ class LabelPass:
             return arrays
         rays = self._rays.sized(view.width, view.height)
         kernels.primary_rays(view.array(), view.width, view.height, rays.rays)
-        closest(self.scene, CURRENT, rays.rays, rays.queue, rays.count, rays.hits, rays.hit_ids)
+        first_hits(self.scene, CURRENT, rays, rays.queue, rays.count)
 
         motion = instance_motion(self.scene.placement, view)
         cameras = camera_motion(view)
@@ -109,7 +109,7 @@ class LabelPass:
             other.rays,
             other.distance,
         )
-        closest(self.scene, time, other.rays, other.queue, other.count, other.hits, other.hit_ids)
+        first_hits(self.scene, time, other, other.queue, other.count)
         kernels.occlusion_labels(
             rays.hit_ids, other.distance, other.hits, other.hit_ids, view.width, occluded.view(np.uint8)
         )

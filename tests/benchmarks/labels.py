@@ -1,0 +1,88 @@
+"""Time of the label pass a frame, wall and CPU, on the benchmark room under a moving camera.
+
+Placing the instances (and building the tree over them for each time that is needed) is a row of its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import taichi as ti
+
+from tests.benchmarks.room import room, still
+from tiscene.render.aovs import LABELS, times_needed
+from tiscene.render.integrators.labels import LabelPass
+from tiscene.render.measure import object_table
+from tiscene.render.view import View
+from tiscene.scene.device_scene import DeviceScene
+
+SIZES = ((256, 192), (640, 480))
+BUFFER_SETS = {
+    "instance": ("instance",),
+    "default": ("semantic", "instance", "depth", "forward_flow"),
+    "no occlusion": tuple(name for name in LABELS if not name.endswith("occlusion")),
+    "all": LABELS,
+}
+ROUNDS = 15
+
+
+def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
+    """The shortest wall and CPU time of some rounds, after one that does not count."""
+    work()
+    walls, cpus = [], []
+    for _ in range(ROUNDS):
+        wall, cpu = time.perf_counter(), time.process_time()
+        work()
+        ti.sync()
+        walls.append(time.perf_counter() - wall)
+        cpus.append(time.process_time() - cpu)
+    return 1e3 * min(walls), 1e3 * min(cpus)
+
+
+def main() -> None:
+    description = room()
+    placement = still(description)
+    scene = DeviceScene()
+    scene.add(description)
+    labels = LabelPass(scene)
+    camera = description.cameras[0]
+    moved = camera.posed(tuple(np.add(camera.position, (0.02, 0.0, 0.01))), camera.rotation)
+    print(f"{'':>10} {'buffers':>14} {'wall ms':>9} {'CPU ms':>9}")
+    for width, height in SIZES:
+        for name, buffers in BUFFER_SETS.items():
+            times = times_needed(buffers)
+            scene.place(placement, times)
+            view = View(camera, camera, moved, width, height)
+
+            def render(view: View = view, buffers: tuple[str, ...] = buffers) -> object:
+                return labels.render(view, buffers)
+
+            wall, cpu = milliseconds(render)
+            print(f"{f'{width}x{height}':>10} {name:>14} {wall:>9.1f} {cpu:>9.1f}")
+    for count, times in ((1, (1,)), (3, (0, 1, 2))):
+        wall, cpu = milliseconds(lambda times=times: scene.place(placement, times))  # type: ignore[misc]
+        print(f"{'place':>10} {f'{count} times':>14} {wall:>9.1f} {cpu:>9.1f}")
+    began = time.perf_counter()
+    view = View(camera, camera, moved, *SIZES[0])
+    rows = object_table(scene, placement, view, [_State(int(id)) for id in np.unique(placement.instance_id)])
+    rows.columns()
+    print(f"every column of {len(rows)} objects: {1e3 * (time.perf_counter() - began):.0f} ms")
+
+
+class _State:
+    """An object that is nothing but its id."""
+
+    name = template = category = prim_path = ""
+    category_id = first_frame = 0
+    last_frame = None
+    position = velocity = (0.0, 0.0, 0.0)
+    rotation = (1.0, 0.0, 0.0, 0.0)
+
+    def __init__(self, id: int) -> None:
+        self.id = id
+
+
+if __name__ == "__main__":
+    main()

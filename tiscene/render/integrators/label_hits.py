@@ -1,0 +1,120 @@
+"""First hits as labels see them: a surface that is more than half absent where a ray meets it is not there.
+
+Leaves and lace are rectangles whose opacity is painted (`material_table.COVERAGE`). The path pass lets a part of the
+light through; a label has to decide.
+"""
+
+from typing import Any
+
+import taichi as ti
+
+from tiscene.render.bsdfs.preview_surface import Materials, material_at
+from tiscene.render.intersect import closest
+from tiscene.render.ray_arrays import RayArrays
+from tiscene.render.surface import (
+    FLOATS_1D,
+    FLOATS_2D,
+    FLOATS_3D,
+    INTS_1D,
+    INTS_2D,
+    Geometry,
+    geometry_of,
+    offset_origin,
+    surface_at,
+    vec3,
+)
+from tiscene.render.textures import Textures
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.material_table import COVERAGE
+
+PRESENT_FROM = 0.5  # opacity
+MAX_LAYERS = 32  # the last of so many absent surfaces behind each other counts as present
+TRAVELLED = 3  # column of a ray: how far from its first origin it starts
+
+
+def first_hits(scene: DeviceScene, time: int, rays: RayArrays, queue: Any, count: int) -> None:
+    """Trace rays of a queue and fill their hits and hit_ids; distances count from where the rays began.
+
+    Rays that pass through something are moved on: their rows are not what they were.
+    """
+    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids)
+    if not scene.materials.any_coverage:
+        return
+    for layer in range(MAX_LAYERS):
+        further = rays.further[layer % 2]
+        rays.further_count.fill(0)
+        pass_absent(
+            queue,
+            count,
+            rays.rays,
+            rays.hits,
+            rays.hit_ids,
+            *geometry_of(scene),
+            *scene.materials.arrays(),
+            *scene.textures.arrays(),
+            time,
+            further,
+            rays.further_count,
+        )
+        queue, count = further, rays.count_further()
+        if count == 0:
+            return
+        closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids)
+
+
+@ti.kernel
+def pass_absent(
+    queue: INTS_1D,
+    count: ti.i32,
+    rays: FLOATS_2D,
+    hits: FLOATS_2D,
+    hit_ids: INTS_2D,
+    vertex_position: FLOATS_2D,
+    vertex_normal: FLOATS_2D,
+    vertex_uv: FLOATS_2D,
+    triangle_vertices: INTS_2D,
+    triangle_material: INTS_1D,
+    instance_info: INTS_2D,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    material_values: FLOATS_2D,
+    material_info: INTS_2D,
+    material_lookups: FLOATS_2D,
+    texture_info: INTS_2D,
+    texture_words: INTS_1D,
+    texture_floats: FLOATS_1D,
+    time: ti.i32,
+    further: INTS_1D,
+    further_count: INTS_1D,
+):
+    """Put rays that met something absent into the queue `further`, to go on behind it."""
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    for i in range(count):
+        ray = queue[i]
+        row = hit_ids[ray, 0]
+        step = hits[ray, 0]
+        hits[ray, 0] = rays[ray, TRAVELLED] + step
+        if row >= 0:
+            direction = vec3(rays[ray, 4], rays[ray, 5], rays[ray, 6])
+            surface = surface_at(geometry, row, hit_ids[ray, 1], hits[ray, 1], hits[ray, 2], time, direction)
+            point = material_at(materials, textures, surface.material, surface.uv)
+            if point.flags & COVERAGE and point.opacity < PRESENT_FROM:
+                origin = offset_origin(surface.position, surface.geometric_normal, direction)
+                for c in ti.static(range(3)):
+                    rays[ray, c] = origin[c]
+                rays[ray, TRAVELLED] += step
+                rays[ray, 7] -= step
+                further[ti.atomic_add(further_count[0], 1)] = ray
