@@ -328,7 +328,7 @@ def test_impossible_worlds_are_refused():
         world(ts.Object("a", "Empty"))
     with pytest.raises(ScenarioError, match=r"\('a'\): dynamic=.* must be a dynamic in closed form"):
         world(ts.Object("a", "Ball", dynamic=OwnDynamic()))
-    with pytest.raises(ScenarioError, match="camera 'Camera': .* must be a dynamic in closed form"):
+    with pytest.raises(ScenarioError, match=r"\('Camera'\): dynamic=.* must be a dynamic in closed form"):
         world(camera=ts.Camera(dynamic=OwnDynamic()))
     for fps in (0, -1, math.inf, math.nan, True):
         with pytest.raises(ArgumentError, match="fps="):

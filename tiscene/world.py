@@ -175,10 +175,7 @@ class World:
         ]
         if self.camera.dynamic is not None:
             camera = self.camera
-            try:
-                bodies.append(Body(camera.dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
-            except TypeError as error:
-                raise ScenarioError(f"camera {camera.name!r}: {error}") from error
+            bodies.append(Body(camera.dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
         try:
             return Simulation(bodies, self.scenario.timings)
         except TypeError as error:
