@@ -27,6 +27,7 @@ from tiscene.scene.description import Template
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 from tiscene.usd import read_stage, read_template
+from tiscene.usd.layers import layer_digests
 from tiscene.world import World
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
@@ -85,6 +86,7 @@ class Stream(Iterator[Frame]):
         self.variants = dict(variants or {})
 
         stage = read_stage(catalog.find_scene(self.scenario.scene), time_code=time_code, variants=self.variants)
+        self._stage_templates = {template.name for template in stage.templates}
         self.world = World(self.scenario, stage, _load_template, self.fps)
         self.arch = device.start(arch)
         self._scene = DeviceScene()
@@ -172,6 +174,17 @@ class Stream(Iterator[Frame]):
             "time_code": self.time_code,
             "variants": self.variants,
         }
+
+    def layers(self) -> dict[str, str]:
+        """SHA-256 of every file that the scene and the scenario's templates are made of.
+
+        Keys: the path relative to the scene's folder; of a template, its name, a colon and the path in its folder.
+        """
+        digests = layer_digests(catalog.find_scene(self.scenario.scene))
+        for template in sorted({item.template for item in self.scenario.objects} - self._stage_templates):
+            files = layer_digests(catalog.find_template(template))
+            digests |= {f"{template}: {name}": digest for name, digest in files.items()}
+        return digests
 
     def _render(self, index: int) -> Frame:
         view, placement = self._view(index), self._placement(index)

@@ -79,6 +79,9 @@ class FakeStream:
     def settings(self) -> dict[str, Any]:
         return {"width": self.width, "height": self.height, "fps": self.fps, "seed": self.seed}
 
+    def layers(self) -> dict[str, str]:
+        return {"scene.usda": "12ab"}
+
     def __getitem__(self, index: int) -> Frame:
         if index == self.interrupt_at:
             raise KeyboardInterrupt

@@ -30,7 +30,17 @@ def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
     stream = FakeStream(("rgb", "depth"), seed=7)
     export(stream, tmp_path, frames=[4, 2])
     raw = json.loads((tmp_path / NAME).read_text())
-    assert list(raw) == ["tiscene", "format", "buffers", "objects", "settings", "scenario", "categories", "frames"]
+    assert list(raw) == [
+        "tiscene",
+        "format",
+        "buffers",
+        "objects",
+        "settings",
+        "scenario",
+        "layers",
+        "categories",
+        "frames",
+    ]
     assert raw["settings"]["seed"] == 7
     assert raw["categories"] == {"0": "", "1": "chair", "2": "table"}
     assert list(raw["frames"]) == ["2", "4"]
