@@ -1,0 +1,196 @@
+"""Things and their labels; native instances and point instances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import QUAD, STAGES, problems_of, read, read_with_warning
+from tiscene.usd import read_stage
+
+
+def test_native_instances():
+    description = read_stage(STAGES / "instances.usda")
+    things = [(thing.name, thing.prim_path, thing.category) for thing in description.objects]
+    assert things == [
+        ("Left", "/World/Left", "table"),
+        ("Right", "/World/Right", "table"),
+        ("Set", "/World/Set", "table"),  # a component, named by its first labelled part
+    ]
+    assert [i.object for i in description.instances] == [0, 0, 1, 1, 2, 2, 2]
+    assert len(description.meshes) == 3  # the two cubes once, and the vase
+    assert [i.mesh for i in description.instances] == [0, 1, 0, 1, 0, 1, 2]
+    left, right = description.instances[1].world_from_object, description.instances[3].world_from_object
+    np.testing.assert_allclose(left[:3, 3], (-2, -1, 0))
+    np.testing.assert_allclose(right[:3, 3], (2, -2, 0))
+    np.testing.assert_allclose(right @ (0, 0, 1, 0), (1, 0, 0, 0), atol=1e-9)  # a quarter turn about y takes z to x
+
+
+def test_point_instances():
+    description = read_stage(STAGES / "scatter.usda")
+    things = [(thing.name, thing.prim_path, thing.category) for thing in description.objects]
+    assert things == [
+        ("Scatter[7]", "/World/Scatter[7]", "bush"),
+        ("Scatter[9]", "/World/Scatter[9]", "bush"),
+        ("Scatter[8]", "/World/Scatter[8]", ""),
+    ]
+    assert [i.object for i in description.instances] == [0, 0, 1, 1, 2]
+    leaves, _, big_leaves, big_stem, stone = (i.world_from_object for i in description.instances)
+    np.testing.assert_allclose(leaves[:3, 3], (0, 1, 100))
+    np.testing.assert_allclose(big_leaves[:3, 3], (20, 3, 100))  # scaled thrice about the prototype's origin
+    np.testing.assert_allclose(big_stem[:3, :3], 3 * np.eye(3))
+    # The stone stands 1 along x in its prototype; scaled by (1, 2, 1), turned a quarter about z, moved by 10.
+    np.testing.assert_allclose(stone[:3, 3], (10, 1, 100), atol=2e-3)  # quath holds three digits
+    np.testing.assert_allclose(stone @ (0, 1, 0, 0), (-2, 0, 0, 0), atol=2e-3)
+
+
+INSTANCER = """
+def PointInstancer "P"
+{
+    rel prototypes = [</P/Ball>]
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(0, 0, 0), (1, 0, 0)]
+    %s
+    def Sphere "Ball"
+    {
+    }
+}
+"""
+
+WRONG = [
+    ("int[] protoIndices = [0, 1]", "protoIndices refer to prototype 1, but there are 1 (0-0)"),
+    ("int[] protoIndices = [0, -2]", "protoIndices refer to prototype -2, but there are 1 (0-0)"),
+    ("point3f[] positions = [(0, 0, 0)]", "1 positions, but 2 protoIndices"),
+    ("float3[] scales = [(1, 1, 1)]", "1 scales, but 2 protoIndices"),
+    ("quath[] orientations = [(1, 0, 0, 0)]", "1 orientations, but 2 protoIndices"),
+    ("int64[] ids = [1, 2, 3]", "3 ids, but 2 protoIndices"),
+    ("rel prototypes = [</Nowhere>]", "its prototype </Nowhere> does not exist"),
+    ("rel prototypes = []", "it has no prototypes"),
+    ("float3[] scales = [(1, 1, 1), (0, 1, 1)]", "1 points, the first at 1, have a transform that is singular"),
+    ("point3f[] positions = [(0, 0, nan), (0, 0, 0)]", "1 points, the first at 0, have a transform that is singular"),
+]
+
+
+@pytest.mark.parametrize(("line", "expected"), WRONG)
+def test_wrong_instancers(tmp_path, line, expected):
+    name = line.split(" = ")[0]
+    text = "\n".join(kept for kept in INSTANCER.split("\n") if not kept.strip().startswith(name + " "))
+    body = text % line if "%s" in text else text
+    (problem,) = problems_of(tmp_path, body)
+    assert problem.startswith(f"</P> instancer: {expected}")
+
+
+def test_an_instancer_in_its_own_prototype(tmp_path):
+    body = INSTANCER.replace("</P/Ball>", "</P>") % ""
+    assert problems_of(tmp_path, body) == ("</P> instancer: one of its prototypes holds the instancer itself",)
+
+
+def test_an_empty_instancer_is_named(tmp_path):
+    body = INSTANCER.replace("[0, 0]", "[]").replace("[(0, 0, 0), (1, 0, 0)]", "[]") % ""
+    read_with_warning(tmp_path, body, "a point instancer without points: </P>")
+
+
+def test_an_instancer_within_a_prototype(tmp_path):
+    body = """
+    def PointInstancer "Outer"
+    {
+        rel prototypes = [</Outer/Row>]
+        int[] protoIndices = [0, 0]
+        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
+        def PointInstancer "Row"
+        {
+            rel prototypes = [</Outer/Row/Ball>]
+            int[] protoIndices = [0, 0, 0]
+            point3f[] positions = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
+            def Sphere "Ball"
+            {
+            }
+        }
+    }
+    """
+    description = read(tmp_path, body)
+    assert [thing.name for thing in description.objects] == ["Outer[0]", "Outer[1]"]
+    assert [i.world_from_object[:2, 3].tolist() for i in description.instances] == [
+        [0, 0], [1, 0], [2, 0], [0, 10], [1, 10], [2, 10],
+    ]  # fmt: skip
+
+
+def test_orientationsf_come_before_orientations(tmp_path):
+    lines = """
+    quath[] orientations = [(1, 0, 0, 0), (1, 0, 0, 0)]
+    quatf[] orientationsf = [(0, 0, 0, 1), (0, 0, 0, 1)]
+    """
+    first, _ = read(tmp_path, INSTANCER % lines).instances
+    np.testing.assert_allclose(first.world_from_object @ (1, 0, 0, 0), (-1, 0, 0, 0), atol=1e-6)  # half a turn about z
+
+
+def label(name: str, *taxonomies: tuple[str, str], kind: str = "", inside: str = "", type_: str = "Xform") -> str:
+    """A prim with labels."""
+    schemas = ", ".join(f'"SemanticsLabelsAPI:{taxonomy}"' for taxonomy, _ in taxonomies)
+    metadata = f"prepend apiSchemas = [{schemas}]\n" if taxonomies else ""
+    metadata += f'kind = "{kind}"' if kind else ""
+    lines = "\n".join(f'token[] semantics:labels:{taxonomy} = ["{text}"]' for taxonomy, text in taxonomies)
+    return f'def {type_} "{name}" ({metadata})\n{{\n{lines}\n{inside}\n}}\n'
+
+
+def test_labels_are_inherited_and_the_nearest_wins(tmp_path):
+    inside = label("Plain", type_="Cube") + label("Own", ("class", "lamp"), type_="Cube")
+    body = label("Room", ("class", "room"), inside=inside) + label("Outside", type_="Cube")
+    categories = {thing.name: thing.category for thing in read(tmp_path, body).objects}
+    assert categories == {"Plain": "room", "Own": "lamp", "Outside": ""}
+
+
+def test_taxonomies(tmp_path):
+    body = (
+        label("A", ("category", "two"), ("class", "one"), type_="Cube")
+        + label("B", ("zebra", "z"), ("category", "two"), type_="Cube")
+        + label("C", ("zebra", "z"), ("ant", "a"), type_="Cube")
+    )
+    assert [thing.category for thing in read(tmp_path, body).objects] == ["one", "two", "a"]
+
+
+def test_a_component_is_one_thing(tmp_path):
+    parts = label("Seat", ("class", "cushion"), type_="Cube") + label("Leg", type_="Cube")
+    body = (
+        label("Named", ("class", "chair"), kind="component", inside=parts)
+        + label("Unnamed", kind="component", inside=parts)
+        + label("Room", ("class", "room"), kind="group", inside=label("Stool", kind="component", inside=parts))
+        + label("Sub", kind="subcomponent", inside=parts)
+    )
+    description = read(tmp_path, body)
+    assert [(thing.name, thing.category) for thing in description.objects] == [
+        ("Named", "chair"),
+        ("Unnamed", "cushion"),
+        ("Stool", "cushion"),  # what its part says is nearer than what the room says
+        ("Seat", "cushion"),
+        ("Leg", ""),
+    ]
+    assert [i.object for i in description.instances] == [0, 0, 1, 1, 2, 2, 3, 4]
+
+
+def test_the_nearest_component_wins(tmp_path):
+    inner = label("Inner", kind="component", inside=label("A", type_="Cube"))
+    body = label("Outer", kind="component", inside=inner + label("B", type_="Cube"))
+    description = read(tmp_path, body)
+    assert [thing.prim_path for thing in description.objects] == ["/Outer/Inner", "/Outer"]
+
+
+def test_an_instance_ignores_what_its_prototype_would_be_alone(tmp_path):
+    quad = f'def Mesh "Quad"\n{{\n{QUAD}\n}}'
+    body = f"""
+    class "Thing"
+    {{
+        {quad}
+    }}
+    def "A" (inherits = </Thing>
+        instanceable = true)
+    {{
+    }}
+    def "B" (inherits = </Thing>
+        instanceable = true)
+    {{
+    }}
+    """
+    description = read(tmp_path, body)
+    assert [thing.prim_path for thing in description.objects] == ["/A", "/B"]
+    assert len(description.meshes) == 1
