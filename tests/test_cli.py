@@ -271,3 +271,19 @@ def test_progress_goes_to_stderr_only(capsys):
     told = capsys.readouterr()
     assert told.out == ""
     assert "a line [with] brackets\n" in told.err
+
+
+def test_a_real_scene_renders_to_the_same_bytes_twice(tmp_path):
+    options = ["--frames", "3:5", "--width", "16", "--height", "12", "--spp", "1", "--buffers", "all", "--objects"]
+    for folder in ("a", "b"):
+        assert cli.main(["render", "object_view", *options, "--format", "exr", "-o", str(tmp_path / folder)]) == 0
+    first, second = (
+        {str(path.relative_to(tmp_path / folder)): path.read_bytes() for path in (tmp_path / folder).rglob("*.*")}
+        for folder in ("a", "b")
+    )
+    assert first == second
+    assert set(first) == {"000003.exr", "000004.exr", "labels/000003.json", "labels/000004.json", "tiscene.json"}
+    manifest = json.loads(first["tiscene.json"])
+    assert manifest["buffers"] == list(AOVS)
+    assert "scene.usda" in manifest["layers"]
+    assert manifest["scenario"]["scene"] == "object_view"
