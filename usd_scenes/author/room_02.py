@@ -14,7 +14,8 @@ from usd_scenes.author.things import building, plants, seating, small, tables
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
 WALL = 0.32
 SUN = (-0.80, 0.50, 0.33)
-WINDOWS = (-4.25, -1.55)  # centres along z
+WINDOWS = (-4.25, -1.55)  # centres along z, in the -x wall
+GARDEN_WINDOW = 1.75  # centre along x, in the wall behind the camera
 WINDOW_WIDTH, SILL, HEAD = 1.70, 0.42, 2.52
 
 
@@ -36,13 +37,14 @@ def _shell(room: Room) -> None:
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half = WINDOW_WIDTH / 2.0
     openings = [building.Opening(NEAR - z - half, NEAR - z + half, SILL, HEAD) for z in WINDOWS]
+    garden = building.Opening(RIGHT - GARDEN_WINDOW - half, RIGHT - GARDEN_WINDOW + half, SILL, HEAD)
     room.put("Building", building.planks(width, depth, 17), centre)
     room.put("Building", building.ceiling(width, depth, HEIGHT), centre)
     names = ("WallFar", "WallRight", "WallNear", "WallWindows")
     for index, name in enumerate(names):
         start, end = corners[index], corners[(index + 1) % 4]
         look = "AccentPlaster" if name == "WallFar" else "WallPlaster"
-        holes = openings if name == "WallWindows" else []
+        holes = {"WallWindows": openings, "WallNear": [garden]}.get(name, [])
         room.put("Building", building.wall(name, start, end, HEIGHT, WALL, look, holes))
     room.put("Building", building.cornice("Cornice", corners, HEIGHT))
     door_z = -0.15
@@ -55,6 +57,9 @@ def _shell(room: Room) -> None:
         room.put("Building", window, (LEFT, SILL, z), (0.0, 90.0, 0.0), f"Window{index + 1}")
         curtains = building.curtain_pair(f"Curtains{index + 1}", WINDOW_WIDTH, 2.66, 60 + 10 * index)
         room.put("Furnishings", curtains, (LEFT + 0.13, 0.012, z), (0.0, 90.0, 0.0))
+    room.put("Building", window, (GARDEN_WINDOW, SILL, NEAR), (0.0, 180.0, 0.0), "Window3")
+    curtains = building.curtain_pair("Curtains3", WINDOW_WIDTH, 2.66, 80)
+    room.put("Furnishings", curtains, (GARDEN_WINDOW, 0.012, NEAR - 0.13), (0.0, 180.0, 0.0))
 
 
 def _sitting(room: Room) -> None:
@@ -132,7 +137,7 @@ def _books(room: Room) -> None:
         z = FAR + 0.152
         room.put("Furniture", case, (x, 0.0, z), name=f"Bookcase{case_index + 1}")
         for level, y in enumerate(tables.shelf_heights()[:-1]):
-            at, end = x - 0.555, x + 0.555 - float(rng.uniform(0.05, 0.5))
+            at, end = x - 0.555, x + 0.555 - float(rng.uniform(0.15, 0.62))
             while True:
                 pick = int(rng.integers(16))
                 _, width, height, thick = kinds[pick]
@@ -140,8 +145,8 @@ def _books(room: Room) -> None:
                     break
                 count += 1
                 depth = z + 0.138 - width / 2.0 - float(rng.uniform(0.01, 0.03))
-                place = (at + 0.004, y + 0.012 + height / 2.0, depth)
-                room.put("Books", library[pick], place, (90.0, 0.0, -90.0), name=f"Book{count:03}")
+                place = (at + thick, y + 0.012 + height / 2.0, depth)
+                room.put("Books", library[pick], place, (-90.0, 90.0, 0.0), name=f"Book{count:03}")
                 at += thick + float(rng.uniform(0.0005, 0.003))
             middle = (at + x + 0.555) / 2.0
             if x + 0.555 - at > 0.24:
@@ -160,16 +165,16 @@ def _television(room: Room) -> None:
 
 
 def _light(room: Room) -> None:
-    room.dome("Sky", 1.0, "afternoon_sky.hdr")
-    room.sun("Sun", SUN, 6.0, (1.0, 0.86, 0.68), 1.2)
+    room.dome("Sky", 2.6, "afternoon_sky.hdr")
+    room.sun("Sun", SUN, 5.5, (1.0, 0.86, 0.68), 1.2)
     room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, 16.0, (1.0, 0.60, 0.28))
-    room.bulb("PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, 9.0, (1.0, 0.62, 0.30))
+    room.bulb("PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, 14.0, (1.0, 0.62, 0.30))
 
 
 def _cameras(room: Room) -> None:
-    room.camera("Main", (3.05, 1.42, 0.55), (-1.55, 1.02, -3.95), fov=52.0, exposure=2.6)
+    room.camera("Main", (3.10, 1.36, 0.30), (-1.30, 0.88, -3.90), fov=50.0, exposure=2.5)
     # SAILenv's published pose: Unity (-1.5, 2.0, 0.5), pitch 18 down, yaw 12 to the left.
-    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.6, focus=3.6)
-    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.6)
-    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.6)
-    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.6, f_stop=2.8)
+    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.5, focus=3.6)
+    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.5)
+    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.5)
+    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.5, f_stop=2.8)

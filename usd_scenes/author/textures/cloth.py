@@ -26,7 +26,7 @@ def weave(size: int, seed: int, tile: float, threads: int, color: object, contra
     thread_weft = np.random.default_rng(seed + 3).normal(0.0, 1.0, threads)[np.floor(y).astype(int) % threads]
     tone = np.where(warp > weft, thread_warp, thread_weft)
     fuzz = spectral(shape, seed + 4, 0.01, slope=0.8)
-    gain = (1.0 - contrast * (1.3 - height).clip(0.0)) * np.exp(0.09 * tone + 0.04 * fuzz)
+    gain = (1.0 - contrast * (1.3 - height).clip(0.0)) * np.exp(0.05 * tone + 0.04 * fuzz)
     relief = 0.35 * tile / threads * height
     return Surface(
         np.asarray(color, dtype=np.float64) * gain[..., None],
@@ -42,11 +42,11 @@ def leather(size: int, seed: int, tile: float, color: object) -> Surface:
     creases = smoothstep(0.35, 0.0, cells)
     fine = spectral(shape, seed + 1, 0.006, slope=1.5)
     clouds = spectral(shape, seed + 2, 0.35, slope=1.6)
-    gain = np.exp(0.13 * clouds + 0.02 * fine) * (1.0 - 0.22 * creases)
+    gain = np.exp(0.055 * clouds + 0.02 * fine) * (1.0 - 0.22 * creases)
     height = 1.2e-4 * (-creases) + 8.0e-6 * fine
     return Surface(
         np.asarray(color, dtype=np.float64) * gain[..., None],
-        0.42 + 0.14 * creases + 0.05 * clouds,
+        0.42 + 0.14 * creases + 0.025 * clouds,
         normals_from_height(height, size / tile),
     )
 

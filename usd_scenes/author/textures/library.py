@@ -31,8 +31,18 @@ def _color(name: str, make: Callable[[], np.ndarray]) -> Maker:
     return lambda folder: images.save_color(folder / f"{name}_color.png", make())
 
 
-def _cloth(name: str, seed: int, color: tuple[float, float, float], threads: int = 64, contrast: float = 0.3) -> Maker:
-    return _surface(name, lambda: cloth.weave(512, seed, 0.16, threads, color, contrast), roughness=False)
+def _cloth(
+    name: str, color: tuple[float, float, float], threads: int = 64, contrast: float = 0.3, relief: str | None = None
+) -> Maker:
+    """One weave, dyed. relief: the name of its normal map, for the one maker that writes it."""
+
+    def write(folder: Path) -> None:
+        surface = cloth.weave(512, 51, 0.24, threads, color, contrast)
+        images.save_color(folder / f"{name}_color.png", surface.color)
+        if relief is not None:
+            images.save_normal(folder / f"{relief}_normal.png", surface.normal)
+
+    return write
 
 
 def _plaster(folder: Path) -> None:
@@ -40,6 +50,11 @@ def _plaster(folder: Path) -> None:
     shape = (512, 512)
     height = 6.0e-5 * spectral(shape, 71, 0.006, slope=1.6) + 4.0e-4 * spectral(shape, 72, 0.12, slope=2.2)
     images.save_normal(folder / "plaster_normal.png", normals_from_height(height, 512 / 1.2))
+
+
+def _rug(folder: Path) -> None:
+    images.save_color(folder / "rug_color.png", cloth.rug(1024, 736, 81).color)
+    images.save_normal(folder / "rug_normal.png", cloth.rug(512, 368, 81).normal)
 
 
 WARM = [(0.50, 0.16, 0.07), (0.60, 0.40, 0.14), (0.16, 0.06, 0.05), (0.62, 0.45, 0.34)]
@@ -59,14 +74,14 @@ MAKERS: dict[str, Maker] = {
     "oak_board": _surface("oak_board", lambda: wood.board(512, 1024, 23, 1.6, *OAK)),
     "walnut_board": _surface("walnut_board", lambda: wood.board(512, 1024, 37, 1.6, *WALNUT)),
     "chestnut_board": _surface("chestnut_board", lambda: wood.board(512, 1024, 41, 1.6, *CHESTNUT)),
-    "linen": _cloth("linen", 51, (0.60, 0.55, 0.46)),
-    "wool": _cloth("wool", 52, (0.40, 0.37, 0.325), threads=40),
-    "mustard": _cloth("mustard", 53, (0.50, 0.29, 0.045), threads=40),
-    "rust": _cloth("rust", 54, (0.34, 0.095, 0.045), threads=40),
-    "cream": _cloth("cream", 55, (0.66, 0.615, 0.53), threads=40),
-    "throw": _cloth("throw", 56, (0.14, 0.19, 0.20), threads=24, contrast=0.5),
+    "linen": _cloth("linen", (0.70, 0.655, 0.57), threads=96, relief="fine_weave"),
+    "wool": _cloth("wool", (0.40, 0.37, 0.325), relief="weave"),
+    "mustard": _cloth("mustard", (0.50, 0.29, 0.045)),
+    "rust": _cloth("rust", (0.34, 0.095, 0.045)),
+    "cream": _cloth("cream", (0.66, 0.615, 0.53)),
+    "throw": _cloth("throw", (0.14, 0.19, 0.20), threads=32, contrast=0.5, relief="coarse_weave"),
     "leather": _surface("leather", lambda: cloth.leather(512, 61, 0.5, (0.24, 0.092, 0.035))),
-    "rug": _surface("rug", lambda: cloth.rug(1024, 736, 81), roughness=False),
+    "rug": _rug,
     "landscape": _color("landscape", lambda: pictures.landscape(768, 512, 91)),
     "abstract_warm": _color("abstract_warm", lambda: pictures.abstract(384, 512, 92, WARM)),
     "abstract_cool": _color("abstract_cool", lambda: pictures.abstract(384, 512, 97, COOL)),

@@ -32,13 +32,23 @@ def afternoon(width: int, height: int, seed: int, sun: Array) -> Array:
     clouds = spectral((height, width), seed, (0.05, 0.07), slope=1.5)
     veil = smoothstep(0.1, 1.7, clouds) * smoothstep(0.03, 0.35, up)
     sky = mix(sky, sky * 0.45 + np.array((1.25, 1.22, 1.18)) * (0.75 + 0.5 * glow[..., None]), 0.7 * veil)
-    lawn = mix(np.broadcast_to((0.16, 0.20, 0.085), d.shape), (0.24, 0.25, 0.15), smoothstep(-0.5, -0.02, elevation))
-    lawn = lawn * np.exp(0.12 * spectral((height, width), seed + 1, (0.02, 0.05), slope=1.0))[..., None]
-    ground = np.where((elevation < 0.0)[..., None], lawn, sky)
-    outline = 0.085 + 0.035 * spectral((1, width), seed + 2, (1.0, 0.05), slope=1.2)
-    outline = outline + 0.010 * spectral((height, width), seed + 3, (0.012, 0.008), slope=1.0)
-    leaves = spectral((height, width), seed + 4, (0.016, 0.009), slope=1.0)
-    trees = np.array((0.085, 0.115, 0.05)) * np.exp(0.35 * leaves + 4.0 * (elevation - 0.03))[..., None]
-    trees = mix(trees, (0.5, 0.56, 0.60), np.full((height, width), 0.12))
-    inside = smoothstep(0.010, -0.010, elevation - outline) * smoothstep(-0.030, -0.018, elevation)
-    return np.asarray(mix(ground, trees, inside))
+    lawn = mix(np.broadcast_to((0.075, 0.11, 0.032), d.shape), (0.12, 0.14, 0.065), smoothstep(-0.5, -0.02, elevation))
+    lawn = lawn * np.exp(0.15 * spectral((height, width), seed + 1, (0.02, 0.05), slope=1.0))[..., None]
+    view = np.where((elevation < 0.0)[..., None], lawn, sky)
+    view = _trees(view, elevation, seed + 10, 0.235, 0.045, (0.080, 0.105, 0.060), haze=0.20)
+    view = _trees(view, elevation, seed + 20, 0.135, 0.055, (0.044, 0.068, 0.021), haze=0.05)
+    return _trees(view, elevation, seed + 30, 0.015, 0.028, (0.032, 0.055, 0.016), haze=0.0)
+
+
+def _trees(view: Array, elevation: Array, seed: int, top: float, relief: float, leaf: object, haze: float) -> Array:
+    """A row of trees in front of `view`, up to about `top` rad: lobed crowns, lit from above, in thin haze."""
+    height, width = elevation.shape
+    crowns = spectral((1, width), seed, (1.0, 0.045), slope=1.3)
+    ragged = spectral((height, width), seed + 1, (0.020, 0.011), slope=1.1)
+    outline = top + relief * crowns + 0.014 * ragged
+    clumps = spectral((height, width), seed + 2, (0.030, 0.016), slope=1.3)
+    leaves = spectral((height, width), seed + 3, (0.007, 0.0035), slope=0.9)
+    light = np.exp(0.45 * clumps + 0.28 * leaves + 3.0 * (elevation - top))
+    color = mix(np.asarray(leaf) * light[..., None], (0.34, 0.38, 0.40), np.full((height, width), haze))
+    inside = smoothstep(0.006, -0.006, elevation - outline) * smoothstep(-0.055, -0.030, elevation + 0.01 * ragged)
+    return mix(view, color, inside)

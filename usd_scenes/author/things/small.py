@@ -192,7 +192,7 @@ def book(name: str, spine: int, width: float, height: float, thick: float) -> Th
     points[..., 0] = -width / 2.0 - bulge
     points[..., 1] = thick / 2.0 * (1.0 + np.sin(angle) / np.sin(0.95))
     points[:, :, 2] = np.array([[height], [-height]]) / 2.0
-    uv[..., 0], uv[0, :, 1], uv[1, :, 1] = np.linspace(u1, u0, 9), 0.003, 0.997
+    uv[..., 0], uv[0, :, 1], uv[1, :, 1] = np.linspace(u1, u0, 9), 0.997, 0.003
     back = grid(points, uv)
     block = rounded_box((width - 0.006, thick - 2.0 * board, height - 0.008), 0.001, grain=2)
     pages = block.moved(-0.002, thick / 2.0, 0.0)
