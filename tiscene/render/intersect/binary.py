@@ -81,7 +81,7 @@ def trace(
     b1 = 0.0
     b2 = 0.0
     hit_instance = -1
-    hit_triangle_row = -1
+    hit_row = -1
     origin = world_origin
     direction = world_direction
     inverse = reciprocal(direction)
@@ -96,7 +96,7 @@ def trace(
     searching = True
     while searching:
         pop = False
-        if current >= 0:
+        while current >= 0 and not pop:
             left = enter_box(nodes, current, 0, origin, inverse, best)
             right = enter_box(nodes, current, 6, origin, inverse, best)
             near = ti.bit_cast(nodes[current, 12], ti.i32)
@@ -110,33 +110,34 @@ def trace(
                 waiting += 1
             current = near
             pop = left == INFINITY
-        elif floor < 0:
-            instance = (-1 - current) // 4
-            origin = affine(transforms, time, instance, world_origin, 1.0)
-            direction = affine(transforms, time, instance, world_direction, 0.0)
-            inverse = reciprocal(direction)
-            floor = waiting
-            current = instances[instance, 0]
-        else:
-            code = -1 - current
-            for row in range(code // 4, code // 4 + code % 4 + 1):
-                t, u, v = hit_triangle(packs, row, origin, direction)
-                if t <= best:
-                    triangle = ti.bit_cast(packs[row, 3], ti.i32)
-                    first = t < best
-                    if not first:
-                        first = instance < hit_instance
-                        if instance == hit_instance:
-                            first = triangle < hit_triangle_row
-                    if first:
-                        best = t
-                        b1 = u
-                        b2 = v
-                        hit_instance = instance
-                        hit_triangle_row = triangle
-            if ti.static(any_hit):
-                searching = hit_instance < 0
-            pop = True
+        if not pop:
+            if floor < 0:
+                instance = (-1 - current) // 4
+                origin = affine(transforms, time, instance, world_origin, 1.0)
+                direction = affine(transforms, time, instance, world_direction, 0.0)
+                inverse = reciprocal(direction)
+                floor = waiting
+                current = instances[instance, 0]
+            else:
+                code = -1 - current
+                for row in range(code // 4, code // 4 + code % 4 + 1):
+                    t, u, v = hit_triangle(packs, row, origin, direction)
+                    if t <= best:
+                        triangle = ti.bit_cast(packs[row, 3], ti.i32)
+                        wins = t < best
+                        if not wins:
+                            wins = instance < hit_instance
+                            if instance == hit_instance:
+                                wins = triangle < hit_row
+                        if wins:
+                            best = t
+                            b1 = u
+                            b2 = v
+                            hit_instance = instance
+                            hit_row = triangle
+                if ti.static(any_hit):
+                    searching = hit_instance < 0
+                pop = True
         while pop and searching:
             if waiting == floor:
                 floor = -1
@@ -147,10 +148,9 @@ def trace(
                 searching = False
             else:
                 waiting -= 1
-                if distances[waiting] <= best * SLACK:
-                    current = references[waiting]
-                    pop = False
-    return best, b1, b2, hit_instance, hit_triangle_row
+                current = references[waiting]
+                pop = distances[waiting] > best * SLACK
+    return best, b1, b2, hit_instance, hit_row
 
 
 @ti.kernel

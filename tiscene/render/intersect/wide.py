@@ -16,8 +16,8 @@ Matrices = ti.types.ndarray(ti.f32, 3)
 Ids = ti.types.ndarray(ti.i32, 2)
 Queue = ti.types.ndarray(ti.i32, 1)
 
-STACK = 120  # a BLAS and a TLAS need 56 each at most (scene/bvh.py), and a node is pushed before it is counted
-SLACK = 1.000002
+STACK = 112  # a BLAS and a TLAS need 56 entries each at most (scene/bvh.py)
+SLACK = 1.000002  # far planes and t_max are moved out by this
 INFINITY = ti.math.inf
 LARGEST = 3e38
 
@@ -59,6 +59,43 @@ def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, dx, dy, dz):
 
 
 @ti.func
+def slabs(dx: ti.f32, dy: ti.f32, dz: ti.f32):
+    """What a box test needs of a direction: reciprocals for the near and the far planes, rows of the near planes."""
+    ix = reciprocal(dx)
+    iy = reciprocal(dy)
+    iz = reciprocal(dz)
+    near_x = ti.select(ix < 0.0, 3, 0)
+    near_y = ti.select(iy < 0.0, 4, 1)
+    near_z = ti.select(iz < 0.0, 5, 2)
+    return ix, iy, iz, ix * SLACK, iy * SLACK, iz * SLACK, near_x, near_y, near_z
+
+
+@ti.func
+def into_instance(transforms: ti.template(), time: ti.i32, row: ti.i32, ox, oy, oz, dx, dy, dz):
+    """Origin and direction in the space of an instance; t stays what it is."""
+    m0 = transforms[time, row, 0]
+    m1 = transforms[time, row, 1]
+    m2 = transforms[time, row, 2]
+    m3 = transforms[time, row, 3]
+    m4 = transforms[time, row, 4]
+    m5 = transforms[time, row, 5]
+    m6 = transforms[time, row, 6]
+    m7 = transforms[time, row, 7]
+    m8 = transforms[time, row, 8]
+    m9 = transforms[time, row, 9]
+    m10 = transforms[time, row, 10]
+    m11 = transforms[time, row, 11]
+    return (
+        m0 * ox + m1 * oy + m2 * oz + m3,
+        m4 * ox + m5 * oy + m6 * oz + m7,
+        m8 * ox + m9 * oy + m10 * oz + m11,
+        m0 * dx + m1 * dy + m2 * dz,
+        m4 * dx + m5 * dy + m6 * dz,
+        m8 * dx + m9 * dy + m10 * dz,
+    )
+
+
+@ti.func
 def trace(
     nodes: ti.template(),
     packs: ti.template(),
@@ -82,6 +119,7 @@ def trace(
     wdy = rays[ray, 5]
     wdz = rays[ray, 6]
     best = ti.min(rays[ray, 7], LARGEST)  # below infinity, which is a miss
+    bound = best * SLACK
     b1 = 0.0
     b2 = 0.0
     hit_instance = -1
@@ -92,12 +130,7 @@ def trace(
     dx = wdx
     dy = wdy
     dz = wdz
-    ix = reciprocal(dx)
-    iy = reciprocal(dy)
-    iz = reciprocal(dz)
-    near_x = ti.select(ix < 0.0, 3, 0)
-    near_y = ti.select(iy < 0.0, 4, 1)
-    near_z = ti.select(iz < 0.0, 5, 2)
+    ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
     references = ti.Vector([0] * STACK)
     distances = ti.Vector([0.0] * STACK)
     waiting = 0
@@ -109,86 +142,78 @@ def trace(
     searching = True
     while searching:
         pop = False
-        if current >= 0:
+        while current >= 0 and not pop:
+            node = current
             near = ti.max(
-                ti.max((nodes[current + near_x] - ox) * ix, (nodes[current + near_y] - oy) * iy),
-                ti.max((nodes[current + near_z] - oz) * iz, 0.0),
+                ti.max((nodes[node + near_x] - ox) * ix, (nodes[node + near_y] - oy) * iy),
+                ti.max((nodes[node + near_z] - oz) * iz, 0.0),
             )
             far = ti.min(
-                ti.min((nodes[current + 3 - near_x] - ox) * ix, (nodes[current + 5 - near_y] - oy) * iy),
-                ti.min((nodes[current + 7 - near_z] - oz) * iz, best),
+                ti.min((nodes[node + 3 - near_x] - ox) * fx, (nodes[node + 5 - near_y] - oy) * fy),
+                ti.min((nodes[node + 7 - near_z] - oz) * fz, bound),
             )
-            entry = ti.select(near <= far * SLACK, near, vec8(INFINITY))
-            children = nodes[current + 6]
+            entry = ti.select(near <= far, near, vec8(INFINITY))
             nearest = INFINITY
             found = False
             for k in ti.static(range(8)):
                 distance = entry[k]
                 if distance < INFINITY:
-                    child = ti.bit_cast(children[k], ti.i32)
+                    child = ti.bit_cast(nodes[node + 6][k], ti.i32)
                     if found:
                         other = child
-                        other_distance = distance
-                        if distance < nearest:
-                            other = current
-                            other_distance = nearest
-                            current = child
-                            nearest = distance
+                        if ti.static(not any_hit):
+                            other_distance = distance
+                            if distance < nearest:
+                                other = current
+                                other_distance = nearest
+                                current = child
+                                nearest = distance
+                            distances[waiting] = other_distance
                         references[waiting] = other
-                        distances[waiting] = other_distance
                         waiting += 1
                     else:
                         current = child
                         nearest = distance
                         found = True
             pop = not found
-        elif floor < 0:
-            instance = -1 - current
-            ox = affine(transforms, time, instance, 0, wox, woy, woz, 1.0)
-            oy = affine(transforms, time, instance, 4, wox, woy, woz, 1.0)
-            oz = affine(transforms, time, instance, 8, wox, woy, woz, 1.0)
-            dx = affine(transforms, time, instance, 0, wdx, wdy, wdz, 0.0)
-            dy = affine(transforms, time, instance, 4, wdx, wdy, wdz, 0.0)
-            dz = affine(transforms, time, instance, 8, wdx, wdy, wdz, 0.0)
-            ix = reciprocal(dx)
-            iy = reciprocal(dy)
-            iz = reciprocal(dz)
-            near_x = ti.select(ix < 0.0, 3, 0)
-            near_y = ti.select(iy < 0.0, 4, 1)
-            near_z = ti.select(iz < 0.0, 5, 2)
-            floor = waiting
-            current = instances[instance, 0]
-        else:
-            at = -1 - current
-            t, u, v = hit_pack(packs, at, ox, oy, oz, dx, dy, dz)
-            least = ti.min(ti.min(t[0], t[1]), ti.min(t[2], t[3]))
-            if ti.static(any_hit):
-                if least < best:
-                    hit_instance = instance
-                    searching = False
+        if not pop:
+            if floor < 0:
+                instance = -1 - current
+                ox, oy, oz, dx, dy, dz = into_instance(transforms, time, instance, wox, woy, woz, wdx, wdy, wdz)
+                ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
+                floor = waiting
+                current = instances[instance, 0]
             else:
-                if least <= best:
-                    triangles = packs[at + 9]
-                    triangle = -1
-                    u_hit = 0.0
-                    v_hit = 0.0
-                    for k in ti.static((3, 2, 1, 0)):
-                        if t[k] == least:
-                            triangle = ti.bit_cast(triangles[k], ti.i32)
-                            u_hit = u[k]
-                            v_hit = v[k]
-                    first = least < best
-                    if not first:
-                        first = instance < hit_instance
-                        if instance == hit_instance:
-                            first = triangle < hit_triangle
-                    if first:
-                        best = least
-                        b1 = u_hit
-                        b2 = v_hit
+                at = -1 - current
+                t, u, v = hit_pack(packs, at, ox, oy, oz, dx, dy, dz)
+                least = ti.min(ti.min(t[0], t[1]), ti.min(t[2], t[3]))
+                if ti.static(any_hit):
+                    if least < best:
                         hit_instance = instance
-                        hit_triangle = triangle
-            pop = True
+                        searching = False
+                else:
+                    if least <= best:
+                        triangle = -1
+                        u_hit = 0.0
+                        v_hit = 0.0
+                        for k in ti.static((3, 2, 1, 0)):  # the first of equals stays
+                            if t[k] == least:
+                                triangle = ti.bit_cast(packs[at + 9][k], ti.i32)
+                                u_hit = u[k]
+                                v_hit = v[k]
+                        wins = least < best
+                        if not wins:
+                            wins = instance < hit_instance
+                            if instance == hit_instance:
+                                wins = triangle < hit_triangle
+                        if wins:
+                            best = least
+                            bound = best * SLACK
+                            b1 = u_hit
+                            b2 = v_hit
+                            hit_instance = instance
+                            hit_triangle = triangle
+                pop = True
         while pop and searching:
             if waiting == floor:
                 floor = -1
@@ -198,27 +223,19 @@ def trace(
                 dx = wdx
                 dy = wdy
                 dz = wdz
-                ix = reciprocal(dx)
-                iy = reciprocal(dy)
-                iz = reciprocal(dz)
-                near_x = ti.select(ix < 0.0, 3, 0)
-                near_y = ti.select(iy < 0.0, 4, 1)
-                near_z = ti.select(iz < 0.0, 5, 2)
+                ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
             if waiting == 0:
                 searching = False
             else:
                 waiting -= 1
-                if distances[waiting] <= best * SLACK:
+                if ti.static(any_hit):
                     current = references[waiting]
                     pop = False
+                else:
+                    if distances[waiting] <= bound:
+                        current = references[waiting]
+                        pop = False
     return best, b1, b2, hit_instance, hit_triangle
-
-
-@ti.func
-def affine(transforms: ti.template(), time: ti.i32, row: ti.i32, at: ti.i32, x, y, z, w) -> ti.f32:
-    """One coordinate of a transformed point (w = 1) or direction (w = 0)."""
-    sum_ = transforms[time, row, at] * x + transforms[time, row, at + 1] * y + transforms[time, row, at + 2] * z
-    return sum_ + transforms[time, row, at + 3] * w
 
 
 @ti.kernel
