@@ -31,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"tiscene: {error}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
+            print("tiscene: interrupted", file=sys.stderr)
             return 130
         except BrokenPipeError:
             # The reader has left (`tiscene list | head`). Python would complain once more at its own end.

@@ -1,0 +1,30 @@
+"""The benchmarks can be found and told apart; what they measure is nobody's assertion."""
+
+import sys
+
+from tests.benchmarks import __main__ as benchmarks
+
+
+def test_every_benchmark_is_found_and_says_what_it_is():
+    found = benchmarks.found()
+    assert {"rays", "labels", "stream"} <= set(found)
+    assert "room" not in found, "the scene they share is not a benchmark"
+    for main in found.values():
+        assert sys.modules[main.__module__].__doc__
+
+
+def test_an_unknown_one_is_refused(capsys):
+    assert benchmarks.main(["ray"]) == 2
+    assert "no benchmark 'ray'; there are: " in capsys.readouterr().err
+
+
+def test_those_asked_for_run(monkeypatch, capsys):
+    from tests.benchmarks import stream
+
+    monkeypatch.setattr(benchmarks, "found", lambda: {"stream": stream.main})
+    monkeypatch.setattr(stream.bench, "print_table", lambda source, seconds: print("table of", source.scene))
+    assert benchmarks.main([]) == 0
+    printed = capsys.readouterr().out
+    assert "logical cores" in printed
+    assert "stream: Whole frames of a stream" in printed
+    assert "table of room_02" in printed
