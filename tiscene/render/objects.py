@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol, overload
 
 import numpy as np
@@ -172,7 +173,12 @@ class ObjectTable(Sequence[ObjectRow]):
 
     def __init__(self, states: Sequence[ObjectState] = (), measures: Measures | None = None) -> None:
         """measures: of the same objects in the same order; needed unless there are none."""
-        self._rows = tuple(
+        self._states = states
+        self._measures = measures
+
+    @cached_property
+    def _rows(self) -> tuple[ObjectRow, ...]:
+        return tuple(
             ObjectRow(
                 id=state.id,
                 name=state.name,
@@ -185,14 +191,14 @@ class ObjectTable(Sequence[ObjectRow]):
                 velocity=state.velocity,
                 first_frame=state.first_frame,
                 last_frame=state.last_frame,
-                _measures=measures,  # type: ignore[arg-type]
+                _measures=self._measures,  # type: ignore[arg-type]
                 _row=row,
             )
-            for row, state in enumerate(states)
+            for row, state in enumerate(self._states)
         )
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self._states)
 
     def __iter__(self) -> Iterator[ObjectRow]:
         return iter(self._rows)

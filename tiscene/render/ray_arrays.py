@@ -24,7 +24,8 @@ class RayArrays:
     """One ray for each pixel, and what it hits. Kept from frame to frame, made anew where the size changes.
 
     queue: all pixels, in the order to trace them in. further, mirrored: two queues each, for the rays that go on after
-    a hit; further_count: how many were put there last. distance: f32 [n], for whoever needs one for each ray.
+    a hit; their order is the threads' business, since each ray writes to its own row only. distance: f32 [n], for
+    whoever needs one for each ray.
     """
 
     def __init__(self) -> None:
@@ -37,7 +38,6 @@ class RayArrays:
         self.queue: Any = None
         self.further: tuple[Any, Any] = (None, None)
         self.mirrored: tuple[Any, Any] = (None, None)
-        self.further_count: Any = None
 
     def sized(self, width: int, height: int) -> Self:
         """Itself, with one row for each pixel (row y * width + x)."""
@@ -52,13 +52,7 @@ class RayArrays:
             self.queue.from_numpy(tiled_order(width, height))
             self.further = ti.ndarray(ti.i32, (self.count,)), ti.ndarray(ti.i32, (self.count,))
             self.mirrored = ti.ndarray(ti.i32, (self.count,)), ti.ndarray(ti.i32, (self.count,))
-            self.further_count = ti.ndarray(ti.i32, (1,))
         return self
-
-    def count_further(self) -> int:
-        """How many rays a kernel has put into a further queue. In which order is the threads' business: each ray writes
-        to its own row only."""
-        return int(self.further_count.to_numpy()[0])
 
 
 class AnyHitArrays:

@@ -6,6 +6,7 @@ light through; a label has to decide.
 
 from typing import Any
 
+import numpy as np
 import taichi as ti
 
 from tiscene.render.bsdfs.preview_surface import Materials, material_at
@@ -42,7 +43,7 @@ def first_hits(scene: DeviceScene, time: int, rays: RayArrays, queue: Any, count
         return
     for layer in range(MAX_LAYERS):
         further = rays.further[layer % 2]
-        rays.further_count.fill(0)
+        found = np.zeros(1, np.int32)
         pass_absent(
             queue,
             count,
@@ -54,9 +55,9 @@ def first_hits(scene: DeviceScene, time: int, rays: RayArrays, queue: Any, count
             *scene.textures.arrays(),
             time,
             further,
-            rays.further_count,
+            found,
         )
-        queue, count = further, rays.count_further()
+        queue, count = further, int(found[0])
         if count == 0:
             return
         closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids)

@@ -44,7 +44,7 @@ class MaterialLabels:
         wanted = np.array([name in arrays for name in MATERIAL_BUFFERS], np.int32)
         queue, count = rays.queue, rays.count
         for mirrors in range(MAX_MIRRORS + 1):
-            rays.further_count.fill(0)
+            found = np.zeros(1, np.int32)
             material_labels(
                 queue,
                 count,
@@ -56,12 +56,12 @@ class MaterialLabels:
                 *self.scene.textures.arrays(),
                 int(mirrors < MAX_MIRRORS),
                 rays.mirrored[mirrors % 2],
-                rays.further_count,
+                found,
                 width,
                 wanted,
                 *outputs,
             )
-            queue, count = rays.mirrored[mirrors % 2], rays.count_further()
+            queue, count = rays.mirrored[mirrors % 2], int(found[0])
             if count == 0:
                 return
             first_hits(self.scene, CURRENT, rays, queue, count)
