@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import tempfile
+import warnings
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,8 +34,12 @@ def read_picture(path: str) -> Picture:
     """Read an image file, or one inside a package ("room.usdz[wood.png]"). Raises OSError or ValueError."""
     if path.endswith("]") and "[" in path:
         package, _, inner = path[:-1].partition("[")
-        with zipfile.ZipFile(package) as archive:
-            return _decode(archive.read(inner), Path(inner).suffix.lower())
+        try:
+            with zipfile.ZipFile(package) as archive:
+                data = archive.read(inner)
+        except (zipfile.BadZipFile, KeyError) as error:
+            raise ValueError(f"not a readable package: {error}") from error
+        return _decode(data, Path(inner).suffix.lower())
     return _decode(Path(path).read_bytes(), Path(path).suffix.lower())
 
 
@@ -43,10 +49,12 @@ def _decode(data: bytes, suffix: str) -> Picture:
     if data[:2] == b"#?":
         return Picture(_with_alpha(read_radiance(data)), srgb=False)
     try:
-        with Image.open(io.BytesIO(data)) as image:
-            image.load()
-            return _from_pillow(image, _sixteen_bit_png(data))
-    except (SyntaxError, EOFError, Image.DecompressionBombError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what Pillow merely wonders about
+            with Image.open(io.BytesIO(data)) as image:
+                image.load()
+                return _from_pillow(image, _sixteen_bit_png(data))
+    except Exception as error:  # its decoders fail in many ways on damaged files
         raise ValueError(f"not a readable {suffix or 'image'} file: {error}") from error
 
 
@@ -85,8 +93,6 @@ def _with_alpha(values: NDArray[Any]) -> NDArray[Any]:
 
 def _read_exr(data: bytes) -> FloatArray:
     """The first part's colour channels; one layer's or grey where there is no plain RGB."""
-    import tempfile
-
     with tempfile.NamedTemporaryFile(suffix=".exr") as file:  # OpenEXR reads only from files
         file.write(data)
         file.flush()

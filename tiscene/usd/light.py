@@ -191,14 +191,8 @@ class LightReader:
         for name in ("diffuse", "specular"):
             if self._float(prim, name, 1.0) != 1.0:
                 self._report.omission(path, f"a light's {name} multiplier is not applied")
-        if prim.HasAPI(UsdLux.ShapingAPI) and prim.GetTypeName() not in ("DistantLight", "DomeLight", "DomeLight_1"):
-            shaped = self._float(prim, "shaping:cone:angle", 90.0) < 180.0 and not (
-                self._float(prim, "shaping:cone:angle", 90.0) >= 90.0
-                and prim.GetTypeName() in ("RectLight", "DiskLight")
-            )
-            ies = self._input(prim, "shaping:ies:file", None)
-            if shaped or self._float(prim, "shaping:focus", 0.0) > 0.0 or (ies is not None and ies.path):
-                self._report.omission(path, "a light's shaping (cone, focus, IES) is not applied")
+        if prim.HasAPI(UsdLux.ShapingAPI) and self._is_shaped(prim):
+            self._report.omission(path, "a light's shaping (cone, focus, IES) is not applied")
         if prim.HasAPI(UsdLux.ShadowAPI) and not self._input(prim, "shadow:enable", True):
             self._report.omission(path, "a light without shadows casts them all the same")
         if UsdLux.LightAPI(prim).GetFiltersRel().GetTargets():
@@ -209,6 +203,18 @@ class LightReader:
                 collection.GetIncludeRootAttr().Get() is False or collection.GetExcludesRel().GetTargets()
             ):
                 self._report.omission(path, f"{name} is not applied: every light lights everything")
+
+    def _is_shaped(self, prim: Usd.Prim) -> bool:
+        """Whether ShapingAPI changes anything; its cone of 90 degrees, the default, leaves flat lights as they are."""
+        if prim.GetTypeName() in ("DistantLight", "DomeLight", "DomeLight_1"):
+            return False
+        widest = 90.0 if prim.GetTypeName() in ("RectLight", "DiskLight") else 180.0
+        profile = self._input(prim, "shaping:ies:file", None)
+        return (
+            self._float(prim, "shaping:cone:angle", 90.0) < widest
+            or self._float(prim, "shaping:focus", 0.0) > 0.0
+            or (profile is not None and bool(profile.path))
+        )
 
 
 def color_of_temperature(kelvin: float) -> NDArray[np.float64]:

@@ -59,7 +59,7 @@ class TextureTable:
         if path not in self._pictures:
             try:
                 self._pictures[path] = read_picture(path)
-            except (OSError, ValueError, KeyError) as error:
+            except (OSError, ValueError) as error:
                 self._pictures[path] = None
                 self._report.problem(prim_path, "texture", f"@{path}@ cannot be read: {error}")
         return self._pictures[path]

@@ -1,0 +1,109 @@
+"""UsdGeomCamera by its own rule: tenths of a scene unit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import problems_of, read, read_with_warning
+
+
+def camera(lines: str = "") -> str:
+    return f'def Camera "Eye"\n{{\n{lines}\n}}'
+
+
+def only(description):
+    (result,) = description.cameras
+    return result
+
+
+def test_defaults(tmp_path):
+    eye = only(read(tmp_path, camera()))
+    assert eye.name == "Eye"
+    assert eye.vertical_fov == pytest.approx(2.0 * math.atan(15.2908 / 100.0))
+    assert eye.lens_radius == 0.0
+    assert eye.exposure is None
+    assert (eye.near, eye.far) == (0.1, 1000.0)
+    assert eye.position == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("meters", [1.0, 0.01])
+def test_the_lens_in_tenths_of_a_unit(tmp_path, meters):
+    """A 50 mm lens at f/2 on a 24 mm high sensor, focused at 3 m."""
+    per_unit = 1.0 / meters
+    lines = f"""
+    float focalLength = {0.05 * per_unit * 10}
+    float verticalAperture = {0.024 * per_unit * 10}
+    float fStop = 2
+    float focusDistance = {3 * per_unit}
+    float2 clippingRange = ({0.5 * per_unit}, {20 * per_unit})
+    """
+    eye = only(read(tmp_path, camera(lines), meters=meters))
+    assert eye.vertical_fov == pytest.approx(2.0 * math.atan(0.24 / 1.0 * 1.0), rel=1e-6)
+    assert eye.lens_radius == pytest.approx(0.0125)  # 50 mm / 2 is 25 mm across
+    assert eye.focus_distance == pytest.approx(3.0)
+    assert (eye.near, eye.far) == pytest.approx((0.5, 20.0))
+
+
+def test_depth_of_field_needs_a_focus_distance(tmp_path):
+    assert only(read(tmp_path, camera("float fStop = 2"))).lens_radius == 0.0
+
+
+def test_the_pose_has_no_scale(tmp_path):
+    lines = """
+    double3 xformOp:translate = (1, 2, 3)
+    float xformOp:rotateY = 90
+    float3 xformOp:scale = (2, 2, 2)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY", "xformOp:scale"]
+    """
+    eye = only(read(tmp_path, camera(lines), meters=0.01))
+    assert eye.position == pytest.approx((0.01, 0.02, 0.03))
+    np.testing.assert_allclose(eye.axes() @ (0, 0, -1), (-1, 0, 0), atol=1e-9)  # it looks along -x
+    np.testing.assert_allclose(eye.axes() @ (0, 1, 0), (0, 1, 0), atol=1e-9)
+
+
+EXPOSURES = [
+    ("float exposure = 2", 2.0),
+    ("float exposure:iso = 400", 2.0),
+    ("float exposure:time = 0.25", -2.0),
+    ("float exposure:fStop = 4", -4.0),
+    ("float exposure:responsivity = 8", 3.0),
+    ("float exposure = 1\nfloat exposure:iso = 200\nfloat exposure:time = 0.5\nfloat exposure:fStop = 2", -1.0),
+]
+
+
+@pytest.mark.parametrize(("lines", "stops"), EXPOSURES)
+def test_exposure(tmp_path, lines, stops):
+    assert only(read(tmp_path, camera(lines))).exposure == pytest.approx(stops)
+
+
+OMITTED = [
+    ('token projection = "orthographic"', "orthographic cameras are not supported: </Eye>", 0),
+    ("float verticalApertureOffset = 1", "aperture offset is not applied: </Eye>", 1),
+    ("float2 clippingRange = (5, 1)", "clippingRange of 5 to 1 m is not used: </Eye>", 1),
+]
+
+
+@pytest.mark.parametrize(("lines", "expected", "count"), OMITTED)
+def test_what_is_left_out_is_named(tmp_path, lines, expected, count):
+    assert len(read_with_warning(tmp_path, camera(lines), expected).cameras) == count
+
+
+WRONG = [
+    ("float focalLength = 0", "camera: verticalAperture 15.29"),
+    ("float verticalAperture = nan", "camera: verticalAperture nan"),
+    ("float exposure:time = 0", "camera: its exposure attributes scale the image by 0.0"),
+    ("float exposure:fStop = 0", "camera: its exposure attributes scale the image by nan"),
+    (
+        'float3 xformOp:scale = (0, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]',
+        "camera: its transform is singular or not finite",
+    ),
+]
+
+
+@pytest.mark.parametrize(("lines", "expected"), WRONG)
+def test_problems(tmp_path, lines, expected):
+    (problem,) = problems_of(tmp_path, camera(lines))
+    assert problem.startswith(f"</Eye> {expected}")
