@@ -6,10 +6,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene import device
 from tiscene.errors import ArgumentError
+from tiscene.scene import instance_arrays
 from tiscene.scene.bvh import Blas, Bvh
 from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.device_array import upload
@@ -169,21 +171,23 @@ class DeviceScene:
         info[:, 4] = placement.mesh
         mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)
+        if count != self.instance_count or self.instance_info is None:
+            self.instance_info = ti.ndarray(ti.i32, (max(count, 1), 8))
+            self.world_from_instance = ti.ndarray(ti.f32, (3, max(count, 1), 12))
+            self.instance_from_world = ti.ndarray(ti.f32, (3, max(count, 1), 12))
+            self.box_from_instance = ti.ndarray(ti.f32, (max(count, 1), 12))
         self.instance_count = count
-        self.instance_info = _refilled(self.instance_info, info)
-        self.world_from_instance = _refilled(
-            self.world_from_instance, placement.world_from_object.reshape(3, count, 12)
-        )
-        self.instance_from_world = _refilled(self.instance_from_world, inverse.reshape(3, count, 12))
-        self.box_from_instance = _refilled(self.box_from_instance, placement.box_from_object.reshape(count, 12))
-
-
-def _refilled(array: Any, values: NDArray[Any]) -> Any:
-    """The array with new values, another one if it has not their shape."""
-    if array is None or array.shape != values.shape:
-        return upload(values)
-    array.from_numpy(np.ascontiguousarray(values, np.int32 if values.dtype == np.int32 else np.float32))
-    return array
+        if count:
+            instance_arrays.fill(
+                info,
+                np.ascontiguousarray(placement.world_from_object.reshape(3, count, 12), np.float32),
+                np.ascontiguousarray(inverse.reshape(3, count, 12), np.float32),
+                np.ascontiguousarray(placement.box_from_object.reshape(count, 12), np.float32),
+                self.instance_info,
+                self.world_from_instance,
+                self.instance_from_world,
+                self.box_from_instance,
+            )
 
 
 _NOTHING = Placement(
@@ -224,6 +228,9 @@ def _transformed(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> N
     """World boxes [3, n, 6] around boxes [n, 2, 3] under affine maps [3, n, 3, 4]."""
     centre = 0.5 * (boxes[:, 0] + boxes[:, 1])
     half = 0.5 * (boxes[:, 1] - boxes[:, 0])
-    world_centre = np.einsum("tnij,nj->tni", matrices[..., :3], centre) + matrices[..., 3]
-    world_half = np.einsum("tnij,nj->tni", np.abs(matrices[..., :3]), half)
+    world_centre = matrices[..., 3].copy()
+    world_half = np.zeros_like(world_centre)
+    for axis in range(3):
+        world_centre += matrices[..., axis] * centre[:, axis, None]
+        world_half += np.abs(matrices[..., axis]) * half[:, axis, None]
     return np.concatenate([world_centre - world_half, world_centre + world_half], axis=-1)
