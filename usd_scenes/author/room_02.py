@@ -172,7 +172,8 @@ def _light(room: Room) -> None:
 
 
 def _cameras(room: Room) -> None:
-    room.camera("Main", (3.10, 1.36, 0.30), (-1.30, 0.88, -3.90), fov=50.0, exposure=2.5)
+    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.5)
+    room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=2.5)
     # SAILenv's published pose: Unity (-1.5, 2.0, 0.5), pitch 18 down, yaw 12 to the left.
     room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.5, focus=3.6)
     room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.5)

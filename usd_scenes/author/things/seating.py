@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.mesh import Array, Mesh, merged
-from usd_scenes.author.shapes import curve, cylinder, rectangle, rounded_box, sweep
+from usd_scenes.author.mesh import Array, Mesh
+from usd_scenes.author.shapes import curve, cylinder, lathe, rectangle, rounded_box, sphere, sweep
 from usd_scenes.author.soft import cushion, pillow, throw, wrinkles
 from usd_scenes.author.thing import Thing, thing
 
@@ -185,6 +185,30 @@ def folded_throw(name: str) -> Thing:
 
 
 def pouf(name: str) -> Thing:
-    """A knitted pouf: a squashed ball of wool in lobes."""
-    body = cushion(0.50, 0.36, 0.50, 33, 0.03, 0.17)
-    return thing(name, "pouf", ("Cover", "Rust", merged([body]).moved(0.0, 0.19, 0.0)))
+    """A round pouf of sixteen stuffed lobes, gathered at a button."""
+    profile = curve(
+        [
+            [0.0, 0.0],
+            [0.17, 0.004],
+            [0.235, 0.05],
+            [0.268, 0.18],
+            [0.235, 0.32],
+            [0.15, 0.372],
+            [0.05, 0.372],
+            [0.0, 0.362],
+        ],
+        30,
+    )
+    body = lathe(profile, 128)
+
+    def lobes(points: Array) -> Array:
+        angle = np.arctan2(points[:, 0], points[:, 2])
+        radius = np.hypot(points[:, 0], points[:, 2])
+        seam = 1.0 - np.abs(np.sin(8.0 * angle)) ** 0.6
+        reach = np.clip(radius / 0.10, 0.0, 1.0)
+        bent = points * (1.0 - 0.045 * seam * reach)[:, None]
+        bent[:, 1] = points[:, 1] * (1.0 - 0.03 * seam * reach) + 0.002 * wrinkles(points, 44, 0.2) * reach
+        return bent
+
+    button = sphere(0.022, 24).scaled(1.0, 0.5, 1.0).moved(0.0, 0.366, 0.0)
+    return thing(name, "pouf", ("Cover", "Rust", [body.deformed(lobes), button]))

@@ -25,31 +25,35 @@ from usd_scenes.author.shapes import (
 from usd_scenes.author.thing import Thing, thing
 
 
+def offset(profile: ArrayLike, distance: float) -> Array:
+    """A profile moved to its left, which is a vessel's inside."""
+    outer = np.asarray(profile, dtype=np.float64)
+    tangent = np.gradient(outer, axis=0)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+    return np.asarray(outer + distance * normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
 def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> Mesh:
     """A vessel with a round lip: its outside profile from the foot's centre to the rim, (radius, height)."""
     outer = np.asarray(outside, dtype=np.float64)
-    tangent = np.gradient(outer, axis=0)
-    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    inner = outer + normal * thickness
+    inner = offset(outer, thickness)
     inner = inner[(inner[:, 0] > 0.0) & (inner[:, 1] > outer[0, 1] + 0.5 * thickness)]
     inner = np.concatenate([[[0.0, inner[0, 1]]], inner])
     middle, half = (outer[-1] + inner[-1]) / 2.0, (outer[-1] - inner[-1]) / 2.0
     along = np.array([-half[1], half[0]])
-    if along @ tangent[-1] < 0.0:
+    if along @ (outer[-1] - outer[-2]) < 0.0:
         along = -along
     lip = [middle + np.cos(a) * half + np.sin(a) * along for a in np.linspace(0.0, np.pi, 7)[1:-1]]
     return lathe(np.concatenate([outer, lip, inner[::-1]]), segments)
 
 
 def dish(name: str) -> Thing:
-    """A dinner plate, 0.27 m, with a blue band under the rim."""
-    profile = fillet(
-        [[0.0, 0.003], [0.070, 0.003], [0.074, 0.0], [0.080, 0.0], [0.084, 0.006], [0.096, 0.012], [0.134, 0.024]],
-        0.006,
-        3,
-    )
-    band = lathe([[0.1305, 0.0272], [0.1215, 0.0240]], 72)
+    """A dinner plate, 0.27 m, with a blue band on its rim."""
+    corners = [[0.0, 0.003], [0.070, 0.003], [0.074, 0.0], [0.080, 0.0], [0.084, 0.006], [0.096, 0.012], [0.134, 0.024]]
+    profile = _dense(fillet(corners, 0.006, 3))
+    glaze = offset(profile, 0.0048)
+    radii = np.linspace(0.1315, 0.119, 4)
+    band = lathe(np.stack([radii, np.interp(radii, glaze[-8:, 0], glaze[-8:, 1])], axis=-1), 72)
     return thing(name, "dish", ("Plate", "Porcelain", shell(profile, 0.0045, 72)), ("Band", "BlueGlaze", band))
 
 

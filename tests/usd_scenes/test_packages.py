@@ -1,0 +1,196 @@
+"""What is shipped: every template and scene keeps to the rules of its kind, and OpenUSD's own validators agree."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade, UsdValidation
+
+import usd_scenes
+
+PACKAGE = Path(usd_scenes.__file__).parent
+TEMPLATES = sorted(path.parent.name for path in PACKAGE.glob("templates/*/template.usda"))
+SCENES = sorted(path.parent.name for path in PACKAGE.glob("*/scene.usda"))
+SIZES = {  # m; what the real thing measures
+    "chair_01": (0.45, 0.90, 0.50),
+    "laptop_01": (0.33, 0.22, 0.30),
+    "dish_01": (0.27, 0.03, 0.27),
+    "pillow_01": (0.45, 0.45, 0.16),
+    "tennis_racket_01": (0.26, 0.69, 0.034),
+    "cup_01": (0.12, 0.095, 0.085),
+    "book_01": (0.15, 0.034, 0.22),
+    "cube": (0.4, 0.4, 0.4),
+    "sphere": (0.4, 0.4, 0.4),
+    "cylinder": (0.3, 0.5, 0.3),
+}
+
+
+def open_stage(path: Path) -> Usd.Stage:
+    stage = Usd.Stage.Open(str(path))
+    assert not stage.GetCompositionErrors()
+    return stage
+
+
+def meshes(stage: Usd.Stage) -> list[UsdGeom.Mesh]:
+    prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
+    return [UsdGeom.Mesh(prim) for prim in prims if prim.IsA(UsdGeom.Mesh)]
+
+
+def triangles(stage: Usd.Stage) -> int:
+    return sum(int((np.asarray(mesh.GetFaceVertexCountsAttr().Get()) - 2).sum()) for mesh in meshes(stage))
+
+
+def world_bounds(stage: Usd.Stage) -> np.ndarray:
+    box = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_], useExtentsHint=False)
+    aligned = box.ComputeWorldBound(stage.GetDefaultPrim()).ComputeAlignedRange()
+    return np.array([aligned.GetMin(), aligned.GetMax()])
+
+
+def stages() -> list[Path]:
+    return [PACKAGE / name / "scene.usda" for name in SCENES] + [
+        PACKAGE / "templates" / name / "template.usda" for name in TEMPLATES
+    ]
+
+
+def test_what_the_command_promises_is_there() -> None:
+    assert {"object_view", "room_02"} <= set(SCENES)
+    promised = "cylinder cube sphere chair_01 pillow_01 dish_01 tennis_racket_01 laptop_01"
+    assert set(promised.split()) <= set(TEMPLATES)
+
+
+def test_the_package_stays_small() -> None:
+    files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    assert sum(path.stat().st_size for path in files) < 20e6
+
+
+@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
+def test_metres_and_y_up(path: Path) -> None:
+    stage = open_stage(path)
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
+    assert stage.GetDefaultPrim()
+
+
+@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
+def test_openusd_finds_nothing_to_complain_of(path: Path) -> None:
+    registry = UsdValidation.ValidationRegistry()
+    context = UsdValidation.ValidationContext(registry.GetOrLoadAllValidators())
+    errors = context.Validate(open_stage(path))
+    assert [f"{error.GetName()}: {error.GetMessage()}" for error in errors] == []
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_a_template_is_one_labelled_component(name: str) -> None:
+    stage = open_stage(PACKAGE / "templates" / name / "template.usda")
+    root = stage.GetDefaultPrim()
+    assert Usd.ModelAPI(root).GetKind() == Kind.Tokens.component
+    labels = UsdSemantics.LabelsAPI(root, "class").GetLabelsAttr().Get()
+    assert len(labels) == 1
+    assert labels[0]
+    assert UsdPhysics.RigidBodyAPI(root).GetKinematicEnabledAttr().Get() is True
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_a_template_is_centred_and_light(name: str) -> None:
+    stage = open_stage(PACKAGE / "templates" / name / "template.usda")
+    low, high = world_bounds(stage)
+    np.testing.assert_allclose(low + high, 0.0, atol=5e-5)
+    assert 0 < triangles(stage) <= 30_000
+    assert all(mesh.GetPrim().HasAPI(UsdPhysics.CollisionAPI) for mesh in meshes(stage))
+    if name in SIZES:
+        np.testing.assert_allclose(high - low, SIZES[name], rtol=0.12)
+
+
+@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
+def test_every_mesh_is_sound_and_has_a_material(path: Path) -> None:
+    stage = open_stage(path)
+    for mesh in meshes(stage):
+        points = np.asarray(mesh.GetPointsAttr().Get())
+        normals = np.asarray(mesh.GetNormalsAttr().Get())
+        indices = np.asarray(mesh.GetFaceVertexIndicesAttr().Get())
+        st = np.asarray(UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").Get())
+        assert np.isfinite(points).all()
+        assert np.isfinite(st).all()
+        assert len(points) == len(normals) == len(st)
+        assert 0 <= indices.min() <= indices.max() < len(points)
+        assert len(indices) == np.asarray(mesh.GetFaceVertexCountsAttr().Get()).sum()
+        used = np.unique(indices)
+        np.testing.assert_allclose(np.linalg.norm(normals[used], axis=1), 1.0, atol=1e-3, err_msg=str(mesh.GetPath()))
+        material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
+        assert material, mesh.GetPath()
+
+
+@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
+def test_faces_look_the_way_their_normals_point(path: Path) -> None:
+    stage = open_stage(path)
+    for mesh in meshes(stage):
+        points = np.asarray(mesh.GetPointsAttr().Get(), dtype=np.float64)
+        normals = np.asarray(mesh.GetNormalsAttr().Get(), dtype=np.float64)
+        counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get())
+        indices = np.asarray(mesh.GetFaceVertexIndicesAttr().Get())
+        first = np.cumsum(counts) - counts
+        a, b, c = (points[indices[first + k]] for k in range(3))
+        face = np.cross(b - a, c - a)
+        mean = sum(normals[indices[first + k]] for k in range(3))
+        area = np.linalg.norm(face, axis=1)
+        agree = np.einsum("ij,ij->i", face, mean) > 0.0
+        assert area[~agree].sum() < 0.01 * area.sum(), mesh.GetPath()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_scene_has_cameras_lights_and_only_labelled_components(name: str) -> None:
+    stage = open_stage(PACKAGE / name / "scene.usda")
+    prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+    cameras = [UsdGeom.Camera(prim) for prim in prims if prim.IsA(UsdGeom.Camera)]
+    assert cameras[0].GetPrim().GetName() == "Main"
+    assert all(camera.GetExposureAttr().HasAuthoredValue() for camera in cameras)
+    assert any(prim.HasAPI(UsdLux.LightAPI) for prim in prims)
+    for mesh in meshes(stage):
+        ancestors = [mesh.GetPrim()]
+        while ancestors[-1].GetParent():
+            ancestors.append(ancestors[-1].GetParent())
+        components = [p for p in ancestors if Usd.ModelAPI(p).GetKind() == Kind.Tokens.component]
+        assert len(components) == 1, mesh.GetPath()
+        assert UsdSemantics.LabelsAPI(components[0], "class").GetLabelsAttr().Get(), mesh.GetPath()
+
+
+def test_room_02_is_a_furnished_room_of_the_size_it_says() -> None:
+    stage = open_stage(PACKAGE / "room_02" / "scene.usda")
+    floor = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
+    box = floor.ComputeWorldBound(stage.GetPrimAtPath("/Room02/Building/Floor")).ComputeAlignedRange()
+    np.testing.assert_allclose(box.GetSize(), (8.0, 0.012, 7.0), atol=0.02)
+    labels = set()
+    for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+        labels.update(UsdSemantics.LabelsAPI(prim, "class").GetLabelsAttr().Get() or [])
+    assert len(labels) >= 25
+    assert triangles(stage) < 800_000
+
+
+def test_the_middle_of_room_02_is_free_to_fly_through() -> None:
+    """A box of air, 1.6 m high, over and in front of the coffee table."""
+    stage = open_stage(PACKAGE / "room_02" / "scene.usda")
+    air = Gf.Range3d(Gf.Vec3d(-2.6, 0.8, -4.6), Gf.Vec3d(0.4, 2.4, -1.2))
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
+    for mesh in meshes(stage):
+        box = cache.ComputeWorldBound(mesh.GetPrim()).ComputeAlignedRange()
+        overlap = Gf.Range3d.GetIntersection(air, box)
+        if not overlap.IsEmpty() and min(overlap.GetSize()) > 0.0:
+            assert str(mesh.GetPath()).startswith("/Room02/Building/"), mesh.GetPath()
+
+
+def test_the_cameras_of_published_scripts_are_there() -> None:
+    """Unity (-1.5, 2, 0.5), pitch 18, yaw -12: looks down and to the left of -z here."""
+    stage = open_stage(PACKAGE / "room_02" / "scene.usda")
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Room02/Cameras/SAILenv"))
+    frame = camera.GetCamera(Usd.TimeCode.Default())
+    np.testing.assert_allclose(frame.frustum.position, (-1.5, 2.0, -0.5), atol=1e-9)
+    expected = (
+        -np.sin(np.radians(12)) * np.cos(np.radians(18)),
+        -np.sin(np.radians(18)),
+        -np.cos(np.radians(12)) * np.cos(np.radians(18)),
+    )
+    np.testing.assert_allclose(frame.frustum.ComputeViewDirection(), expected, atol=1e-6)
+    vertical = 2.0 * np.degrees(np.arctan(frame.verticalAperture / 2.0 / frame.focalLength))
+    assert vertical == pytest.approx(60.0, abs=1e-4)
