@@ -82,6 +82,23 @@ def from_principal_point(p: vec3, focal_length: ti.f32) -> vec2:
     return vec2(p.x, p.y) * (focal_length / ti.max(p.z, _NEAREST))
 
 
+@ti.func
+def seen_from(
+    time: ti.i32,
+    row: ti.i32,
+    object_point: vec3,
+    towards: vec3,
+    instance_motion: ti.template(),
+    camera_motion: ti.template(),
+) -> vec3:
+    """A pixel's point in the coordinates of the camera of that time; of the background (row < 0) its direction, which
+    is infinitely far and so only turns."""
+    point = rotate(camera_motion, time, towards)
+    if row >= 0:
+        point = affine(instance_motion, row, 12 * time, object_point)
+    return point
+
+
 @ti.kernel
 def primary_rays(view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: FLOATS_2D):
     for pixel in range(width * height):
@@ -153,63 +170,61 @@ def surface_labels(
         x, y = pixel % width, pixel // width
         row = hit_ids[pixel, 0]
         focal = camera_motion[CURRENT, FOCAL_LENGTH]
-
-        # The background: a direction, infinitely far away.
         towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, 1.0)
-        before, now, after = towards, towards, towards
-        far, length = ti.math.inf, ti.math.inf
-        point = vec3(ti.math.nan)
-        shading, flat, box, displacement = vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0)
-        texture = vec2(0.0)
-        identity, category = 0, 0
+        object_point = vec3(0.0)
         if row >= 0:
-            direction = vec3(rays[pixel, 4], rays[pixel, 5], rays[pixel, 6])
-            surface = surface_at(geometry, row, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], CURRENT, direction)
-            before = affine(instance_motion, row, 12 * PREVIOUS, surface.object_point)
-            now = affine(instance_motion, row, 12 * CURRENT, surface.object_point)
-            after = affine(instance_motion, row, 12 * NEXT, surface.object_point)
-            displacement = affine(instance_motion, row, DISPLACEMENT, surface.object_point)
-            box = ti.math.clamp(affine(box_from_instance, row, 0, surface.object_point), 0.0, 1.0)
-            far, length = now.z, now.norm()
-            point, shading, flat, texture = surface.position, surface.normal, surface.geometric_normal, surface.uv
-            identity = instance_info[row, INFO_INSTANCE_ID]
-            category = instance_info[row, INFO_CATEGORY_ID]
-        else:
-            before = rotate(camera_motion, PREVIOUS, towards)
-            now = rotate(camera_motion, CURRENT, towards)
-            after = rotate(camera_motion, NEXT, towards)
+            object_point = object_point_at(
+                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2]
+            )
+        now = seen_from(CURRENT, row, object_point, towards, instance_motion, camera_motion)
         here = from_principal_point(now, focal)
 
         if wanted[DEPTH]:
-            depth[y, x] = far
+            depth[y, x] = now.z if row >= 0 else ti.math.inf
         if wanted[DISTANCE]:
-            distance[y, x] = length
-        if wanted[POSITION_OF_POINT]:
-            write3(position, y, x, point)
-        if wanted[NORMAL]:
-            write3(normal, y, x, shading)
-        if wanted[GEOMETRIC_NORMAL]:
-            write3(geometric_normal, y, x, flat)
-        if wanted[NORMAL_CAMERA]:
-            right, up = view_vector(view, CURRENT, RIGHT), view_vector(view, CURRENT, UP)
-            forward = view_vector(view, CURRENT, FORWARD)
-            write3(normal_camera, y, x, vec3(shading.dot(right), -shading.dot(up), shading.dot(forward)))
+            distance[y, x] = now.norm() if row >= 0 else ti.math.inf
         if wanted[SEMANTIC]:
+            category = instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
             semantic[y, x] = ti.cast(category, ti.u16)
         if wanted[INSTANCE]:
-            instance[y, x] = identity
+            instance[y, x] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
         if wanted[FORWARD_FLOW]:
-            there = from_principal_point(after, camera_motion[NEXT, FOCAL_LENGTH])
-            write2(forward_flow, y, x, there - here)
+            after = seen_from(NEXT, row, object_point, towards, instance_motion, camera_motion)
+            write2(forward_flow, y, x, from_principal_point(after, camera_motion[NEXT, FOCAL_LENGTH]) - here)
         if wanted[BACKWARD_FLOW]:
-            there = from_principal_point(before, camera_motion[PREVIOUS, FOCAL_LENGTH])
-            write2(backward_flow, y, x, there - here)
+            before = seen_from(PREVIOUS, row, object_point, towards, instance_motion, camera_motion)
+            write2(backward_flow, y, x, from_principal_point(before, camera_motion[PREVIOUS, FOCAL_LENGTH]) - here)
         if wanted[SCENE_FLOW]:
+            displacement = vec3(0.0)
+            if row >= 0:
+                displacement = affine(instance_motion, row, DISPLACEMENT, object_point)
             write3(scene_flow, y, x, displacement)
-        if wanted[UV]:
-            write2(uv, y, x, texture)
         if wanted[OBJECT_COORDINATES]:
-            write3(object_coordinates, y, x, box)
+            place = vec3(0.0)
+            if row >= 0:
+                place = ti.math.clamp(affine(box_from_instance, row, 0, object_point), 0.0, 1.0)
+            write3(object_coordinates, y, x, place)
+
+        if wanted[POSITION_OF_POINT] | wanted[NORMAL] | wanted[GEOMETRIC_NORMAL] | wanted[NORMAL_CAMERA] | wanted[UV]:
+            point = vec3(ti.math.nan)
+            shading, flat = vec3(0.0), vec3(0.0)
+            texture = vec2(0.0)
+            if row >= 0:
+                direction = vec3(rays[pixel, 4], rays[pixel, 5], rays[pixel, 6])
+                s = surface_at(geometry, row, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], CURRENT, direction)
+                point, shading, flat, texture = s.position, s.normal, s.geometric_normal, s.uv
+            if wanted[POSITION_OF_POINT]:
+                write3(position, y, x, point)
+            if wanted[NORMAL]:
+                write3(normal, y, x, shading)
+            if wanted[GEOMETRIC_NORMAL]:
+                write3(geometric_normal, y, x, flat)
+            if wanted[NORMAL_CAMERA]:
+                right, up = view_vector(view, CURRENT, RIGHT), view_vector(view, CURRENT, UP)
+                forward = view_vector(view, CURRENT, FORWARD)
+                write3(normal_camera, y, x, vec3(shading.dot(right), -shading.dot(up), shading.dot(forward)))
+            if wanted[UV]:
+                write2(uv, y, x, texture)
 
 
 @ti.kernel
