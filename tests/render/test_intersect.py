@@ -27,6 +27,8 @@ from tests.render.tracing import (
 )
 from tiscene.errors import ArgumentError
 from tiscene.render import intersect
+from tiscene.render.intersect import binary, wide
+from tiscene.scene import bvh
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
@@ -112,8 +114,8 @@ def test_barycentrics_give_the_point() -> None:
 
 
 def test_layouts_agree_to_the_bit() -> None:
-    for wide, binary in zip(traced_clutter(), trace(*clutter("binary")[:2]), strict=True):
-        np.testing.assert_array_equal(wide, binary)
+    for eight, two in zip(traced_clutter(), trace(*clutter("binary")[:2]), strict=True):
+        np.testing.assert_array_equal(eight, two)
 
 
 @both_layouts
@@ -284,6 +286,11 @@ def test_one_instance_behind_others(traversal: str) -> None:
         alone = placed([placement.mesh[target]], placement.world_from_object[CURRENT, target : target + 1])
         expected = cast(meshes, alone, rays[chosen]).instance >= 0
         np.testing.assert_array_equal(result.to_numpy()[chosen], expected)
+
+
+def test_stacks_hold_what_trees_may_need() -> None:
+    for kernels, layout in ((wide, bvh.WIDE), (binary, bvh.BINARY)):
+        assert layout.blas_stack + layout.tlas_stack <= kernels.STACK
 
 
 def compiled_kernels() -> int:

@@ -15,7 +15,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
-from tiscene.scene import bvh_build as kernels
+from tiscene.scene import bvh_build, bvh_write
 
 Boxes = NDArray[np.float32]
 TIMES = 3
@@ -39,10 +39,12 @@ class Layout:
     tlas_stack: int
 
 
-WIDE = Layout("wide", 8, 8, 4, kernels.PACK, 0.5, 56, 56)
-BINARY = Layout("binary", 2, 1, 1, kernels.ROWS, 1.0, 48, 24)
+WIDE = Layout("wide", 8, 8, 4, bvh_write.PACK, 0.5, 56, 56)
+BINARY = Layout("binary", 2, 1, 1, bvh_write.ROWS, 1.0, 48, 24)
 LAYOUTS = {layout.name: layout for layout in (WIDE, BINARY)}
 LEAF_SIZE = 4
+SAH_DEPTHS = (40, 20, 10, 0)  # a tree that is too deep for the stack is built again, halving ranges from higher up on
+THINNEST = 1e-6  # height over length of a triangle; thinner ones are mere rounding in float32
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
 
 
@@ -62,7 +64,7 @@ class Blas:
 class Bvh:
     """The nodes and packed triangles on the device, and the roots of the trees in them.
 
-    nodes, packs: Taichi arrays whose rows `bvh_build.write_*` describes. They are replaced when they grow.
+    nodes, packs: Taichi arrays whose rows bvh_write.py describes. They are replaced when they grow.
     """
 
     def __init__(self, layout: str) -> None:
@@ -76,7 +78,7 @@ class Bvh:
         self._roots: dict[int, int] = {}
         self.nodes = self._new_nodes(1)
         self.packs = self._new_packs(1)
-        self._write_nodes(1, EMPTY_NODE, 0, kernels.NAME)
+        self._write_nodes(1, EMPTY_NODE, 0, bvh_write.NAME)
         self._used_nodes = 1
 
     def root(self, time: int) -> int:
@@ -88,14 +90,14 @@ class Bvh:
     def add_mesh(self, positions: Boxes, triangles: NDArray[np.int32], first_triangle: int) -> Blas:
         """Build the tree of a mesh whose triangles are rows `first_triangle` and on of the scene.
 
-        Triangles without area are left out: no ray can hit them.
+        Triangles without area are left out: a hit on them would be rounding.
         """
         corners = positions.astype(np.float64)[triangles]
         edge_1 = corners[:, 1] - corners[:, 0]
         edge_2 = corners[:, 2] - corners[:, 0]
         longest = np.maximum((edge_1**2).sum(1), (edge_2**2).sum(1))
         area = np.sqrt((np.cross(edge_1, edge_2) ** 2).sum(1))
-        solid = np.flatnonzero(area > 1e-9 * longest).astype(np.int32)
+        solid = np.flatnonzero(area > THINNEST * longest).astype(np.int32)
         if not len(solid):
             return Blas(EMPTY_NODE, np.zeros((2, 3)))
         boxes = _widened(np.concatenate([corners[solid].min(1), corners[solid].max(1)], axis=1))
@@ -106,9 +108,9 @@ class Bvh:
         source = positions, triangles, self._work.order
         target = self.packs, self._used_packs, first_triangle
         if self.layout is WIDE:
-            kernels.write_packs(*source, self._work.node_link, self._work.children, nodes, *target)
+            bvh_write.write_packs(*source, self._work.node_link, self._work.children, nodes, *target)
         else:
-            kernels.write_triangles(*source, packs, *target)
+            bvh_write.write_triangles(*source, packs, *target)
         self._used_nodes += nodes
         self._used_packs += packs
         return Blas(first * self.layout.unit, np.stack([boxes[:, :3].min(0), boxes[:, 3:].max(0)]).astype(np.float64))
@@ -118,7 +120,7 @@ class Bvh:
         self._roots.clear()
 
     def place(self, time: int, boxes: NDArray[np.float64], rows: NDArray[np.int32], capacity: int) -> None:
-        """Build the tree over the instances `rows` with these world boxes [n, 6], of at most `capacity` rows ever."""
+        """Build the tree over the instances `rows` with world boxes [n, 6]; `capacity`: how many instances there are."""
         if capacity > self._instance_capacity:
             self._instance_capacity = max(64, 1 << (capacity - 1).bit_length())
             self._reserve(0, 0)
@@ -126,35 +128,34 @@ class Bvh:
         if not len(rows):
             self._roots[time] = EMPTY_NODE
             return
-        nodes, _ = self._build(_widened(boxes), rows, 1, 1, kernels.NAME)
+        nodes, _ = self._build(_widened(boxes), rows, 1, 1, bvh_write.NAME)
         first = self._node_capacity() - (TIMES - time) * self._instance_capacity
-        self._write_nodes(nodes, first, 0, kernels.NAME)
+        self._write_nodes(nodes, first, 0, bvh_write.NAME)
         self._roots[time] = first * self.layout.unit
 
     def _build(
         self, boxes: Boxes, order: NDArray[np.int32], leaf_size: int, block: int, leaf_kind: int
     ) -> tuple[int, int]:
         """Build a tree into the workspace; returns its nodes and the rows of packs that its leaves need."""
-        budget = self.layout.tlas_stack if leaf_kind == kernels.NAME else self.layout.blas_stack
-        for sah_depth in (kernels.SAH_DEPTH, 0):  # a tree that is too deep is built again, balanced
+        budget = self.layout.tlas_stack if leaf_kind == bvh_write.NAME else self.layout.blas_stack
+        for sah_depth in SAH_DEPTHS:
             self._work.load(boxes, order)
             self._work.grow(len(order), sah_depth, self.layout, leaf_size, block)
             nodes, packs, stack = self._work.collapse(self.layout.width, leaf_kind, by_count=sah_depth == 0)
             if stack <= budget:
-                break
-        else:
-            raise ArgumentError(f"{len(order)} triangles in one mesh, or instances, are more than the tracer can take")
-        return nodes, packs if leaf_kind == kernels.PACK else len(order)
+                return nodes, packs if leaf_kind == bvh_write.PACK else len(order)
+        what = "instances" if leaf_kind == bvh_write.NAME else "triangles in one mesh"
+        raise ArgumentError(f"{len(order)} {what} are more than the {self.layout.name} traversal can take")
 
     def _write_nodes(self, count: int, first: int, first_pack: int, leaf_kind: int) -> None:
         work = self._work
         if self.layout is WIDE:
-            rows = 10 if leaf_kind == kernels.PACK else 1
-            kernels.write_wide_nodes(
+            rows = 10 if leaf_kind == bvh_write.PACK else 1
+            bvh_write.write_wide_nodes(
                 work.node_box, work.node_link, work.children, count, self.nodes, first, first_pack, rows
             )
         else:
-            kernels.write_binary_nodes(
+            bvh_write.write_binary_nodes(
                 work.node_box, work.node_link, work.children, count, self.nodes, first, first_pack
             )
 
@@ -169,10 +170,10 @@ class Bvh:
             self.packs = _grown(self.packs, self._new_packs(max(needed, 2 * self._pack_capacity())))
 
     def _new_nodes(self, count: int) -> Any:
-        return ti.ndarray(kernels.vec8, 8 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 16))
+        return ti.ndarray(bvh_write.vec8, 8 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 16))
 
     def _new_packs(self, count: int) -> Any:
-        return ti.ndarray(kernels.vec4, 10 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 12))
+        return ti.ndarray(bvh_write.vec4, 10 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 12))
 
     def _node_capacity(self) -> int:
         return int(self.nodes.shape[0]) // self.layout.unit
@@ -202,7 +203,7 @@ class _Workspace:
     def load(self, boxes: Boxes, order: NDArray[np.int32]) -> None:
         if len(order) > self.capacity:
             self._allocate(1 << (len(order) - 1).bit_length())
-        kernels.load(boxes, order, self.boxes, self.order, self.tasks)
+        bvh_build.load(boxes, order, self.boxes, self.order, self.tasks)
 
     def grow(self, count: int, sah_depth: int, layout: Layout, leaf_size: int, block: int) -> None:
         """Split the loaded primitives into a binary tree."""
@@ -210,7 +211,7 @@ class _Workspace:
 
         def run(first: int, tasks: int, stop: int) -> int:
             arrays = (self.boxes, self.order, self.node_box, self.node_link, self.tasks)
-            return int(kernels.grow(*arrays, first, tasks, stop, sah_depth, leaf_size, block, layout.node_cost))
+            return int(bvh_build.grow(*arrays, first, tasks, stop, sah_depth, leaf_size, block, layout.node_cost))
 
         subtrees = run(0, 1, serial_until)
         if subtrees:
@@ -219,7 +220,7 @@ class _Workspace:
     def collapse(self, width: int, leaf_kind: int, by_count: bool) -> tuple[int, int, int]:
         """Merge binary nodes; returns how many nodes and packs there are and the stack that a traversal needs."""
         arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self._totals)
-        kernels.collapse(*arrays, width, leaf_kind, int(by_count))
+        bvh_write.collapse(*arrays, width, leaf_kind, int(by_count))
         nodes, packs, stack = self._totals.tolist()
         return nodes, packs, stack
 
@@ -235,5 +236,5 @@ def _grown(old: Any, new: Any) -> Any:
 
 def _widened(boxes: NDArray[np.float64]) -> Boxes:
     """Boxes [n, 6] that still contain what they should after rounding, and that a ray within a face of them enters."""
-    margin = max(4e-7 * float(np.abs(boxes).max()), 1e-12)
+    margin = np.maximum(4e-7 * np.abs(boxes).max(axis=1, keepdims=True), 1e-12)
     return np.concatenate([boxes[:, :3] - margin, boxes[:, 3:] + margin], axis=1, dtype=np.float32, casting="same_kind")

@@ -1,25 +1,20 @@
-"""Kernels that build a bounding volume hierarchy: binned surface-area heuristic (Wald 2007), nodes of 8 or 2 children.
+"""Kernels that grow a binary tree of boxes by the binned surface-area heuristic (Wald 2007).
 
-A build runs `load`, `grow` (once for the top of the tree, once for the subtrees in parallel), `collapse` and one of the
-`write_*` kernels. A binary node that covers n primitives owns the 2n - 1 slots from its own on, left child next to it,
-so that subtrees are numbered without talking to each other and the tree is the same for any number of threads.
+A build runs `load`, `grow` (once for the top of the tree, once for the subtrees in parallel), then what bvh_write.py
+has to turn the tree into nodes. A binary node that covers n primitives owns the 2n - 1 slots from its own on, its left
+child next to it, so that subtrees are numbered without talking to each other and the tree is the same for any number of
+threads.
 """
 
 import taichi as ti
 
 BINS = 16
-SAH_DEPTH = 40  # below it ranges are halved, which bounds the depth: 40 + log2(primitives) < STACK
-STACK = 72
-NAME, PACK, ROWS = 0, 1, 2  # what a leaf refers to: its only primitive, one pack of all, a row for each
+STACK = 72  # the tree is no deeper than the `sah_depth` of `grow`, 40 at most, plus log2(primitives)
 FAR = 1e30  # an empty box is [FAR, -FAR]
 
 Floats = ti.types.ndarray(ti.f32, 2)
 Ints = ti.types.ndarray(ti.i32, 2)
 Column = ti.types.ndarray(ti.i32, 1)
-vec8 = ti.types.vector(8, ti.f32)
-vec4 = ti.types.vector(4, ti.f32)
-Wide = ti.types.ndarray(vec8, 1)
-Packs = ti.types.ndarray(vec4, 1)
 
 
 @ti.func
@@ -237,213 +232,3 @@ def grow(
                         stack[top + side, 3] = depth + 1
                     depth_of_stack += 2
     return found
-
-
-@ti.kernel
-def collapse(
-    order: Column,
-    node_box: Floats,
-    node_link: Ints,
-    children: Ints,
-    stack: Ints,
-    totals: Column,
-    width: ti.i32,
-    leaf_kind: ti.i32,
-    by_count: ti.i32,
-):
-    """Merge binary nodes into nodes of up to `width` children, numbered depth first.
-
-    children[node]: slots, -1 for none. The child with the largest area (by_count: the most primitives) is opened first.
-    In node_link column 2 of an inner slot becomes its wide node, column 1 of a leaf what `leaf_kind` says.
-    totals: nodes, packs, most entries that a traversal can have on its stack.
-    """
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        nodes = 0
-        packs = 0
-        deepest = 0
-        stack[0, 0] = 0
-        stack[0, 1] = 0
-        waiting = 1
-        while waiting > 0:
-            waiting -= 1
-            slot = stack[waiting, 0]
-            below = stack[waiting, 1]
-            opened = ti.Vector([-1] * 8)
-            opened[0] = slot
-            count = 1
-            candidate = 0
-            while candidate >= 0 and count < width:
-                candidate = -1
-                largest = -1.0
-                for k in range(count):
-                    s = opened[k]
-                    if node_link[s, 0] >= 0:
-                        low, high = box_of(node_box, s)
-                        measure = half_area(low, high)
-                        if by_count > 0:
-                            measure = ti.cast(node_link[s, 3], ti.f32)
-                        if measure > largest:
-                            largest = measure
-                            candidate = k
-                if candidate >= 0:
-                    s = opened[candidate]
-                    opened[candidate] = node_link[s, 0]
-                    opened[count] = node_link[s, 1]
-                    count += 1
-            if node_link[slot, 0] >= 0:
-                node_link[slot, 2] = nodes
-            below += count - 1
-            deepest = ti.max(deepest, below)
-            for k in range(8):
-                s = opened[k]
-                children[nodes, k] = s
-                if s >= 0:
-                    if node_link[s, 0] >= 0:
-                        stack[waiting, 0] = s
-                        stack[waiting, 1] = below
-                        waiting += 1
-                    elif leaf_kind == NAME:
-                        node_link[s, 1] = order[node_link[s, 2]]
-                    elif leaf_kind == PACK:
-                        node_link[s, 1] = packs
-                        packs += 1
-                    else:
-                        node_link[s, 1] = node_link[s, 2]
-            nodes += 1
-        totals[0] = nodes
-        totals[1] = packs
-        totals[2] = deepest
-
-
-@ti.kernel
-def write_wide_nodes(
-    node_box: Floats,
-    node_link: Ints,
-    children: Ints,
-    count: ti.i32,
-    nodes: Wide,
-    first_node: ti.i32,
-    first_leaf: ti.i32,
-    leaf_rows: ti.i32,
-):
-    """Eight rows a node: least x, y, z, greatest x, y, z, references (bits of int32), nothing; a lane for each child.
-
-    A reference is the first row of an inner node, or -1 - row of a leaf: `leaf_rows` rows each from `first_leaf` on.
-    """
-    for node in range(count):
-        at = 8 * (first_node + node)
-        for k in ti.static(range(8)):
-            for c in ti.static(range(3)):
-                nodes[at + c][k] = FAR
-                nodes[at + 3 + c][k] = -FAR
-            nodes[at + 6][k] = 0.0
-            nodes[at + 7][k] = 0.0
-            slot = children[node, k]
-            if slot >= 0:
-                for c in ti.static(range(6)):
-                    nodes[at + c][k] = node_box[slot, c]
-                reference = 8 * (first_node + node_link[slot, 2])
-                if node_link[slot, 0] < 0:
-                    reference = -1 - (first_leaf + node_link[slot, 1]) * leaf_rows
-                nodes[at + 6][k] = ti.bit_cast(reference, ti.f32)
-
-
-@ti.kernel
-def write_packs(
-    positions: Floats,
-    triangles: Ints,
-    order: Column,
-    node_link: Ints,
-    children: Ints,
-    count: ti.i32,
-    packs: Packs,
-    first_pack: ti.i32,
-    first_triangle: ti.i32,
-):
-    """Ten rows a pack of up to four triangles: vertex 0, edge 1, edge 2, global triangle (bits of int32), ascending."""
-    for node, k in ti.ndrange(count, 8):
-        slot = children[node, k]
-        if slot >= 0:
-            if node_link[slot, 0] < 0:
-                at = 10 * (first_pack + node_link[slot, 1])
-                begin = node_link[slot, 2]
-                size = node_link[slot, 3]
-                sort(order, begin, begin + size)
-                for lane in ti.static(range(4)):
-                    for row in ti.static(range(9)):
-                        packs[at + row][lane] = 0.0
-                    triangle = -1
-                    if lane < size:
-                        local = order[begin + lane]
-                        triangle = first_triangle + local
-                        for c in ti.static(range(3)):
-                            origin = positions[triangles[local, 0], c]
-                            packs[at + c][lane] = origin
-                            packs[at + 3 + c][lane] = positions[triangles[local, 1], c] - origin
-                            packs[at + 6 + c][lane] = positions[triangles[local, 2], c] - origin
-                    packs[at + 9][lane] = ti.bit_cast(triangle, ti.f32)
-
-
-@ti.func
-def sort(order: ti.template(), begin: ti.i32, end: ti.i32):
-    for i in range(begin + 1, end):
-        j = i
-        while j > begin and order[j - 1] > order[j]:
-            order[j - 1], order[j] = order[j], order[j - 1]
-            j -= 1
-
-
-@ti.kernel
-def write_binary_nodes(
-    node_box: Floats,
-    node_link: Ints,
-    children: Ints,
-    count: ti.i32,
-    nodes: Floats,
-    first_node: ti.i32,
-    first_leaf: ti.i32,
-):
-    """Sixteen numbers a node: the boxes of two children (least x, y, z, greatest x, y, z), their references, nothing.
-
-    A reference is an inner node, or -1 - (4 * first row + rows - 1) of a leaf.
-    """
-    for node, k in ti.ndrange(count, 2):
-        at = first_node + node
-        for c in ti.static(range(3)):
-            nodes[at, 6 * k + c] = ti.math.inf  # a box that no ray reaches, whichever way it goes
-            nodes[at, 6 * k + 3 + c] = ti.math.inf
-        nodes[at, 12 + k] = 0.0
-        nodes[at, 14 + k] = 0.0
-        slot = children[node, k]
-        if slot >= 0:
-            for c in ti.static(range(6)):
-                nodes[at, 6 * k + c] = node_box[slot, c]
-            reference = first_node + node_link[slot, 2]
-            if node_link[slot, 0] < 0:
-                reference = -4 * (first_leaf + node_link[slot, 1]) - node_link[slot, 3]
-            nodes[at, 12 + k] = ti.bit_cast(reference, ti.f32)
-
-
-@ti.kernel
-def write_triangles(
-    positions: Floats,
-    triangles: Ints,
-    order: Column,
-    count: ti.i32,
-    rows: Floats,
-    first_row: ti.i32,
-    first_triangle: ti.i32,
-):
-    """Twelve numbers a triangle in the order of the leaves: vertex 0, global triangle (bits), edge 1, 0, edge 2, 0."""
-    for i in range(count):
-        local = order[i]
-        at = first_row + i
-        rows[at, 3] = ti.bit_cast(first_triangle + local, ti.f32)
-        rows[at, 7] = 0.0
-        rows[at, 11] = 0.0
-        for c in ti.static(range(3)):
-            origin = positions[triangles[local, 0], c]
-            rows[at, c] = origin
-            rows[at, 4 + c] = positions[triangles[local, 1], c] - origin
-            rows[at, 8 + c] = positions[triangles[local, 2], c] - origin
