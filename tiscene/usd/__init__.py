@@ -7,7 +7,7 @@ from pathlib import Path
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import StageReader, root_context
-from tiscene.usd.stage import Variants, open_stage, quiet, reading_time
+from tiscene.usd.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.template import read_template, stage_templates
 
 __all__ = ["read_stage", "read_template"]
@@ -28,7 +28,7 @@ def read_stage(
     Raises MissingFile, StageError (with every problem found) and UnknownName or ArgumentError (variants). What is
     left out or approximated is named in one StageWarning.
     """
-    with quiet():
+    with quiet(), readable(path):
         stage = open_stage(path, variants)
         report = Report(str(path))
         reader = StageReader(stage, reading_time(stage, time_code), report)

@@ -40,12 +40,15 @@ class MaterialTable:
 
     def binding(self, prim: Usd.Prim, gprim: Usd.Prim) -> Binding:
         """The material bound to a gprim or to a subset of it (inherited and by collections), else its displayColor."""
-        for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
-            material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
-            if material:
+        api = UsdShade.MaterialBindingAPI(prim)
+        previous = None
+        for purpose in (UsdShade.Tokens.preview, UsdShade.Tokens.full):
+            material, _ = api.ComputeBoundMaterial(purpose)
+            if material and material.GetPath() != previous:
                 binding = self._of_material(material, gprim)
                 if binding is not None:
                     return binding
+                previous = material.GetPath()
         return self._of_display_color(gprim)
 
     def emitter(self, name: str, radiance: tuple[float, float, float]) -> Binding:

@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
+from collections.abc import Iterator
 from typing import Any
+
+from pxr import Tf
 
 from tiscene.errors import StageError, StageWarning
 
 _PATHS_NAMED = 5  # prims that one line of the warning names before it says how many more there are
 _PROBLEMS_TOLD = 100
+
+
+def error_lines(error: Tf.ErrorException) -> list[str]:
+    """What USD says of a failure, one line each."""
+    lines = [one_line(diagnostic) for diagnostic in error.args]
+    return list(dict.fromkeys(lines)) or ["USD gave no reason"]
+
+
+def one_line(error: Any) -> str:
+    """The text of an error or diagnostic of USD, whose `str` can fail on bytes that are no UTF-8."""
+    try:
+        return " ".join(str(getattr(error, "commentary", error)).split())
+    except UnicodeDecodeError:
+        return "USD's message about it is not valid UTF-8, so that the file is likely damaged"
 
 
 class Report:
@@ -23,6 +41,17 @@ class Report:
     def problem(self, path: Any, what: str, text: str) -> None:
         """Something that makes the stage unusable: `</Room/Lamp> mesh: 3 faces refer to point 412, ...`."""
         self._problems[f"<{path}> {what}: {text}"] = None
+
+    @contextlib.contextmanager
+    def guard(self, path: Any) -> Iterator[None]:
+        """Turn what USD or numpy raise at the values of a damaged file into a problem of the prim at `path`."""
+        try:
+            yield
+        except Tf.ErrorException as error:
+            for line in error_lines(error):
+                self.problem(path, "cannot be read", line)
+        except (TypeError, ValueError, OverflowError, MemoryError, RuntimeError) as error:
+            self.problem(path, "cannot be read", f"{type(error).__name__}: {one_line(error)}")
 
     def omission(self, path: Any, text: str) -> None:
         """Something that is not drawn, or not quite as authored. Prims with the same text share a line."""

@@ -94,9 +94,10 @@ class StageReader:
         pending = [(root, context)]
         while pending:
             prim, above = pending.pop()
-            here = self._enter(prim, above)
-            if self._read(prim, here, predicate):
-                pending += [(child, here) for child in reversed(prim.GetFilteredChildren(predicate))]
+            with self._report.guard(prim.GetPath()):
+                here = self._enter(prim, above)
+                if self._read(prim, here, predicate):
+                    pending += [(child, here) for child in reversed(prim.GetFilteredChildren(predicate))]
 
     def _enter(self, prim: Usd.Prim, above: Context) -> Context:
         """What the prim makes of what it inherits."""
@@ -110,7 +111,9 @@ class StageReader:
             if authored.HasAuthoredValue():
                 purpose = str(authored.Get())
             if prim.IsA(UsdGeom.Xformable):
-                world = self._world(UsdGeom.Xformable(prim), above.world)
+                xformable = UsdGeom.Xformable(prim)
+                local = xformable.GetLocalTransformation(self._time)
+                world = local if xformable.GetResetXformStack() else local * above.world
         direct = direct_label(prim, self._time)
         label, own = direct or above.label, bool(direct) or above.label_is_own
         thing = above.thing
@@ -119,14 +122,6 @@ class StageReader:
             own = bool(direct)
             thing = Thing(prim.GetName(), str(prim.GetPath()), label, own)
         return Context(world, visible, purpose, label, own, thing)
-
-    def _world(self, xformable: UsdGeom.Xformable, above: Gf.Matrix4d) -> Gf.Matrix4d:
-        try:
-            local = xformable.GetLocalTransformation(self._time)
-        except Tf.ErrorException:
-            self._report.problem(xformable.GetPath(), "transform", "its xformOpOrder names ops that cannot be read")
-            return above
-        return local if xformable.GetResetXformStack() else local * above
 
     def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
         """Read one prim; whether its children are to be read."""

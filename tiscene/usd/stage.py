@@ -9,6 +9,7 @@ from pathlib import Path
 from pxr import Sdf, Tf, Usd, UsdUtils
 
 from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
+from tiscene.usd.problems import error_lines, one_line
 
 Variants = Mapping[str, str | Mapping[str, str]]
 
@@ -24,6 +25,15 @@ def quiet() -> Iterator[None]:
         del delegate
 
 
+@contextlib.contextmanager
+def readable(path: str | Path) -> Iterator[None]:
+    """Turn USD's exceptions into StageError."""
+    try:
+        yield
+    except Tf.ErrorException as error:
+        raise StageError(str(path), [f"cannot be read: {line}" for line in error_lines(error)]) from None
+
+
 def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
     """Open a stage with every payload loaded and the wanted variants selected in its session layer.
 
@@ -34,37 +44,16 @@ def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
         raise MissingFile(f"{path} does not exist")
     if not path.is_file():
         raise MissingFile(f"{path} is not a file: name the .usd, .usda, .usdc or .usdz file itself")
-    try:
+    with readable(path):
         stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
         for layer in stage.GetUsedLayers():  # USD shares layers in a process: see to it that they are today's files
             if not layer.anonymous and not layer.dirty:
                 layer.Reload()
-    except Tf.ErrorException as error:
-        raise StageError(str(path), [f"cannot be read: {line}" for line in error_lines(error)]) from None
     select_variants(stage, variants or {})
-    problems = [f"<{_error_path(error)}> composition: {_one_line(error)}" for error in stage.GetCompositionErrors()]
+    problems = [f"<{_error_path(error)}> composition: {one_line(error)}" for error in stage.GetCompositionErrors()]
     if problems:
         raise StageError(str(path), list(dict.fromkeys(problems)))
     return stage
-
-
-def error_lines(error: Tf.ErrorException) -> list[str]:
-    """What USD says of a failure, one line each. `str(error)` itself can fail on bytes that are no UTF-8."""
-    lines = []
-    for diagnostic in error.args:
-        try:
-            text = diagnostic.commentary if hasattr(diagnostic, "commentary") else str(diagnostic)
-        except UnicodeDecodeError:
-            text = "USD's message about it is not valid UTF-8, so the file is likely damaged"
-        lines.append(" ".join(text.split()))
-    return list(dict.fromkeys(lines)) or ["USD gave no reason"]
-
-
-def _one_line(error: object) -> str:
-    try:
-        return " ".join(str(error).split())
-    except UnicodeDecodeError:
-        return "a composition error whose text is not valid UTF-8"
 
 
 def _error_path(error: object) -> str:

@@ -11,7 +11,7 @@ from tiscene.scene.description import Template
 from tiscene.usd.label import inherited_label
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import UNDEFINED_TOO, Context, StageReader
-from tiscene.usd.stage import open_stage, quiet, reading_time
+from tiscene.usd.stage import open_stage, quiet, readable, reading_time
 
 TEMPLATES_PRIM = "/Templates"
 
@@ -25,7 +25,7 @@ def read_template(path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None)
 
     Raises MissingFile and StageError; what is left out is named in one StageWarning.
     """
-    with quiet():
+    with quiet(), readable(path):
         stage = open_stage(path)
         report = Report(str(path))
         prim = stage.GetDefaultPrim()

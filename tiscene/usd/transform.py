@@ -22,7 +22,7 @@ def fault(matrix: Matrix) -> str:
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     if not scale.all() or abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-9:
         return "its transform is singular: a scale is zero, or axes coincide"
-    if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)):
+    if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
         return "its transform is not affine"
     return ""
 
