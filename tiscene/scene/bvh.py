@@ -120,7 +120,7 @@ class Bvh:
         self._roots.clear()
 
     def place(self, time: int, boxes: NDArray[np.float64], rows: NDArray[np.int32], capacity: int) -> None:
-        """Build the tree over the instances `rows` with world boxes [n, 6]; `capacity`: how many instances there are."""
+        """Build the tree over the instances `rows` with world boxes [n, 6]. capacity: how many instances there are."""
         if capacity > self._instance_capacity:
             self._instance_capacity = max(64, 1 << (capacity - 1).bit_length())
             self._reserve(0, 0)

@@ -37,8 +37,8 @@ class DeviceScene:
     (HAS_NORMALS | HAS_UV | MIRRORED).
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
-
-    placement: what was placed last (host).
+    placement: what was placed last (host). bounds: least and greatest corner of what is at CURRENT, [2, 3], m; zeros
+    for nothing.
     """
 
     def __init__(self, traversal: str | None = None) -> None:
@@ -56,7 +56,6 @@ class DeviceScene:
         self._blas: list[Blas] = []
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
-        self.placement = _NOTHING
         self._mesh_table = np.zeros((0, 3), np.int32)
         self._boxes = np.zeros((0, 2, 3))
         self.instance_count = 0
@@ -126,7 +125,6 @@ class DeviceScene:
         inverse, determinant = _inverted(placement.world_from_object)
         self.placement = placement
         self._upload_instances(inverse, determinant)
-        self.placement = placement
         hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
         boxes = _transformed(self._boxes[placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
