@@ -81,11 +81,11 @@ def sobol(key: u32, index: ti.i32, bits: ti.i32) -> vec4:
     a0, a1 = u32(1), u32(3)
     b0, b1, b2 = u32(1), u32(3), u32(4)
     for _ in range(bits):
-        if (shuffled >> 31) != 0:
-            x0 ^= v0
-            x1 ^= v1
-            x2 ^= a0
-            x3 ^= b0
+        chosen = u32(0) - (shuffled >> 31)  # all bits or none: a branch here would be guessed wrong half of the time
+        x0 ^= v0 & chosen
+        x1 ^= v1 & chosen
+        x2 ^= a0 & chosen
+        x3 ^= b0 & chosen
         shuffled <<= 1
         v0 <<= 1
         v1 ^= v1 << 1

@@ -108,38 +108,64 @@ class RectangleView:
     z0: ti.f32
     sine_y0: ti.f32  # y0 / sqrt(y0^2 + z0^2), and so for y1
     sine_y1: ti.f32
-    first_angle: ti.f32
+    first_angle: vec2  # its cosine and sine
     solid_angle: ti.f32  # sr
 
 
 @ti.func
+def rotation(sine: ti.f32) -> vec2:
+    """(cosine, sine) of an angle within a right angle of 0."""
+    return vec2(ti.sqrt(ti.max(1.0 - sine * sine, 0.0)), sine)
+
+
+@ti.func
+def turned(a: vec2, b: vec2) -> vec2:
+    """The cosine and sine of a sum of two angles, from theirs."""
+    return vec2(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x)
+
+
+@ti.func
+def turned_back(a: vec2, b: vec2) -> vec2:
+    """The same of a difference."""
+    return vec2(a.x * b.x + a.y * b.y, a.y * b.x - a.x * b.y)
+
+
+@ti.func
 def rectangle_view(x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z0: ti.f32):
-    """The constants of Ureña's method, with arcsines for his arccosines so that small angles keep their digits."""
+    """The constants of Ureña's method. His sums of arccosines are products of rotations here: small solid angles keep
+    their digits, and one arctangent is enough."""
     zz = z0 * z0
     a0 = x0 / ti.sqrt(x0 * x0 + zz)
     a1 = x1 / ti.sqrt(x1 * x1 + zz)
     b0 = y0 / ti.sqrt(y0 * y0 + zz)
     b1 = y1 / ti.sqrt(y1 * y1 + zz)
-    corner00, corner01 = ti.asin(a0 * b0), ti.asin(a0 * b1)
-    solid_angle = ti.asin(a1 * b1) + corner00 - ti.asin(a1 * b0) - corner01
-    return RectangleView(x0, x1, y0, y1, z0, b0, b1, corner01 - corner00, ti.max(solid_angle, 0.0))
+    first = turned_back(rotation(a0 * b1), rotation(a0 * b0))
+    whole = turned_back(turned_back(rotation(a1 * b1), rotation(a1 * b0)), first)
+    solid_angle = ti.atan2(whole.y, whole.x)
+    if solid_angle < 0.0:
+        # Past half the sphere; a sliver that rounding made negative counts as nothing instead.
+        solid_angle = solid_angle + 2.0 * math.pi if whole.x < 0.0 or solid_angle < -1e-3 else 0.0
+    return RectangleView(x0, x1, y0, y1, z0, b0, b1, first, solid_angle)
 
 
 @ti.func
 def rectangle(view: RectangleView, u: vec2) -> vec2:
     """The (x, y) of a point of the rectangle, uniform in solid angle."""
-    angle = view.first_angle + u.x * view.solid_angle
-    sine = ti.sin(angle)
-    f = (view.sine_y1 - view.sine_y0 * ti.cos(angle)) / (sine if ti.abs(sine) > 1e-12 else 1e-12)
-    inverse = 1.0 / ti.sqrt(f * f + view.sine_y0 * view.sine_y0)
-    cosine = ti.math.clamp(inverse if f > 0.0 else -inverse, -1.0, 1.0)
-    x = cosine * ti.abs(view.z0) / ti.sqrt(ti.max(1.0 - cosine * cosine, 1e-14))
-    x = ti.math.clamp(x, view.x0, view.x1)
+    part = u.x * view.solid_angle
+    angle = turned(vec2(ti.cos(part), ti.sin(part)), view.first_angle)
+    sine = angle.y
+    if ti.abs(sine) < 1e-12:
+        sine = 1e-12
+    f = (view.sine_y1 - view.sine_y0 * angle.x) / sine
+    # x / |z0| is the cotangent of an angle whose cosine is the sign of f over sqrt(f^2 + sine_y0^2).
+    tangent2 = ti.max(f * f + view.sine_y0 * view.sine_y0 - 1.0, 1e-14)
+    x = ti.abs(view.z0) / ti.sqrt(tangent2)
+    x = ti.math.clamp(x if f > 0.0 else -x, view.x0, view.x1)
     dd = x * x + view.z0 * view.z0
     h0 = view.y0 / ti.sqrt(dd + view.y0 * view.y0)
     h1 = view.y1 / ti.sqrt(dd + view.y1 * view.y1)
     h = h0 + u.y * (h1 - h0)
-    y = h * ti.sqrt(dd) / ti.sqrt(ti.max(1.0 - h * h, 1e-14))
+    y = h * ti.sqrt(dd / ti.max(1.0 - h * h, 1e-14))
     return vec2(x, ti.math.clamp(y, view.y0, view.y1))
 
 

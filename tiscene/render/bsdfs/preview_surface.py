@@ -31,7 +31,6 @@ from tiscene.scene.material_table import (
     COATED,
     DIFFUSE,
     EMISSIVE,
-    EMITS,
     FLAGS,
     GLASS,
     GLASS_INDEX,
@@ -277,15 +276,29 @@ def sample(c: ti.template(), u: vec3) -> vec3:
     return wi
 
 
-@ti.func
-def to_frame(n: vec3, w: vec3) -> vec3:
-    """A world direction in the frame of n."""
-    s, t = warp.tangents(n)
-    return vec3(s.dot(w), t.dot(w), n.dot(w))
+@ti.dataclass
+class Frame:
+    """Three unit vectors at right angles; the third is the shading normal."""
+
+    s: vec3
+    t: vec3
+    n: vec3
 
 
 @ti.func
-def from_frame(n: vec3, w: vec3) -> vec3:
-    """A direction in the frame of n, in the world."""
+def frame_of(n: vec3):
+    """Some Frame about n."""
     s, t = warp.tangents(n)
-    return s * w.x + t * w.y + n * w.z
+    return Frame(s, t, n)
+
+
+@ti.func
+def to_frame(frame: ti.template(), w: vec3) -> vec3:
+    """A world direction in the frame."""
+    return vec3(frame.s.dot(w), frame.t.dot(w), frame.n.dot(w))
+
+
+@ti.func
+def from_frame(frame: ti.template(), w: vec3) -> vec3:
+    """A direction in the frame, in the world."""
+    return frame.s * w.x + frame.t * w.y + frame.n * w.z

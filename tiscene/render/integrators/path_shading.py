@@ -221,7 +221,8 @@ def shade(
                     write3(features, i, ALBEDO, point.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    closure = bsdf.closure_at(point, energy, bsdf.to_frame(normal, wo), surface.front)
+                    frame = bsdf.frame_of(normal)
+                    closure = bsdf.closure_at(point, energy, bsdf.to_frame(frame, wo), surface.front)
                     bsdf_u = sobol(combine(key, ti.cast(2 + 2 * step, ti.u32)), sample, bits)
                     # Twice the same: a direction towards a light, then one that the surface likes.
                     for turn in range(2):
@@ -234,7 +235,7 @@ def shade(
                                 found = all_lights.sample(
                                     lights, textures, row, surface.position, vec2(light_u.y, light_u.z)
                                 )
-                                wi = bsdf.to_frame(normal, found.direction)
+                                wi = bsdf.to_frame(frame, found.direction)
                                 light_radiance = found.radiance
                                 light_pdf = found.pdf * light_values[row, all_lights.CHANCE]
                                 light_distance = found.distance
@@ -242,13 +243,13 @@ def shade(
                         else:
                             wi = bsdf.sample(closure, vec3(bsdf_u.x, bsdf_u.y, bsdf_u.z))
                         if turn == 1 or light_pdf > 0.0:
-                            world = bsdf.from_frame(normal, wi)
+                            world = bsdf.from_frame(frame, wi)
                             f = bsdf.evaluate(closure, energy, wi)
                             # Interpolated normals must not let light through a surface or out of its back.
                             if surface.geometric_normal.dot(world) * wi.z <= 0.0:
                                 f = ti.math.vec4(0.0)
                             if turn == 0:
-                                contribution = throughput * f.xyz * light_radiance / light_pdf
+                                contribution = throughput * f.xyz * light_radiance * (1.0 / light_pdf)
                                 if mis != 0 and light_delta == 0:
                                     contribution *= power_heuristic(light_pdf, f.w)
                                 if contribution.max() > 0.0:
@@ -256,7 +257,7 @@ def shade(
                                     write_ray(shadow_rays, i, start, world, light_distance * (1.0 - LIGHT_FRONT))
                                     write3(state, i, DIRECT, contribution)
                             elif f.w > 0.0:
-                                new_throughput = throughput * f.xyz / f.w
+                                new_throughput = throughput * f.xyz * (1.0 / f.w)
                                 ior2 = state[i, RELATIVE_IOR2]
                                 if wi.z < 0.0:
                                     ior2 *= closure.eta * closure.eta
@@ -266,7 +267,7 @@ def shade(
                                     survival = ti.min(new_throughput.max() * ior2, LARGEST_SURVIVAL)
                                 if bsdf_u.w < survival and new_throughput.max() > 0.0:
                                     goes_on = True
-                                    write3(state, i, THROUGHPUT, new_throughput / survival)
+                                    write3(state, i, THROUGHPUT, new_throughput * (1.0 / survival))
                                     state[i, PDF] = f.w
                                     write3(state, i, ORIGIN, surface.position)
                                     start = offset_origin(surface.position, surface.geometric_normal, world)
