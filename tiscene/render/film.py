@@ -1,88 +1,97 @@
-"""The film: exposure, and the tone curve from scene-linear radiance to display sRGB.
+"""From scene-linear radiance to a picture for the screen: exposure, a filmic tone curve, sRGB.
 
-The curve follows the design of AgX (T. Sobotka, "AgX", 2022): colours are first drawn towards grey a little (inset), so
-that bright saturated light bleaches as on film instead of clipping to a primary; each channel then goes through a
-sigmoid over stops around middle grey, and the inset is undone. Middle grey, 0.18, is shown as middle grey.
+The curve is a sigmoid over stops of exposure, applied to each channel of a slightly less saturated RGB, in the manner of
+Sobotka's AgX: bright saturated colours roll off towards white instead of turning into the nearest primary. Middle grey
+(0.18) stays itself; black is 10 stops below it and white 6.5 above.
 """
+
+import math
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-FLOATS = ti.types.ndarray(dtype=ti.f32, ndim=3)
-BYTES = ti.types.ndarray(dtype=ti.u8, ndim=3)
+vec3 = ti.math.vec3
+LUMINANCE = (0.2126, 0.7152, 0.0722)
 
-MIDDLE_GREY = 0.18
-DISPLAY_GAMMA = 2.2
-# Stops below and above middle grey that the curve shows.
-STOPS_BELOW, STOPS_ABOVE = 10.0, 6.5
-# Slope at middle grey in the plane of (part of the stops, display value), and how sharply toe and shoulder bend.
-SLOPE, BEND = 2.6, 1.5
-
-# Rec.709 to the inset primaries, as AgX chooses them, each row scaled to keep white white.
-_INSET = np.array([[0.8425, 0.0784, 0.0791], [0.0423, 0.8785, 0.0792], [0.0424, 0.0784, 0.8792]])
-_INSET /= _INSET.sum(axis=1, keepdims=True)
-_OUTSET = np.linalg.inv(_INSET)
-
-_PIVOT = STOPS_BELOW / (STOPS_BELOW + STOPS_ABOVE)
-_PIVOT_VALUE = MIDDLE_GREY ** (1.0 / DISPLAY_GAMMA)
-
-_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
+GREY = 0.18
+DARKEST, BRIGHTEST = -10.0, 6.5  # stops about grey
+CONTRAST = 0.165  # of the encoded value per stop, at grey; an sRGB screen without any curve has 0.145
+PIVOT = GREY ** (1.0 / 2.2)
+STOPS_PER_E = 1.0 / math.log(2.0)
+# How much of each channel is spread over all three before the curve, and taken back after it.
+INSET, OUTSET = 0.16, 0.13
 
 
-def _reach(run: float, rise: float) -> float:
-    """The scale with which the sigmoid, leaving the pivot at SLOPE, has climbed `rise` after `run`."""
-    return float(SLOPE * run / ((SLOPE * run / rise) ** BEND - 1.0) ** (1.0 / BEND))
+def _amplitude(stops: float, height: float) -> float:
+    """Of the half-sigmoid a x / sqrt(1 + x^2), x = CONTRAST stops / a, that reaches `height` at `stops`."""
+    rise = CONTRAST * stops
+    return rise / math.sqrt((rise / height) ** 2 - 1.0)
 
 
-_TOE = _reach(_PIVOT, _PIVOT_VALUE)
-_SHOULDER = _reach(1.0 - _PIVOT, 1.0 - _PIVOT_VALUE)
-
-
-def tone_map(hdr: NDArray[np.float32], exposure: float) -> NDArray[np.uint8]:
-    """Display sRGB uint8 [h, w, 3] of scene-linear Rec.709 [h, w, 3]. exposure: stops, radiance times 2**exposure."""
-    result = np.empty(hdr.shape, np.uint8)
-    _tone_map(np.ascontiguousarray(hdr), float(2.0**exposure), result)
-    return result
-
-
-def meter(hdr: NDArray[np.float32]) -> float:
-    """Stops that bring the picture's mean brightness to middle grey.
-
-    The mean is over logarithms and leaves out the darkest and brightest twentieth, such as a lamp in the picture.
-    """
-    luminance = np.sort((hdr.astype(np.float64) @ _WEIGHTS).ravel())
-    edge = len(luminance) // 20
-    middle = luminance[edge : len(luminance) - edge]
-    middle = middle[middle > 0.0]
-    if not len(middle):
-        return 0.0
-    return float(np.log2(MIDDLE_GREY) - np.log2(middle).mean())
+TOE = _amplitude(-DARKEST, PIVOT)
+SHOULDER = _amplitude(BRIGHTEST, 1.0 - PIVOT)
 
 
 @ti.func
-def _sigmoid(value: ti.f32) -> ti.f32:
-    """Exposed inset radiance to a display value, 0..1."""
-    stops = ti.log(ti.max(value, 1e-10) / MIDDLE_GREY) * (1.0 / 0.6931471805599453)
-    x = ti.math.clamp((stops + STOPS_BELOW) / (STOPS_BELOW + STOPS_ABOVE), 0.0, 1.0) - _PIVOT
-    scale = _SHOULDER
-    if x < 0.0:
-        scale = _TOE
-    u = ti.abs(SLOPE * x / scale)
-    y = scale * u / (1.0 + u**BEND) ** (1.0 / BEND)
-    if x < 0.0:
-        y = -y
-    return _PIVOT_VALUE + y
+def curve(value: ti.f32) -> ti.f32:
+    """Encoded display value (gamma 2.2) of a linear scene value."""
+    stops = ti.math.clamp(ti.log(ti.max(value, 1e-9) / GREY) * STOPS_PER_E, DARKEST, BRIGHTEST)
+    amplitude = SHOULDER if stops > 0.0 else TOE
+    x = stops * (CONTRAST / amplitude)
+    return PIVOT + amplitude * x / ti.sqrt(1.0 + x * x)
+
+
+@ti.func
+def srgb_encoded(value: ti.f32) -> ti.f32:
+    """IEC 61966-2-1 of a linear value in 0..1."""
+    result = 12.92 * value
+    if value > 0.0031308:
+        result = 1.055 * value ** (1.0 / 2.4) - 0.055
+    return result
 
 
 @ti.kernel
-def _tone_map(hdr: FLOATS, gain: ti.f32, result: BYTES):
-    inset = ti.Matrix(_INSET.tolist())
-    outset = ti.Matrix(_OUTSET.tolist())
+def _tone_map(
+    hdr: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    gain: ti.f32,
+    rgb: ti.types.ndarray(dtype=ti.u8, ndim=3),
+):
     for y, x in ti.ndrange(hdr.shape[0], hdr.shape[1]):
-        color = ti.max(ti.math.vec3(hdr[y, x, 0], hdr[y, x, 1], hdr[y, x, 2]) * gain, 0.0)
-        color = inset @ color
-        color = ti.math.vec3(_sigmoid(color.x), _sigmoid(color.y), _sigmoid(color.z))
-        color = outset @ color
+        scene = vec3(0.0)
         for c in ti.static(range(3)):
-            result[y, x, c] = ti.cast(ti.math.clamp(color[c], 0.0, 1.0) * 255.0 + 0.5, ti.u8)
+            value = hdr[y, x, c]
+            if value > 0.0:  # false for nan
+                scene[c] = ti.min(value * gain, 1e30)
+        scene = scene * (1.0 - INSET) + scene.sum() * (INSET / 3.0)
+        display = vec3(0.0)
+        for c in ti.static(range(3)):
+            display[c] = ti.max(curve(scene[c]), 0.0) ** 2.2
+        # The inverse of an inset by OUTSET.
+        display = (display - display.sum() * (OUTSET / 3.0)) * (1.0 / (1.0 - OUTSET))
+        for c in ti.static(range(3)):
+            rgb[y, x, c] = ti.cast(srgb_encoded(ti.math.clamp(display[c], 0.0, 1.0)) * 255.0 + 0.5, ti.u8)
+
+
+def tone_map(hdr: NDArray[np.float32], exposure: float = 0.0) -> NDArray[np.uint8]:
+    """uint8 [h, w, 3], sRGB, of float32 radiance [h, w, 3]. exposure: stops; radiance is multiplied by 2**exposure."""
+    rgb = np.empty(hdr.shape, np.uint8)
+    _tone_map(np.ascontiguousarray(hdr, np.float32), float(2.0**exposure), rgb)
+    return rgb
+
+
+def meter(hdr: NDArray[Any]) -> float:
+    """The exposure in stops that shows an image well: its geometric mean becomes middle grey.
+
+    The darkest and the brightest twentieth count as what lies next to them, and what is black (there is nothing) not at
+    all; an image whose brightest parts would then be far beyond white is exposed for those. 0 for a black image.
+    """
+    luminance = np.asarray(hdr, np.float64) @ np.array(LUMINANCE)
+    luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
+    if luminance.size == 0:
+        return 0.0
+    stops = np.log2(luminance / GREY)
+    low, high, bright = np.percentile(stops, (5.0, 95.0, 98.0))
+    exposure = -float(np.mean(np.clip(stops, low, high)))
+    return float(min(exposure, 5.0 - bright))
