@@ -45,6 +45,7 @@ LAYOUTS = {layout.name: layout for layout in (WIDE, BINARY)}
 LEAF_SIZE = 4
 SAH_DEPTHS = (40, 20, 10, 0)  # a tree that is too deep for the stack is built again, halving ranges from higher up on
 THINNEST = 1e-6  # height over length of a triangle; thinner ones are mere rounding in float32
+KEPT_WORKSPACE = 1 << 18  # primitives; the memory for building larger trees is given back
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
 
 
@@ -92,15 +93,16 @@ class Bvh:
 
         Triangles without area are left out: a hit on them would be rounding.
         """
-        corners = positions.astype(np.float64)[triangles]
-        edge_1 = corners[:, 1] - corners[:, 0]
-        edge_2 = corners[:, 2] - corners[:, 0]
-        longest = np.maximum((edge_1**2).sum(1), (edge_2**2).sum(1))
-        area = np.sqrt((np.cross(edge_1, edge_2) ** 2).sum(1))
+        corners = [positions[triangles[:, k]] for k in range(3)]
+        edge_1, edge_2 = (corner.astype(np.float64) - corners[0] for corner in corners[1:])
+        longest = np.maximum((edge_1**2).sum(axis=1), (edge_2**2).sum(axis=1))
+        area = np.sqrt((np.cross(edge_1, edge_2) ** 2).sum(axis=1))
         solid = np.flatnonzero(area > THINNEST * longest).astype(np.int32)
         if not len(solid):
             return Blas(EMPTY_NODE, np.zeros((2, 3)))
-        boxes = _widened(np.concatenate([corners[solid].min(1), corners[solid].max(1)], axis=1))
+        a, b, c = (corner[solid] for corner in corners)
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        boxes = _widened(np.concatenate([low, high], axis=1))
         nodes, packs = self._build(boxes, solid, LEAF_SIZE, self.layout.block, self.layout.leaf_kind)
         self._reserve(nodes, packs)
         first = self._used_nodes
@@ -113,7 +115,10 @@ class Bvh:
             bvh_write.write_triangles(*source, packs, *target)
         self._used_nodes += nodes
         self._used_packs += packs
-        return Blas(first * self.layout.unit, np.stack([boxes[:, :3].min(0), boxes[:, 3:].max(0)]).astype(np.float64))
+        if self._work.capacity > KEPT_WORKSPACE:
+            self._work = _Workspace()
+        box = np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+        return Blas(first * self.layout.unit, box.astype(np.float64))
 
     def clear_instances(self) -> None:
         """Forget the trees over instances."""
@@ -202,7 +207,7 @@ class _Workspace:
 
     def load(self, boxes: Boxes, order: NDArray[np.int32]) -> None:
         if len(order) > self.capacity:
-            self._allocate(1 << (len(order) - 1).bit_length())
+            self._allocate(max(len(order), 2 * min(self.capacity, KEPT_WORKSPACE)))
         bvh_build.load(boxes, order, self.boxes, self.order, self.tasks)
 
     def grow(self, count: int, sah_depth: int, layout: Layout, leaf_size: int, block: int) -> None:
@@ -234,7 +239,10 @@ def _grown(old: Any, new: Any) -> Any:
     return new
 
 
-def _widened(boxes: NDArray[np.float64]) -> Boxes:
+def _widened(boxes: NDArray[np.floating]) -> Boxes:
     """Boxes [n, 6] that still contain what they should after rounding, and that a ray within a face of them enters."""
     margin = np.maximum(4e-7 * np.abs(boxes).max(axis=1, keepdims=True), 1e-12)
-    return np.concatenate([boxes[:, :3] - margin, boxes[:, 3:] + margin], axis=1, dtype=np.float32, casting="same_kind")
+    result: Boxes = np.empty(boxes.shape, np.float32)
+    np.subtract(boxes[:, :3], margin, out=result[:, :3], casting="same_kind")
+    np.add(boxes[:, 3:], margin, out=result[:, 3:], casting="same_kind")
+    return result
