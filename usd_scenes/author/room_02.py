@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.room import Room
-from usd_scenes.author.things import building, plants, seating, small, tables
+from usd_scenes.author.things import building, cutlery, plants, seating, small, tables
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
 WALL = 0.32
@@ -83,12 +83,12 @@ def _sitting(room: Room) -> None:
         )
     room.put("Furnishings", seating.folded_throw("Throw"), (-0.49, 0.615, -5.30), (0.0, 0.0, 0.0))
     top = 0.412
+    level = top
     stack = ((5, 0.19, 0.26, 0.030, 8.0), (10, 0.17, 0.24, 0.024, -6.0), (0, 0.14, 0.21, 0.028, 15.0))
-    y = top
-    for index, (spine, width, height, thick, turn) in enumerate(stack):
+    for index, (spine, width, height, thick, yaw) in enumerate(stack):
         item = small.book(f"TableBook{index + 1}", spine, width, height, thick)
-        room.put("TableThings", item, (-1.86, y, -3.93), (0.0, 90.0 + turn, 0.0))
-        y += thick
+        room.put("TableThings", item, (-1.86, level, -3.93), (0.0, 90.0 + yaw, 0.0))
+        level += thick
     room.put_template("TableThings", "TableBowl", "bowl_01", (-1.40, top, -4.06))
     for index, (look, x, y, z) in enumerate(
         (("Lemon", -1.44, 0.030, -4.08), ("Lemon", -1.36, 0.030, -4.05), ("Apple", -1.40, 0.028, -4.005))
@@ -97,6 +97,15 @@ def _sitting(room: Room) -> None:
     room.put_template("TableThings", "TableRemote", "remote_controller_01", (-1.52, top, -3.77), (0.0, 62.0, 0.0))
     room.put_template("TableThings", "TableCup", "cup_01", (-1.10, top, -3.84), (0.0, -35.0, 0.0))
     room.put("TableThings", small.candle("TableCandle", 0.10, 0.034), (-1.13, top, -4.05))
+    shelf = 0.011 + 0.163
+    for index, (spine, yaw) in enumerate(((7, 4.0), (2, -9.0), (13, 12.0))):
+        item = small.book(f"Magazine{index + 1}", spine, 0.21, 0.285, 0.009)
+        room.put("TableThings", item, (-1.62, shelf + 0.009 * index, -3.95), (0.0, 90.0 + yaw, 0.0))
+    corner = (-3.72, 0.0, -2.72)
+    room.put("Furniture", tables.side_table("SideTable"), corner)
+    room.put("TableThings", small.book("ReadingBook", 6, 0.135, 0.205, 0.026), (-3.70, 0.505, -2.68), (0.0, 35.0, 0.0))
+    room.put_template("TableThings", "ReadingCup", "cup_01", (-3.80, 0.505, -2.85), (0.0, 70.0, 0.0))
+    room.put("Furniture", tables.basket("Basket"), (-0.05, 0.0, -4.85))
     wall = FAR + 0.001
     room.put("Pictures", small.picture("Landscape", "Landscape", 1.20, 0.80, "Oak"), (-1.62, 1.62, wall))
     room.put(
@@ -118,6 +127,31 @@ def _dining(room: Room) -> None:
     room.put_template("TableThings", "Ewer", "ewer_01", (x + 0.04, top, z - 0.05), (0.0, 140.0, 0.0))
     room.put_template("TableThings", "DiningCup1", "cup_01", (x - 0.16, top, z + 0.68), (0.0, 20.0, 0.0))
     room.put_template("TableThings", "DiningCup2", "cup_01", (x + 0.15, top, z - 0.68), (0.0, 200.0, 0.0))
+    for index, (side, dz) in enumerate(((-1.0, -0.42), (-1.0, 0.42), (1.0, -0.42), (1.0, 0.42))):
+        # Seen from its seat: the fork to the left of the dish on a napkin, the knife to its right.
+        left = 0.20 * side
+        place = (x + 0.25 * side, z + dz)
+        room.put(
+            "TableThings",
+            cutlery.napkin("Napkin"),
+            (place[0], top, place[1] + left),
+            (0.0, 90.0, 0.0),
+            f"Napkin{index + 1}",
+        )
+        room.put_template(
+            "TableThings",
+            f"Fork{index + 1}",
+            "fork_01",
+            (place[0], top + 0.0125, place[1] + left),
+            (0.0, 90.0 * side, 0.0),
+        )
+        room.put(
+            "TableThings",
+            cutlery.knife("Knife"),
+            (place[0], top, place[1] - left),
+            (0.0, 90.0 * side, 0.0),
+            f"Knife{index + 1}",
+        )
     room.put("TableThings", small.vase("Vase"), (x - 0.03, top, z + 0.30 - 0.12))
     room.put("Plants", plants.branches("Branches"), (x - 0.03, top + 0.012, z + 0.18))
     room.put("Furniture", tables.pendant("Pendant", 1.15), (x, HEIGHT, z))
@@ -161,6 +195,24 @@ def _books(room: Room) -> None:
 def _television(room: Room) -> None:
     room.put("Furniture", tables.sideboard("Sideboard"), (-1.55, 0.0, NEAR - 0.235), (0.0, 180.0, 0.0))
     room.put("Furniture", tables.television("Television"), (-1.55, 0.5, NEAR - 0.22), (0.0, 180.0, 0.0))
+    top = 0.5
+    room.put("Ornaments", small.set_top_box("MediaBox"), (-1.05, 0.182, NEAR - 0.20), (0.0, 180.0, 0.0))
+    room.put_template("Ornaments", "Statue", "statue_01", (-0.78, top, NEAR - 0.24), (0.0, 160.0, 0.0))
+    for index, (x, z, height) in enumerate(((-2.34, 0.80, 0.16), (-2.25, 0.72, 0.11), (-2.38, 0.68, 0.07))):
+        room.put("Ornaments", small.candle(f"Candle{index + 1}", height), (x, top, z))
+    room.put(
+        "Pictures",
+        small.picture("Coast", "Coast", 0.90, 0.60, "Oak"),
+        (0.15, 1.62, NEAR - 0.001),
+        (0.0, 180.0, 0.0),
+    )
+    side = RIGHT - 0.001
+    room.put("Furnishings", tables.mirror("Mirror"), (side, 1.60, -2.55), (0.0, -90.0, 0.0))
+    for index, (look, z) in enumerate((("AbstractCool", -3.72), ("AbstractWarm", -4.42))):
+        art = small.picture(f"Print{index + 1}", look, 0.50, 0.68, "Oak", 0.06)
+        room.put("Pictures", art, (side, 1.58, z), (0.0, -90.0, 0.0))
+    room.put("Building", building.socket("Socket"), (0.12, 0.30, FAR), name="Socket1")
+    room.put("Building", building.socket("Socket"), (-2.75, 0.30, NEAR), (0.0, 180.0, 0.0), "Socket2")
     room.put("Plants", plants.rubber_plant("SmallPlant", 0.95, 8), (-3.7, 0.0, 0.35))
 
 

@@ -32,7 +32,7 @@ def pillow(width: float, height: float, thickness: float, seed: int, cells: int 
 
     def outline(a: Array, b: Array) -> Array:
         """Seams between the corners draw inwards as the filling rounds."""
-        return a * (1.0 - 0.055 * (1.0 - b**2) * np.abs(a) ** 3)
+        return np.asarray(a * (1.0 - 0.055 * (1.0 - b**2) * np.abs(a) ** 3))
 
     x, y = outline(s, r) * width / 2.0, outline(r, s) * height / 2.0
     dome = ((1.0 - np.abs(s) ** 2.6) * (1.0 - np.abs(r) ** 2.6)) ** 0.52
@@ -52,15 +52,10 @@ def pillow(width: float, height: float, thickness: float, seed: int, cells: int 
         panel = grid(points, uv)
         panels.append(panel if sign > 0 else panel.reversed(keep_normals=False))
     if piping > 0.0:
-        border = np.concatenate([np.stack([x, y, 0.0 * x], axis=-1)[i] for i in _border(cells)])
+        seam = np.stack([x, y, 0.0 * x], axis=-1)
+        border = np.concatenate([seam[0, :-1], seam[:-1, -1], seam[-1, :0:-1], seam[:0:-1, 0]])
         panels.append(sweep(border, circle(piping, 8), up=(0.0, 0.0, 1.0), closed=True))
     return merged(panels)
-
-
-def _border(cells: int) -> list[tuple[object, object]]:
-    """Index expressions of the four sides of a grid, counter-clockwise, each without its last point."""
-    forward, backward = slice(0, cells), slice(cells, 0, -1)
-    return [(0, forward), (forward, cells), (cells, backward), (backward, 0)]
 
 
 def cushion(width: float, height: float, depth: float, seed: int, crown: float = 0.02, radius: float = 0.035) -> Mesh:

@@ -13,7 +13,7 @@ from usd_scenes.author.mesh import Mesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
 from usd_scenes.author.soft import pillow
 from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things import seating, small
+from usd_scenes.author.things import cutlery, seating, small
 
 
 def _primitive(name: str, look: str, make: Callable[[], Mesh]) -> Callable[[], Thing]:
@@ -57,6 +57,9 @@ TEMPLATES: dict[str, Callable[[], Thing]] = {
     "ewer_01": lambda: small.ewer("Ewer01"),
     "book_01": lambda: small.book("Book01", 0, 0.15, 0.22, 0.034),
     "candle_01": lambda: small.candle("Candle01"),
+    "fork_01": lambda: cutlery.fork("Fork01"),
+    "spoon_01": lambda: cutlery.spoon("Spoon01"),
+    "statue_01": lambda: small.sculpture("Statue01"),
     "laptop_01": lambda: small.laptop("Laptop01"),
     "remote_controller_01": lambda: small.remote("RemoteController01"),
     "ball_01": lambda: small.beach_ball("Ball01"),

@@ -83,6 +83,7 @@ MAKERS: dict[str, Maker] = {
     "leather": _surface("leather", lambda: cloth.leather(512, 61, 0.5, (0.24, 0.092, 0.035))),
     "rug": _rug,
     "landscape": _color("landscape", lambda: pictures.landscape(768, 512, 91)),
+    "coast": _color("coast", lambda: pictures.landscape(576, 384, 191)),
     "abstract_warm": _color("abstract_warm", lambda: pictures.abstract(384, 512, 92, WARM)),
     "abstract_cool": _color("abstract_cool", lambda: pictures.abstract(384, 512, 97, COOL)),
     "spines": _color("spines", lambda: pictures.spines(1024, 93, 16)),

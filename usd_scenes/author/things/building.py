@@ -268,3 +268,10 @@ def rug(name: str, width: float = 3.2, depth: float = 2.3) -> Thing:
             )
             strands.append(tassel)
     return thing(name, "rug", ("Pile", "Rug", pile), ("Fringe", "Cream", strands))
+
+
+def socket(name: str) -> Thing:
+    """A double socket on the wall at z = 0."""
+    plate = rounded_box((0.15, 0.08, 0.009), 0.003, 2).moved(0.0, 0.0, 0.0045)
+    wells = [cylinder(0.019, 0.004, 0.001, 32).turned("x", 90.0).moved(x, 0.0, 0.0085) for x in (-0.036, 0.036)]
+    return thing(name, "socket", ("Plate", "WhitePlastic", plate), ("Wells", "GreyPlastic", wells))

@@ -128,7 +128,7 @@ def _upholstered(size: tuple[float, float, float], seed: int) -> Mesh:
         others = np.stack(
             [fullness[:, 1] * fullness[:, 2], fullness[:, 0] * fullness[:, 2], fullness[:, 0] * fullness[:, 1]], axis=-1
         )
-        return points + np.sign(q) * others / 0.007 + 0.0015 * wrinkles(points, seed, 0.35)[:, None]
+        return np.asarray(points + np.sign(q) * others / 0.007 + 0.0015 * wrinkles(points, seed, 0.35)[:, None])
 
     return box.deformed(pad)
 

@@ -412,3 +412,20 @@ def tennis_racket(name: str) -> Thing:
 def ornament(name: str) -> Thing:
     """A brass sphere on the shelf."""
     return thing(name, "ornament", ("Sphere", "Brass", merged([sphere(0.055, 40).moved(0.0, 0.055)])))
+
+
+def sculpture(name: str) -> Thing:
+    """An abstract figure in pale stone on a black plinth: a twisted, waisted loop, 0.36 m."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    ring = np.stack([0.075 * np.sin(angle), 0.205 - 0.125 * np.cos(angle), 0.022 * np.sin(2.0 * angle)], axis=-1)
+    girth = 1.0 + 0.35 * np.cos(angle) + 0.12 * np.sin(3.0 * angle)
+    loop = sweep(ring, rectangle(0.046, 0.030, 0.0149, 5), girth, up=(0.0, 0.0, 1.0), closed=True)
+    plinth = rounded_box((0.13, 0.05, 0.11), 0.003, 2).moved(0.0, 0.025, 0.0)
+    return thing(name, "statue", ("Figure", "PaleStone", loop), ("Plinth", "BlackMetal", plinth))
+
+
+def set_top_box(name: str) -> Thing:
+    """A small black box with a light."""
+    body = rounded_box((0.24, 0.040, 0.16), 0.005, 2).moved(0.0, 0.020, 0.0)
+    lamp = sphere(0.002, 12).moved(0.09, 0.020, 0.080)
+    return thing(name, "media box", ("Body", "BlackPlastic", body), ("Light", "RedButton", lamp))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from usd_scenes.author.mesh import Mesh, merged
@@ -174,3 +176,35 @@ def pendant(name: str, drop: float) -> Thing:
     return thing(
         name, "ceiling lamp", ("Shade", "BlackMetal", [shell.moved(0.0, -drop), cap.moved(0.0, -drop), cord, rose])
     )
+
+
+def side_table(name: str) -> Thing:
+    """A round table, 0.45 m across and 0.50 m high, on a turned foot."""
+    outline = [[0.0, 0.480], [0.210, 0.480], [0.225, 0.488], [0.225, 0.498], [0.215, 0.505], [0.0, 0.505]]
+    stem = curve([[0.030, 0.02], [0.022, 0.10], [0.016, 0.26], [0.020, 0.40], [0.045, 0.478]], 24)
+    foot = fillet([[0.0, 0.0], [0.150, 0.0], [0.150, 0.014], [0.034, 0.026], [0.0, 0.026]], 0.005, 3)
+    top = lathe(fillet(outline, 0.003, 2), 64)
+    top = replace(top, uv=top.points[:, [0, 2]] + (0.4, 0.3))
+    return thing(name, "side table", ("Top", "Oak", top), ("Foot", "BlackMetal", [lathe(stem, 32), lathe(foot, 48)]))
+
+
+def mirror(name: str, radius: float = 0.38) -> Thing:
+    """A round mirror in a brass rim, facing +z from the wall at z = 0."""
+    angle = np.arange(96) * (2.0 * np.pi / 96)
+    ring = (radius + 0.004) * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1) + (0.0, 0.0, 0.012)
+    rim = sweep(ring, rectangle(0.014, 0.024, 0.004), up=(0.0, 0.0, 1.0), closed=True)
+    glass = lathe([[radius, 0.0], [0.0, 0.0]], 96).turned("x", 90.0).moved(0.0, 0.0, 0.014)
+    return thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", glass))
+
+
+def basket(name: str) -> Thing:
+    """A basket of coiled rope, 0.42 m across."""
+    coils = []
+    for level in range(15):
+        t = level / 14.0
+        radius = 0.185 + 0.028 * np.sin(np.pi * (0.15 + 0.75 * t))
+        angle = np.arange(48) * (2.0 * np.pi / 48)
+        ring = np.stack([radius * np.cos(angle), 0.012 + 0.0212 * level + 0.0 * angle, radius * np.sin(angle)], axis=-1)
+        coils.append(sweep(ring, circle(0.0125, 9), closed=True))
+    floor = cylinder(0.18, 0.014, 0.004, 40).moved(0.0, 0.009, 0.0)
+    return thing(name, "basket", ("Rope", "Cream", [*coils, floor]))
