@@ -179,7 +179,7 @@ class SceneDescription:
     templates: tuple[Template, ...] = field(default=())
 
     def bounds(self) -> NDArray[np.float64]:
-        """The box around every vertex of every instance, [2, 3]: lowest and highest corner, m; zeros if there is none."""
+        """The box around every vertex of every instance, [2, 3]: lowest and highest corner, m; zeros if empty."""
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for instance in self.instances:
             positions = self.meshes[instance.mesh].positions
