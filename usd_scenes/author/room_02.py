@@ -224,10 +224,10 @@ def _light(room: Room) -> None:
 
 
 def _cameras(room: Room) -> None:
-    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.5)
-    room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=2.5)
+    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.4)
+    room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=2.4)
     # SAILenv's published pose: Unity (-1.5, 2.0, 0.5), pitch 18 down, yaw 12 to the left.
-    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.5, focus=3.6)
-    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.5)
-    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.5)
-    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.5, f_stop=2.8)
+    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.4, focus=3.6)
+    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.4)
+    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.4)
+    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.4, f_stop=2.8)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh
-from usd_scenes.author.shapes import curve, rectangle, rounded_box, sphere, sweep
+from usd_scenes.author.shapes import curve, rectangle, rounded_box, sweep
 from usd_scenes.author.thing import Thing, thing
+from usd_scenes.author.things.small import shell
 
 HANDLE_WIDTHS = np.array([0.9, 0.8, 0.75, 0.8, 1.0, 1.35, 1.75, 2.0, 1.7, 0.9])
 
@@ -33,21 +34,18 @@ def fork(name: str) -> Thing:
 
 def spoon(name: str) -> Thing:
     """A table spoon, 0.20 m: an egg-shaped bowl on the handle."""
-    ball = sphere(1.0, 40)
+    angle = np.linspace(0.0, np.pi / 2.0, 14)
+    round_bowl = shell(np.stack([0.021 * np.sin(angle), 0.011 * (1.0 - np.cos(angle))], axis=-1), 0.0012, 40)
 
-    def bowl(points: Array) -> Array:
-        """The upper half of the ball folds down into the lower one, 1.5 mm inside it."""
-        egg = 1.0 + 0.16 * points[:, 2]
-        depth = -np.sqrt(np.clip(1.0 - points[:, 0] ** 2 - points[:, 2] ** 2, 0.0, 1.0))
-        upper = depth * 0.0094 + 0.0007 * np.sqrt(points[:, 1].clip(0.0))
-        y = np.where(points[:, 1] > 0.0, upper, depth * 0.0100) + 0.0100
-        return np.stack([points[:, 0] * 0.021 / egg, y, points[:, 2] * 0.035 - 0.038], axis=-1)
+    def egg(points: Array) -> Array:
+        z = points[:, 2] / 0.021
+        return np.stack([points[:, 0] / (1.0 + 0.16 * z), points[:, 1], 0.035 * z - 0.038], axis=-1)
 
     neck = sweep(
         curve([[0.0, 0.0080, -0.006], [0.0, 0.0085, 0.002], [0.0, 0.0045, 0.014]], 6),
         rectangle(0.008, 0.003, 0.0013, 2),
     )
-    return thing(name, "spoon", ("Steel", "Steel", [ball.deformed(bowl), neck, _handle(0.010, 0.120)]))
+    return thing(name, "spoon", ("Steel", "Steel", [round_bowl.deformed(egg), neck, _handle(0.010, 0.120)]))
 
 
 def knife(name: str) -> Thing:
