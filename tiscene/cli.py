@@ -53,8 +53,9 @@ def parser() -> argparse.ArgumentParser:
         "-o", "--output", metavar="DIR", default="tiscene-demo", help="folder to write (default: %(default)s)"
     )
     demo.add_argument(
-        "--frames", metavar="N", type=int, default=36, help="length of the animation (default: %(default)s)"
+        "--frames", metavar="N", type=int, default=24, help="length of the animation (default: %(default)s)"
     )
+    demo.add_argument("--quality", default="standard", help="preview, standard or photo (default: %(default)s)")
     _add_size(demo, width=320, height=240)
 
     render = commands.add_parser(

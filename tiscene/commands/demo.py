@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import AllTogether, CatmullWaypoints, Waypoint
+from tiscene.camera import Camera
 from tiscene.commands.progress import note, progress
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.animation import write_animation
@@ -22,22 +24,26 @@ from tiscene.scenario import Object, Scenario
 from tiscene.stream import Stream
 
 SCENE = "room_02"
-FPS = 12.0
+FPS = 8.0
+SECONDS = 3.0  # for one round of everything
 ANIMATED = ("rgb", "instance", "depth", "forward_flow")
 
 
 def scenario() -> Scenario:
     """Four things on closed curves through the free middle of the living room."""
-    seconds = 3.0
 
     def loop(*stations: tuple[tuple[float, float, float], tuple[float, float, float]]) -> CatmullWaypoints:
-        return CatmullWaypoints([Waypoint(position, rotation) for position, rotation in stations], total_time=seconds)
+        return CatmullWaypoints([Waypoint(position, rotation) for position, rotation in stations], total_time=SECONDS)
 
-    chair = loop(((-0.6, 1.15, -2.6), (0, 0, 0)), ((0.4, 1.45, -1.9), (25, 120, 0)), ((-0.1, 0.85, -1.2), (0, 240, 15)))
-    racket = loop(((1.9, 1.6, -1.0), (0, 0, 40)), ((1.3, 1.9, -1.6), (60, 90, 0)), ((1.5, 1.3, -1.1), (0, 180, 80)))
-    ball = loop(((0.2, 0.4, -0.9), (0, 0, 0)), ((-1.0, 1.5, -1.6), (90, 0, 0)), ((-0.6, 2.2, -2.4), (180, 0, 0)))
+    chair = loop(
+        ((-1.22, 1.0, -2.09), (0, 0, 0)), ((-0.06, 1.35, -2.22), (25, 120, 0)), ((-0.41, 0.8, -1.6), (0, 240, 15))
+    )
+    racket = loop(
+        ((0.3, 1.5, -1.51), (0, 0, 40)), ((-0.1, 1.75, -1.42), (60, 90, 0)), ((0.39, 1.8, -2.0), (0, 180, 80))
+    )
+    ball = loop(((-1.21, 0.5, -0.97), (0, 0, 0)), ((-1.75, 1.6, -1.59), (90, 0, 0)), ((-1.22, 1.9, -2.75), (180, 0, 0)))
     pillow = loop(
-        ((-1.6, 1.4, -3.6), (20, 0, 0)), ((-1.9, 2.0, -2.9), (90, 60, 0)), ((-1.0, 1.9, -3.6), (150, 120, 40))
+        ((-0.42, 1.5, -3.38), (20, 0, 0)), ((0.21, 1.1, -3.03), (90, 60, 0)), ((-0.15, 1.8, -3.96), (150, 120, 40))
     )
     return Scenario(
         SCENE,
@@ -48,6 +54,9 @@ def scenario() -> Scenario:
             Object("pillow", "Pillow 01", dynamic=pillow),
         ],
         timings=AllTogether(0.0),
+        camera=Camera.look_at(
+            (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), vertical_fov=math.radians(46.0), exposure=2.5, name="Demo"
+        ),
     )
 
 
@@ -58,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.output)
     what = scenario()
     with progress(f"reading {what.scene}", args.frames) as step:
-        stream = Stream(what, width=args.width, height=args.height, fps=FPS, buffers=tuple(AOVS), quality="preview")
+        stream = Stream(what, width=args.width, height=args.height, fps=FPS, buffers=tuple(AOVS), quality=args.quality)
         _make(folder)
         what.save(folder / "scenario.json")
         step(0, doing="compiling, the first time only")

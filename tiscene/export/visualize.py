@@ -48,7 +48,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
     if name in ("depth", "distance"):
         return Picture(depth_picture(buffer, low, high), f"{low:.2f} to {high:.2f} m")
     if name in ("forward_flow", "backward_flow"):
-        return Picture(flow_picture(buffer, high), f"up to {high:.3g} px")
+        return Picture(flow_picture(buffer, high), f"full colour at {high:.3g} px")
     if name in ("instance", "semantic"):
         count = np.count_nonzero(np.unique(buffer))
         return Picture(id_picture(buffer), f"{count} id{'' if count == 1 else 's'}")
@@ -83,7 +83,9 @@ def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
     if name == "hdr":
         return (0.0, float(np.percentile(finite, 98.0)))
     if "flow" in name:
-        return (0.0, float(finite.max()))
+        # Of what moves, nearly the fastest: one thing that rushes past does not make all others pale.
+        moving = finite[finite > 0.01 * finite.max()]
+        return (0.0, float(np.percentile(moving, 95.0)) if moving.size else 0.0)
     low, high = np.percentile(finite, [0.5, 99.5])
     return (float(low), float(high))
 
