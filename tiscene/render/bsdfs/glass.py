@@ -14,14 +14,19 @@ vec4 = ti.math.vec4
 
 @ti.func
 def sample(c: ti.template(), u: vec3) -> vec3:
-    """Reflected or refracted by a visible microfacet, as the Fresnel term says. u.z makes that choice."""
+    """Reflected or refracted by a visible microfacet, as the Fresnel term says. u.z makes that choice.
+
+    Zero where the light would need a second microfacet to get away.
+    """
     m = warp.visible_normal(u.xy, c.wo, c.alpha)
     cosine = c.wo.dot(m)
     wi = 2.0 * cosine * m - c.wo
+    side = 1.0
     if u.z >= dielectric(cosine, c.eta):
         cos_t = ti.sqrt(ti.max(1.0 - (1.0 - cosine * cosine) / (c.eta * c.eta), 0.0))
         wi = (cosine / c.eta - cos_t) * m - c.wo / c.eta
-    return wi.normalized()
+        side = -1.0
+    return wi.normalized() if wi.z * side > 0.0 else vec3(0.0)
 
 
 @ti.func

@@ -1,0 +1,180 @@
+"""One material or one light as numpy functions, for tests."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.render.bsdfs import preview_surface as bsdf
+from tiscene.render.bsdfs.energy import energy_tables
+from tiscene.render.lights import all_lights
+from tiscene.render.lights.light_sample import Lights
+from tiscene.render.textures import Textures
+from tiscene.scene.description import Light, Material, Texture
+from tiscene.scene.device_array import upload
+from tiscene.scene.light_table import LightTable
+from tiscene.scene.material_table import MaterialTable
+from tiscene.scene.texture_atlas import TextureAtlas
+
+vec2, vec3 = ti.math.vec2, ti.math.vec3
+Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
+Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
+Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
+Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+
+
+@ti.func
+def row_of(array: ti.template(), i: ti.i32) -> vec3:
+    return vec3(array[i, 0], array[i, 1], array[i, 2])
+
+
+@ti.kernel
+def scatter(
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    energy: Floats1,
+    row: ti.i32,
+    front: ti.i32,
+    samples: ti.i32,
+    uv: Floats2,
+    outgoing: Floats2,
+    numbers: Floats2,
+    incoming: Floats2,
+    values: Floats2,
+):
+    """samples 1: directions from numbers into `incoming`. Always: (f |cos|, density) of `incoming` into `values`."""
+    materials = ti.static(bsdf.Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    for i in range(outgoing.shape[0]):
+        point = bsdf.material_at(materials, textures, row, vec2(uv[i, 0], uv[i, 1]))
+        closure = bsdf.closure_at(point, energy, row_of(outgoing, i), front)
+        if samples != 0:
+            wi = bsdf.sample(closure, row_of(numbers, i))
+            for c in ti.static(range(3)):
+                incoming[i, c] = wi[c]
+        value = bsdf.evaluate(closure, energy, row_of(incoming, i))
+        for c in ti.static(range(4)):
+            values[i, c] = value[c]
+
+
+@dataclass
+class Bsdf:
+    """A material in its shading frame. front: seen from outside."""
+
+    material: Material
+    textures: tuple[Texture, ...] = ()
+    front: bool = True
+
+    def __post_init__(self) -> None:
+        table, atlas = MaterialTable(), TextureAtlas()
+        table.append((self.material,), atlas.append(self.textures))
+        self.arrays: tuple[Any, ...] = (*table.arrays(), *atlas.arrays(), upload(energy_tables(table.glass_iors)))
+
+    def sample(self, outgoing: NDArray[Any], numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Directions [n, 3] from numbers [n, 3], and their (f |cos|, density) [n, 4]."""
+        incoming = np.empty((len(outgoing), 3), np.float32)
+        return incoming, self._run(outgoing, incoming, numbers)
+
+    def evaluate(self, outgoing: NDArray[Any], incoming: NDArray[Any]) -> NDArray[np.float64]:
+        """(f |cos|, density) [n, 4] of pairs of directions."""
+        return self._run(outgoing, np.ascontiguousarray(incoming, np.float32), None)
+
+    def _run(self, outgoing: NDArray[Any], incoming: NDArray[Any], numbers: NDArray[Any] | None) -> NDArray[np.float64]:
+        values = np.empty((len(outgoing), 4), np.float32)
+        scatter(
+            *self.arrays,
+            0,
+            int(self.front),
+            int(numbers is not None),
+            np.full((len(outgoing), 2), 0.5, np.float32),
+            np.ascontiguousarray(outgoing, np.float32),
+            np.ascontiguousarray(np.zeros((1, 3)) if numbers is None else numbers, np.float32),
+            incoming,
+            values,
+        )
+        return values.astype(np.float64)
+
+
+@ti.kernel
+def illuminate(
+    light_values: Floats2,
+    light_distribution: Floats1,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    samples: ti.i32,
+    origins: Floats2,
+    numbers: Floats2,
+    directions: Floats2,
+    radiance: Floats2,
+    results: Floats2,
+):
+    """samples 1: directions to the first light from numbers, with their radiance and (density, distance, delta).
+
+    Always afterwards: what a ray in that direction would see, as (density, distance, radiance's green) from column 3.
+    """
+    lights = ti.static(Lights(light_values, light_distribution, 1, 1))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    for i in range(directions.shape[0]):
+        origin = row_of(origins, 0)
+        if samples != 0:
+            found = all_lights.sample(lights, textures, 0, origin, vec2(numbers[i, 0], numbers[i, 1]))
+            for c in ti.static(range(3)):
+                directions[i, c] = found.direction[c]
+                radiance[i, c] = found.radiance[c]
+            results[i, 0] = found.pdf
+            results[i, 1] = found.distance
+            results[i, 2] = found.delta
+        direction = row_of(directions, i)
+        distance = all_lights.intersect(lights, 0, origin, direction)
+        infinite = light_values[0, all_lights.KIND] > 3.5
+        results[i, 3] = 0.0
+        results[i, 4] = distance
+        results[i, 5] = 0.0
+        if distance < ti.math.inf or infinite:
+            results[i, 3] = all_lights.pdf(lights, 0, origin, direction, distance)
+            results[i, 5] = all_lights.emitted(lights, textures, 0, origin, direction, distance).y
+
+
+@dataclass
+class Illumination:
+    """One light as seen from a point."""
+
+    light: Light
+    origin: tuple[float, float, float]
+    textures: tuple[Texture, ...] = ()
+
+    def __post_init__(self) -> None:
+        table, atlas = LightTable(), TextureAtlas()
+        table.append((self.light,), atlas.append(self.textures))
+        lights = table.arrays(atlas, 1.0)
+        self.arrays: tuple[Any, ...] = (lights.values, lights.distribution, *atlas.arrays())
+
+    def sample(self, numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """(directions [n, 3], radiance [n, 3], results [n, 6]) as `illuminate` says."""
+        directions = np.empty((len(numbers), 3), np.float32)
+        return directions, *self._run(directions, numbers)
+
+    def seen(self, directions: NDArray[Any]) -> NDArray[Any]:
+        """(density, distance, green) [n, 3] of rays."""
+        return self._run(np.ascontiguousarray(directions, np.float32), None)[1][:, 3:]
+
+    def _run(self, directions: NDArray[Any], numbers: NDArray[Any] | None) -> tuple[NDArray[Any], NDArray[Any]]:
+        radiance = np.zeros((len(directions), 3), np.float32)
+        results = np.zeros((len(directions), 6), np.float32)
+        illuminate(
+            *self.arrays,
+            int(numbers is not None),
+            np.array([self.origin], np.float32),
+            np.zeros((1, 2), np.float32) if numbers is None else np.ascontiguousarray(numbers, np.float32),
+            directions,
+            radiance,
+            results,
+        )
+        return radiance.astype(np.float64), results.astype(np.float64)
