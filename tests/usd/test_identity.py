@@ -194,3 +194,23 @@ def test_an_instance_ignores_what_its_prototype_would_be_alone(tmp_path):
     description = read(tmp_path, body)
     assert [thing.prim_path for thing in description.objects] == ["/A", "/B"]
     assert len(description.meshes) == 1
+
+
+def test_an_instance_of_an_assembly_holds_several_things(tmp_path):
+    body = """
+    class "Corner" (kind = "assembly")
+    {
+        def Cube "Sofa"
+        {
+        }
+        def Sphere "Lamp"
+        {
+        }
+    }
+    def "A" (inherits = </Corner>
+        instanceable = true)
+    {
+    }
+    """
+    description = read(tmp_path, body)
+    assert [thing.prim_path for thing in description.objects] == ["/A/Sofa", "/A/Lamp"]

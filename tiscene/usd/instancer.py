@@ -96,10 +96,10 @@ def _fault(
         worst = chosen.max() if chosen.max() >= len(prototypes) else chosen.min()
         return f"protoIndices refer to prototype {worst}, but there are {len(prototypes)} (0-{len(prototypes) - 1})"
     lengths = {
-        "positions": len(array_of(instancer.GetPositionsAttr(), time)),
-        "orientations": len(array_of(instancer.GetOrientationsAttr(), time)),
-        "orientationsf": len(array_of(instancer.GetOrientationsfAttr(), time)),
-        "scales": len(array_of(instancer.GetScalesAttr(), time)),
+        "positions": len(array_of(instancer.GetPositionsAttr(), time, None, width=3)),
+        "orientations": len(array_of(instancer.GetOrientationsAttr(), time, None, width=4)),
+        "orientationsf": len(array_of(instancer.GetOrientationsfAttr(), time, None, width=4)),
+        "scales": len(array_of(instancer.GetScalesAttr(), time, None, width=3)),
         "ids": len(ids),
     }
     for name, length in lengths.items():

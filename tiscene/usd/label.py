@@ -36,6 +36,15 @@ def inherited_label(prim: Usd.Prim, time: Usd.TimeCode) -> str:
 
 def is_component(prim: Usd.Prim) -> bool:
     """Whether the prim's kind is `component` (or derived from it): a thing, together with all below it."""
+    return _is_of_kind(prim, Kind.Tokens.component)
+
+
+def is_lone_instance(prim: Usd.Prim) -> bool:
+    """Whether the prim is a native instance, and not of one of the kinds (group, assembly) that hold several things."""
+    return bool(prim.IsInstance()) and not _is_of_kind(prim, Kind.Tokens.group)
+
+
+def _is_of_kind(prim: Usd.Prim, kind: str) -> bool:
     if not prim.HasAuthoredMetadata("kind"):
         return False
-    return bool(Kind.Registry.IsA(str(prim.GetMetadata("kind")), Kind.Tokens.component))
+    return bool(Kind.Registry.IsA(str(prim.GetMetadata("kind")), kind))

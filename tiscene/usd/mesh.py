@@ -60,7 +60,7 @@ def read_mesh(
 
 def face_count(prim: Usd.Prim, time: Usd.TimeCode) -> int:
     """How many faces a mesh prim has."""
-    return len(array_of(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr(), time))
+    return len(array_of(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr(), time, np.int32))
 
 
 def _read_topology(
@@ -68,13 +68,13 @@ def _read_topology(
 ) -> tuple[NDArray[np.float32], Topology] | None:
     """Points and faces; None and a problem if they contradict each other."""
     path = mesh.GetPath()
-    points = array_of(mesh.GetPointsAttr(), time, np.float32)
+    points = array_of(mesh.GetPointsAttr(), time, np.float32, width=3)
     counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)
     indices = array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32)
     if len(counts) == 0 and len(indices) == 0:
         report.omission(path, "a mesh without faces")
         return None
-    problems = len(points) == 0 or points.ndim != 2
+    problems = len(points) == 0
     if problems:
         report.problem(path, "mesh", f"{len(counts)} faces, but no points")
     elif not np.isfinite(points).all():

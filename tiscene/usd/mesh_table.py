@@ -14,6 +14,7 @@ from tiscene.scene.description import Mesh
 from tiscene.usd.gprim import read_gprim
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh import face_count, read_mesh
+from tiscene.usd.primvar import array_of
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import Surface
 
@@ -60,8 +61,7 @@ class MeshTable:
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
                 self._report.omission(subset.GetPath(), "a material for anything but faces is not applied")
                 continue
-            value = subset.GetIndicesAttr().Get(self._time)
-            indices = np.asarray([] if value is None else value, dtype=np.int64)
+            indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
             if len(indices) and (indices.min() < 0 or indices.max() >= faces):
                 worst = indices.max() if indices.max() >= faces else indices.min()
                 text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"

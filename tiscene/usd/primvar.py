@@ -45,10 +45,17 @@ class Topology:
         }.get(interpolation)
 
 
-def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any = None) -> NDArray[Any]:
-    """The attribute's array as numpy, without a copy where dtype agrees; empty if it has no value."""
+def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any, width: int | None = 1) -> NDArray[Any]:
+    """The attribute's array as numpy, without a copy where dtype agrees; empty if it has no value.
+
+    width: how many numbers each element has, None for any. Raises ValueError for an array of another kind, which a
+    schema's attribute holds only in a damaged file.
+    """
     value = attribute.Get(time) if attribute else None
-    return np.empty(0, dtype=dtype) if value is None else np.asarray(value, dtype=dtype)
+    result = np.empty(0, dtype=dtype) if value is None else np.asarray(value, dtype=dtype)
+    if result.size and width is not None and result.shape[1:] != (() if width == 1 else (width,)):
+        raise ValueError(f"{attribute.GetName()} holds elements of shape {result.shape[1:]}")
+    return result
 
 
 def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report: Report) -> Attribute | None:
@@ -57,7 +64,7 @@ def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report:
     if primvar and primvar.HasAuthoredValue():
         return read_primvar(primvar, 3, topology, time, report)
     mesh = UsdGeom.Mesh(prim)
-    values = array_of(mesh.GetNormalsAttr(), time, np.float32)
+    values = array_of(mesh.GetNormalsAttr(), time, np.float32, width=3)
     if values.size == 0:
         return None
     return _checked(prim, "normals", values, None, mesh.GetNormalsInterpolation(), 3, topology, report)
@@ -83,7 +90,7 @@ def read_primvar(
 ) -> Attribute | None:
     """A primvar of `width` numbers; None with a problem reported if it does not fit the mesh."""
     attribute = primvar.GetAttr()
-    values = array_of(attribute, time)
+    values = array_of(attribute, time, None, width=None)
     if values.size == 0:
         return None
     indices = np.asarray(primvar.GetIndices(time)) if primvar.IsIndexed() else None

@@ -13,11 +13,12 @@ from tiscene.errors import StageError, StageWarning
 
 _PATHS_NAMED = 5  # prims that one line of the warning names before it says how many more there are
 _PROBLEMS_TOLD = 100
+_LINES_TOLD = 20  # of what USD says of one failure
 
 
 def error_lines(error: Tf.ErrorException) -> list[str]:
     """What USD says of a failure, one line each."""
-    lines = [one_line(diagnostic) for diagnostic in error.args]
+    lines = [one_line(diagnostic) for diagnostic in error.args[:_LINES_TOLD]]  # damaged files give a million
     return list(dict.fromkeys(lines)) or ["USD gave no reason"]
 
 

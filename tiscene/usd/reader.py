@@ -15,7 +15,7 @@ from tiscene.scene.description import Instance, Matrix, SceneDescription, SceneO
 from tiscene.usd import gprim
 from tiscene.usd.camera import read_camera
 from tiscene.usd.instancer import Placed, point_instances
-from tiscene.usd.label import direct_label, inherited_label, is_component
+from tiscene.usd.label import direct_label, inherited_label, is_component, is_lone_instance
 from tiscene.usd.light import LightReader, is_light
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh_table import MeshTable
@@ -118,7 +118,7 @@ class StageReader:
         label, own = direct or above.label, bool(direct) or above.label_is_own
         thing = above.thing
         in_prototype = self._parts is not None  # where the point is the thing
-        if not in_prototype and (is_component(prim) or (prim.IsInstance() and thing is None)):
+        if not in_prototype and (is_component(prim) or (thing is None and is_lone_instance(prim))):
             own = bool(direct)
             thing = Thing(prim.GetName(), str(prim.GetPath()), label, own)
         return Context(world, visible, purpose, label, own, thing)
