@@ -6,7 +6,6 @@ import shutil
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from tests.usd.helpers import QUAD, STAGES, problems_of, read, read_with_warning, write
 from tiscene.scene.description import Material, TextureLookup
@@ -18,7 +17,7 @@ PIXELS = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4) * 10
 @pytest.fixture
 def textures(tmp_path):
     (tmp_path / "textures").mkdir()
-    Image.fromarray(PIXELS).save(tmp_path / "textures" / "color.png")
+    shutil.copy(STAGES / "textures" / "color.png", tmp_path / "textures")
     return tmp_path
 
 
@@ -30,9 +29,8 @@ def materials_of(description) -> dict[str, Material]:
 
 
 @pytest.fixture
-def description(textures):
-    shutil.copy(STAGES / "materials.usda", textures / "stage.usda")
-    return read_stage(textures / "stage.usda")
+def description():
+    return read_stage(STAGES / "materials.usda")
 
 
 def test_bindings(description):
