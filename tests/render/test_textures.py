@@ -1,0 +1,85 @@
+"""Bilinear lookups: values, wraps, encodings, the direction of v."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from tiscene.render.textures import Textures, lookup
+from tiscene.scene.description import Texture
+from tiscene.scene.texture_atlas import TextureAtlas, linear_pixels
+
+Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
+Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
+Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
+Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+WRAPS = ("repeat", "clamp", "mirror", "black")
+
+
+@ti.kernel
+def look_up(info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, uv: Floats2, values: Floats2):
+    textures = ti.static(Textures(info, words, floats))
+    for i in range(uv.shape[0]):
+        value = lookup(textures, row, ti.math.vec2(uv[i, 0], uv[i, 1]))
+        for c in ti.static(range(4)):
+            values[i, c] = value[c]
+
+
+def looked_up(texture: Texture, uv: np.ndarray) -> np.ndarray:
+    atlas = TextureAtlas()
+    atlas.append([Texture("other", np.zeros((3, 5, 4), texture.pixels.dtype)), texture])
+    values = np.empty((len(uv), 4), np.float32)
+    look_up(*atlas.arrays(), 1, np.ascontiguousarray(uv, np.float32), values)
+    return values
+
+
+def reference(texture: Texture, uv: np.ndarray) -> np.ndarray:
+    pixels = linear_pixels(texture).astype(np.float64)
+    height, width = pixels.shape[:2]
+
+    def wrapped(index: np.ndarray, size: int, wrap: str) -> np.ndarray:
+        if wrap == "repeat":
+            return index % size
+        if wrap == "mirror":
+            return np.minimum(index % (2 * size), 2 * size - 1 - index % (2 * size))
+        inside = np.clip(index, 0, size - 1)
+        return np.where((wrap == "black") & (index != inside), -1, inside)
+
+    x, y = uv[:, 0] * width - 0.5, (1.0 - uv[:, 1]) * height - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    result = np.zeros((len(uv), 4))
+    for dx in (0, 1):
+        for dy in (0, 1):
+            column, row = wrapped(left + dx, width, texture.wrap_s), wrapped(top + dy, height, texture.wrap_t)
+            weight = np.abs(1 - dx - (x - left)) * np.abs(1 - dy - (y - top))
+            value = np.where(((column >= 0) & (row >= 0))[:, None], pixels[row, column], 0.0)
+            result += weight[:, None] * value
+    return result
+
+
+@pytest.mark.parametrize("wrap_t", WRAPS)
+@pytest.mark.parametrize("wrap_s", WRAPS)
+@pytest.mark.parametrize("kind", ["srgb", "raw", "float"])
+def test_lookups_agree_with_plain_numpy(kind: str, wrap_s: str, wrap_t: str) -> None:
+    generator = np.random.default_rng(1)
+    pixels = generator.integers(0, 256, (5, 7, 4)).astype(np.uint8)
+    if kind == "float":
+        texture = Texture("t", pixels.astype(np.float32) * 3.0, encoding="raw", wrap_s=wrap_s, wrap_t=wrap_t)
+    else:
+        texture = Texture("t", pixels, encoding=kind, wrap_s=wrap_s, wrap_t=wrap_t)
+    uv = generator.uniform(-2.9, 3.9, (2000, 2)).astype(np.float32).astype(np.float64)
+    scale = 765.0 if kind == "float" else 1.0
+    assert looked_up(texture, uv) / scale == pytest.approx(reference(texture, uv) / scale, abs=5e-5)
+
+
+def test_v_1_is_the_top_row() -> None:
+    pixels = np.zeros((2, 1, 4), np.float32)
+    pixels[0] = 1.0
+    texture = Texture("t", pixels, encoding="raw", wrap_t="clamp")
+    assert looked_up(texture, np.array([[0.5, 0.99], [0.5, 0.01]]))[:, 0].tolist() == [1.0, 0.0]
+
+
+def test_far_outside_still_repeats() -> None:
+    pixels = np.linspace(0, 1, 16, dtype=np.float32).reshape(1, 4, 4)
+    texture = Texture("t", pixels, encoding="raw")
+    near, far = looked_up(texture, np.array([[0.375, 0.5], [10000.375, -4000.5]]))
+    assert near == pytest.approx(far, abs=2e-3)

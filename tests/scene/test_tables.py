@@ -1,0 +1,127 @@
+"""The tables of materials, textures and lights: rows, flags, packing, chances."""
+
+import numpy as np
+import pytest
+
+from tiscene.scene.description import DistantLight, DomeLight, Material, RectLight, SphereLight, Texture, TextureLookup
+from tiscene.scene.device_array import upload
+from tiscene.scene.light_table import CHANCE, CUMULATIVE, DOME, KIND, POINT, RECT, SPHERE, TEXTURE, LightTable
+from tiscene.scene.material_table import (
+    COVERAGE,
+    DIFFUSE,
+    FLAGS,
+    GLASS,
+    GLASS_INDEX,
+    IOR,
+    LOOKUP_CHANNEL,
+    LOOKUP_OF,
+    LOOKUP_TEXTURE,
+    LOOKUP_TRANSFORM,
+    ROUGHNESS,
+    TEXTURED,
+    MaterialTable,
+)
+from tiscene.scene.texture_atlas import HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDTH, WRAP_S, TextureAtlas, linear_pixels
+
+EYE = np.eye(4)
+
+
+def test_upload_keeps_values_and_has_a_row_for_nothing() -> None:
+    assert upload(np.arange(6).reshape(2, 3)).to_numpy().tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert upload(np.zeros((0, 3), np.float32)).to_numpy().tolist() == [[0.0, 0.0, 0.0]]
+
+
+def test_materials_append_and_find_their_textures() -> None:
+    table = MaterialTable()
+    lookup = TextureLookup(1, "g", uv_transform=(2.0, 0.0, 0.25, 0.0, 3.0, 0.5))
+    assert table.append([Material("a", diffuse_color=(0.1, 0.2, 0.3))], first_texture=0) == 0
+    assert table.append([Material("b", roughness=lookup), Material("c", opacity=0.2, ior=1.3)], first_texture=7) == 1
+    assert len(table) == 3
+    values, info, lookups = (array.to_numpy() for array in table.arrays())
+    assert values[0, DIFFUSE : DIFFUSE + 3] == pytest.approx([0.1, 0.2, 0.3])
+    assert values[0, ROUGHNESS] == 0.5
+    assert values[2, IOR] == pytest.approx(1.3)
+    row = info[1, LOOKUP_OF["roughness"]]
+    assert lookups[row, LOOKUP_TEXTURE] == 8
+    assert lookups[row, LOOKUP_CHANNEL] == 2
+    assert lookups[row, LOOKUP_TRANSFORM : LOOKUP_TRANSFORM + 6] == pytest.approx([2.0, 0.0, 0.25, 0.0, 3.0, 0.5])
+    assert info[1, LOOKUP_OF["diffuse_color"]] == -1
+    assert info[:, FLAGS].tolist() == [0, TEXTURED, GLASS]
+    assert info[2, GLASS_INDEX] == 0
+    assert table.glass_iors == [1.3]
+    assert not table.any_coverage
+    table.append([Material("d", opacity=TextureLookup(0, "a"))], first_texture=0)
+    assert table.any_coverage
+    assert table.flags[3] == TEXTURED | COVERAGE
+
+
+def test_textures_are_packed_one_word_a_pixel_or_four_floats() -> None:
+    atlas = TextureAtlas()
+    small = Texture("small", np.arange(24, dtype=np.uint8).reshape(2, 3, 4), wrap_s="mirror")
+    bright = Texture("bright", np.full((1, 2, 4), 9.5, np.float32), encoding="raw")
+    assert atlas.append([small]) == 0
+    assert atlas.append([bright, small]) == 1
+    info, words, floats = (array.to_numpy() for array in atlas.arrays())
+    assert info[:, OFFSET].tolist() == [0, 0, 6]
+    assert info[0, [WIDTH, HEIGHT, IS_FLOAT, IS_SRGB, WRAP_S]].tolist() == [3, 2, 0, 1, 2]
+    assert info[1, [WIDTH, HEIGHT, IS_FLOAT, IS_SRGB]].tolist() == [2, 1, 1, 0]
+    assert words[1] == 4 + (5 << 8) + (6 << 16) + (7 << 24)
+    assert floats[256:].tolist() == [9.5] * 8
+
+
+def test_srgb_is_decoded_but_not_alpha() -> None:
+    pixels = np.full((1, 1, 4), 188, np.uint8)
+    linear = linear_pixels(Texture("t", pixels))[0, 0]
+    assert linear == pytest.approx([0.5029, 0.5029, 0.5029, 188 / 255], abs=1e-4)
+    assert linear_pixels(Texture("t", pixels, encoding="raw"))[0, 0] == pytest.approx(188 / 255)
+
+
+def lights() -> LightTable:
+    table = LightTable()
+    table.append([DomeLight("sky", "/sky", EYE, (1.0, 1.0, 1.0), 0)], first_texture=0)
+    table.append(
+        [
+            RectLight("lamp", "/lamp", EYE, (5.0, 5.0, 5.0), 1.0, 2.0, 1),
+            DistantLight("sun", "/sun", EYE, (3.0, 3.0, 3.0), 0.01),
+            SphereLight("bulb", "/bulb", EYE, (9.0, 9.0, 9.0), 0.1),
+            SphereLight("spark", "/spark", EYE, (9.0, 9.0, 9.0), 0.0),
+        ],
+        first_texture=1,
+    )
+    return table
+
+
+def atlas() -> TextureAtlas:
+    result = TextureAtlas()
+    result.append([Texture(str(k), np.full((2, 4, 4), 255, np.uint8)) for k in range(3)])
+    return result
+
+
+def test_lights_that_can_be_met_come_first() -> None:
+    arrays = lights().arrays(atlas(), radius=4.0)
+    values = arrays.values.to_numpy()
+    assert (arrays.total, arrays.solid) == (5, 2)
+    assert values[:, KIND].tolist() == [RECT, SPHERE, POINT, POINT + 1, DOME]
+    assert values[0, TEXTURE] == 2
+    assert values[4, TEXTURE] == 0
+
+
+def test_chances_are_a_distribution_that_follows_power_and_the_scenes_size() -> None:
+    table, images = lights(), atlas()
+    small = table.arrays(images, radius=1.0).values.to_numpy()
+    large = table.arrays(images, radius=100.0).values.to_numpy()
+    for values in (small, large):
+        assert values[:, CHANCE].sum() == pytest.approx(1.0, rel=1e-6)
+        assert (values[:, CHANCE] >= 0.2 / 5 * 0.999).all()  # none is starved
+        assert values[:, CUMULATIVE] == pytest.approx(np.cumsum(values[:, CHANCE]), rel=1e-6)
+    assert large[3:, CHANCE].sum() > 0.8  # in the open the sun and the sky are all
+    assert small[0, CHANCE] > small[1, CHANCE]
+    assert table.arrays(images, radius=1.0).values.to_numpy() == pytest.approx(small)
+
+
+def test_no_lights_and_black_lights_are_no_error() -> None:
+    empty = LightTable().arrays(TextureAtlas(), radius=1.0)
+    assert (empty.total, empty.solid) == (0, 0)
+    dark = LightTable()
+    dark.append([RectLight("off", "/off", EYE, (0.0, 0.0, 0.0), 1.0, 1.0)] * 2, first_texture=0)
+    assert dark.arrays(TextureAtlas(), radius=1.0).values.to_numpy()[:, CHANCE] == pytest.approx([0.5, 0.5])
