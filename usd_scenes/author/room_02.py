@@ -68,7 +68,7 @@ def _sitting(room: Room) -> None:
     room.put("Furniture", seating.sofa("Sofa"), (-1.55, 0.0, -5.42))
     room.put("Furniture", tables.coffee_table("CoffeeTable"), (-1.50, 0.011, -3.95), (0.0, 3.0, 0.0))
     room.put_template("Furniture", "Armchair", "armchair_01", (-3.35, 0.0, -3.45), (0.0, 62.0, 0.0))
-    room.put_template("Furniture", "Pouf", "pouf_01", (0.22, 0.0, -3.35), (0.0, 20.0, 0.0))
+    room.put_template("Furniture", "Pouf", "pouf_01", (0.46, 0.0, -3.42), (0.0, 20.0, 0.0))
     room.put("Furniture", tables.floor_lamp("FloorLamp"), (0.02, 0.0, -5.55), (0.0, 25.0, 0.0))
     room.put("Plants", plants.rubber_plant("RubberPlant"), (-3.75, 0.0, -5.45))
     for index, (look, x, z, turn, size) in enumerate(
@@ -218,16 +218,16 @@ def _television(room: Room) -> None:
 
 def _light(room: Room) -> None:
     room.dome("Sky", 2.6, "afternoon_sky.hdr")
-    room.sun("Sun", SUN, 5.5, (1.0, 0.86, 0.68), 1.2)
+    room.sun("Sun", SUN, 5.5, (1.0, 0.86, 0.68), 0.8)
     room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, 16.0, (1.0, 0.60, 0.28))
     room.bulb("PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, 14.0, (1.0, 0.62, 0.30))
 
 
 def _cameras(room: Room) -> None:
-    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.4)
-    room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=2.4)
+    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.3)
+    room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=2.3)
     # SAILenv's published pose: Unity (-1.5, 2.0, 0.5), pitch 18 down, yaw 12 to the left.
-    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.4, focus=3.6)
-    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.4)
-    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.4)
-    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.4, f_stop=2.8)
+    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.3, focus=3.6)
+    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.3)
+    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.3)
+    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.3, f_stop=2.8)
