@@ -89,16 +89,6 @@ class Room:
         light.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
         _place(UsdGeom.Xformable(light), at, ORIGIN)
 
-    def panel(self, name: str, at: Vector3, target: Vector3, size: float, radiance: float, color: Vector3) -> None:
-        """A square of light that faces `target`."""
-        light = UsdLux.RectLight.Define(self.stage, self._light(name))
-        light.CreateWidthAttr(size)
-        light.CreateHeightAttr(size)
-        light.CreateIntensityAttr(radiance)
-        light.CreateColorAttr(Gf.Vec3f(*color))
-        light.CreateExtentAttr([Gf.Vec3f(-size / 2.0, -size / 2.0, 0.0), Gf.Vec3f(size / 2.0, size / 2.0, 0.0)])
-        _place(UsdGeom.Xformable(light), at, _look(at, target))
-
     def _light(self, name: str) -> str:
         parent = f"/{self.name}/Lights"
         if not self.stage.GetPrimAtPath(parent):
