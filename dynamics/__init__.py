@@ -11,17 +11,24 @@ Trajectories and timings are plain frozen data; a `Simulation` turns them into p
     simulation = dynamics.Simulation([dynamics.Body(loop)], dynamics.AllTogether(wait_time=0.5))
     poses = simulation.poses(2.25)  # float64 [1, 7]: position in metres, unit quaternion (w, x, y, z)
 
+Bodies that collide, with triangles that stand still, with each other and with walls, are stepped instead, frame by
+frame: a `SteppedSimulation` of `Mover`s.
+
 Whoever uses the package alone starts Taichi, as above. Metres, seconds, radians; Euler angles, where a class accepts
 them, are degrees (see `dynamics.rotation`). Right-handed axes.
 """
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from dynamics.bodies import Body
+from dynamics.bounce import UniformMovementRandomBounce
 from dynamics.closed_form import Composite, Keyframes, LookAt, Orbit, Still
 from dynamics.dynamic import ClosedForm, Dynamic
+from dynamics.movers import Contact, Moment, Mover
+from dynamics.proxy import Shape, cover
 from dynamics.timings import (
     AllTogether,
     AllTogetherTimings,
@@ -33,7 +40,9 @@ from dynamics.timings import (
 from dynamics.waypoints import CatmullWaypoints, LinearWaypoints, Waypoint
 
 if TYPE_CHECKING:
+    from dynamics.obstacles import Obstacles
     from dynamics.simulation import Simulation
+    from dynamics.stepped import SteppedSimulation
 
 __all__ = [
     "AllTogether",
@@ -42,25 +51,37 @@ __all__ = [
     "CatmullWaypoints",
     "ClosedForm",
     "Composite",
+    "Contact",
     "DictTimings",
     "Dynamic",
     "Keyframes",
     "LinearWaypoints",
     "LookAt",
+    "Moment",
+    "Mover",
+    "Obstacles",
     "Orbit",
+    "Shape",
     "Simulation",
+    "SteppedSimulation",
     "Still",
     "Timing",
+    "UniformMovementRandomBounce",
     "WaitUntilComplete",
     "WaitUntilCompleteTimings",
     "Waypoint",
+    "cover",
 ]
+
+# What needs Taichi, whose import takes a moment, is imported at first use.
+_LAZY = {
+    "Obstacles": "dynamics.obstacles",
+    "Simulation": "dynamics.simulation",
+    "SteppedSimulation": "dynamics.stepped",
+}
 
 
 def __getattr__(name: str) -> Any:
-    """`Simulation` is imported at first use: it alone needs Taichi, whose import takes a moment."""
-    if name != "Simulation":
+    if name not in _LAZY:
         raise AttributeError(f"module 'dynamics' has no attribute {name!r}")
-    from dynamics.simulation import Simulation
-
-    return Simulation
+    return getattr(importlib.import_module(_LAZY[name]), name)

@@ -1,0 +1,84 @@
+"""Obstacles: triangles that do not move, as a two-level tree of bounding boxes that collisions are looked up in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+# Columns of `Obstacles.instances`: the matrix, then how many metres a unit along each own axis is, then a factor.
+MATRIX, METRES, FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Instances of meshes in one tree of two levels, in Taichi arrays.
+
+    nodes: f32 [n, 16], the boxes of two children (least x, y, z, greatest x, y, z) and, in columns 12 and 13, their
+    references as bits of int32: an inner node, or -1 - (4 * first + count - 1) of a leaf, where `first` is a row of
+    `triangles`, or above the meshes the row of an instance. A box of a child that does not exist is inside out.
+    triangles: f32 [m, 12], vertex 0, a number that is not used, edge 1, 0, edge 2, 0, in the mesh's own space.
+    instances: f32 [i, INSTANCE_COLUMNS], see `instance_rows`. roots: i32 [i], first node of the instance's mesh.
+    root: the first node above the instances.
+    """
+
+    nodes: Any
+    triangles: Any
+    instances: Any
+    roots: Any
+    root: int
+
+
+def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float32]:
+    """What collisions need to know of matrices [i, 3, 4]: both directions of the map, and how it stretches.
+
+    A box [c - h, c + h] in the instance's space is at least sqrt(factor * sum((gap_a * metres_a)^2)) metres from a
+    point that is gap_a outside of it along axis a: the axes stay perpendicular (factor 1) or they do not (1/3).
+    Raises ValueError for a matrix that cannot be inverted.
+    """
+    count = len(world_from_instance)
+    rows = np.zeros((count, INSTANCE_COLUMNS), dtype=np.float32)
+    for row, matrix in enumerate(np.asarray(world_from_instance, dtype=np.float64)):
+        try:
+            inverse = np.linalg.inv(np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]]))[:3]
+        except np.linalg.LinAlgError as error:
+            raise ValueError(f"world_from_instance[{row}] cannot be inverted") from error
+        lengths = np.linalg.norm(inverse[:, :3], axis=1)
+        unit = inverse[:, :3] / lengths[:, None]
+        perpendicular = np.abs(unit @ unit.T - np.eye(3)).max() < 1e-6
+        rows[row, :12] = matrix.ravel()
+        rows[row, 12:24] = inverse.ravel()
+        # A little less than the truth, so that rounding cannot hide a box.
+        rows[row, METRES:FACTOR] = (1.0 - 1e-5) / lengths
+        rows[row, FACTOR] = 1.0 if perpendicular else 1.0 / 3.0
+    return rows
+
+
+def nothing() -> Obstacles:
+    """No obstacle at all. Taichi must run."""
+    nodes = ti.ndarray(ti.f32, (1, 16))
+    box = np.tile([1e30, 1e30, 1e30, -1e30, -1e30, -1e30], 2)
+    nodes.from_numpy(np.concatenate([box, np.zeros(4)]).astype(np.float32)[None])
+    roots = ti.ndarray(ti.i32, 1)
+    roots.fill(0)
+    triangles, instances = ti.ndarray(ti.f32, (1, 12)), ti.ndarray(ti.f32, (1, INSTANCE_COLUMNS))
+    triangles.fill(0.0)
+    instances.fill(0.0)
+    return Obstacles(nodes, triangles, instances, roots, 0)
+
+
+def placed(nodes: Any, triangles: Any, roots: NDArray[np.int32], matrices: NDArray[np.float64], root: int) -> Obstacles:
+    """Obstacles from a tree that exists: its Taichi arrays, and of its instances first nodes [i], matrices [i, 3, 4].
+
+    See `Obstacles` for the layout. Without any instance there is nothing in the way.
+    """
+    if not len(roots):
+        return nothing()
+    instances = ti.ndarray(ti.f32, (len(roots), INSTANCE_COLUMNS))
+    instances.from_numpy(instance_rows(matrices))
+    firsts = ti.ndarray(ti.i32, len(roots))
+    firsts.from_numpy(np.ascontiguousarray(roots, dtype=np.int32))
+    return Obstacles(nodes, triangles, instances, firsts, root)

@@ -1,0 +1,149 @@
+"""Proxy spheres: what stands for a body's surface in collisions. Every point of the surface lies in one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+MOST_SPHERES = 192
+GROUP = 8  # spheres that share a bounding sphere, on average
+FINEST = 0.004  # m: radius below which more spheres gain nothing
+ROUNDING = 1.0 + 1e-6  # radii are kept in float32
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A body's surface as spheres, in its own axes.
+
+    spheres: float32 [n, 4], centre and radius, m, group after group.
+    groups: float32 [g, 4], bounding spheres. first: int32 [g + 1], rows of `spheres` where they begin.
+    reach: m, no point of a sphere is farther than this from the body's origin.
+    """
+
+    spheres: NDArray[np.float32]
+    groups: NDArray[np.float32]
+    first: NDArray[np.int32]
+    reach: float
+
+
+def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
+    """Spheres that cover a surface, so that whatever stays out of them does not touch it.
+
+    corners: [n, 3, 3], the triangles' corners in the body's axes, m. most: spheres at most.
+    Centres start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them.
+    Raises ValueError if there is no triangle, or one that is not finite.
+    """
+    triangles = np.asarray(corners, dtype=np.float64)
+    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or not len(triangles):
+        raise ValueError(f"corners has the shape {triangles.shape}: must be [n, 3, 3] with one triangle or more")
+    if not np.isfinite(triangles).all():
+        raise ValueError("corners: must be finite numbers")
+    area = 0.5 * np.linalg.norm(_normals(triangles), axis=1).sum()
+    extent = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
+    # `most` circles of this radius cover a flat surface of this area; the pieces are much smaller than that.
+    radius = max(np.sqrt(area / (2.6 * most)), extent / most, FINEST)
+    pieces = _subdivided(triangles, 0.6 * radius)
+    middles = pieces.mean(axis=1)
+    centres = middles[_farthest_points(middles, most, stop=0.7 * radius)]
+    for _ in range(3):
+        owner = _nearest(middles, centres)
+        centres = _centred(pieces, owner)
+    owner = _nearest(middles, centres)
+    radii = np.zeros(len(centres))
+    # A ball that holds the corners of a triangle holds the triangle.
+    np.maximum.at(radii, owner, np.linalg.norm(pieces - centres[owner][:, None], axis=2).max(axis=1))
+    used = radii > 0.0
+    return _grouped(centres[used], radii[used] * ROUNDING + 1e-7)
+
+
+def _normals(triangles: Array) -> Array:
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
+def _squares(vectors: Array) -> Array:
+    result: Array = np.einsum("ij,ij->i", vectors, vectors)
+    return result
+
+
+def _subdivided(triangles: Array, longest: float) -> Array:
+    """The same surface in triangles whose edges are not longer than `longest`."""
+    done = []
+    while len(triangles):
+        edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        worst = edges.argmax(axis=1)
+        small = edges.max(axis=1) <= longest
+        done.append(triangles[small])
+        # Halve the longest edge of the others: corner `worst`, the next one, and the third.
+        rest, worst = triangles[~small], worst[~small]
+        rows = np.arange(len(rest))
+        a, b, c = (rest[rows, (worst + step) % 3] for step in range(3))
+        middle = 0.5 * (a + b)
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)
+
+
+def _farthest_points(points: Array, most: int, stop: float) -> NDArray[np.intp]:
+    """Rows of up to `most` points, each the farthest from those before; fewer if all are nearer than `stop`."""
+    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < most:
+        distance = np.minimum(distance, _squares(points - points[chosen[-1]]))
+        farthest = int(distance.argmax())
+        if distance[farthest] <= stop * stop:
+            break
+        chosen.append(farthest)
+    return np.array(chosen, dtype=np.intp)
+
+
+def _nearest(points: Array, centres: Array) -> NDArray[np.intp]:
+    """For each point the row of the nearest centre."""
+    result = np.zeros(len(points), dtype=np.intp)
+    best = np.full(len(points), np.inf)
+    for row, centre in enumerate(centres):
+        distance = _squares(points - centre)
+        nearer = distance < best
+        result[nearer] = row
+        best[nearer] = distance[nearer]
+    return result
+
+
+def _centred(pieces: Array, owner: NDArray[np.intp]) -> Array:
+    """About the centre of the smallest ball around the pieces of each owner (Badoiu and Clarkson 2003)."""
+    corners = pieces.reshape(-1, 3)
+    owners = np.repeat(owner, 3)
+    order = np.argsort(owners, kind="stable")
+    corners, owners = corners[order], owners[order]
+    begin = np.flatnonzero(np.diff(owners, prepend=-1))
+    rows = np.cumsum(np.diff(owners, prepend=-1) > 0) - 1
+    centres = np.add.reduceat(corners, begin) / np.diff(begin, append=len(corners))[:, None]
+    for step in range(1, 25):
+        distance = _squares(corners - centres[rows])
+        at_most = np.flatnonzero(distance == np.maximum.reduceat(distance, begin)[rows])
+        _, first = np.unique(rows[at_most], return_index=True)
+        centres += (corners[at_most[first]] - centres) / (step + 1)
+    return centres
+
+
+def _grouped(centres: Array, radii: Array) -> Shape:
+    """The spheres sorted into groups of neighbours, each with a sphere around it."""
+    count = max(1, round(len(centres) / GROUP))
+    seeds = centres[_farthest_points(centres, count, stop=0.0)]
+    owner = _nearest(centres, seeds)
+    order = np.argsort(owner, kind="stable")
+    centres, radii, owner = centres[order], radii[order], owner[order]
+    rows = [np.flatnonzero(owner == group) for group in range(len(seeds))]
+    rows = [row for row in rows if len(row)]
+    groups = np.zeros((len(rows), 4))
+    for group, row in enumerate(rows):
+        groups[group, :3] = 0.5 * (centres[row].min(axis=0) + centres[row].max(axis=0))
+        groups[group, 3] = (np.linalg.norm(centres[row] - groups[group, :3], axis=1) + radii[row]).max() * ROUNDING
+    return Shape(
+        spheres=np.column_stack([centres, radii]).astype(np.float32),
+        groups=groups.astype(np.float32),
+        first=np.cumsum([0, *(len(row) for row in rows)]).astype(np.int32),
+        reach=float((np.linalg.norm(centres, axis=1) + radii).max() * ROUNDING),
+    )

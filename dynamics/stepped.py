@@ -1,0 +1,195 @@
+"""SteppedSimulation: bodies that meet obstacles, walls and each other, one frame after another."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from numbers import Rational
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import check
+from dynamics import columns as at
+from dynamics.bodies import Body, columns
+from dynamics.bounce import UniformMovementRandomBounce
+from dynamics.clocks import Clocks, exact
+from dynamics.closed_form import check_closed_form
+from dynamics.dynamic import Pose, Track, fixed
+from dynamics.motion import evaluate
+from dynamics.movers import Array, Moment, Mover
+from dynamics.obstacles import Obstacles, nothing
+from dynamics.quadrature import GAUSS
+from dynamics.step_device import StepDevice
+from dynamics.sweep import WALLS
+from dynamics.timings import ALWAYS, AllTogether, Timing
+
+SUBSTEP = Fraction(1, 200)  # s, at most: how long movers do not look at each other
+KEPT_FRAMES = 16  # results kept for asking again
+CHECKPOINT = 16  # frames between checkpoints, until there are too many
+MOST_CHECKPOINTS = 1024
+# A clock as a track whose parameter is its time in seconds; longer than any stream.
+CLOCK = Track(2.0**40, 2.0**40, False)
+
+
+class SteppedSimulation:
+    """Moves bodies that collide. Taichi must run when frames are asked for.
+
+    Frame k is a pure function of what the simulation was made with: the same bits in any order of asking, for any
+    number of threads. A frame that was not reached yet costs the frames since the last checkpoint before it. Movers
+    that never come near each other have the same poses as without each other, to the bit.
+    """
+
+    def __init__(
+        self,
+        movers: Sequence[Mover],
+        timings: Timing | None = None,
+        *,
+        fps: float | Rational,
+        obstacles: Callable[[], Obstacles] = nothing,
+        walls: Callable[[Fraction], Array] | None = None,
+    ) -> None:
+        """timings: default AllTogether(0). obstacles: called once, when Taichi is needed first.
+
+        walls: planes [6, 4] at a time, s: inside where n . x + d >= 0, n a unit vector. None: there are none.
+        Raises ValueError if the timings cannot work, TypeError for a dynamic that is neither a bounce nor closed form.
+        """
+        self.movers = tuple(movers)
+        self.timings = AllTogether(0.0) if timings is None else timings
+        check.positive(fps, "fps")
+        self.fps = exact(fps)
+        self._walls = walls
+        self._make_obstacles = obstacles
+        self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
+        self._bounces = [isinstance(mover.body.dynamic, UniformMovementRandomBounce) for mover in self.movers]
+        tracks = [self._tracks(row) for row in range(len(self.movers))]
+        windows = self._windows()
+        births = [exact(mover.body.birth) for mover in self.movers]
+        self._path_clocks = Clocks(windows, births, tracks)
+        self._active_clocks = Clocks(windows, births, [[CLOCK]] * len(self.movers))
+        self._columns = (*columns(tracks).arrays(), GAUSS)
+        self._device: StepDevice | None = None
+        self._reached = -1  # the frame that the device stands at
+        self._checkpoints: dict[int, tuple[Array, NDArray[np.int32]]] = {}
+        self._interval = CHECKPOINT
+        self._moments: OrderedDict[int, Moment] = OrderedDict()
+
+    def frame(self, number: int) -> Moment:
+        """All movers at frame `number` (0 or more), k / fps seconds after the start."""
+        if number < 0:
+            raise ValueError(f"number={number}: must be 0 or more")
+        if number in self._moments:
+            self._moments.move_to_end(number)
+            return self._moments[number]
+        device = self._device = self._device or StepDevice(self.movers, self._make_obstacles())
+        if not self._reached <= number or self._reached < 0 or number - self._reached > self._interval:
+            self._go_back(device, number)
+        while self._reached < number:
+            self._keep(self._reached + 1, self._advance(device, self._reached))
+            self._reached += 1
+            self._save(device)
+        return self._moments[number]
+
+    def _go_back(self, device: StepDevice, number: int) -> None:
+        """Stand at the last checkpoint before `number`, from which that frame is computed again; or where it is."""
+        before = [frame for frame in self._checkpoints if frame < number]
+        latest = max(before, default=0)
+        if 0 <= self._reached < number and self._reached >= latest:
+            return
+        if before:
+            device.restore(*self._checkpoints[latest])
+            self._reached = latest
+        else:
+            device.restore(*self._start())
+            self._reached = 0
+            self._save(device)
+            self._keep(0, device.moment())
+
+    def _save(self, device: StepDevice) -> None:
+        if self._reached % self._interval or self._reached in self._checkpoints:
+            return
+        self._checkpoints[self._reached] = device.state()
+        if len(self._checkpoints) > MOST_CHECKPOINTS:
+            # Every other one goes, so that memory is bounded and the distance between them grows with the stream.
+            self._interval *= 2
+            self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
+
+    def _keep(self, number: int, moment: Moment) -> None:
+        self._moments[number] = moment
+        while len(self._moments) > KEPT_FRAMES:
+            self._moments.popitem(last=False)
+
+    def _advance(self, device: StepDevice, frame: int) -> Moment:
+        """From frame `frame` to the next."""
+        times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
+        targets = [self.path(time) for time in times]
+        clocks = [self._active_clocks.parameters(time) for time in times]
+        device.begin_frame(targets, [self._there(mover, frame) for mover in self.movers], float(1 / self.fps))
+        for part in range(self.substeps):
+            planes = np.zeros((WALLS, 4)) if self._walls is None else self._walls(times[part + 1])
+            active = clocks[part + 1] - clocks[part]
+            device.substep(targets[part + 1], active, planes, float(times[part + 1] - times[part]))
+        return device.moment(float(1 / self.fps))
+
+    def path(self, time: Fraction) -> Array:
+        """Where the paths have the movers, whatever is in the way: float64 [n, 7]. What bounces stays at its start."""
+        poses = np.zeros((len(self.movers), 7))
+        if self.movers:
+            evaluate(*self._columns, self._path_clocks.parameters(time), poses)
+        return poses
+
+    @staticmethod
+    def _there(mover: Mover, frame: int) -> bool:
+        return mover.first_frame <= frame and (mover.last_frame is None or frame <= mover.last_frame)
+
+    def _tracks(self, row: int) -> tuple[Track, ...]:
+        body = self.movers[row].body
+        if self._bounces[row]:
+            return (fixed(Pose(*_pose(body))),)
+        return check_closed_form(body.dynamic, f"movers[{row}].body.dynamic").tracks(body.start)
+
+    def _windows(self) -> list[Any]:
+        timed = [row for row, mover in enumerate(self.movers) if mover.body.timed]
+        windows = [ALWAYS] * len(self.movers)
+        bodies = [self.movers[row].body for row in timed]
+        answer = self.timings.windows([(body.name, body.dynamic) for body in bodies])
+        for row, window in zip(timed, answer, strict=True):
+            windows[row] = window
+        return windows
+
+    def _start(self) -> tuple[Array, NDArray[np.int32]]:
+        """The columns of all bodies at frame 0."""
+        bodies = np.zeros((max(1, len(self.movers)), at.FLOATS))
+        integers = np.zeros((max(1, len(self.movers)), at.INTEGERS), dtype=np.int32)
+        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = self.path(Fraction(0))
+        group = 0
+        for row, mover in enumerate(self.movers):
+            dynamic = mover.body.dynamic
+            shape = mover.shape
+            integers[row, at.KIND] = at.FOLLOWS
+            integers[row, at.ON_PATH] = 1
+            integers[row, at.LIMITED] = int(mover.limited and self._walls is not None)
+            integers[row, at.FIRST_GROUP] = group
+            if shape is not None:
+                integers[row, at.GROUPS] = len(shape.groups)
+                bodies[row, at.RADIUS] = shape.reach
+                group += len(shape.groups)
+            if isinstance(dynamic, UniformMovementRandomBounce):
+                direction = np.array(dynamic.start_direction)
+                bodies[row, at.VELOCITY : at.VELOCITY + 3] = dynamic.speed * direction / np.linalg.norm(direction)
+                bodies[row, at.SPEED] = dynamic.speed
+                bodies[row, at.ANGULAR_SPEED] = dynamic.angular_speed
+                integers[row, at.KIND] = at.BOUNCES
+                integers[row, at.SEED] = np.uint32(dynamic.seed & 0xFFFFFFFF).astype(np.int32)
+                # By name, not by row: other bodies may come and go.
+                name = hashlib.sha256(mover.body.name.encode()).digest()[:4]
+                integers[row, at.NUMBER] = np.frombuffer(name, dtype="<i4")[0]
+        return bodies, integers
+
+
+def _pose(body: Body) -> tuple[Any, Any]:
+    return body.start.position, body.start.rotation

@@ -1,0 +1,58 @@
+"""Simple solids and rooms as triangles, and obstacles made of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynamics.obstacles import Obstacles, placed
+from dynamics.proxy import Shape, cover
+from dynamics.rotation import matrix_from_quaternion
+from tiscene.scene.description import Instance, Mesh
+from tiscene.scene.obstacles import ObstacleTree
+
+
+def box(size, centre=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """The twelve triangles [12, 3, 3] of a box, outside counter-clockwise."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    rows = [row for a, b, c, d in quads for row in ((a, b, c), (a, c, d))]
+    return (corners * size + centre)[np.array(rows)]
+
+
+def quad(centre, along, across) -> np.ndarray:
+    """A rectangle without thickness: two triangles. along, across: half its edges."""
+    c, u, v = (np.asarray(each, np.float64) for each in (centre, along, across))
+    corners = np.array([c - u - v, c + u - v, c + u + v, c - u + v])
+    return corners[np.array([(0, 1, 2), (0, 2, 3)])]
+
+
+def obstacles(*parts: np.ndarray, matrices=None):
+    """What makes obstacles of triangles [n, 3, 3]: one mesh and instance of each part, placed by `matrices`."""
+    meshes = [
+        Mesh("part", part.reshape(-1, 3).astype(np.float32), np.arange(3 * len(part), dtype=np.int32).reshape(-1, 3),
+             np.zeros(len(part), np.int32))
+        for part in parts
+    ]  # fmt: skip
+    matrices = [np.eye(4)] * len(parts) if matrices is None else matrices
+
+    def make() -> Obstacles:
+        tree = ObstacleTree(meshes, [Instance(row, row, matrix) for row, matrix in enumerate(matrices)])
+        return placed(tree.nodes, tree.triangles, tree.roots, tree.matrices, tree.root)
+
+    return make
+
+
+def spheres_at(shape: Shape, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres [n, 3] and radii [n] of a body's proxy spheres in the world."""
+    spheres = shape.spheres.astype(np.float64)
+    return spheres[:, :3] @ matrix_from_quaternion(pose[3:]).T + pose[:3], spheres[:, 3]
+
+
+def ball(radius: float) -> Shape:
+    """A body that is one sphere about its origin."""
+    sphere = np.array([[0.0, 0.0, 0.0, radius]], np.float32)
+    return Shape(sphere, sphere.copy(), np.array([0, 1], np.int32), radius)
+
+
+def cube(size: float) -> Shape:
+    return cover(box((size, size, size)), most=48)

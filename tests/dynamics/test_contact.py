@@ -1,0 +1,130 @@
+"""Distances and times of contact against plain numpy, through trees of stretched, turned and sheared instances."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from dynamics.contact import SKIN, TOUCH_COLUMNS, TOUCHES, Column, Floats, look_around, vec3
+from tests.dynamics.solids import obstacles
+from tests.reference.distance import point_triangle
+
+
+@ti.kernel
+def look(
+    spheres: Floats,
+    chords: Floats,
+    limit: ti.f32,
+    found: Floats,
+    touches: Floats,
+    nodes: Floats,
+    triangles: Floats,
+    instances: Floats,
+    roots: Column,
+    root: ti.i32,
+):
+    for i in range(spheres.shape[0]):
+        centre = vec3(spheres[i, 0], spheres[i, 1], spheres[i, 2])
+        chord = vec3(chords[i, 0], chords[i, 1], chords[i, 2])
+        arm = vec3(0.0)
+        distance, _a, _b, _c = look_around(
+            nodes, triangles, instances, roots, root, centre, vec3(0.0), 0.0, limit, 0.0, 0.0, arm, touches, 0, 0, False
+        )
+        time, normal, row, _count = look_around(
+            nodes,
+            triangles,
+            instances,
+            roots,
+            root,
+            centre,
+            chord,
+            spheres[i, 3],
+            1.0,
+            0.0,
+            0.0,
+            arm,
+            touches,
+            i * TOUCHES,
+            0,
+            True,
+        )
+        found[i, 0] = distance
+        found[i, 1] = time
+        found[i, 2] = normal.dot(chord)
+        found[i, 3] = row
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Clouds of triangles, among them slivers, in instances that stretch, turn, mirror and shear them."""
+    random = np.random.default_rng(3)
+    parts, matrices, world = [], [], []
+    for kind in range(6):
+        corners = random.uniform(-1.0, 1.0, (60, 1, 3)) + random.uniform(-0.2, 0.2, (60, 3, 3))
+        corners[:10, 2] = 0.5 * (corners[:10, 0] + corners[:10, 1]) + 1e-4
+        matrix = np.eye(4)
+        turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        matrix[:3, :3] = turn @ np.diag(random.uniform(0.3, 2.0, 3))
+        if kind >= 4:
+            matrix[:3, :3] = matrix[:3, :3] @ np.array([[1.0, 0.4, 0.0], [0.0, 1.0, -0.3], [0.2, 0.0, 1.0]])
+        matrix[:3, 3] = random.uniform(-1.5, 1.5, 3)
+        parts.append(corners)
+        matrices.append(matrix)
+        world.append(corners.astype(np.float32) @ matrix[:3, :3].T + matrix[:3, 3])
+    return obstacles(*parts, matrices=matrices)(), np.concatenate(world), np.repeat(np.arange(6), 60)
+
+
+def looked(tree, spheres, chords, limit):
+    found = np.zeros((len(spheres), 4), np.float32)
+    touches = np.zeros((len(spheres) * TOUCHES, TOUCH_COLUMNS), np.float32)
+    arrays = tree.nodes, tree.triangles, tree.instances, tree.roots, tree.root
+    look(spheres.astype(np.float32), chords.astype(np.float32), limit, found, touches, *arrays)
+    return found
+
+
+def test_distance_to_the_nearest_triangle(scene):
+    tree, world, _ = scene
+    spheres = np.zeros((400, 4))
+    spheres[:, :3] = np.random.default_rng(4).uniform(-3.0, 3.0, (400, 3))
+    truth = point_triangle(spheres[:, :3], world).min(axis=1)
+    np.testing.assert_allclose(looked(tree, spheres, np.zeros((400, 3)), 1e4)[:, 0], truth, atol=2e-6)
+    # No farther than it is asked to look.
+    np.testing.assert_allclose(looked(tree, spheres, np.zeros((400, 3)), 0.3)[:, 0], np.minimum(truth, 0.3), atol=2e-6)
+
+
+def test_time_of_first_contact(scene):
+    """Where the sphere stops it is a skin away from the nearest triangle, and never nearer on the way."""
+    tree, world, owner = scene
+    random = np.random.default_rng(5)
+    spheres, chords = np.zeros((300, 4)), random.normal(size=(300, 3)) * random.uniform(0.01, 3.0, (300, 1))
+    spheres[:, :3] = random.uniform(-2.0, 2.0, (300, 3))
+    spheres[:, 3] = random.uniform(0.001, 0.1, 300)
+    spheres, chords = spheres.astype(np.float32).astype(float), chords.astype(np.float32).astype(float)
+    free = point_triangle(spheres[:, :3], world).min(axis=1) > spheres[:, 3] + 2.0 * SKIN
+    spheres, chords = spheres[free], chords[free]
+    found = looked(tree, spheres, chords, 1.0)
+    hit = found[:, 1] < 1.0
+    assert 0.2 < hit.mean() < 0.95
+    for part in np.linspace(0.0, 1.0, 60):
+        here = spheres[:, :3] + (part * found[:, 1:2]) * chords
+        assert (point_triangle(here, world).min(axis=1) - spheres[:, 3]).min() > SKIN - 1e-5
+    distance = point_triangle(spheres[:, :3] + found[:, 1:2] * chords, world)
+    np.testing.assert_allclose(distance.min(axis=1)[hit] - spheres[hit, 3], SKIN, atol=2e-5)
+    assert (found[hit, 2] < 0.0).all(), "a contact's normal points against the motion"
+    assert (owner[distance.argmin(axis=1)][hit] == found[hit, 3]).mean() > 0.99
+    assert (found[~hit, 3] == -1).all()
+
+
+def test_a_long_way_through_a_thin_plate():
+    """Nothing is jumped over, however far it is in one go."""
+    plate = np.array([[[0.0, -1, -1], [0, 1, -1], [0, 0, 1]]])
+    tree = obstacles(plate)()
+    spheres, chords = np.array([[-500.0, 0.0, 0.0, 0.01]]), np.array([[1000.0, 0.0, 0.0]])
+    found = looked(tree, spheres, chords, 1.0)
+    np.testing.assert_allclose(found[0, 1] * 1000.0, 500.0 - 0.01 - SKIN, atol=1e-3)
+
+
+def test_no_obstacles():
+    from dynamics.obstacles import nothing
+
+    found = looked(nothing(), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
+    assert found[0].tolist() == [5.0, 1.0, 0.0, -1.0]
