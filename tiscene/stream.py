@@ -87,7 +87,11 @@ class Stream(Iterator[Frame]):
 
         stage = read_stage(catalog.find_scene(self.scenario.scene), time_code=time_code, variants=self.variants)
         self._stage_templates = {template.name for template in stage.templates}
-        self.world = World(self.scenario, stage, _load_template, self.fps)
+
+        def load_template(name: str) -> Template:
+            return read_template(catalog.find_template(name, scene=self.scenario.scene), up_axis=stage.up_axis)
+
+        self.world = World(self.scenario, stage, load_template, self.fps)
         self.arch = device.start(arch)
         self._scene = DeviceScene()
         self._loaded = 0  # how many of the world's descriptions are on the device
@@ -270,7 +274,3 @@ def _scenario_from(source: str | os.PathLike[str]) -> Scenario:
     if path.suffix == ".json":
         return Scenario.load(path)
     return Scenario(os.fspath(source))
-
-
-def _load_template(name: str) -> Template:
-    return read_template(catalog.find_template(name))

@@ -32,7 +32,7 @@ KEPT_FRAMES = 8
 class WorldObject:
     """A live object at one frame.
 
-    id: the instance label. name: the scenario's id, or the prim's name. template: None for what stands on the stage.
+    id: the instance label. name: the scenario's id, or the prim's name. template: "" for what stands on the stage.
     prim_path: "" for objects of the scenario.
     position: m. rotation: unit quaternion. They place the object's own axes; scale is in the box, not in them.
     velocity: m/s, of the origin, from this frame to the next along its path.
@@ -42,7 +42,7 @@ class WorldObject:
 
     id: int
     name: str
-    template: str | None
+    template: str
     category: str
     category_id: int
     prim_path: str
@@ -204,7 +204,7 @@ class World:
                 WorldObject(
                     id=number + 1,
                     name=thing.name,
-                    template=None,
+                    template="",
                     category=thing.category,
                     category_id=self._category_id(thing.category),
                     prim_path=thing.prim_path,

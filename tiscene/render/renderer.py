@@ -10,22 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
-from tiscene.render import denoise, film
-from tiscene.render.aovs import times_needed
+from tiscene.render.aovs import COLORS, times_needed
+from tiscene.render.denoise import denoise
+from tiscene.render.film import meter, tone_map
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.integrators.path import PathPass
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
-COLOR_BUFFERS = frozenset({"rgb", "hdr"})
-
 
 @dataclass(frozen=True)
 class Quality:
     """What a path-traced picture may cost.
 
-    spp: paths per pixel. max_depth: path vertices after the camera's, so 2 is direct light alone.
+    spp: paths per pixel. max_depth: edges of a path: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces.
     denoise: run Intel Open Image Denoise over the radiance; False never touches a pixel.
     """
 
@@ -37,7 +36,7 @@ class Quality:
         if self.spp < 1:
             raise ArgumentError(f"spp={self.spp}: at least one path per pixel")
         if self.max_depth < 1:
-            raise ArgumentError(f"max_depth={self.max_depth}: at least one path vertex")
+            raise ArgumentError(f"max_depth={self.max_depth}: a path has at least one edge")
 
 
 QUALITIES = {
@@ -73,9 +72,9 @@ class Renderer:
     ) -> dict[str, NDArray[Any]]:
         """The buffers named, in that order, each a new array. exposure: stops, for `rgb`."""
         self.scene.place(placement, times=times_needed(buffers))
-        labels = [name for name in buffers if name not in COLOR_BUFFERS]
+        labels = [name for name in buffers if name not in COLORS]
         result = self._labels.render(view, labels)
-        if not COLOR_BUFFERS.isdisjoint(buffers):
+        if not COLORS.isdisjoint(buffers):
             result |= self._color(view, frame_index, seed, exposure, buffers)
         return {name: result[name] for name in buffers}
 
@@ -89,8 +88,9 @@ class Renderer:
         if "rgb" in buffers:
             radiance = image.hdr
             if self.quality.denoise:
-                radiance = denoise.denoise(image.hdr, image.albedo, image.normal)
-            result["rgb"] = film.tone_map(radiance, exposure)
+                sharp = view.current.lens_radius == 0.0
+                radiance = denoise(image.hdr, image.albedo, image.normal, clean=sharp)
+            result["rgb"] = tone_map(radiance, exposure)
         return result
 
     def meter(self, view: View, placement: Placement, *, seed: int) -> float:
@@ -101,7 +101,7 @@ class Renderer:
         image = PathPass(self.scene, width, height).render(
             view, frame_index=0, seed=seed, spp=self.METER_SPP, max_depth=self.quality.max_depth
         )
-        return float(np.round(film.meter(image.hdr), 3))
+        return float(np.round(meter(image.hdr), 3))
 
 
 def quality_named(name: str, **overrides: Any) -> Quality:

@@ -13,8 +13,8 @@ from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.integrators import path_kernels as kernels
 from tiscene.render.integrators.path_shading import SceneArrays, shade
-from tiscene.render.integrators.path_state import FILM_COLUMNS, PathState
 from tiscene.render.integrators.path_shadows import pass_shadows
+from tiscene.render.integrators.path_state import CHUNK, FILM_COLUMNS, PathState
 from tiscene.render.intersect import closest, occluded
 from tiscene.render.ray_arrays import tiled_order
 from tiscene.render.sampler import frame_key, index_bits
@@ -83,7 +83,7 @@ class PathPass:
         total = self.width * self.height * spp
         if total >= 1 << 31:
             raise ArgumentError(f"{self.width}x{self.height} pixels at spp={spp}: more than 2^31 paths in one frame")
-        size = min(self._batch_size, -(-total // kernels.CHUNK) * kernels.CHUNK)
+        size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
         if self._state is None or self._state.size != size:
             self._state = PathState(size)
         scene = self._scene_arrays()
