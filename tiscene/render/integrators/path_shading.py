@@ -32,7 +32,8 @@ from tiscene.scene.placement import CURRENT
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
-# Lights are not in the tree of surfaces. One that lies on a surface wins over it, by this part of the distance.
+# Lights are not in the tree of surfaces: rays are tested against each of them, shadow rays too, so that a light hides
+# what is behind it however a path gets there. One that lies on a surface wins over it, by this part of the distance.
 LIGHT_FRONT = 1e-4
 RUSSIAN_ROULETTE_DEPTH = 3
 LARGEST_SURVIVAL = 0.95
@@ -254,8 +255,11 @@ def shade(
                                     contribution *= power_heuristic(light_pdf, f.w)
                                 if contribution.max() > 0.0:
                                     start = offset_origin(surface.position, surface.geometric_normal, world)
-                                    write_ray(shadow_rays, i, start, world, light_distance * (1.0 - LIGHT_FRONT))
-                                    write3(state, i, DIRECT, contribution)
+                                    reach = light_distance * (1.0 - LIGHT_FRONT)
+                                    blocking, _ = nearest_light(lights, start, world, reach * (1.0 - LIGHT_FRONT))
+                                    if blocking < 0:
+                                        write_ray(shadow_rays, i, start, world, reach)
+                                        write3(state, i, DIRECT, contribution)
                             elif f.w > 0.0:
                                 new_throughput = throughput * f.xyz * (1.0 / f.w)
                                 ior2 = state[i, RELATIVE_IOR2]
