@@ -69,7 +69,6 @@ LOOKS: dict[str, Look] = {
     "Stoneware": Look((0.26, 0.235, 0.20), 0.55),
     "Terracotta": Look((0.44, 0.19, 0.095), 0.75),
     "Candle": Look((0.70, 0.64, 0.52), 0.5),
-    "BulbGlass": Look((0.8, 0.78, 0.72), 0.3),
     # Plastics, paper, plants, food
     "BlackPlastic": Look((0.04, 0.04, 0.042), 0.38),
     "GreyPlastic": Look((0.20, 0.20, 0.205), 0.45),
@@ -101,7 +100,6 @@ LOOKS: dict[str, Look] = {
     "BallBlue": Look((0.04, 0.14, 0.42), 0.35),
     "BallYellow": Look((0.72, 0.50, 0.04), 0.35),
     # Matte primitives
-    "MatteWhite": Look((0.72, 0.70, 0.66), 0.6),
     "MatteBlue": Look((0.09, 0.20, 0.38), 0.55),
     "MatteRed": Look((0.50, 0.085, 0.055), 0.55),
     "MatteYellow": Look((0.66, 0.43, 0.07), 0.55),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.room import Room
-from usd_scenes.author.things import building, cutlery, plants, seating, small, tables
+from usd_scenes.author.things import building, cutlery, plants, seating, small, tables, tableware
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
 WALL = 0.32
@@ -69,7 +69,7 @@ def _sitting(room: Room) -> None:
     room.put("Furniture", tables.coffee_table("CoffeeTable"), (-1.50, 0.011, -3.95), (0.0, 3.0, 0.0))
     room.put_template("Furniture", "Armchair", "armchair_01", (-3.35, 0.0, -3.45), (0.0, 62.0, 0.0))
     room.put_template("Furniture", "Pouf", "pouf_01", (0.46, 0.0, -3.42), (0.0, 20.0, 0.0))
-    room.put("Furniture", tables.floor_lamp("FloorLamp"), (0.02, 0.0, -5.55), (0.0, 25.0, 0.0))
+    room.put("Furniture", tables.floor_lamp("FloorLamp"), (0.02, 0.0, -5.55))
     room.put("Plants", plants.rubber_plant("RubberPlant"), (-3.75, 0.0, -5.45))
     for index, (look, x, z, turn, size) in enumerate(
         (
@@ -152,7 +152,7 @@ def _dining(room: Room) -> None:
             (0.0, 90.0 * side, 0.0),
             f"Knife{index + 1}",
         )
-    room.put("TableThings", small.vase("Vase"), (x - 0.03, top, z + 0.30 - 0.12))
+    room.put("TableThings", tableware.vase("Vase"), (x - 0.03, top, z + 0.30 - 0.12))
     room.put("Plants", plants.branches("Branches"), (x - 0.03, top + 0.012, z + 0.18))
     room.put("Furniture", tables.pendant("Pendant", 1.15), (x, HEIGHT, z))
 
@@ -166,9 +166,14 @@ def _books(room: Room) -> None:
         for spine in range(16)
     ]
     library = [small.book(f"Book{spine:02}", spine, *size) for spine, *size in kinds]
+    ornaments = (
+        tableware.vase("ShelfVase", "CreamGlaze"),
+        small.ornament("Ornament"),
+        tableware.bowl("ShelfBowl", "BlueGlaze", 0.09),
+    )
     count = 0
     for case_index, x in enumerate((1.30, 2.52)):
-        z = FAR + 0.152
+        z = FAR + 0.168
         room.put("Furniture", case, (x, 0.0, z), name=f"Bookcase{case_index + 1}")
         for level, y in enumerate(tables.shelf_heights()[:-1]):
             at, end = x - 0.555, x + 0.555 - float(rng.uniform(0.15, 0.62))
@@ -184,19 +189,15 @@ def _books(room: Room) -> None:
                 at += thick + float(rng.uniform(0.0005, 0.003))
             middle = (at + x + 0.555) / 2.0
             if x + 0.555 - at > 0.24:
-                ornament = (
-                    small.vase(f"ShelfVase{count}", "CreamGlaze"),
-                    small.ornament(f"Ornament{count}"),
-                    small.bowl(f"ShelfBowl{count}", "BlueGlaze", 0.09),
-                )[(level + case_index) % 3]
-                room.put("Ornaments", ornament, (middle, y + 0.012, z))
+                ornament = ornaments[(level + case_index) % 3]
+                room.put("Ornaments", ornament, (middle, y + 0.012, z), name=f"{ornament.name}{count}")
 
 
 def _television(room: Room) -> None:
     room.put("Furniture", tables.sideboard("Sideboard"), (-1.55, 0.0, NEAR - 0.235), (0.0, 180.0, 0.0))
     room.put("Furniture", tables.television("Television"), (-1.55, 0.5, NEAR - 0.22), (0.0, 180.0, 0.0))
     top = 0.5
-    room.put("Ornaments", small.set_top_box("MediaBox"), (-1.05, 0.182, NEAR - 0.20), (0.0, 180.0, 0.0))
+    room.put("Ornaments", small.set_top_box("MediaBox"), (-1.55, top, NEAR - 0.16), (0.0, 180.0, 0.0))
     room.put_template("Ornaments", "Statue", "statue_01", (-0.78, top, NEAR - 0.24), (0.0, 160.0, 0.0))
     for index, (x, z, height) in enumerate(((-2.34, 0.80, 0.16), (-2.25, 0.72, 0.11), (-2.38, 0.68, 0.07))):
         room.put("Ornaments", small.candle(f"Candle{index + 1}", height), (x, top, z))

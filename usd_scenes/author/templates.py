@@ -13,7 +13,7 @@ from usd_scenes.author.mesh import Mesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
 from usd_scenes.author.soft import pillow
 from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things import cutlery, seating, small
+from usd_scenes.author.things import cutlery, seating, small, tableware
 
 
 def _primitive(name: str, look: str, make: Callable[[], Mesh]) -> Callable[[], Thing]:
@@ -51,10 +51,10 @@ TEMPLATES: dict[str, Callable[[], Thing]] = {
     "torus": _primitive("Torus", "MatteTeal", _torus),
     "chair_01": lambda: seating.chair("Chair01"),
     "pillow_01": _painted_pillow,
-    "dish_01": lambda: small.dish("Dish01"),
-    "bowl_01": lambda: small.bowl("Bowl01"),
-    "cup_01": lambda: small.cup("Cup01"),
-    "ewer_01": lambda: small.ewer("Ewer01"),
+    "dish_01": lambda: tableware.dish("Dish01"),
+    "bowl_01": lambda: tableware.bowl("Bowl01"),
+    "cup_01": lambda: tableware.cup("Cup01"),
+    "ewer_01": lambda: tableware.ewer("Ewer01"),
     "book_01": lambda: small.book("Book01", 0, 0.15, 0.22, 0.034),
     "candle_01": lambda: small.candle("Candle01"),
     "fork_01": lambda: cutlery.fork("Fork01"),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from usd_scenes.author.mesh import Mesh, grid, merged
-from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, moulding, rounded_box, sphere, sweep
+from usd_scenes.author.shapes import circle, cylinder, fillet, moulding, rounded_box, sphere, sweep
 from usd_scenes.author.soft import curtain
 from usd_scenes.author.textures.wood import STRIPS
 from usd_scenes.author.thing import Thing, thing
@@ -171,7 +171,7 @@ def curtain_pair(name: str, opening: float, height: float, seed: int, width: flo
     rod = sweep([[-reach, height, 0.0], [reach, height, 0.0]], circle(0.011, 16))
     ends = [sphere(0.022, 20).moved(side * (reach + 0.012), height, 0.0) for side in (-1.0, 1.0)]
     brackets = [
-        sweep([[side * (reach - 0.08), height, 0.0], [side * (reach - 0.08), height, -0.10]], circle(0.006, 10))
+        sweep([[side * (reach - 0.08), height, 0.0], [side * (reach - 0.08), height, -0.13]], circle(0.006, 10))
         for side in (-1.0, 1.0)
     ]
     return thing(name, "curtain", ("Cloth", "Linen", cloth), ("Rod", "BlackMetal", [rod, *ends, *brackets]))
@@ -240,15 +240,6 @@ def switch(name: str) -> Thing:
     plate = rounded_box((0.082, 0.082, 0.009), 0.003, 2).moved(0.0, 0.0, 0.0045)
     rocker = rounded_box((0.044, 0.060, 0.007), 0.002, 2).turned("x", 4.0).moved(0.0, 0.0, 0.010)
     return thing(name, "light switch", ("Plate", "WhitePlastic", [plate, rocker]))
-
-
-def bulb(name: str) -> Thing:
-    """The cap and collar that a lamp's light sits in."""
-    return thing(
-        name,
-        "bulb",
-        ("Cap", "Steel", lathe(fillet([[0.0, 0.0], [0.013, 0.0], [0.013, 0.03], [0.0, 0.03]], 0.002, 2), 20)),
-    )
 
 
 def rug(name: str, width: float = 3.2, depth: float = 2.3) -> Thing:

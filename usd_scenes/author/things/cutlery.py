@@ -7,7 +7,7 @@ import numpy as np
 from usd_scenes.author.mesh import Array, Mesh
 from usd_scenes.author.shapes import curve, rectangle, rounded_box, sweep
 from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things.small import shell
+from usd_scenes.author.things.tableware import shell
 
 HANDLE_WIDTHS = np.array([0.9, 0.8, 0.75, 0.8, 1.0, 1.35, 1.75, 2.0, 1.7, 0.9])
 

@@ -7,7 +7,7 @@ import numpy as np
 from usd_scenes.author.mesh import Array, Mesh, grid, merged, normalized, rotation
 from usd_scenes.author.shapes import circle, curve, lathe, sweep
 from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things.small import shell
+from usd_scenes.author.things.tableware import shell
 
 
 def leaf(length: float, width: float, droop: float, fold: float) -> Mesh:

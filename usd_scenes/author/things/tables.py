@@ -132,7 +132,7 @@ def television(name: str) -> Thing:
 
 
 def floor_lamp(name: str) -> Thing:
-    """A brass arc-less floor lamp, 1.58 m, with a linen drum shade; its bulb is a light of the room."""
+    """A brass floor lamp, 1.58 m, with a linen drum shade; its bulb is a light of the room, its plug 0.45 m behind."""
     base = lathe(
         fillet([[0.0, 0.0], [0.14, 0.0], [0.14, 0.018], [0.03, 0.026], [0.012, 0.05], [0.0, 0.05]], 0.004, 3), 48
     )
@@ -146,10 +146,9 @@ def floor_lamp(name: str) -> Thing:
         )
         for a in np.arange(3) * 2.0 * np.pi / 3.0
     ]
-    cord = sweep(
-        curve([[0.0, 0.008, -0.13], [-0.05, 0.006, -0.26], [0.05, 0.006, -0.42], [0.0, 0.006, -0.56]], 20),
-        circle(0.004, 8),
-    )
+    ground = [[0.0, 0.008, -0.13], [-0.05, 0.006, -0.21], [0.03, 0.006, -0.32]]
+    rising = [[0.09, 0.006, -0.41], [0.10, 0.05, -0.428], [0.10, 0.30, -0.43], [0.10, 0.305, -0.445]]
+    cord = sweep(curve(ground + rising, 40), circle(0.004, 8), up=(1.0, 0.0, 0.0))
     return thing(
         name,
         "floor lamp",
