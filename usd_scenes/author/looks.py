@@ -54,7 +54,7 @@ LOOKS: dict[str, Look] = {
     "Leather": _textured("leather", 0.5),
     "Rug": _textured("rug", (3.2, 2.3), roughness=0.95),
     "ScribbleCotton": Look("scribble_color.png", 0.9, normal=None, tile=None),
-    "ThrowWool": Look("throw_color.png", 0.95, normal="coarse_weave_normal.png", tile=(0.24, 0.24)),
+    "ThrowWool": Look("throw_color.png", 0.95, normal="weave_normal.png", tile=(0.24, 0.24)),
     "LampShade": Look("linen_color.png", 0.9, tile=(0.24, 0.24), emission=(1.0, 0.57, 0.24), emission_scale=0.27),
     # Metals and ceramics
     "Brass": Look((0.78, 0.58, 0.30), 0.28, metallic=1.0),

@@ -11,7 +11,7 @@ from usd_scenes.author.textures.wood import Surface
 Array = NDArray[np.float64]
 
 
-def weave(size: int, seed: int, tile: float, threads: int, color: object, contrast: float = 0.25) -> Surface:
+def weave(size: int, seed: int, tile: float, threads: int, color: object, contrast: float = 0.2) -> Surface:
     """Plain weave with slubs: `threads` each way over a tile of `tile` m; threads must be even."""
     shape = (size, size)
     at = (np.arange(size) + 0.5) / size * threads
@@ -27,7 +27,7 @@ def weave(size: int, seed: int, tile: float, threads: int, color: object, contra
     tone = np.where(warp > weft, thread_warp, thread_weft)
     fuzz = spectral(shape, seed + 4, 0.01, slope=0.8)
     gain = (1.0 - contrast * (1.3 - height).clip(0.0)) * np.exp(0.05 * tone + 0.04 * fuzz)
-    relief = 0.35 * tile / threads * height
+    relief = 0.2 * tile / threads * height
     return Surface(
         np.asarray(color, dtype=np.float64) * gain[..., None],
         np.full(shape, 0.9),
@@ -77,7 +77,7 @@ def rug(width: int, height: int, seed: int) -> Surface:
     color = mix(color, band, inner)
     abrash = spectral((height, width), seed + 1, (0.05, 0.9), slope=1.4)
     pile = spectral((height, width), seed + 2, 0.004, slope=0.7)
-    color = color * np.exp(0.07 * abrash + 0.10 * pile)[..., None]
+    color = color * np.exp(0.07 * abrash + 0.06 * pile)[..., None]
     return Surface(color, np.full((height, width), 0.95), normals_from_height(6.0e-4 * pile, width / 3.2))
 
 

@@ -32,7 +32,7 @@ def _color(name: str, make: Callable[[], np.ndarray]) -> Maker:
 
 
 def _cloth(
-    name: str, color: tuple[float, float, float], threads: int = 64, contrast: float = 0.3, relief: str | None = None
+    name: str, color: tuple[float, float, float], threads: int = 64, contrast: float = 0.2, relief: str | None = None
 ) -> Maker:
     """One weave, dyed. relief: the name of its normal map, for the one maker that writes it."""
 
@@ -79,7 +79,7 @@ MAKERS: dict[str, Maker] = {
     "mustard": _cloth("mustard", (0.50, 0.29, 0.045)),
     "rust": _cloth("rust", (0.34, 0.095, 0.045)),
     "cream": _cloth("cream", (0.66, 0.615, 0.53)),
-    "throw": _cloth("throw", (0.14, 0.19, 0.20), threads=32, contrast=0.5, relief="coarse_weave"),
+    "throw": _cloth("throw", (0.14, 0.19, 0.20), contrast=0.35),
     "leather": _surface("leather", lambda: cloth.leather(512, 61, 0.5, (0.24, 0.092, 0.035))),
     "rug": _rug,
     "landscape": _color("landscape", lambda: pictures.landscape(768, 512, 91)),
