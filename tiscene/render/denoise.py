@@ -55,7 +55,7 @@ def denoise(
     """The radiance without its noise, a new float32 [h, w, 3].
 
     albedo: 0..1; normal: world, unit or shorter; of what each pixel shows, as `PathImage` has them.
-    quality: "fast", "balanced" or "high". clean: albedo and normal have no noise of their own (False under a wide lens).
+    quality: "fast", "balanced" or "high". clean: albedo and normal have no noise themselves (False under a wide lens).
     Raises ArgumentError for images of different shapes or another quality, DeviceError where the library fails.
     """
     if quality not in QUALITIES:

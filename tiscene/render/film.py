@@ -1,8 +1,8 @@
 """From scene-linear radiance to a picture for the screen: exposure, a filmic tone curve, sRGB.
 
-The curve is a sigmoid over stops of exposure, applied to each channel of a slightly less saturated RGB, in the manner of
-Sobotka's AgX: bright saturated colours roll off towards white instead of turning into the nearest primary. Middle grey
-(0.18) stays itself; black is 10 stops below it and white 6.5 above.
+The curve is a sigmoid over stops of exposure, applied to each channel of a slightly less saturated RGB, in the manner
+of Sobotka's AgX: bright saturated colours roll off towards white instead of turning into the nearest primary. Middle
+grey (0.18) stays itself; black is 10 stops below it and white 6.5 above.
 """
 
 import math
@@ -85,13 +85,14 @@ def meter(hdr: NDArray[Any]) -> float:
     """The exposure in stops that shows an image well: its geometric mean becomes middle grey.
 
     The darkest and the brightest twentieth count as what lies next to them, and what is black (there is nothing) not at
-    all; an image whose brightest parts would then be far beyond white is exposed for those. 0 for a black image.
+    all. Where more than a twentieth would then be almost white (5 stops above grey), it is exposed for that instead.
+    0 for a black image.
     """
     luminance = np.asarray(hdr, np.float64) @ np.array(LUMINANCE)
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if luminance.size == 0:
         return 0.0
     stops = np.log2(luminance / GREY)
-    low, high, bright = np.percentile(stops, (5.0, 95.0, 98.0))
+    low, high = np.percentile(stops, (5.0, 95.0))
     exposure = -float(np.mean(np.clip(stops, low, high)))
-    return float(min(exposure, 5.0 - bright))
+    return float(min(exposure, 5.0 - high))

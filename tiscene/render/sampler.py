@@ -1,8 +1,8 @@
 """Owen-scrambled Sobol points without tables or state: a number depends only on what it is for.
 
 The 4-D Sobol sequence is scrambled and shuffled by hashing (Burley, "Practical Hash-Based Owen Scrambling", 2020, with
-Vegdahl's hash), and every four dimensions of a path are another copy of it, padded. Everything is keyed by (seed, frame,
-pixel) through `pixel_key`, then by the set of dimensions and the sample's index.
+Vegdahl's hash), and every four dimensions of a path are another copy of it, padded. Everything is keyed by (seed,
+frame, pixel) through `pixel_key`, then by the set of dimensions and the sample's index.
 """
 
 import taichi as ti

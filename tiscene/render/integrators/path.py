@@ -36,8 +36,8 @@ FREE_PASSES = 16
 class PathImage:
     """Float32 [height, width, 3] images, means over the samples of each pixel.
 
-    hdr: scene-linear Rec.709 radiance. albedo, normal: of the first thing seen that is not a mirror or clear glass (0..1,
-    and unit before the mean, world), for the denoiser.
+    hdr: scene-linear Rec.709 radiance. albedo (0..1), normal (world, unit before the mean): of the first thing seen that
+    is not a mirror or clear glass, for the denoiser.
     """
 
     hdr: FloatImage
@@ -72,8 +72,8 @@ class PathPass:
         """One picture; a pure function of the scene, the view and the four numbers.
 
         spp: paths per pixel, any number; powers of two are stratified best. max_depth: how many edges a path may have,
-        as in Mitsuba's `path`: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces more. Passing through
-        a partly absent surface is no bounce. mis=False samples lights alone, for tests.
+        as in Mitsuba's `path`: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces more. Passing
+        through a partly absent surface is no bounce. mis=False samples lights alone, for tests.
         Raises ArgumentError for numbers out of range or a view of another size.
         """
         if spp < 1 or max_depth < 1:

@@ -1,7 +1,7 @@
 """The path tracer's own kernels: start paths, compact the live ones, add finished ones to the film, develop it.
 
-Each thread owns the rows, chunks or pixels it writes, and sums run in one fixed order, so that every result has the same
-bytes for any number of threads and any size of batch.
+Each thread owns the rows, chunks or pixels it writes, and sums run in one fixed order, so that every result has the
+same bytes for any number of threads and any size of batch.
 """
 
 import taichi as ti

@@ -30,9 +30,9 @@ class PathState:
     rays, hits, hit_ids, queue: as tiscene.render.intersect wants them; `queue` and `next_queue` swap roles.
     shadow_rays: t_max 0 where no light was sampled. occluded: their answers. shadow_hits: made where shadow rays must
     look at what they meet.
-    state: f32 [size, 16]: throughput 0-2, radiance 3-5, density of the last direction 6 (0: none, the camera's), squared
-    index of refraction of where the path is 7, light sampled at the last vertex and not yet tested for shadow 8-10, that
-    vertex 11-13. features: f32 [size, 6]. status: i32 [size].
+    state: f32 [size, 16]: throughput 0-2, radiance 3-5, density of the last direction 6 (0: none, the camera's),
+    squared index of refraction of where the path is 7, light sampled at the last vertex and not yet tested for shadow
+    8-10, that vertex 11-13. features: f32 [size, 6]. status: i32 [size].
     """
 
     def __init__(self, size: int) -> None:

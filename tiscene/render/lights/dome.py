@@ -1,13 +1,18 @@
-"""The surroundings: one radiance from everywhere, or a latlong image sampled by luminance times solid angle."""
+"""The surroundings: one radiance from everywhere, or a latlong image sampled by luminance times solid angle.
+
+Where the light comes in by portals, those are sampled instead, but for the part of the samples that looks for the sun of
+the image. A path may well leave by another way: then no density of light sampling counts against it.
+"""
 
 import math
 
 import taichi as ti
 
 from tiscene.render import warp
+from tiscene.render.lights import portals, rect
 from tiscene.render.lights.light_sample import FAR, axis, color, no_sample, to_light
 from tiscene.render.textures import CLAMP, REPEAT, lookup_wrapped
-from tiscene.scene.light_table import DISTRIBUTION, GRID, TEXTURE
+from tiscene.scene.light_table import DISTRIBUTION, GRID, SUN_PART, TEXTURE
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
@@ -47,40 +52,26 @@ def cell_pdf(values: ti.template(), distribution: ti.template(), light: ti.i32, 
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
-    """A direction of the surroundings: a LightSample."""
-    values, distribution = ti.static(lights.values, lights.distribution)
-    result = no_sample()
-    result.distance = FAR
-    result.radiance = color(values, row)
-    w = warp.sphere(u)
-    result.pdf = warp.sphere_pdf(w)
-    image = ti.cast(values[row, TEXTURE], ti.i32)
-    if image >= 0:
-        start = ti.cast(values[row, DISTRIBUTION], ti.i32)
-        columns, rows = ti.cast(values[row, GRID], ti.i32), ti.cast(values[row, GRID + 1], ti.i32)
-        j = interval(distribution, start, rows, u.y)
-        at = start + rows + 1 + j * (columns + 1)
-        i = interval(distribution, at, columns, u.x)
-        v = (u.y - distribution[start + j]) / ti.max(distribution[start + j + 1] - distribution[start + j], 1e-30)
-        s = (u.x - distribution[at + i]) / ti.max(distribution[at + i + 1] - distribution[at + i], 1e-30)
-        # Uniform in solid angle within the cell: in the cosine, not in the angle.
-        low, high = ti.cos(math.pi * j / rows), ti.cos(math.pi * (j + 1) / rows)
-        y = low + ti.math.clamp(v, 0.0, 1.0) * (high - low)
-        angle = 2.0 * math.pi * (i + ti.math.clamp(s, 0.0, 1.0)) / columns - 0.5 * math.pi
-        radius = ti.sqrt(ti.max(1.0 - y * y, 0.0))
-        w = vec3(radius * ti.cos(angle), y, radius * ti.sin(angle))
-        result.pdf = cell_pdf(values, distribution, row, j, i)
-        result.radiance *= lookup_wrapped(textures, image, uv_of(w), REPEAT, CLAMP).xyz
-    result.direction = (
-        axis(values, row, 0) * w.x + axis(values, row, 1) * w.y + axis(values, row, 2) * w.z
-    ).normalized()
-    return result
+def sample_image(values: ti.template(), distribution: ti.template(), row: ti.i32, u: vec2):
+    """A direction in light axes by the brightness of the image, and its density."""
+    start = ti.cast(values[row, DISTRIBUTION], ti.i32)
+    columns, rows = ti.cast(values[row, GRID], ti.i32), ti.cast(values[row, GRID + 1], ti.i32)
+    j = interval(distribution, start, rows, u.y)
+    at = start + rows + 1 + j * (columns + 1)
+    i = interval(distribution, at, columns, u.x)
+    v = (u.y - distribution[start + j]) / ti.max(distribution[start + j + 1] - distribution[start + j], 1e-30)
+    s = (u.x - distribution[at + i]) / ti.max(distribution[at + i + 1] - distribution[at + i], 1e-30)
+    # Uniform in solid angle within the cell: in the cosine, not in the angle.
+    low, high = ti.cos(math.pi * j / rows), ti.cos(math.pi * (j + 1) / rows)
+    y = low + ti.math.clamp(v, 0.0, 1.0) * (high - low)
+    angle = 2.0 * math.pi * (i + ti.math.clamp(s, 0.0, 1.0)) / columns - 0.5 * math.pi
+    radius = ti.sqrt(ti.max(1.0 - y * y, 0.0))
+    return vec3(radius * ti.cos(angle), y, radius * ti.sin(angle)), cell_pdf(values, distribution, row, j, i)
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample`."""
+def image_pdf(lights: ti.template(), row: ti.i32, direction: vec3) -> ti.f32:
+    """Density of `sample_image`, or of the whole sphere where there is no image."""
     values, distribution = ti.static(lights.values, lights.distribution)
     result = warp.sphere_pdf(direction)
     if values[row, TEXTURE] >= 0.0:
@@ -89,6 +80,53 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
         i = ti.cast(ti.floor((uv.x - ti.floor(uv.x)) * columns), ti.i32)
         j = ti.cast((1.0 - uv.y) * rows, ti.i32)
         result = cell_pdf(values, distribution, row, ti.math.clamp(j, 0, rows - 1), ti.math.clamp(i, 0, columns - 1))
+    return result
+
+
+@ti.func
+def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+    """A direction of the surroundings: a LightSample."""
+    values = ti.static(lights.values)
+    result = no_sample()
+    result.distance = FAR
+    part = values[row, SUN_PART]
+    portal, solid_angle, rest = portals.choose(values, row, origin, (u.x - part) / (1.0 - part))
+    if portal < 0:
+        part = 1.0
+    if u.x < part:
+        v = vec2(ti.min(u.x / part, 0.99999994), u.y)
+        w = warp.sphere(v)
+        result.pdf = warp.sphere_pdf(w)
+        if values[row, TEXTURE] >= 0.0:
+            w, result.pdf = sample_image(values, lights.distribution, row, v)
+        result.direction = (
+            axis(values, row, 0) * w.x + axis(values, row, 1) * w.y + axis(values, row, 2) * w.z
+        ).normalized()
+        if part < 1.0:
+            crossed = portals.crossed(lights, row, origin, result.direction, -1)
+            result.pdf = part * result.pdf + (1.0 - part) * crossed / solid_angle
+    else:
+        through = rect.sample(lights, textures, portal, origin, vec2(rest, u.y))
+        result.direction = through.direction
+        own = rect.view_from(values, portal, origin).solid_angle * through.pdf
+        crossed = own + portals.crossed(lights, row, origin, through.direction, portal)
+        result.pdf = (1.0 - part) * crossed / solid_angle
+        if part > 0.0:
+            result.pdf += part * image_pdf(lights, row, through.direction)
+    result.radiance = emitted(lights, textures, row, origin, result.direction, ti.math.inf)
+    return result
+
+
+@ti.func
+def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+    """Density of `sample`."""
+    portal, solid_angle, _ = portals.choose(lights.values, row, origin, 0.0)
+    part, result = 1.0, 0.0
+    if portal >= 0:
+        part = lights.values[row, SUN_PART]
+        result = (1.0 - part) * portals.crossed(lights, row, origin, direction, -1) / solid_angle
+    if part > 0.0:
+        result += part * image_pdf(lights, row, direction)
     return result
 
 

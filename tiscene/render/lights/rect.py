@@ -3,7 +3,7 @@
 import taichi as ti
 
 from tiscene.render import warp
-from tiscene.render.lights.light_sample import LightSample, axis, color, no_sample
+from tiscene.render.lights.light_sample import axis, color, no_sample
 from tiscene.render.textures import CLAMP, lookup_wrapped
 from tiscene.scene.light_table import SIZE, TEXTURE
 
@@ -62,10 +62,8 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample` for a direction that meets the light at that distance."""
-    values = ti.static(lights.values)
-    view = view_from(values, row, origin)
+def pdf_in(view: ti.template(), values: ti.template(), row: ti.i32, direction: vec3, distance: ti.f32) -> ti.f32:
+    """`pdf`, by a view from the origin."""
     result = 0.0
     if view.z0 > 0.0:
         if view.solid_angle > _SMALL:
@@ -74,6 +72,12 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
             cosine = axis(values, row, 2).dot(direction)
             result = distance * distance / (ti.max(cosine, 1e-9) * values[row, SIZE] * values[row, SIZE + 1])
     return result
+
+
+@ti.func
+def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+    """Density of `sample` for a direction that meets the light at that distance."""
+    return pdf_in(view_from(lights.values, row, origin), lights.values, row, direction, distance)
 
 
 @ti.func
