@@ -3,8 +3,8 @@
 A microfacet model without interreflection loses light as roughness grows. With E(cos, roughness) known, the loss of a
 metal is given back (Kulla and Conty, "Revisiting Physically Based Shading at Imageworks", 2017), the diffuse base gets
 what the specular layer leaves, and rough glass is rescaled (Turquin, "Practical Multiple Scattering Compensation",
-2019).
-The tables are integrals by the midpoint rule over the samples of the visible normals; a tenth of a second, once a process.
+2019). The tables are integrals by the midpoint rule over the samples of the visible normals, made once a process in a
+tenth of a second.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 # A perfect mirror or pane is rendered as one of this alpha: 0.06 degrees, below what a pixel resolves.
 SMALLEST_ALPHA = 1e-3
-# Reflection: [roughness][cosine](A, B) with E = F0 A + F90 B for Schlick's Fresnel term; then [roughness](mean A and B).
+# Reflection: [roughness][cosine](A, B) with E = F0 A + F90 B for Schlick's Fresnel term; then [roughness](means).
 # Glass: for each index of refraction [from outside, from inside][roughness][cosine].
 ROUGHNESSES, COSINES = 32, 32
 GLASS_ROUGHNESSES, GLASS_COSINES = 16, 32

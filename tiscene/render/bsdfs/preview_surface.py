@@ -1,10 +1,10 @@
 """UsdPreviewSurface: its inputs at a point, and the lobes that they make.
 
 Layers from the top: clearcoat; specular reflection with Schlick's Fresnel term; then, below it, diffuse reflection.
-Metal has no diffuse part. Where the material is glass (see `material_table.flags_of`), 1 - opacity of it is a dielectric
-boundary instead, rough as the material is and colourless, of the solid that the mesh encloses: light refracts in and
-out by `ior`. A roughness of 0 is a mirror as sharp as a pixel can show (`energy.SMALLEST_ALPHA`), not a singular one, so
-that every direction has a finite density. All lobes together reflect what they should: see `energy`.
+Metal has no diffuse part. Where the material is glass (see `material_table.flags_of`), 1 - opacity of it is a
+dielectric boundary instead, rough as the material is and colourless, of the solid that the mesh encloses: light
+refracts in and out by `ior`. A roughness of 0 is a mirror as sharp as a pixel can show (`energy.SMALLEST_ALPHA`), not a
+singular one, so that every direction has a finite density. All lobes together reflect what they should: see `energy`.
 """
 
 from typing import Any, NamedTuple

@@ -36,8 +36,8 @@ FREE_PASSES = 16
 class PathImage:
     """Float32 [height, width, 3] images, means over the samples of each pixel.
 
-    hdr: scene-linear Rec.709 radiance. albedo (0..1), normal (world, unit before the mean): of the first thing seen that
-    is not a mirror or clear glass, for the denoiser.
+    hdr: scene-linear Rec.709 radiance. albedo (0..1), normal (world, unit before the mean): of the first thing seen
+    that is not a mirror or clear glass, for the denoiser.
     """
 
     hdr: FloatImage
