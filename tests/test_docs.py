@@ -48,6 +48,15 @@ def test_python_examples_are_python(page):
         ast.parse(example)
 
 
+def test_the_loop_of_the_readme_runs():
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    small = example.replace("width=256, height=192, frames=100", "width=32, height=24, frames=2, spp=1")
+    assert small != example
+    learned = []
+    exec(small, {"learn": lambda *arrays: learned.append([array.shape for array in arrays])})
+    assert learned == [[(24, 32, 3), (24, 32), (24, 32), (24, 32, 2)]] * 2
+
+
 def test_the_scenario_of_the_documentation_can_be_read():
     (text,) = re.findall(r"```json\n(.*?)```", (ROOT / "docs/scenario.md").read_text(encoding="utf-8"), re.DOTALL)
     scenario = Scenario.from_json(json.loads(text))
