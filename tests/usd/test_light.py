@@ -227,3 +227,37 @@ PROBLEMS = [
 def test_problems(tmp_path, lines, expected):
     (problem,) = problems_of(tmp_path, light("RectLight", lines))
     assert problem.startswith(f"</L> {expected}")
+
+
+PORTAL = """
+def Xform "Wall" {
+    double3 xformOp:translate = (0, 1, 0)
+    float3 xformOp:scale = (2, 3, 1)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    def PortalLight "Window"
+    {
+        float inputs:width = 0.5
+    }
+    def Sphere "Ball"
+    {
+    }
+}
+"""
+
+
+@pytest.mark.parametrize("kind", ["DomeLight", "DomeLight_1"])
+def test_a_dome_has_the_portals_it_names(tmp_path, kind):
+    dome = only(read(tmp_path, light(kind, "rel portals = </Wall/Window>") + PORTAL, meters=0.01))
+    (portal,) = dome.portals
+    assert (portal.width, portal.height) == pytest.approx((0.01, 0.03))
+    expected = np.eye(4)
+    expected[1, 3] = 0.01
+    np.testing.assert_allclose(portal.world_from_portal, expected)
+
+
+def test_portals_that_are_none(tmp_path):
+    body = light("DomeLight", "rel portals = </Wall/Ball>") + PORTAL
+    dome = only(read_with_warning(tmp_path, body, "its portal </Wall/Ball> is no PortalLight"))
+    assert dome.portals == ()
+    body = light("DomeLight", "rel portals = </P>") + 'def PortalLight "P"\n{\nfloat inputs:width = 0\n}'
+    assert problems_of(tmp_path, body) == ("</P> portal: its size is 0.0 x 1.0 m",)

@@ -134,15 +134,28 @@ class DistantLight(Light):
 
 
 @dataclass(frozen=True, eq=False)
+class Portal:
+    """A rectangle in its own xy plane by which a dome's light enters a room, along -z. No limit to the light, but where
+    it is sampled. world_from_portal: 4x4, rigid; width, height: m.
+    """
+
+    world_from_portal: Matrix
+    width: float
+    height: float
+
+
+@dataclass(frozen=True, eq=False)
 class DomeLight(Light):
     """The surroundings. radiance: W/m²/sr, multiplies the latlong texture (None: constant).
 
     A direction d in light space reads the image at u = (atan2(d.z, d.x) + pi/2) / (2 pi), v = 1 - acos(d.y) / pi, with
     v = 1 the top row: +y is the top, +z the centre, +x a quarter from the left (OpenUSD's latlong convention).
+    portals: places on whose -z side sample the light through them alone.
     """
 
     radiance: Color
     texture: int | None = None
+    portals: tuple[Portal, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -20,20 +20,25 @@ LAST_SOLID = SPHERE
 # Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect width and height; disk and sphere radius;
 # distant: cosine of half the angle, 1 - that cosine. CHANCE: of being chosen; CUMULATIVE: the chances up to and
 # including this row. TEXTURE: row of the atlas or -1. DISTRIBUTION, GRID: where a dome's begins, its columns and rows.
+# PORTALS, PORTAL_COUNT: a dome's first, and how many. Portals are rows like rects, but dark, after those of the lights.
+# SUN_PART: how many of the samples of a dome with portals are drawn from its image all the same, see `sun_part`.
 COLUMNS = 32
 KIND, TRANSFORM, RADIANCE, SIZE, CHANCE, CUMULATIVE, TEXTURE, DISTRIBUTION, GRID = 0, 1, 13, 16, 18, 19, 20, 21, 22
+PORTALS, PORTAL_COUNT, SUN_PART = 24, 25, 26
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _LARGEST_GRID = (512, 1024)
 # This part of the choices ignores power, so that a strong light that is hidden from most of a scene (the sky of a
 # closed room) does not starve the weak ones.
 _UNIFORM_PART = 0.2
+# What is so many times brighter than the image's mean is its sun, which no sampling of directions alone would find.
+_SUN = 16.0
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n, 32], columns as named above; distribution: f32 [m], see `dome_distribution`.
+    """values: f32 [n + portals, 32], columns as named above; distribution: f32 [m], see `dome_distribution`.
 
-    total: how many lights; solid: the first so many can be met by a ray.
+    total: how many lights (n); solid: the first so many can be met by a ray.
     """
 
     values: Any
@@ -78,6 +83,15 @@ def dome_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int,
     return np.concatenate([marginal.ravel(), conditional.ravel()]).astype(np.float32), (columns, rows)
 
 
+def sun_part(texture: Texture) -> float:
+    """The part, 0..0.75, of a latlong image's light that comes from its sun."""
+    luminance = linear_pixels(texture)[..., :3].astype(np.float64) @ _LUMINANCE
+    edges = np.cos(np.linspace(0.0, math.pi, len(luminance) + 1))
+    light = np.maximum(luminance, 0.0) * ((edges[:-1] - edges[1:]) / (2.0 * luminance.shape[1]))[:, None]
+    mean = float(light.sum())
+    return 0.0 if mean <= 0.0 else min(float(light[luminance > _SUN * mean].sum()) / mean, 0.75)
+
+
 def _block_means(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Means over `count` equal parts of axis 0, which need not divide it."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
@@ -117,27 +131,34 @@ class LightTable:
         return before
 
     def arrays(self, atlas: TextureAtlas, radius: float) -> LightArrays:
-        """What kernels read. radius: of a sphere about the scene, m; the share of light from infinity depends on it."""
+        """What kernels read. radius: of a sphere about the scene, m; the share of light from infinity depends on it,
+        unless domes have portals: those say how much of it comes in.
+        """
         if self._built is None:
             self._build(atlas)
         assert self._built is not None
         if self._arrays is None or radius != self._radius:
             values, power, power_per_area = self._built
             self._radius = radius
-            total = power + power_per_area * (math.pi * radius * radius)
+            count = len(self.lights)
+            portals = values[count:]
+            area = float(portals[:, SIZE] @ portals[:, SIZE + 1]) if len(portals) else math.pi * radius * radius
+            total = power + power_per_area * area
             chance = np.full(len(total), 1.0 / max(len(total), 1))
             if total.sum() > 0.0:
                 chance = _UNIFORM_PART * chance + (1.0 - _UNIFORM_PART) * total / total.sum()
-            values[:, CHANCE] = chance
-            values[:, CUMULATIVE] = np.cumsum(chance)
-            solid = int(np.count_nonzero(values[:, KIND] <= LAST_SOLID))
-            self._arrays = LightArrays(upload(values), self._distribution, len(values), solid)
+            values[:count, CHANCE] = chance
+            values[:count, CUMULATIVE] = np.cumsum(chance)
+            solid = int(np.count_nonzero(values[:count, KIND] <= LAST_SOLID))
+            self._arrays = LightArrays(upload(values), self._distribution, count, solid)
         return self._arrays
 
     def _build(self, atlas: TextureAtlas) -> None:
-        """Rows without their chances; per row the power, W, and for light from infinity the power per area, W/m²."""
+        """Rows without their chances; per light the power, W, and for light from infinity the power per area, W/m²."""
         order = sorted(range(len(self.lights)), key=lambda row: kind_of(self.lights[row]))
-        values = np.zeros((len(order), COLUMNS), np.float32)
+        portals = [portal for light in self.lights if isinstance(light, DomeLight) for portal in light.portals]
+        values = np.zeros((len(order) + len(portals), COLUMNS), np.float32)
+        next_portal = len(order)
         power, power_per_area = np.zeros(len(order)), np.zeros(len(order))
         distributions: list[NDArray[np.float32]] = []
         used = 0
@@ -172,11 +193,19 @@ class LightTable:
                         color = color / (math.pi * math.sin(half) ** 2)
                     power_per_area[row] = brightness
                 case DomeLight():
-                    power_per_area[row] = 4.0 * math.pi * brightness
+                    # What passes through a flat portal from one side; a scene without them is lit from all sides.
+                    power_per_area[row] = (1.0 if portals else 4.0) * math.pi * brightness
+                    values[row, PORTALS], values[row, PORTAL_COUNT] = next_portal, len(light.portals)
+                    for portal in light.portals:
+                        values[next_portal, TRANSFORM : TRANSFORM + 12] = portal.world_from_portal[:3].ravel()
+                        values[next_portal, SIZE : SIZE + 2] = portal.width, portal.height
+                        values[next_portal, TEXTURE] = -1.0
+                        next_portal += 1
                     if texture is not None:
                         distribution, grid = dome_distribution(image)
                         values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, grid
                         distributions.append(distribution)
+                        values[row, SUN_PART] = sun_part(image)
                         used += len(distribution)
             values[row, RADIANCE : RADIANCE + 3] = color
         self._distribution = upload(np.concatenate([np.zeros(1, np.float32), *distributions])[1:])

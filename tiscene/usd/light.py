@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdLux
+from pxr import Usd, UsdGeom, UsdLux
 
-from tiscene.scene.description import Color, DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight
+from tiscene.scene.description import Color, DiskLight, DistantLight, DomeLight, Light, Portal, RectLight, SphereLight
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import TextureTable
-from tiscene.usd.transform import rigid
+from tiscene.usd.transform import rigid, to_matrix
 
 _POINT_RADIUS = 0.001  # m; what stands for a sphere that is treated as a point
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # +y to +z, +z to -y
@@ -42,7 +42,6 @@ class LightReader:
         if pose is None:
             self._report.problem(path, "light", "its transform is singular or not finite")
             return
-        kind = str(prim.GetTypeName())
         kind = str(prim.GetTypeName())
         scale = [float(s) for s in np.linalg.norm(world_from_prim[:3, :3], axis=0)]
         reader = {
@@ -142,7 +141,33 @@ class LightReader:
             pole = prim.GetAttribute("poleAxis").Get(self._time) or "scene"
             if pole == "Z" or (pole == "scene" and self._up_axis == "Z"):
                 pose = pose @ _Y_TO_Z
-        return DomeLight(prim.GetName(), str(prim.GetPath()), pose, emission, self._texture(prim, "repeat", "clamp"))
+        texture = self._texture(prim, "repeat", "clamp")
+        return DomeLight(prim.GetName(), str(prim.GetPath()), pose, emission, texture, self._portals(prim))
+
+    def _portals(self, dome: Usd.Prim) -> tuple[Portal, ...]:
+        """The rectangles that the dome's `portals` name, wherever on the stage they are."""
+        portals = []
+        for path in dome.GetRelationship("portals").GetForwardedTargets():
+            prim = dome.GetStage().GetPrimAtPath(path)
+            if not prim or not prim.IsA(UsdLux.PortalLight):
+                self._report.omission(dome.GetPath(), f"its portal <{path}> is no PortalLight")
+                continue
+            world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
+            matrix = to_matrix(world, self._meters)
+            pose = rigid(matrix)
+            if pose is None:
+                self._report.problem(path, "portal", "its transform is singular or not finite")
+                continue
+            scale = np.linalg.norm(matrix[:3, :3], axis=0) * self._meters
+            width, height = (
+                float(self._size(prim, "width", 1.0) * scale[0]),
+                float(self._size(prim, "height", 1.0) * scale[1]),
+            )
+            if not (0.0 < width * height < math.inf):
+                self._report.problem(path, "portal", f"its size is {width} x {height} m")
+                continue
+            portals.append(Portal(pose, width, height))
+        return tuple(portals)
 
     def _per_area(self, prim: Usd.Prim, emission: Color, area: float) -> Color | None:
         """`normalize` divides by the area in the stage's world space, whose unit is the stage's, not the metre."""

@@ -8,7 +8,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Tf, Usd, UsdGeom, UsdSkel
+from pxr import Gf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.camera import Camera
 from tiscene.scene.description import Instance, Matrix, SceneDescription, SceneObject, Template
@@ -142,7 +142,7 @@ class StageReader:
             self._read_light(prim, here)
         elif prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in gprim.TYPES:
             self._read_gprim(prim, here)
-        else:
+        elif not prim.IsA(UsdLux.PortalLight):  # those are read with the domes that name them
             self._report_undrawn(prim)
         return True
 

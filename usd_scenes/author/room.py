@@ -69,6 +69,15 @@ class Room:
             light.CreateTextureFileAttr(f"../textures/{texture}")
             light.CreateTextureFormatAttr(UsdLux.Tokens.latlong)
 
+    def portal(self, dome: str, name: str, width: float, height: float, at: Vector3, turn: Vector3) -> None:
+        """An opening by which a dome's light enters along the portal's -z; `at` is its middle."""
+        portal = UsdLux.PortalLight.Define(self.stage, self._light(name))
+        portal.CreateWidthAttr(width)
+        portal.CreateHeightAttr(height)
+        portal.CreateExtentAttr([Gf.Vec3f(-width / 2.0, -height / 2.0, 0.0), Gf.Vec3f(width / 2.0, height / 2.0, 0.0)])
+        _place(UsdGeom.Xformable(portal), at, turn)
+        UsdLux.DomeLight.Get(self.stage, self._light(dome)).CreatePortalsRel().AddTarget(portal.GetPath())
+
     def sun(self, name: str, towards: Vector3, irradiance: float, color: Vector3, angle: float) -> None:
         """A distant light; towards: where it is; angle: of its disc, degrees."""
         light = UsdLux.DistantLight.Define(self.stage, self._light(name))

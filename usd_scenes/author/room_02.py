@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.room import Room
+from usd_scenes.author.room import ORIGIN, Room
 from usd_scenes.author.things import building, cutlery, plants, seating, small, tables, tableware
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
@@ -219,16 +219,21 @@ def _television(room: Room) -> None:
 
 def _light(room: Room) -> None:
     room.dome("Sky", 2.6, "afternoon_sky.hdr")
+    # At the outer face of the walls, so that reveals and frames are lit through them too.
+    size, middle = (WINDOW_WIDTH, round(HEAD - SILL, 3)), (SILL + HEAD) / 2.0
+    for index, z in enumerate(WINDOWS):
+        room.portal("Sky", f"Portal{index + 1}", *size, (LEFT - WALL, middle, z), (0.0, -90.0, 0.0))
+    room.portal("Sky", "Portal3", *size, (GARDEN_WINDOW, middle, NEAR + WALL), ORIGIN)
     room.sun("Sun", SUN, 5.5, (1.0, 0.86, 0.68), 0.8)
     room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, 16.0, (1.0, 0.60, 0.28))
     room.bulb("PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, 14.0, (1.0, 0.62, 0.30))
 
 
 def _cameras(room: Room) -> None:
-    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.3)
+    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.2)
     room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=2.3)
     # SAILenv's published pose: Unity (-1.5, 2.0, 0.5), pitch 18 down, yaw 12 to the left.
-    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.3, focus=3.6)
-    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.3)
+    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.0, focus=3.6)
+    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.0)
     room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.3)
     room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.3, f_stop=2.8)
