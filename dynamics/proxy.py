@@ -56,7 +56,7 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     radii = np.zeros(len(centres))
     # A ball that holds the corners of a triangle holds the triangle.
     np.maximum.at(radii, owner, np.linalg.norm(pieces - centres[owner][:, None], axis=2).max(axis=1))
-    used = radii > 0.0
+    used = np.bincount(owner, minlength=len(centres)) > 0
     return _grouped(centres[used], radii[used] * ROUNDING + 1e-7)
 
 

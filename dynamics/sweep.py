@@ -289,3 +289,37 @@ def sweep_group(
     result_rows[group, RESULT_KIND] = best_kind
     result_rows[group, RESULT_ROW] = best_row
     result_rows[group, RESULT_TOUCHES] = count
+
+
+@ti.kernel
+def distances(
+    points: Floats,
+    limit: ti.f32,
+    touches: Floats,
+    nodes: Floats,
+    triangles: Floats,
+    instances: Floats,
+    roots: Column,
+    root: ti.i32,
+):
+    """Set column 3 of `points`, f32 [n, 4], to the distance of the nearest obstacle, m; `limit` if none is nearer."""
+    for i in range(points.shape[0]):
+        distance, _normal, _row, _touched = look_around(
+            nodes,
+            triangles,
+            instances,
+            roots,
+            root,
+            vector_at(points, i, 0),
+            vec3(0.0),
+            0.0,
+            limit,
+            0.0,
+            0.0,
+            vec3(0.0),
+            touches,
+            0,
+            0,
+            False,
+        )
+        points[i, 3] = distance

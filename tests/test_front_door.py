@@ -25,6 +25,7 @@ PUBLIC = [
     "Still",
     "Stream",
     "TisceneError",
+    "UniformMovementRandomBounce",
     "WaitUntilComplete",
     "Waypoint",
     "World",

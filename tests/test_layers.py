@@ -24,6 +24,7 @@ STREAM = SCENE | {
     "tiscene.frame",
     "tiscene.render",
     "tiscene.scenario",
+    "tiscene.motion",
     "tiscene.usd",
     "tiscene.world",
 }
@@ -44,7 +45,8 @@ MAY_IMPORT = {
     "tiscene.usd": SCENE | {"tiscene.catalog"},
     "tiscene.scenario_json": {"tiscene.errors"},
     "tiscene.scenario": {"tiscene.errors", "tiscene.camera", "tiscene.scenario_json", "dynamics"},
-    "tiscene.world": SCENE | {"dynamics", "tiscene.scenario", "tiscene.catalog", "tiscene.usd"},
+    "tiscene.motion": SCENE | {"dynamics", "tiscene.scenario"},
+    "tiscene.world": SCENE | {"tiscene.motion", "dynamics", "tiscene.scenario", "tiscene.catalog", "tiscene.usd"},
     "tiscene.stream": STREAM,
     "tiscene.export": EXPORT,
     "tiscene.commands": STREAM | EXPORT | {"tiscene.export"},

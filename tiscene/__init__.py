@@ -30,6 +30,7 @@ _HOME = {
     "Still": "dynamics",
     "Stream": "tiscene.stream",
     "TisceneError": "tiscene.errors",
+    "UniformMovementRandomBounce": "dynamics",
     "WaitUntilComplete": "dynamics",
     "Waypoint": "dynamics",
     "World": "tiscene.world",

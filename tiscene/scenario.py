@@ -37,8 +37,9 @@ class Object:
     id: its name in the scenario, unique. template: a template's name ("Chair 01") or file.
     position: m. rotation: Euler degrees or a quaternion. dynamic: what moves it; None: nothing.
     first_frame, last_frame: both inclusive; None: it stays for ever.
-    frustum_limited, collide: whether the frustum's walls bind it and whether it collides with anything. They are kept
-    with the scenario; the dynamics that exist so far are pure paths and pass through everything.
+    collide: it meets the stage, other objects and the frustum's walls: what flies bounces off, what follows a path
+    slides along until it can return to its path. False: it passes through everything, and everything through it.
+    frustum_limited: the walls of the scenario's frustum hold it, if it collides.
     scale: a factor or one for each of its own axes.
     Raises ScenarioError for anything out of range.
     """
@@ -177,6 +178,7 @@ _DYNAMICS = _classes(
     dynamics.LookAt,
     dynamics.Orbit,
     dynamics.Still,
+    dynamics.UniformMovementRandomBounce,
 )
 SCENARIOS = _classes(Scenario)
 # Which classes a field holds, by its name; see `scenario_json`.

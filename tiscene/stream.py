@@ -91,7 +91,7 @@ class Stream(Iterator[Frame]):
         def load_template(name: str) -> Template:
             return read_template(catalog.find_template(name, scene=self.scenario.scene), up_axis=stage.up_axis)
 
-        self.world = World(self.scenario, stage, load_template, self.fps)
+        self.world = World(self.scenario, stage, load_template, self.fps, aspect=self.width / self.height)
         self.arch = device.start(arch)
         self._scene = DeviceScene()
         self._loaded = 0  # how many of the world's descriptions are on the device
@@ -174,7 +174,7 @@ class Stream(Iterator[Frame]):
             "seed": self.seed,
             "spp": self.quality.spp,
             "max_depth": self.quality.max_depth,
-            "denoise": self.quality.denoise,
+            "denoiser": self.quality.denoiser if self.quality.denoise else None,
             "time_code": self.time_code,
             "variants": self.variants,
         }

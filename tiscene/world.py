@@ -1,6 +1,6 @@
 """World: where everything is at each frame. Bodies move, so instances move.
 
-A pure function of (scenario, stage, fps, frame): nothing depends on which frames were asked for before.
+A pure function of (scenario, stage, fps, aspect, frame): nothing depends on which frames were asked for before.
 """
 
 from __future__ import annotations
@@ -8,24 +8,21 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from fractions import Fraction
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, Simulation, Still
-from dynamics.clocks import exact
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.camera import Camera, Quaternion, Vector3, quaternion_from_matrix
 from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError
+from tiscene.motion import WALLS, Motion
 from tiscene.scenario import Object, Scenario
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.scene.parts import Parts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.scene.placement import Placement
 
 Array = NDArray[np.float64]
-# Poses of the frames last asked for are kept: three frames are needed for each, and the next needs two of them again.
-KEPT_FRAMES = 8
 
 
 @dataclass(frozen=True)
@@ -38,6 +35,7 @@ class WorldObject:
     velocity: m/s, of the origin, from this frame to the next along its path.
     box: lowest and highest corner around the object in its own axes, m.
     first_frame, last_frame: its life span, both inclusive; None: no end.
+    blocked: something has kept it from its way since the frame before.
     """
 
     id: int
@@ -52,6 +50,21 @@ class WorldObject:
     box: tuple[Vector3, Vector3]
     first_frame: int
     last_frame: int | None
+    blocked: bool = False
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened to an object at a frame.
+
+    kind: "spawn": it is there for the first time. "despawn": it is not there any more. "contact": it met something.
+    object: its id. other: of a contact the id of the object that it met, 0 for a wall. wall: its name, such as "left".
+    """
+
+    kind: Literal["spawn", "despawn", "contact"]
+    object: int
+    other: int = 0
+    wall: str = ""
 
 
 class World:
@@ -68,9 +81,11 @@ class World:
         stage: SceneDescription,
         load_template: Callable[[str], Template],
         fps: float,
+        aspect: float = 4.0 / 3.0,
     ) -> None:
         """load_template: finds what the stage does not hold, or raises TemplateNotFound. fps: frame k is at k / fps.
 
+        aspect: width / height of the view, which a frustum's walls enclose.
         The camera is the scenario's, else the stage's first, else one that sees the whole stage.
         Raises ScenarioError, CameraNotFound, ArgumentError, and what `load_template` raises.
         """
@@ -95,8 +110,7 @@ class World:
         self._owner = object_parts.owner
         self._matrix = object_parts.matrix
         self._fixed = self._fixed_columns(stage_parts, object_parts)
-        self._simulation = self._simulate()
-        self._poses_by_frame: dict[int, Array] = {}
+        self._motion = Motion(scenario, stage, self.camera, fps, aspect, self._surface)
 
     @property
     def templates(self) -> list[str]:
@@ -116,7 +130,7 @@ class World:
         present = np.ones((3, len(mesh)), dtype=np.bool_)
         world[:, :count] = still
         if count < len(mesh):
-            poses = np.stack([self._poses(frame + step)[self._owner] for step in (-1, 0, 1)])
+            poses = np.stack([self._motion.poses(frame + step)[self._owner] for step in (-1, 0, 1)])
             axes = matrix_from_quaternion(poses[..., 3:])
             # einsum, not matmul: its sums have one fixed order, whatever library numpy was built with.
             world[:, count:] = np.einsum("tpij,pjk->tpik", axes, self._matrix)
@@ -131,7 +145,7 @@ class World:
         frame = _frame_number(frame)
         if self.camera.dynamic is None:
             return (self.camera, self.camera, self.camera)
-        before, now, after = (self._poses(frame + step)[-1].tolist() for step in (-1, 0, 1))
+        before, now, after = (self._motion.poses(frame + step)[-1].tolist() for step in (-1, 0, 1))
         return (
             self.camera.posed(tuple(before[:3]), tuple(before[3:])),
             self.camera.posed(tuple(now[:3]), tuple(now[3:])),
@@ -143,43 +157,50 @@ class World:
         frame = _frame_number(frame)
         rows = list(self._stage_rows)
         if self._object_rows:
-            now, after = self._poses(frame), self._poses(frame + 1)
+            now, after = self._motion.poses(frame), self._motion.poses(frame + 1)
             velocities = ((after[:, :3] - now[:, :3]) * self.fps).tolist()
-            for row, pose, velocity in zip(self._object_rows, now.tolist(), velocities, strict=False):
+            blocked = self._motion.blocked(frame)
+            for row, pose, velocity, stuck in zip(self._object_rows, now.tolist(), velocities, blocked, strict=False):
                 if row.first_frame <= frame and (row.last_frame is None or frame <= row.last_frame):
+                    x, y, z, *rotation = pose
                     rows.append(
-                        replace(row, position=tuple(pose[:3]), rotation=tuple(pose[3:]), velocity=tuple(velocity))
+                        replace(
+                            row,
+                            position=(x, y, z),
+                            rotation=tuple(rotation),
+                            velocity=tuple(velocity),
+                            blocked=stuck,
+                        )
                     )
         return rows
 
-    def _poses(self, frame: int) -> Array:
-        """Poses [n, 7] of the scenario's objects, then of the camera if it moves."""
-        poses = self._poses_by_frame.get(frame)
-        if poses is None:
-            poses = self._simulation.poses(Fraction(frame) / exact(self.fps))
-            while len(self._poses_by_frame) >= KEPT_FRAMES:
-                self._poses_by_frame.pop(next(iter(self._poses_by_frame)))
-            self._poses_by_frame[frame] = poses
-        return poses
+    def events(self, frame: int) -> list[Event]:
+        """What has happened since the frame before: spawns and despawns, then what met what, each in order of ids."""
+        frame = _frame_number(frame)
+        first = len(self.stage.objects) + 1
+        events = []
+        for number, each in enumerate(self.scenario.objects):
+            if each.first_frame == frame:
+                events.append(Event("spawn", first + number))
+            elif each.last_frame is not None and each.last_frame + 1 == frame:
+                events.append(Event("despawn", first + number))
+        for meeting in self._motion.meetings(frame):
+            if meeting.kind == "wall":
+                events.append(Event("contact", first + meeting.number, wall=WALLS[meeting.other]))
+            else:
+                start = 1 if meeting.kind == "stage" else first
+                events.append(Event("contact", first + meeting.number, start + meeting.other))
+        return events
 
-    def _simulate(self) -> Simulation:
-        bodies = [
-            Body(
-                dynamic=each.dynamic or Still(),
-                position=each.position,
-                rotation=each.rotation,
-                name=each.id,
-                birth=Fraction(each.first_frame) / exact(self.fps),
-            )
-            for each in self.scenario.objects
-        ]
-        if self.camera.dynamic is not None:
-            camera = self.camera
-            bodies.append(Body(camera.dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
-        try:
-            return Simulation(bodies, self.scenario.timings)
-        except TypeError as error:
-            raise ScenarioError(str(error)) from error
+    def _surface(self, number: int) -> Array:
+        """The triangles [m, 3, 3] of an object of the scenario in its own axes, m."""
+        meshes = [mesh for description in self.descriptions for mesh in description.meshes]
+        count = len(self._fixed[0])
+        triangles = [np.zeros((0, 3, 3))]
+        for part in np.flatnonzero(self._owner == number):
+            mesh, matrix = meshes[self._fixed[1][count + part]], self._matrix[part]
+            triangles.append((mesh.positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
+        return np.concatenate(triangles)
 
     def _category_id(self, category: str) -> int:
         number = self._category_ids.setdefault(category, len(self._category_ids))

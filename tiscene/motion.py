@@ -1,0 +1,178 @@
+"""Motion: where a scenario's objects and camera are at each frame, and what they meet on the way.
+
+Where nothing can be met every pose is a formula of time. Otherwise the objects are stepped, frame by frame; those that
+follow paths have the same poses as by the formula, to the bit, as long as nothing is in their way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import Body, Mover, Shape, Simulation, SteppedSimulation, Still, UniformMovementRandomBounce, cover
+from dynamics.clocks import exact
+from tiscene.camera import Camera
+from tiscene.errors import ScenarioError
+from tiscene.scenario import Object, Scenario
+from tiscene.scene.description import SceneDescription
+from tiscene.scene.obstacles import ObstacleTree
+
+Array = NDArray[np.float64]
+WALLS = ("left", "right", "bottom", "top", "near", "far")
+# Poses of the frames last asked for are kept: three frames are needed for each, and the next needs two of them again.
+KEPT_FRAMES = 8
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """An object of the scenario met something on the way to a frame.
+
+    number: its row in the scenario. kind: "stage", "object" or "wall".
+    other: the row of the stage's object, of the scenario's object, or of WALLS.
+    """
+
+    number: int
+    kind: Literal["stage", "object", "wall"]
+    other: int
+
+
+class Motion:
+    """The poses of a scenario's objects, then of the camera, as float64 [n, 7]: position, m, and unit quaternion."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        stage: SceneDescription,
+        camera: Camera,
+        fps: float,
+        aspect: float,
+        surface: Callable[[int], Array],
+    ) -> None:
+        """surface: an object's triangles [m, 3, 3] in its own axes, by its row. aspect: width / height of the view.
+
+        Raises ScenarioError if the timings or dynamics cannot work. Nothing is computed before a frame is asked for.
+        """
+        self._scenario = scenario
+        self._stage = stage
+        self._camera = camera
+        self._aspect = aspect
+        self._surface = surface
+        self._fps = exact(fps)
+        self._count = len(scenario.objects)
+        # What bounces has no formula: for this simulation it stands, which also tells where it starts.
+        bodies = [self._body(each, bounces=False) for each in scenario.objects]
+        if camera.dynamic is not None:
+            bodies.append(Body(camera.dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
+        try:
+            self._formulas = Simulation(bodies, scenario.timings)
+        except TypeError as error:
+            raise ScenarioError(str(error)) from error
+        self._shapes: dict[tuple[object, ...], Shape | None] = {}
+        self._tree_rows = np.zeros(0, np.int64)
+        self._stepped: SteppedSimulation | None = None
+        self._is_stepped: bool | None = None
+        self._poses_by_frame: dict[int, Array] = {}
+
+    def poses(self, frame: int) -> Array:
+        """Before frame 0 everything is where it starts."""
+        poses = self._poses_by_frame.get(frame)
+        if poses is None:
+            poses = self._formulas.poses(Fraction(frame) / self._fps)
+            stepped = self._stepping()
+            if stepped is not None:
+                poses[: self._count] = stepped.frame(max(frame, 0)).poses
+            while len(self._poses_by_frame) >= KEPT_FRAMES:
+                self._poses_by_frame.pop(next(iter(self._poses_by_frame)))
+            self._poses_by_frame[frame] = poses
+        return poses
+
+    def blocked(self, frame: int) -> list[bool]:
+        """Of every object of the scenario, whether something kept it from its way since the frame before."""
+        stepped = self._stepping()
+        return [False] * self._count if stepped is None else stepped.frame(frame).blocked.tolist()
+
+    def meetings(self, frame: int) -> list[Meeting]:
+        """What the scenario's objects met since the frame before."""
+        stepped = self._stepping()
+        result = []
+        for contact in () if stepped is None else stepped.frame(frame).contacts:
+            if contact.kind == "obstacle":
+                instance = self._stage.instances[self._tree_rows[contact.other]]
+                result.append(Meeting(contact.mover, "stage", instance.object))
+            elif contact.kind == "mover":
+                result.append(Meeting(contact.mover, "object", contact.other))
+            else:
+                result.append(Meeting(contact.mover, "wall", contact.other))
+        return result
+
+    def _stepping(self) -> SteppedSimulation | None:
+        """The simulation of what collides, None if nothing can."""
+        if self._is_stepped is None:
+            self._is_stepped = self._must_step()
+        return self._stepped
+
+    def _must_step(self) -> bool:
+        objects = self._scenario.objects
+        moving = [not isinstance(each.dynamic, Still | None) for each in objects]
+        bouncing = any(isinstance(each.dynamic, UniformMovementRandomBounce) for each in objects)
+        walled = self._scenario.frustum is not None
+        solid = any(each.collide and (moves or walled) for each, moves in zip(objects, moving, strict=True))
+        if not bouncing and not solid:
+            return False
+        # Only from here on Taichi is needed, and the surfaces.
+        from dynamics.free_paths import all_free
+        from dynamics.obstacles import placed
+
+        movers = [
+            Mover(
+                self._body(each, bounces=True),
+                self._shape(row, each) if each.collide else None,
+                each.frustum_limited,
+                each.first_frame,
+                each.last_frame,
+            )
+            for row, each in enumerate(objects)
+        ]
+        tree = ObstacleTree(self._stage.meshes, self._stage.instances)
+        obstacles = placed(tree.nodes, tree.triangles, tree.roots, tree.matrices, tree.root)
+        if not bouncing and all_free(movers, obstacles, walled):
+            return False
+        self._tree_rows = tree.rows
+        self._stepped = SteppedSimulation(
+            movers,
+            self._scenario.timings,
+            fps=self._fps,
+            obstacles=lambda: obstacles,
+            walls=self._walls if walled else None,
+        )
+        return True
+
+    def _body(self, each: Object, bounces: bool) -> Body:
+        dynamic = each.dynamic or Still()
+        if isinstance(dynamic, UniformMovementRandomBounce) and not bounces:
+            dynamic = Still()
+        birth = Fraction(each.first_frame) / self._fps
+        return Body(dynamic, each.position, each.rotation, name=each.id, birth=birth)
+
+    def _shape(self, row: int, each: Object) -> Shape | None:
+        """The proxy spheres of an object; None without any surface. Objects of one template and scale share them."""
+        key = (each.template, each.scale)
+        if key not in self._shapes:
+            surface = self._surface(row)
+            self._shapes[key] = cover(surface) if len(surface) else None
+        return self._shapes[key]
+
+    def _walls(self, time: Fraction) -> Array:
+        """The frustum's planes at a time, s."""
+        frustum = self._scenario.frustum
+        far = None if frustum is None or frustum.far == -1.0 else frustum.far
+        camera = self._camera
+        if camera.dynamic is not None:
+            x, y, z, a, b, c, d = self._formulas.poses(time)[-1].tolist()
+            camera = camera.posed((x, y, z), (a, b, c, d))
+        return camera.frustum_planes(self._aspect, far)
