@@ -1,0 +1,67 @@
+"""What moves on a stage by time samples of its transform, as keyframes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from tiscene.usd.pose import read_pose
+from tiscene.usd.problems import Report
+from tiscene.usd.units import Units
+
+_TURNS = {
+    getattr(UsdGeom.XformOp, f"TypeRotate{axes}") for axes in ("X", "Y", "Z", "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+}
+
+
+def sample_times(prim: Usd.Prim) -> list[float]:
+    """The time codes at which the place of a prim in the world is authored; fewer than two if it stands still.
+
+    Angles that USD interpolates are sampled at every time code between, since keyframes turn the shortest way.
+    """
+    times: set[float] = set()
+    angles = False
+    while prim and not prim.IsPseudoRoot():
+        xformable = UsdGeom.Xformable(prim)
+        if xformable:
+            for op in xformable.GetOrderedXformOps():
+                samples = op.GetTimeSamples()
+                times.update(samples)
+                angles = angles or (len(samples) > 1 and op.GetOpType() in _TURNS)
+            if xformable.GetResetXformStack():
+                break
+        prim = prim.GetParent()
+    if angles:
+        times.update(range(math.ceil(min(times)), math.floor(max(times)) + 1))
+    return sorted(times)
+
+
+def read_keyframes(prim: Usd.Prim, units: Units, report: Report) -> dict[str, Any] | None:
+    """A prim's animated transform as the JSON object of Keyframes; None if it stands still.
+
+    Time 0 is the start of the stage's range of time codes. The prim's scale must not change; if it does, it is reported.
+    """
+    times = sample_times(prim)
+    if len(times) < 2:
+        return None
+    stage = prim.GetStage()
+    start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else times[0]
+    times = sorted({max(time, start) for time in times})
+    rate = stage.GetTimeCodesPerSecond()
+    waypoints, stretches = [], []
+    for time in times:
+        pose = read_pose(prim, Usd.TimeCode(time), units)
+        if isinstance(pose, str):
+            report.problem(prim.GetPath(), "transform", f"at time code {time:g} {pose}")
+            return None
+        waypoints.append({"position": list(pose.position), "rotation": list(pose.rotation)})
+        stretches.append(np.diag([*pose.scale, 1.0]) @ pose.stretch)
+    if any(not np.allclose(stretch, stretches[0], atol=1e-5) for stretch in stretches):
+        report.omission(prim.GetPath(), "an animated scale keeps its first value")
+    if all(each == waypoints[0] for each in waypoints):
+        return None
+    seconds = [(time - start) / rate for time in times]
+    return {"type": "Keyframes", "times": seconds, "waypoints": waypoints, "repeat": False}

@@ -1,0 +1,64 @@
+"""Things of a stage that are to move: taken out of what stands still, and made templates of."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom
+
+from tiscene.errors import TemplateNotFound
+from tiscene.scene.description import Template
+from tiscene.usd.label import inherited_label
+from tiscene.usd.pose import placed, read_pose
+from tiscene.usd.problems import Report
+from tiscene.usd.reader import Context, StageReader
+from tiscene.usd.units import Units
+
+
+class RemainingReader(StageReader):
+    """Reads a stage without some of its prims and all below them."""
+
+    def __init__(self, stage: Usd.Stage, time: Usd.TimeCode, report: Report, lifted: Collection[str]) -> None:
+        super().__init__(stage, time, report)
+        self._lifted = frozenset(lifted)
+
+    def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
+        return str(prim.GetPath()) not in self._lifted and super()._read(prim, here, predicate)
+
+
+def lifted_templates(
+    stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: Report
+) -> tuple[Template, ...]:
+    """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps the prim's scale.
+
+    Raises TemplateNotFound for a path where no prim is that can be placed.
+    """
+    return tuple(_template(stage, path, time, report) for path in sorted(set(lifted)))
+
+
+def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report) -> Template:
+    prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+    if not prim or not prim.IsA(UsdGeom.Xformable):
+        things = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdGeom.Xformable)]
+        raise TemplateNotFound("prim", path, things, " to move on the stage")
+    pose = read_pose(prim, time, Units.of(stage))
+    reader = StageReader(stage, time, report)
+    above = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
+    # Its label may be inherited. It is shown by its life span, whatever its own visibility.
+    reader.walk(prim, Context(above, label=inherited_label(prim, time)))
+    description = reader.description(path)
+    if isinstance(pose, str):
+        report.problem(path, "transform", pose)
+    else:
+        own = np.linalg.inv(placed(pose.position, pose.rotation))
+        instances = tuple(
+            replace(each, world_from_object=own @ each.world_from_object) for each in description.instances
+        )
+        description = replace(description, instances=instances)
+    if not description.instances:
+        report.problem(path, "template", "it holds no geometry that would be drawn")
+    category = next((thing.category for thing in description.objects if thing.category), "")
+    return Template(path, inherited_label(prim, time) or category, description)

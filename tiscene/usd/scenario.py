@@ -1,0 +1,262 @@
+"""Scenarios on the stage: what an artist, or `Scenario.save`, authored by the schema of tiscene.
+
+Scenarios pass through here as JSON values, the ones of `Scenario.to_json`: this folder knows stages, not scenarios.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, Usd, UsdGeom
+
+from tiscene.camera import Camera
+from tiscene.usd import schema
+from tiscene.usd.animated import read_keyframes
+from tiscene.usd.camera import read_camera
+from tiscene.usd.dynamic import read_dynamic
+from tiscene.usd.label import is_component, is_lone_instance
+from tiscene.usd.pose import Pose, agrees, read_pose
+from tiscene.usd.problems import Report
+from tiscene.usd.stage import Variants, open_stage, quiet, readable, reading_time
+from tiscene.usd.transform import to_matrix
+from tiscene.usd.units import Units
+
+_TIMINGS = {
+    "allTogether": "AllTogether",
+    "waitUntilComplete": "WaitUntilComplete",
+    "dictTimings": "DictTimings",
+}
+
+
+@dataclass(frozen=True)
+class AuthoredScenario:
+    """content: the members of a scenario's JSON object; without `scene` if the stage itself is the scene.
+
+    prim_paths: where its objects were authored, in their order.
+    """
+
+    content: dict[str, Any]
+    prim_paths: tuple[str, ...]
+
+
+def read_scenario(path: str | Path, *, variants: Variants | None = None) -> AuthoredScenario:
+    """What is to happen on a stage. Nothing, if nothing of it moves.
+
+    Objects are the prims with TisceneObjectAPI or TisceneMotionAPI, and components whose transforms have time samples.
+    Raises MissingFile and StageError with every problem found; what is left out is named in one StageWarning.
+    """
+    with quiet(), readable(path):
+        stage = open_stage(path, variants)
+        report = Report(str(path))
+        reader = _ScenarioReader(stage, report)
+        result = reader.read()
+        report.raise_problems()
+    report.warn()
+    return result
+
+
+class _ScenarioReader:
+    """Reads the scenario of one stage."""
+
+    def __init__(self, stage: Usd.Stage, report: Report) -> None:
+        self._stage = stage
+        self._report = report
+        self._units = Units.of(stage)
+        self._time = reading_time(stage, None)
+
+    def read(self) -> AuthoredScenario:
+        scenarios, prims, cameras = [], [], []
+        for prim in self._walk():
+            schema.report_misspelt(prim, self._report)
+            if schema.has(prim, schema.SCENARIO):
+                scenarios.append(prim)
+            if prim.IsA(UsdGeom.Camera):
+                cameras.append(prim)
+            elif self._is_object(prim):
+                prims.append(prim)
+        for other in scenarios[1:]:
+            self._report.problem(other.GetPath(), "scenario", f"<{scenarios[0].GetPath()}> is the scenario already")
+        root = scenarios[0] if scenarios else None
+        content: dict[str, Any] = {}
+        if root:
+            relationship = root.GetRelationship("tiscene:scenario:objects")
+            if relationship and relationship.HasAuthoredTargets():
+                prims = self._targets(relationship)
+            content = self._scenario(root)
+        objects, paths = [], []
+        for prim in prims:
+            made = self._object(prim)
+            if made is not None:
+                objects.append(made)
+                paths.append(str(prim.GetPath()))
+        self._name(objects, paths)
+        camera = self._camera(root, cameras)
+        content |= {"objects": objects} | ({} if camera is None else {"camera": camera})
+        return AuthoredScenario(content, tuple(paths))
+
+    def _walk(self) -> Iterator[Usd.Prim]:
+        """Every prim that may say something; not what is inside an object or a thing, which moves as one."""
+        prims = iter(Usd.PrimRange(self._stage.GetPseudoRoot()))
+        for prim in prims:
+            yield prim
+            if _is_thing(prim) or self._is_object(prim):
+                prims.PruneChildren()
+
+    def _is_object(self, prim: Usd.Prim) -> bool:
+        """Whether a prim is an object of the scenario, if nobody lists them."""
+        if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable):
+            return False
+        if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
+            return True
+        return _is_thing(prim) and read_keyframes(prim, self._units, Report("")) is not None
+
+    def _targets(self, relationship: Usd.Relationship) -> list[Usd.Prim]:
+        prims = []
+        for path in relationship.GetTargets():
+            prim = self._stage.GetPrimAtPath(path)
+            if prim and prim.IsA(UsdGeom.Xformable):
+                prims.append(prim)
+            else:
+                self._report.problem(relationship.GetPath(), "scenario", f"<{path}> is no prim that can be placed")
+        return prims
+
+    def _object(self, prim: Usd.Prim) -> dict[str, Any] | None:
+        pose = read_pose(prim, self._time, self._units)
+        if isinstance(pose, str):
+            self._report.problem(prim.GetPath(), "transform", pose)
+            return None
+        exact = _authored(prim, "tiscene:object:exactPose")
+        position, rotation = list(pose.position), list(pose.rotation)
+        if exact is not None and agrees(exact, position, rotation):
+            position, rotation = list(exact[:3]), list(exact[3:])
+        template = _authored(prim, "tiscene:object:template")
+        content: dict[str, Any] = {
+            "id": _authored(prim, "tiscene:object:id") or "",
+            "template": template or str(prim.GetPath()),
+            "position": position,
+            "rotation": rotation,
+            "dynamic": self._dynamic(prim),
+        }
+        if template:  # otherwise the scale is the template's own
+            content["scale"] = list(pose.scale)
+        for key, name in (("first_frame", "firstFrame"), ("last_frame", "lastFrame")):
+            value = _authored(prim, f"tiscene:object:{name}")
+            if value is not None and value != -1:
+                content[key] = int(value)
+        for key, name in (("frustum_limited", "frustumLimited"), ("collide", "collide")):
+            value = _authored(prim, f"tiscene:object:{name}")
+            if value is not None:
+                content[key] = bool(value)
+        return content
+
+    def _dynamic(self, prim: Usd.Prim) -> dict[str, Any] | None:
+        if schema.has(prim, schema.MOTION):
+            return read_dynamic(prim, self._units, self._report)
+        return read_keyframes(prim, self._units, self._report)
+
+    @staticmethod
+    def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:
+        """Ids for the objects without: the prim's name, or its path where that is taken."""
+        taken = {each["id"] for each in objects if each["id"]}
+        for content, path in zip(objects, paths, strict=True):
+            if not content["id"]:
+                name = Sdf.Path(path).name
+                content["id"] = name if name not in taken else path
+                taken.add(content["id"])
+
+    def _scenario(self, root: Usd.Prim) -> dict[str, Any]:
+        """The members of the scenario's JSON object that its own prim has."""
+        content: dict[str, Any] = {}
+        scene = _authored(root, "tiscene:scenario:scene")
+        if scene:
+            content["scene"] = str(scene)
+        far = _authored(root, "tiscene:scenario:frustumFar")
+        if far:
+            content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far, True)}
+        kind = _authored(root, "tiscene:scenario:timing") or "allTogether"
+        if kind not in _TIMINGS:
+            text = f"tiscene:scenario:timing is {str(kind)!r}; it must be one of {', '.join(_TIMINGS)}"
+            self._report.problem(root.GetPath(), "scenario", text)
+            return content
+        timings: dict[str, Any] = {"type": _TIMINGS[kind]}
+        if kind == "dictTimings":
+            timings["times"] = self._turns(root)
+        else:
+            timings["wait_time"] = float(_authored(root, "tiscene:scenario:waitTime") or 0.0)
+        if kind != "allTogether":
+            repeat = _authored(root, "tiscene:scenario:repeat")
+            timings["repeat"] = True if repeat is None else bool(repeat)
+        return content | {"timings": timings}
+
+    def _turns(self, root: Usd.Prim) -> list[list[Any]]:
+        ids, indices, times = (
+            list(_authored(root, f"tiscene:scenario:{name}") or ()) for name in ("turns", "turnIndices", "turnTimes")
+        )
+        if len(ids) != len(times) or (indices and len(indices) != len(ids)):
+            text = f"{len(ids)} turns, {len(indices)} turnIndices and {len(times)} turnTimes do not belong together"
+            self._report.problem(root.GetPath(), "scenario", text)
+            return []
+        indices = indices or [0] * len(ids)
+        return [[each or index, time] for each, index, time in zip(ids, indices, times, strict=True)]
+
+    def _camera(self, root: Usd.Prim | None, cameras: list[Usd.Prim]) -> dict[str, Any] | str | None:
+        """The camera as a JSON object if it moves or was written by us; its name if it was chosen; else None."""
+        targets = root.GetRelationship("tiscene:scenario:camera").GetTargets() if root else []
+        prim = cameras[0] if cameras else None
+        if targets:
+            prim = self._stage.GetPrimAtPath(targets[0])
+            if not prim or not prim.IsA(UsdGeom.Camera):
+                self._report.problem(root.GetPath(), "scenario", f"its camera <{targets[0]}> is no Camera")
+                return None
+        if prim is None:
+            return None
+        dynamic = self._dynamic(prim)
+        if dynamic is None and not schema.has(prim, schema.CAMERA):
+            return str(prim.GetName()) if targets else None
+        world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
+        meters = self._units.meters
+        camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report)
+        pose = read_pose(prim, self._time, self._units)
+        if camera is None or isinstance(pose, str):
+            return None
+        return self._exact_camera(prim, camera, pose) | {"dynamic": dynamic}
+
+    @staticmethod
+    def _exact_camera(prim: Usd.Prim, camera: Camera, pose: Pose) -> dict[str, Any]:
+        """A camera's JSON object, with what TisceneCameraAPI states to the last bit."""
+        content = dataclasses.asdict(dataclasses.replace(camera, dynamic=None))
+        content["position"] = list(pose.position)
+        if len(pose.rotation) == 4:
+            content["rotation"] = list(pose.rotation)
+        content["name"] = _authored(prim, "tiscene:camera:name") or camera.name
+        for key, name in CAMERA_VALUES.items():
+            value = _authored(prim, f"tiscene:camera:{name}")
+            if value is not None and content[key] is not None and math.isclose(value, content[key], rel_tol=1e-5):
+                content[key] = float(value)
+        return content
+
+
+# Members of a camera's JSON object, and the attributes of TisceneCameraAPI that state them exactly.
+CAMERA_VALUES = {
+    "vertical_fov": "verticalFov",
+    "lens_radius": "lensRadius",
+    "focus_distance": "focusDistance",
+    "near": "near",
+    "far": "far",
+    "exposure": "exposure",
+}
+
+
+def _is_thing(prim: Usd.Prim) -> bool:
+    """Whether a prim, met from above, is a thing with an identity of its own."""
+    return is_component(prim) or is_lone_instance(prim) or prim.IsA(UsdGeom.Gprim)
+
+
+def _authored(prim: Usd.Prim, name: str) -> Any:
+    attribute = prim.GetAttribute(name)
+    return attribute.Get() if attribute and attribute.HasAuthoredValue() else None
