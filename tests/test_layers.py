@@ -44,7 +44,16 @@ MAY_IMPORT = {
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
     "tiscene.usd": SCENE | {"tiscene.catalog"},
     "tiscene.scenario_json": {"tiscene.errors"},
-    "tiscene.scenario": {"tiscene.errors", "tiscene.camera", "tiscene.scenario_json", "dynamics"},
+    "tiscene.scenario": {
+        "tiscene.errors",
+        "tiscene.camera",
+        "tiscene.scenario_json",
+        "tiscene.catalog",
+        "tiscene.sampling",  # this and usd at need only: writing a scenario down needs neither USD nor Taichi
+        "tiscene.usd",
+        "dynamics",
+    },
+    "tiscene.sampling": SCENE | {"tiscene.render", "tiscene.usd", "tiscene.catalog", "dynamics"},
     "tiscene.motion": SCENE | {"dynamics", "tiscene.scenario"},
     "tiscene.world": SCENE | {"tiscene.motion", "dynamics", "tiscene.scenario", "tiscene.catalog", "tiscene.usd"},
     "tiscene.stream": STREAM,

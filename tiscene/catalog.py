@@ -18,6 +18,7 @@ import usd_scenes
 from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, TemplateNotFound
 
 STAGE_SUFFIXES = (".usda", ".usdc", ".usd", ".usdz")
+LAYER_SUFFIXES = (".usda", ".usdc", ".usd")  # those that can be written
 SCENARIO_SUFFIXES = (".json",)
 
 
@@ -73,6 +74,11 @@ def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
         hint = f"`{command}` lists all {len(known)}.{_unsearched()}"
         raise TemplateNotFound("template", str(template), known, where=where, hint=hint)
     return known[str(template)]
+
+
+def is_prim_path(template: str) -> bool:
+    """Whether a template's name means a prim on the scene's own stage ("/World/Chair"), which then moves."""
+    return template.startswith("/") and Path(template).suffix.lower() not in STAGE_SUFFIXES
 
 
 def _stages(pattern: str, stem: str) -> dict[str, Path]:

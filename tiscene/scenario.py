@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ from typing import Any
 
 import dynamics
 from dynamics import AllTogether, Dynamic, Still, Timing, check
-from tiscene import scenario_json
+from tiscene import catalog, scenario_json
 from tiscene.camera import Camera, Vector3
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError
 
@@ -146,16 +147,48 @@ class Scenario:
         return scenario
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a JSON file for people and programs."""
+        """Write a file for people and programs: JSON (.json), or a USD layer over the scene (.usda, .usdc, .usd).
+
+        The layer shows the scenario's start in any USD program, and keeps the scenario by the schema of
+        `tiscene.usd.schema`; it refers to the files of the scene and of the templates, which must be there.
+        Raises ArgumentError for another suffix, ScenarioError for what a file cannot hold.
+        """
         path = Path(path)
-        if path.suffix.lower() != ".json":
-            raise ArgumentError(f"path={str(path)!r}: a scenario is saved as a file that ends in .json")
-        path.write_text(scenario_json.dumps(self.to_json()), encoding="utf-8")
+        content = self.to_json()
+        if path.suffix.lower() == ".json":
+            path.write_text(scenario_json.dumps(content), encoding="utf-8")
+            return
+        if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
+            suffixes = ", ".join((".json", *catalog.LAYER_SUFFIXES))
+            raise ArgumentError(f"path={str(path)!r}: a scenario is saved as a file that ends in {suffixes}")
+        from tiscene.usd.scenario_writer import write_scenario
+
+        write_scenario(content, path)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Scenario:
-        """Read what `save` wrote. Raises MissingFile, or ScenarioError with the file and the place in it."""
-        path = Path(path)
+    def load(cls, source: str | os.PathLike[str], *, variants: Mapping[str, str] | None = None) -> Scenario:
+        """Read what `save` wrote, or what the author of a USD stage means to happen on it.
+
+        source: a scenario (.json), a USD file, or a scene's name. A stage of which nothing moves is a scenario without
+        objects. variants: as of `Stream`, of a stage. Raises MissingFile or SceneNotFound, StageError for a stage that
+        cannot be read, or ScenarioError with the file and the place in it.
+        """
+        if Path(source).suffix.lower() == ".json":
+            return cls._load_json(Path(source))
+        from tiscene.usd.scenario import read_scenario
+
+        file = catalog.find_scene(source)
+        authored = read_scenario(file, variants=variants)
+        content = {"format": FORMAT, "version": VERSION, "scene": os.fspath(source)} | authored.content
+        try:
+            return cls.from_json(content)
+        except ScenarioError as error:
+            row = re.match(r"objects\[(\d+)\]", str(error))
+            prim = f"<{authored.prim_paths[int(row.group(1))]}> " if row else ""
+            raise ScenarioError(f"{file}: {prim}{error}") from error
+
+    @classmethod
+    def _load_json(cls, path: Path) -> Scenario:
         try:
             return cls.from_json(scenario_json.loads(path.read_text(encoding="utf-8")))
         except FileNotFoundError as error:

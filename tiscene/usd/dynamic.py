@@ -123,7 +123,7 @@ def read_waypoints(prim: Usd.Prim, units: Units, report: Report) -> list[dict[st
 
 def _read_parts(prim: Usd.Prim, units: Units, report: Report, above: Sequence[Sdf.Path]) -> list[dict[str, Any]]:
     parts = []
-    for target in prim.GetRelationship(f"{_PREFIX}:parts").GetTargets():
+    for target in schema.targets(prim, f"{_PREFIX}:parts"):
         part = prim.GetStage().GetPrimAtPath(target)
         content = _read(part, units, report, above) if part else None
         if content is None:
@@ -180,8 +180,7 @@ def _write_waypoints(prim: Usd.Prim, waypoints: Sequence[Content], units: Units)
 
 
 def _authored(prim: Usd.Prim, name: str) -> Any:
-    attribute = prim.GetAttribute(f"{_PREFIX}:{name}")
-    return attribute.Get() if attribute and attribute.HasAuthoredValue() else None
+    return schema.authored(prim, f"{_PREFIX}:{name}")
 
 
 def _author(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:

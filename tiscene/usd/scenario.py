@@ -22,6 +22,7 @@ from tiscene.usd.dynamic import read_dynamic
 from tiscene.usd.label import is_component, is_lone_instance
 from tiscene.usd.pose import Pose, agrees, read_pose
 from tiscene.usd.problems import Report
+from tiscene.usd.schema import authored, targets
 from tiscene.usd.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.transform import to_matrix
 from tiscene.usd.units import Units
@@ -84,13 +85,12 @@ class _ScenarioReader:
         root = scenarios[0] if scenarios else None
         content: dict[str, Any] = {}
         if root:
-            relationship = root.GetRelationship("tiscene:scenario:objects")
-            if relationship and relationship.HasAuthoredTargets():
-                prims = self._targets(relationship)
+            listed = targets(root, "tiscene:scenario:objects")
+            prims = [self._target(root, path) for path in listed] if listed else prims
             content = self._scenario(root)
         objects, paths = [], []
         for prim in prims:
-            made = self._object(prim)
+            made = self._object(prim) if prim else None
             if made is not None:
                 objects.append(made)
                 paths.append(str(prim.GetPath()))
@@ -115,28 +115,26 @@ class _ScenarioReader:
             return True
         return _is_thing(prim) and read_keyframes(prim, self._units, Report("")) is not None
 
-    def _targets(self, relationship: Usd.Relationship) -> list[Usd.Prim]:
-        prims = []
-        for path in relationship.GetTargets():
-            prim = self._stage.GetPrimAtPath(path)
-            if prim and prim.IsA(UsdGeom.Xformable):
-                prims.append(prim)
-            else:
-                self._report.problem(relationship.GetPath(), "scenario", f"<{path}> is no prim that can be placed")
-        return prims
+    def _target(self, root: Usd.Prim, path: Sdf.Path) -> Usd.Prim | None:
+        """A prim that the scenario lists."""
+        prim = self._stage.GetPrimAtPath(path)
+        if prim and prim.IsA(UsdGeom.Xformable):
+            return prim
+        self._report.problem(root.GetPath(), "scenario", f"its object <{path}> is no prim that can be placed")
+        return None
 
     def _object(self, prim: Usd.Prim) -> dict[str, Any] | None:
         pose = read_pose(prim, self._time, self._units)
         if isinstance(pose, str):
             self._report.problem(prim.GetPath(), "transform", pose)
             return None
-        exact = _authored(prim, "tiscene:object:exactPose")
+        exact = authored(prim, "tiscene:object:exactPose")
         position, rotation = list(pose.position), list(pose.rotation)
         if exact is not None and agrees(exact, position, rotation):
             position, rotation = list(exact[:3]), list(exact[3:])
-        template = _authored(prim, "tiscene:object:template")
+        template = authored(prim, "tiscene:object:template")
         content: dict[str, Any] = {
-            "id": _authored(prim, "tiscene:object:id") or "",
+            "id": authored(prim, "tiscene:object:id") or "",
             "template": template or str(prim.GetPath()),
             "position": position,
             "rotation": rotation,
@@ -145,11 +143,11 @@ class _ScenarioReader:
         if template:  # otherwise the scale is the template's own
             content["scale"] = list(pose.scale)
         for key, name in (("first_frame", "firstFrame"), ("last_frame", "lastFrame")):
-            value = _authored(prim, f"tiscene:object:{name}")
+            value = authored(prim, f"tiscene:object:{name}")
             if value is not None and value != -1:
                 content[key] = int(value)
         for key, name in (("frustum_limited", "frustumLimited"), ("collide", "collide")):
-            value = _authored(prim, f"tiscene:object:{name}")
+            value = authored(prim, f"tiscene:object:{name}")
             if value is not None:
                 content[key] = bool(value)
         return content
@@ -172,13 +170,13 @@ class _ScenarioReader:
     def _scenario(self, root: Usd.Prim) -> dict[str, Any]:
         """The members of the scenario's JSON object that its own prim has."""
         content: dict[str, Any] = {}
-        scene = _authored(root, "tiscene:scenario:scene")
+        scene = authored(root, "tiscene:scenario:scene")
         if scene:
             content["scene"] = str(scene)
-        far = _authored(root, "tiscene:scenario:frustumFar")
+        far = authored(root, "tiscene:scenario:frustumFar")
         if far:
             content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far, True)}
-        kind = _authored(root, "tiscene:scenario:timing") or "allTogether"
+        kind = authored(root, "tiscene:scenario:timing") or "allTogether"
         if kind not in _TIMINGS:
             text = f"tiscene:scenario:timing is {str(kind)!r}; it must be one of {', '.join(_TIMINGS)}"
             self._report.problem(root.GetPath(), "scenario", text)
@@ -187,15 +185,15 @@ class _ScenarioReader:
         if kind == "dictTimings":
             timings["times"] = self._turns(root)
         else:
-            timings["wait_time"] = float(_authored(root, "tiscene:scenario:waitTime") or 0.0)
+            timings["wait_time"] = float(authored(root, "tiscene:scenario:waitTime") or 0.0)
         if kind != "allTogether":
-            repeat = _authored(root, "tiscene:scenario:repeat")
+            repeat = authored(root, "tiscene:scenario:repeat")
             timings["repeat"] = True if repeat is None else bool(repeat)
         return content | {"timings": timings}
 
     def _turns(self, root: Usd.Prim) -> list[list[Any]]:
         ids, indices, times = (
-            list(_authored(root, f"tiscene:scenario:{name}") or ()) for name in ("turns", "turnIndices", "turnTimes")
+            list(authored(root, f"tiscene:scenario:{name}") or ()) for name in ("turns", "turnIndices", "turnTimes")
         )
         if len(ids) != len(times) or (indices and len(indices) != len(ids)):
             text = f"{len(ids)} turns, {len(indices)} turnIndices and {len(times)} turnTimes do not belong together"
@@ -206,18 +204,18 @@ class _ScenarioReader:
 
     def _camera(self, root: Usd.Prim | None, cameras: list[Usd.Prim]) -> dict[str, Any] | str | None:
         """The camera as a JSON object if it moves or was written by us; its name if it was chosen; else None."""
-        targets = root.GetRelationship("tiscene:scenario:camera").GetTargets() if root else []
+        chosen = targets(root, "tiscene:scenario:camera") if root else []
         prim = cameras[0] if cameras else None
-        if targets:
-            prim = self._stage.GetPrimAtPath(targets[0])
+        if chosen:
+            prim = self._stage.GetPrimAtPath(chosen[0])
             if not prim or not prim.IsA(UsdGeom.Camera):
-                self._report.problem(root.GetPath(), "scenario", f"its camera <{targets[0]}> is no Camera")
+                self._report.problem(root.GetPath(), "scenario", f"its camera <{chosen[0]}> is no Camera")
                 return None
         if prim is None:
             return None
         dynamic = self._dynamic(prim)
         if dynamic is None and not schema.has(prim, schema.CAMERA):
-            return str(prim.GetName()) if targets else None
+            return str(prim.GetName()) if chosen else None
         world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
         meters = self._units.meters
         camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report)
@@ -233,10 +231,12 @@ class _ScenarioReader:
         content["position"] = list(pose.position)
         if len(pose.rotation) == 4:
             content["rotation"] = list(pose.rotation)
-        content["name"] = _authored(prim, "tiscene:camera:name") or camera.name
+        content["name"] = authored(prim, "tiscene:camera:name") or camera.name
         for key, name in CAMERA_VALUES.items():
-            value = _authored(prim, f"tiscene:camera:{name}")
-            if value is not None and content[key] is not None and math.isclose(value, content[key], rel_tol=1e-5):
+            value = authored(prim, f"tiscene:camera:{name}")
+            if value is not None and content[key] is not None and math.isclose(
+                value, content[key], rel_tol=1e-5, abs_tol=1e-7
+            ):
                 content[key] = float(value)
         return content
 
@@ -255,8 +255,3 @@ CAMERA_VALUES = {
 def _is_thing(prim: Usd.Prim) -> bool:
     """Whether a prim, met from above, is a thing with an identity of its own."""
     return is_component(prim) or is_lone_instance(prim) or prim.IsA(UsdGeom.Gprim)
-
-
-def _authored(prim: Usd.Prim, name: str) -> Any:
-    attribute = prim.GetAttribute(name)
-    return attribute.Get() if attribute and attribute.HasAuthoredValue() else None

@@ -9,7 +9,10 @@ from pathlib import Path
 from pxr import Sdf, Tf, Usd, UsdUtils
 
 from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
+from tiscene.usd import schema
 from tiscene.usd.problems import error_lines, one_line
+
+schema.register()
 
 Variants = Mapping[str, str | Mapping[str, str]]
 

@@ -28,10 +28,7 @@ def read_template(path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None)
     with quiet(), readable(path):
         stage = open_stage(path)
         report = Report(str(path))
-        prim = stage.GetDefaultPrim()
-        if not prim:
-            roots = [child for child in stage.GetPseudoRoot().GetChildren() if child.IsA(UsdGeom.Imageable)]
-            prim = roots[0] if len(roots) == 1 else None
+        prim = root_prim(stage)
         if not prim:
             report.problem("/", "template", "the file has no default prim, so that it is unclear what to spawn")
             report.raise_problems()
@@ -39,6 +36,14 @@ def read_template(path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None)
         report.raise_problems()
     report.warn()
     return template
+
+
+def root_prim(stage: Usd.Stage) -> Usd.Prim | None:
+    """What a file is about: its default prim, else its only root prim that can be drawn."""
+    if stage.GetDefaultPrim():
+        return stage.GetDefaultPrim()
+    roots = [child for child in stage.GetPseudoRoot().GetChildren() if child.IsA(UsdGeom.Imageable)]
+    return roots[0] if len(roots) == 1 else None
 
 
 def stage_templates(stage: Usd.Stage, report: Report) -> tuple[Template, ...]:

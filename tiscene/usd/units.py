@@ -26,7 +26,7 @@ class Units:
         """A value of an attribute as JSON: vectors and arrays as lists, tokens as text. length: in m."""
         if isinstance(value, str | bool | int):
             return value
-        if isinstance(value, Iterable):
+        if hasattr(value, "__len__"):  # USD's own vectors are no Iterables
             return [self.to_json(each, length) for each in value]
         return self._scaled(float(value), Fraction(repr(self.meters))) if length else float(value)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import functools
 from pathlib import Path
+from typing import Any
 
 from pxr import Plug, Sdf, Usd
 
@@ -36,6 +37,18 @@ def has(prim: Usd.Prim, schema: str) -> bool:
     The properties alone count, since a program that does not know the schema may leave out to apply it.
     """
     return schema in prim.GetAppliedSchemas() or bool(prim.GetAuthoredPropertiesInNamespace(NAMESPACES[schema]))
+
+
+def authored(prim: Usd.Prim, name: str) -> Any:
+    """The authored value of an attribute, None if there is none. Defaults are those of the classes that read it."""
+    attribute = prim.GetAttribute(name)
+    return attribute.Get() if attribute and attribute.HasAuthoredValue() else None
+
+
+def targets(prim: Usd.Prim, name: str) -> list[Sdf.Path]:
+    """Where a relationship leads to."""
+    relationship = prim.GetRelationship(name)
+    return list(relationship.GetTargets()) if relationship else []
 
 
 @functools.cache
