@@ -94,9 +94,7 @@ def advance(
         advance_bouncing(
             bodies, integers, touches, result_rows, body, time, kind, row, normal / ti.max(normal.norm(), 1e-9)
         )
-        if bodies[body, REST] > 0.0:
-            propose(bodies, integers, body)
     else:
         advance_following(bodies, integers, touches, result_rows, body, time, kind, row)
-        if bodies[body, REST] > 0.0 and integers[body, TRIES] == 0:
-            propose(bodies, integers, body)
+    if bodies[body, REST] > 0.0 and (integers[body, KIND] == BOUNCES or integers[body, TRIES] == 0):
+        propose(bodies, integers, body)

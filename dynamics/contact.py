@@ -126,47 +126,49 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
     Newton's method on the distance, which is a convex function of time: every step goes to where the sphere would
     touch the plane through the nearest point, so it never goes too far and never enters the triangle.
     """
-    point = nearest_on_triangle(corner, edge_1, edge_2)
-    distance = point.norm()
-    start_gap = distance - (radius + SKIN)
-    normal = -point / ti.max(distance, 1e-9)
-    if distance < 1e-6:
-        # The centre lies on the triangle: the side on which the body is decides.
-        normal = edge_1.cross(edge_2).normalized()
-        if normal.dot(inward) < 0.0:
-            normal = -normal
-    start_normal = normal
     stop = radius + SKIN
     time = FAR
-    approach = -normal.dot(chord)
-    if start_gap < TOLERANCE and approach > SLIDE:
-        time = 0.0
-    elif start_gap < -0.5 * SKIN:
-        # Too near already: it must get away, even where its path bends back.
-        if approach > -4.0 * slack - 1e-9:
-            time = 0.0
-    elif approach > 0.0:
-        if start_gap < TOLERANCE:
-            stop = radius + 0.5 * SKIN
-        reached = 0.0
-        searching = True
-        for _ in range(ITERATIONS):
+    reached = 0.0
+    normal = vec3(0.0)
+    start_normal = normal
+    start_gap = 0.0
+    searching = True
+    for step in range(ITERATIONS):
+        if searching:
+            point = nearest_on_triangle(corner - reached * chord, edge_1, edge_2)
+            distance = point.norm()
+            normal = -point / ti.max(distance, 1e-9)
+            if distance < 1e-6:
+                # The centre lies on the triangle: the side on which the body is decides.
+                normal = edge_1.cross(edge_2).normalized()
+                if normal.dot(inward) < 0.0:
+                    normal = -normal
+            approach = -normal.dot(chord)
+            if step == 0:
+                start_normal = normal
+                start_gap = distance - stop
+                if start_gap < TOLERANCE and approach > SLIDE:
+                    time = 0.0
+                elif start_gap < -0.5 * SKIN:
+                    # Too near already: it must get away, even where its path bends back.
+                    if approach > -4.0 * slack - 1e-9:
+                        time = 0.0
+                    searching = False
+                if start_gap < TOLERANCE:
+                    stop = radius + 0.5 * SKIN
+                if time == 0.0:
+                    searching = False
+            elif approach > 0.0 and distance - stop < 0.5 * TOLERANCE:
+                time = reached
+                searching = False
+            if approach <= 0.0:
+                searching = False
             if searching:
                 reached += ti.max(distance - stop, 0.0) / approach
                 if reached >= until:
                     searching = False
-                else:
-                    point = nearest_on_triangle(corner - reached * chord, edge_1, edge_2)
-                    distance = point.norm()
-                    normal = -point / ti.max(distance, 1e-9)
-                    approach = -normal.dot(chord)
-                    if approach <= 0.0:
-                        searching = False
-                    elif distance - stop < 0.5 * TOLERANCE:
-                        time = reached
-                        searching = False
-        if searching:
-            time = reached  # not settled in time: stop where it is still free
+    if searching:
+        time = reached  # not settled in time: stop where it is still free
     return time, normal, start_normal, start_gap
 
 

@@ -21,7 +21,6 @@ from dynamics.columns import (
     REST,
     STEP,
     TARGET,
-    TRAVEL,
     TRIES,
     TURN,
 )
@@ -87,39 +86,36 @@ def advance_following(
     row: ti.i32,
 ):
     tries = integers[body, TRIES]
-    if tries == 0 and time >= 1.0:
-        if integers[body, FULL] > 0:
-            # The pose of the path itself, to the bit.
-            bodies[body, TRAVEL] += row3(bodies, body, MOVE).norm() * (1.0 + 1e-5) + 1e-6
-            bodies[body, TRAVEL] += row3(bodies, body, TURN).norm() * bodies[body, RADIUS]
-            for i in ti.static(range(7)):
-                bodies[body, POSITION + i] = bodies[body, TARGET + i]
-            integers[body, ON_PATH] = 1
-            bodies[body, REST] = 0.0
-        else:
-            go(bodies, body, time)
-            integers[body, ON_PATH] = 0
-            moved = row3(bodies, body, MOVE).norm()
-            turned = row3(bodies, body, TURN).norm()
-            bodies[body, ALLOWED] -= moved
-            bodies[body, ALLOWED_TURN] -= turned
-            bodies[body, STEP] += moved + turned * bodies[body, RADIUS]
-            if moved + turned < 1e-9:
-                bodies[body, REST] = 0.0
+    exact = tries == 0 and time >= 1.0 and integers[body, FULL] > 0
+    goes = time
+    done = tries > 0
+    if tries == 0 and time < 1.0:
+        goes = 0.0  # first it bends its way
+    elif tries == 1 and time <= 1e-3:
+        done = False
+        goes = 0.0
+    moved = row3(bodies, body, MOVE).norm() * goes
+    turned = row3(bodies, body, TURN).norm() * goes
+    if goes > 0.0:
+        go(bodies, body, goes)
+    integers[body, ON_PATH] = 0
+    if exact:
+        # The pose of the path itself, to the bit.
+        for i in ti.static(range(7)):
+            bodies[body, POSITION + i] = bodies[body, TARGET + i]
+        integers[body, ON_PATH] = 1
+        done = True
+    elif tries == 0 and time >= 1.0:
+        bodies[body, ALLOWED] -= moved
+        bodies[body, ALLOWED_TURN] -= turned
+        bodies[body, STEP] += moved + turned * bodies[body, RADIUS]
+        done = moved + turned < 1e-9
     else:
-        integers[body, ON_PATH] = 0
         integers[body, BLOCKED] = 1
         note(integers, body, kind, row)
-        if tries == 0:
-            slide(bodies, integers, touches, result_rows, body, 1.0)
-        elif tries == 1:
-            if time > 1e-3:
-                go(bodies, body, time)
-                bodies[body, REST] = 0.0
-            else:
-                slide(bodies, integers, touches, result_rows, body, 0.0)
-        else:
-            if time > 0.0:
-                go(bodies, body, time)
-            bodies[body, REST] = 0.0
+        if not done:
+            # The first time with its turn, then without.
+            slide(bodies, integers, touches, result_rows, body, ti.cast(1 - tries, ti.f64))
         integers[body, TRIES] = tries + 1
+    if done:
+        bodies[body, REST] = 0.0

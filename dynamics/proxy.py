@@ -46,10 +46,10 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     extent = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
     # `most` circles of this radius cover a flat surface of this area; the pieces are much smaller than that.
     radius = max(np.sqrt(area / (2.6 * most)), extent / most, FINEST)
-    pieces = _subdivided(triangles, 0.6 * radius)
+    pieces = _subdivided(triangles, 0.7 * radius)
     middles = pieces.mean(axis=1)
     centres = middles[_farthest_points(middles, most, stop=0.7 * radius)]
-    for _ in range(3):
+    for _ in range(2):
         owner = _nearest(middles, centres)
         centres = _centred(pieces, owner)
     owner = _nearest(middles, centres)

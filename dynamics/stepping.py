@@ -129,8 +129,6 @@ def begin_bouncing(
         if integers[body, PULLED] > 0:
             bound += row3(bodies, body, PULL).norm()
     bodies[body, BOUND] = bound
-    if time > 0.0:
-        propose(bodies, integers, body)
 
 
 @ti.func
@@ -205,6 +203,7 @@ def begin_substep(
         else:
             begin_following(bodies, integers, targets, body, length)
         if bodies[body, REST] > 0.0:
+            propose(bodies, integers, body)
             moving += 1
     for group in range(groups.shape[0]):
         body = groups[group, 0]
