@@ -7,9 +7,8 @@ import json
 import operator
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
@@ -28,6 +27,7 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 from tiscene.usd import read_stage, read_template
 from tiscene.usd.layers import layer_digests
+from tiscene.usd.write import write_motion
 from tiscene.world import World
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
@@ -37,7 +37,8 @@ MAX_SIZE = 16384
 class Stream(Iterator[Frame]):
     """An endless or finite, exactly repeatable sequence of labelled frames.
 
-    source: a scene name ("room_02"), a USD file, a Scenario, or a scenario file (.json).
+    source: a scene name ("room_02"), a USD file, a Scenario, or a scenario file (.json). A stage whose author made its
+        things move (`tiscene.usd.schema`, or time samples of their transforms) plays.
     width, height: px. fps: frame k shows time k / fps. frames: how many; None for an endless stream.
     buffers: which of `tiscene.render.aovs.AOVS` each frame holds; the others cost nothing.
     quality: "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
@@ -79,13 +80,18 @@ class Stream(Iterator[Frame]):
         self.fps = float(fps)
         self.buffers = _buffer_names(buffers)
         self.quality: Quality = quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
-        self.scenario = source if isinstance(source, Scenario) else _scenario_from(source)
+        self.scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
         if camera is not None:
             self.scenario = replace(self.scenario, camera=camera)
         self.time_code = time_code
         self.variants = dict(variants or {})
 
-        stage = read_stage(catalog.find_scene(self.scenario.scene), time_code=time_code, variants=self.variants)
+        stage = read_stage(
+            catalog.find_scene(self.scenario.scene),
+            time_code=time_code,
+            variants=self.variants,
+            lifted=[each.template for each in self.scenario.objects if catalog.is_prim_path(each.template)],
+        )
         self._stage_templates = {template.name for template in stage.templates}
 
         def load_template(name: str) -> Template:
@@ -190,6 +196,16 @@ class Stream(Iterator[Frame]):
             digests |= {f"{template}: {name}": digest for name, digest in files.items()}
         return digests
 
+    def to_usd(self, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
+        """Write the motion as a USD layer over the scene (.usda, .usdc, .usd), to be played in any USD program.
+
+        frames: how many, from 0 on, or their numbers; by default all of the stream's. Time code k is frame k.
+        Objects are references to their templates, with time samples of pose and visibility; nothing is rendered.
+        """
+        if frames is None and self.frames is None:
+            raise ArgumentError("frames=None: an endless stream cannot be written whole; say how many frames")
+        write_motion(self.world, path, self.frames if frames is None else frames)
+
     def _render(self, index: int) -> Frame:
         view, placement = self._view(index), self._placement(index)
         if self._exposure is None and "rgb" in self.buffers:
@@ -267,10 +283,3 @@ def _buffer_names(names: Sequence[str]) -> tuple[str, ...]:
     if not names:
         raise ArgumentError("buffers=(): ask for one at least")
     return tuple(dict.fromkeys(names))
-
-
-def _scenario_from(source: str | os.PathLike[str]) -> Scenario:
-    path = Path(source)
-    if path.suffix == ".json":
-        return Scenario.load(path)
-    return Scenario(os.fspath(source))

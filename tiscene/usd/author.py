@@ -52,6 +52,13 @@ class OverLayer:
         self._below = below
         self._hidden: set[str] = set()
 
+    def set_time(self, first: float, last: float, rate: float) -> None:
+        """The range of time codes, and how many of them make a second."""
+        self.stage.SetStartTimeCode(first)
+        self.stage.SetEndTimeCode(last)
+        self.stage.SetTimeCodesPerSecond(rate)
+        self.stage.SetFramesPerSecond(rate)
+
     def unused_path(self, folder: Sdf.Path, name: str) -> Sdf.Path:
         """A path for a new prim that is called `name` as nearly as USD allows."""
         identifier = name if Sdf.Path.IsValidIdentifier(name) else Tf.MakeValidIdentifier(name)
