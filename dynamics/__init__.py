@@ -27,7 +27,7 @@ from dynamics.bodies import Body
 from dynamics.bounce import UniformMovementRandomBounce
 from dynamics.closed_form import Composite, Keyframes, LookAt, Orbit, Still
 from dynamics.dynamic import ClosedForm, Dynamic
-from dynamics.movers import Contact, Moment, Mover
+from dynamics.movers import Contact, Moment, Move, Mover
 from dynamics.proxy import Shape, cover
 from dynamics.timings import (
     AllTogether,
@@ -58,6 +58,7 @@ __all__ = [
     "LinearWaypoints",
     "LookAt",
     "Moment",
+    "Move",
     "Mover",
     "Obstacles",
     "Orbit",

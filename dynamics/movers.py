@@ -14,12 +14,23 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Move:
+    """A mover is put elsewhere, at once, when a frame is reached. rotation: unit quaternion."""
+
+    frame: int
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
 class Mover:
     """A body that may meet things.
 
     shape: its proxy spheres; None: it passes through everything, and nothing meets it.
     limited: whether walls hold it.
     first_frame, last_frame: both inclusive; it meets things only while it is there. None: for ever.
+    moves: in the order in which they are done. What is Still stays there; what follows a path returns to it; what
+    bounces goes on from there.
     """
 
     body: Body
@@ -27,6 +38,7 @@ class Mover:
     limited: bool = True
     first_frame: int = 0
     last_frame: int | None = None
+    moves: tuple[Move, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -46,10 +58,12 @@ class Moment:
     """All movers at one frame.
 
     poses: float64 [n, 7], position (m) and unit quaternion (w, x, y, z).
+    arrivals: the same before the moves of this frame were done: where everything got to by itself.
     blocked: bool [n]: what follows a path was kept from it, and what bounces could not move for most of the way here.
     contacts: what was met on the way here from the frame before.
     """
 
     poses: Array
+    arrivals: Array
     blocked: NDArray[np.bool_]
     contacts: tuple[Contact, ...]

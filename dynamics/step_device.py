@@ -132,6 +132,14 @@ class StepDevice:
         if moving:
             give_up(self.bodies, self.integers)
 
+    def put(self, poses: dict[int, Array]) -> None:
+        """Put bodies elsewhere, by row."""
+        bodies, integers = self.state()
+        for row, pose in poses.items():
+            bodies[row, at.POSITION : at.ROTATION + 4] = pose
+            integers[row, at.ON_PATH] = 0
+        self.restore(bodies, integers)
+
     def moment(self, length: float = 1.0) -> Moment:
         bodies, integers = self.state()
         bodies, integers = bodies[: self.count], integers[: self.count]
@@ -142,7 +150,7 @@ class StepDevice:
             for k in range(at.CONTACT, at.CONTACT + 2 * int(integers[row, at.CONTACTS]), 2)
         ]
         poses = bodies[:, at.POSITION : at.ROTATION + 4].copy()
-        return Moment(poses, (integers[:, at.BLOCKED] > 0) | lost, tuple(contacts))
+        return Moment(poses, poses, (integers[:, at.BLOCKED] > 0) | lost, tuple(contacts))
 
 
 def _uploaded(values: NDArray[Any]) -> Any:

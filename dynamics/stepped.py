@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from numbers import Rational
 from typing import Any
@@ -15,11 +16,11 @@ from numpy.typing import NDArray
 
 from dynamics import check
 from dynamics import columns as at
-from dynamics.bodies import Body, columns
+from dynamics.bodies import columns
 from dynamics.bounce import UniformMovementRandomBounce
 from dynamics.clocks import Clocks, exact
-from dynamics.closed_form import check_closed_form
-from dynamics.dynamic import Pose, Track, fixed
+from dynamics.closed_form import Still, check_closed_form
+from dynamics.dynamic import Track, fixed
 from dynamics.motion import evaluate
 from dynamics.movers import Array, Moment, Mover
 from dynamics.obstacles import Obstacles, nothing
@@ -89,8 +90,9 @@ class SteppedSimulation:
         if not self._reached <= number or self._reached < 0 or number - self._reached > self._interval:
             self._go_back(device, number)
         while self._reached < number:
-            self._keep(self._reached + 1, self._advance(device, self._reached))
+            moment = self._advance(device, self._reached)
             self._reached += 1
+            self._keep(self._reached, self._moved(device, moment))
             self._save(device)
         return self._moments[number]
 
@@ -104,10 +106,10 @@ class SteppedSimulation:
             device.restore(*self._checkpoints[latest])
             self._reached = latest
         else:
-            device.restore(*self._start())
+            device.restore(*self._start(0))
             self._reached = 0
+            self._keep(0, self._moved(device, device.moment()))
             self._save(device)
-            self._keep(0, device.moment())
 
     def _save(self, device: StepDevice) -> None:
         if self._reached % self._interval or self._reached in self._checkpoints:
@@ -123,10 +125,27 @@ class SteppedSimulation:
         while len(self._moments) > KEPT_FRAMES:
             self._moments.popitem(last=False)
 
+    def _moved(self, device: StepDevice, moment: Moment) -> Moment:
+        """The frame that is reached, once what is moved there was moved."""
+        moves = {row: _pose(*last) for row, last in self._last_moves(self._reached, exactly=True)}
+        if not moves:
+            return moment
+        device.put(moves)
+        poses = moment.poses.copy()
+        poses[list(moves)] = list(moves.values())
+        return replace(moment, poses=poses)
+
+    def _last_moves(self, frame: int, exactly: bool) -> Iterator[tuple[int, tuple[Sequence[float], Sequence[float]]]]:
+        """The last move of every mover up to `frame`, or at it: row, position and rotation."""
+        for row, mover in enumerate(self.movers):
+            moves = [move for move in mover.moves if (move.frame == frame if exactly else move.frame <= frame)]
+            if moves:
+                yield row, (moves[-1].position, moves[-1].rotation)
+
     def _advance(self, device: StepDevice, frame: int) -> Moment:
         """From frame `frame` to the next."""
         times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
-        targets = [self.path(time) for time in times]
+        targets = [self._path(time, frame) for time in times]
         clocks = [self._active_clocks.parameters(time) for time in times]
         device.begin_frame(targets, [self._there(mover, frame) for mover in self.movers], float(1 / self.fps))
         for part in range(self.substeps):
@@ -135,12 +154,36 @@ class SteppedSimulation:
             device.substep(targets[part + 1], active, planes, float(times[part + 1] - times[part]))
         return device.moment(float(1 / self.fps))
 
-    def path(self, time: Fraction) -> Array:
-        """Where the paths have the movers, whatever is in the way: float64 [n, 7]. What bounces stays at its start."""
+    def _path(self, time: Fraction, frame: int) -> Array:
+        """Where the paths have the movers, whatever is in the way: float64 [n, 7]. What bounces stays at its start.
+
+        frame: moves after it are not known yet.
+        """
         poses = np.zeros((len(self.movers), 7))
         if self.movers:
             evaluate(*self._columns, self._path_clocks.parameters(time), poses)
+        for row, last in self._last_moves(frame, exactly=False):
+            if isinstance(self.movers[row].body.dynamic, Still):
+                poses[row] = _pose(*last)
         return poses
+
+    def continue_from(self, other: SteppedSimulation | None, frame: int) -> None:
+        """Take over what another simulation has computed, to save time: before `frame` everything is as there.
+
+        Its movers must be the first of this one, and the others not there before `frame`. None: what follows paths
+        met nothing before, and nothing bounced.
+        """
+        if other is None:
+            if frame > 0:
+                self._checkpoints[frame - 1] = self._start(frame - 1)
+            return
+        self._interval = other._interval
+        rows = len(other.movers)
+        for number, (bodies, integers) in other._checkpoints.items():
+            if number < frame:
+                start_bodies, start_integers = self._start(number)
+                start_bodies[:rows], start_integers[:rows] = bodies[:rows], integers[:rows]
+                self._checkpoints[number] = start_bodies, start_integers
 
     @staticmethod
     def _there(mover: Mover, frame: int) -> bool:
@@ -149,7 +192,7 @@ class SteppedSimulation:
     def _tracks(self, row: int) -> tuple[Track, ...]:
         body = self.movers[row].body
         if self._bounces[row]:
-            return (fixed(Pose(*_pose(body))),)
+            return (fixed(body.start),)
         return check_closed_form(body.dynamic, f"movers[{row}].body.dynamic").tracks(body.start)
 
     def _windows(self) -> list[Any]:
@@ -161,11 +204,11 @@ class SteppedSimulation:
             windows[row] = window
         return windows
 
-    def _start(self) -> tuple[Array, NDArray[np.int32]]:
-        """The columns of all bodies at frame 0."""
+    def _start(self, frame: int) -> tuple[Array, NDArray[np.int32]]:
+        """The columns of bodies that met nothing before a frame; of what bounces, where it starts."""
         bodies = np.zeros((max(1, len(self.movers)), at.FLOATS))
         integers = np.zeros((max(1, len(self.movers)), at.INTEGERS), dtype=np.int32)
-        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = self.path(Fraction(0))
+        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = self._path(Fraction(frame) / self.fps, frame)
         group = 0
         for row, mover in enumerate(self.movers):
             dynamic = mover.body.dynamic
@@ -191,5 +234,5 @@ class SteppedSimulation:
         return bodies, integers
 
 
-def _pose(body: Body) -> tuple[Any, Any]:
-    return body.start.position, body.start.rotation
+def _pose(position: Sequence[float], rotation: Sequence[float]) -> Array:
+    return np.array([*position, *rotation], dtype=np.float64)

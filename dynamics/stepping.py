@@ -192,7 +192,8 @@ def begin_substep(
             for i in ti.static(range(7)):
                 bodies[body, TARGET + i] = targets[body, i]
             if integers[body, KIND] == BOUNCES:
-                fly_freely(bodies, body)
+                if active[body] > 0.0:
+                    fly_freely(bodies, body)
             else:
                 follow_freely(bodies, body)
                 integers[body, ON_PATH] = 1

@@ -12,7 +12,7 @@ import pytest
 from dynamics import AllTogether, Body, CatmullWaypoints, DictTimings, LinearWaypoints, Simulation, Still, Waypoint
 from dynamics import stepped as module
 from dynamics.bounce import UniformMovementRandomBounce
-from dynamics.movers import Mover
+from dynamics.movers import Move, Mover
 from dynamics.proxy import cover
 from dynamics.stepped import SteppedSimulation
 from dynamics.stepping import begin_frame, begin_substep, step
@@ -341,3 +341,47 @@ def test_a_new_body_or_room_compiles_nothing(crowd):
     before = compiled()
     run(SteppedSimulation([bouncer(), bouncer("b", (0, 0.8, 0), ROD)], fps=30, obstacles=obstacles(ROOM, PILLAR)), 5)
     assert compiled() == before
+
+
+def test_a_moved_mover_goes_on_from_there():
+    turned = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)
+    still = Mover(Body(Still(), name="s"), CUBE, moves=(Move(5, (1.0, 0.5, 0.0), turned),))
+    follower = Mover(Body(WAY, name="f"), cube(0.2), moves=(Move(5, (-1.0, 0.9, -0.5), turned),))
+    flying = bouncer("b", (0.0, -0.8, 0.0), direction=(0, 0, 1), moves=(Move(5, (1.5, -0.8, -1.0), turned),))
+    passing = Mover(Body(WAY, name="p"), moves=(Move(5, (0.0, 0.0, 0.0), turned),))
+    simulation = SteppedSimulation([still, follower, flying, passing], fps=25, obstacles=obstacles(ROOM))
+    poses = run(simulation, 80)
+    path = np.array([Simulation([Body(WAY, name="f")]).poses(Fraction(k, 25))[0] for k in range(80)])
+    for row, mover in enumerate(simulation.movers):
+        np.testing.assert_array_equal(poses[5, row], (*mover.moves[0].position, *mover.moves[0].rotation))
+    again = SteppedSimulation(simulation.movers, fps=25, obstacles=obstacles(ROOM))
+    np.testing.assert_array_equal(again.frame(5).arrivals[:, :3], [(0, 0, 0), path[5, :3], (0, -0.8, 0.3), path[5, :3]])
+    assert (poses[5:, 0] == poses[5, 0]).all(), "what is still stays where it was put"
+    back = [(poses[k, 1] == path[k]).all() for k in range(80)]
+    assert back[:5] == [True] * 5
+    assert not any(back[5:10])
+    assert back[79]
+    assert np.linalg.norm(np.diff(poses[5:, 1, :3], axis=0), axis=1).max() < 0.15, "it returns step by step"
+    np.testing.assert_allclose(poses[10, 2, :3], (1.5, -0.8, -1.0 + 5 * 1.5 / 25), atol=1e-12)
+    np.testing.assert_array_equal(poses[6:, 3], path[6:])
+
+
+def test_what_another_simulation_has_computed_is_taken_over():
+    moved = Mover(Body(Still(), (0.0, 0.9, 1.2), name="m"), CUBE, moves=(Move(70, (0.0, 0.5, 0.5), (1, 0, 0, 0)),))
+    first = [bouncer("a"), Mover(moved.body, CUBE)]
+    late = Mover(Body(first[0].body.dynamic, (1.0, 0.0, 0.0), birth=Fraction(70, 25), name="c"), CUBE, first_frame=70)
+    old = SteppedSimulation(first, fps=25, obstacles=obstacles(ROOM))
+    run(old, 72)
+    fresh = SteppedSimulation([first[0], moved, late], fps=25, obstacles=obstacles(ROOM))
+    taken = SteppedSimulation([first[0], moved, late], fps=25, obstacles=obstacles(ROOM))
+    taken.continue_from(old, 70)
+    assert max(taken._checkpoints) == 64
+    for k in (75, 69, 70, 130, 30):
+        assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
+    # And from paths that were formulas so far.
+    loop = Mover(Body(WAY, name="f"), CUBE)
+    fresh, taken = (SteppedSimulation([loop, late], fps=25, obstacles=obstacles(ROOM)) for _ in range(2))
+    taken.continue_from(None, 70)
+    assert list(taken._checkpoints) == [69]
+    for k in (90, 70, 10):
+        assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
