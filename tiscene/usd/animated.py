@@ -1,8 +1,9 @@
-"""What moves on a stage by time samples of its transform, as keyframes."""
+"""What moves or comes and goes on a stage by time samples, as keyframes and life spans."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -39,18 +40,38 @@ def sample_times(prim: Usd.Prim) -> list[float]:
     return sorted(times)
 
 
-def read_keyframes(prim: Usd.Prim, units: Units, report: Report) -> dict[str, Any] | None:
+def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:
+    """First and last frame of a prim whose own visibility is animated, None for no last; None if it is always there.
+
+    Frames are time codes, counted from the start of the stage's range: as when it is played at its own rate.
+    """
+    visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
+    if not visibility or visibility.GetNumTimeSamples() < 2:
+        return None
+    start = _start(prim, visibility.GetTimeSamples())
+    shown = [(time, visibility.Get(time) != UsdGeom.Tokens.invisible) for time in visibility.GetTimeSamples()]
+    changes = [each for row, each in enumerate(shown) if row == 0 or each[1] != shown[row - 1][1]]
+    begins = [time for time, visible in changes if visible]
+    if not begins or len(changes) < 2:
+        return None
+    if len(begins) > 1:
+        report.omission(prim.GetPath(), "what is hidden and shown again is shown from its first to its last time")
+    first = 0 if changes[0][1] else max(0, math.ceil(begins[0] - start))
+    last = None if changes[-1][1] else math.ceil(changes[-1][0] - start) - 1
+    return None if last is not None and last < first else (first, last)
+
+
+def read_keyframes(prim: Usd.Prim, units: Units, report: Report, first_frame: int = 0) -> dict[str, Any] | None:
     """A prim's animated transform as the JSON object of Keyframes; None if it stands still.
 
-    Time 0 is the start of the stage's range of time codes. The prim's scale must not change; if it does, it is reported.
+    Time 0 is the start of the stage's range of time codes, or so many frames later when the prim appears. The prim's scale must not change; if it does, it is reported.
     """
     times = sample_times(prim)
     if len(times) < 2:
         return None
-    stage = prim.GetStage()
-    start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else times[0]
+    start = _start(prim, times) + first_frame
     times = sorted({max(time, start) for time in times})
-    rate = stage.GetTimeCodesPerSecond()
+    rate = prim.GetStage().GetTimeCodesPerSecond()
     waypoints, stretches = [], []
     for time in times:
         pose = read_pose(prim, Usd.TimeCode(time), units)
@@ -65,3 +86,9 @@ def read_keyframes(prim: Usd.Prim, units: Units, report: Report) -> dict[str, An
         return None
     seconds = [(time - start) / rate for time in times]
     return {"type": "Keyframes", "times": seconds, "waypoints": waypoints, "repeat": False}
+
+
+def _start(prim: Usd.Prim, times: Sequence[float]) -> float:
+    """The time code of frame 0: where the stage's range begins, else the first sample."""
+    stage = prim.GetStage()
+    return float(stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else times[0])

@@ -29,6 +29,18 @@ class RemainingReader(StageReader):
         return str(prim.GetPath()) not in self._lifted and super()._read(prim, here, predicate)
 
 
+class _LiftedReader(StageReader):
+    """Reads one prim as if it were visible: when it is seen is a matter of its life span."""
+
+    def __init__(self, root: Usd.Prim, time: Usd.TimeCode, report: Report) -> None:
+        super().__init__(root.GetStage(), time, report)
+        self._root = root.GetPath()
+
+    def _enter(self, prim: Usd.Prim, above: Context) -> Context:
+        here = super()._enter(prim, above)
+        return replace(here, visible=True) if prim.GetPath() == self._root else here
+
+
 def lifted_templates(
     stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: Report
 ) -> tuple[Template, ...]:
@@ -45,9 +57,9 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report) -
         things = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdGeom.Xformable)]
         raise TemplateNotFound("prim", path, things, " to move on the stage")
     pose = read_pose(prim, time, Units.of(stage))
-    reader = StageReader(stage, time, report)
+    reader = _LiftedReader(prim, time, report)
     above = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
-    # Its label may be inherited. It is shown by its life span, whatever its own visibility.
+    # Its label may be inherited.
     reader.walk(prim, Context(above, label=inherited_label(prim, time)))
     description = reader.description(path)
     if isinstance(pose, str):

@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.camera import Camera
 from tiscene.usd import schema
-from tiscene.usd.animated import read_keyframes
+from tiscene.usd.animated import read_keyframes, read_life
 from tiscene.usd.camera import read_camera
 from tiscene.usd.dynamic import read_dynamic
 from tiscene.usd.label import is_component, is_lone_instance
@@ -48,7 +48,8 @@ class AuthoredScenario:
 def read_scenario(path: str | Path, *, variants: Variants | None = None) -> AuthoredScenario:
     """What is to happen on a stage. Nothing, if nothing of it moves.
 
-    Objects are the prims with TisceneObjectAPI or TisceneMotionAPI, and components whose transforms have time samples.
+    Objects are the prims with TisceneObjectAPI or TisceneMotionAPI, and things whose transform or visibility has time
+    samples.
     Raises MissingFile and StageError with every problem found; what is left out is named in one StageWarning.
     """
     with quiet(), readable(path):
@@ -113,7 +114,10 @@ class _ScenarioReader:
             return False
         if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
             return True
-        return _is_thing(prim) and read_keyframes(prim, self._units, Report("")) is not None
+        if not _is_thing(prim):
+            return False
+        unheard = Report("")
+        return bool(read_life(prim, unheard) or read_keyframes(prim, self._units, unheard))
 
     def _target(self, root: Usd.Prim, path: Sdf.Path) -> Usd.Prim | None:
         """A prim that the scenario lists."""
@@ -133,13 +137,19 @@ class _ScenarioReader:
         if exact is not None and agrees(exact, position, rotation):
             position, rotation = list(exact[:3]), list(exact[3:])
         template = authored(prim, "tiscene:object:template")
+        listed = schema.has(prim, schema.OBJECT)
+        life = None if listed else read_life(prim, self._report)
         content: dict[str, Any] = {
             "id": authored(prim, "tiscene:object:id") or "",
             "template": template or str(prim.GetPath()),
             "position": position,
             "rotation": rotation,
-            "dynamic": self._dynamic(prim),
+            "dynamic": self._dynamic(prim, life[0] if life else 0),
         }
+        if life:
+            content |= {"first_frame": life[0], "last_frame": life[1]}
+        if not listed and not schema.has(prim, schema.MOTION):  # an animation is played as it is
+            content |= {"frustum_limited": False, "collide": False}
         if template:  # otherwise the scale is the template's own
             content["scale"] = list(pose.scale)
         for key, name in (("first_frame", "firstFrame"), ("last_frame", "lastFrame")):
@@ -152,10 +162,10 @@ class _ScenarioReader:
                 content[key] = bool(value)
         return content
 
-    def _dynamic(self, prim: Usd.Prim) -> dict[str, Any] | None:
+    def _dynamic(self, prim: Usd.Prim, first_frame: int = 0) -> dict[str, Any] | None:
         if schema.has(prim, schema.MOTION):
             return read_dynamic(prim, self._units, self._report)
-        return read_keyframes(prim, self._units, self._report)
+        return read_keyframes(prim, self._units, self._report, first_frame)
 
     @staticmethod
     def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:

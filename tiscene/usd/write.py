@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.errors import ArgumentError
+from tiscene.usd import schema
 from tiscene.usd.author import OverLayer
 from tiscene.usd.pose import PoseOperations
 from tiscene.usd.stage import quiet, readable
@@ -59,7 +60,10 @@ def _write_camera(over: OverLayer, world: World, frames: Sequence[int]) -> None:
     """The camera, unless it is one of the stage's that stands still."""
     if world.camera.dynamic is None and world.camera in world.stage.cameras:
         return
-    _, operations = over.define_camera(world.camera)
+    prim, operations = over.define_camera(world.camera)
+    root = over.stage.GetPrimAtPath(over.root)
+    root.AddAppliedSchema(schema.SCENARIO)  # so that the stream of this file chooses it too
+    root.CreateRelationship("tiscene:scenario:camera", False).SetTargets([prim.GetPath()])
     cameras = [world.cameras(frame)[1] for frame in frames]
     poses = [np.array([*camera.position, *camera.rotation]) for camera in cameras]
     _write_poses(operations, dict(zip(frames, poses, strict=True)), over)
