@@ -24,7 +24,8 @@ from tiscene.scene.placement import CURRENT, Placement
 class Quality:
     """What a path-traced picture may cost.
 
-    spp: paths per pixel. max_depth: edges of a path: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces.
+    spp: paths per pixel.
+    max_depth: edges of a path: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces.
     denoise: run Intel Open Image Denoise over the radiance; False never touches a pixel.
     denoiser: how well, one of `denoise.QUALITIES`; "high" takes some four times as long as "fast".
     """
