@@ -15,10 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import Body, Mover, Shape, Simulation, SteppedSimulation, Still, UniformMovementRandomBounce, cover
+from dynamics import Move as Teleport
 from dynamics.clocks import exact
+from dynamics.free_paths import all_free
+from dynamics.obstacles import Obstacles, placed
+from dynamics.rotation import quaternion
 from tiscene.camera import Camera
+from tiscene.edits import Life
 from tiscene.errors import ScenarioError
-from tiscene.scenario import Object, Scenario
+from tiscene.scenario import Scenario
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.obstacles import ObstacleTree
 
@@ -52,9 +57,11 @@ class Motion:
         fps: float,
         aspect: float,
         surface: Callable[[int], Array],
+        before: tuple[Motion, int] | None = None,
     ) -> None:
         """surface: an object's triangles [m, 3, 3] in its own axes, by its row. aspect: width / height of the view.
 
+        before: the motion that this one replaces, and the first frame from which on the scenario has other edits.
         Raises ScenarioError if the timings or dynamics cannot work. Nothing is computed before a frame is asked for.
         """
         self._scenario = scenario
@@ -63,18 +70,21 @@ class Motion:
         self._aspect = aspect
         self._surface = surface
         self._fps = exact(fps)
-        self._count = len(scenario.objects)
+        self._lives = scenario.lives()
+        self._count = len(self._lives)
         # What bounces has no formula: for this simulation it stands, which also tells where it starts.
-        bodies = [self._body(each, bounces=False) for each in scenario.objects]
+        bodies = [self._body(life, bounces=False) for life in self._lives]
         if camera.dynamic is not None:
             bodies.append(Body(camera.dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
         try:
             self._formulas = Simulation(bodies, scenario.timings)
         except TypeError as error:
             raise ScenarioError(str(error)) from error
-        self._shapes: dict[tuple[object, ...], Shape | None] = {}
-        self._tree_rows = np.zeros(0, np.int64)
+        self._before = before
+        self._shapes: dict[tuple[object, ...], Shape | None] = before[0]._shapes if before else {}
+        self._obstacles: tuple[Obstacles, NDArray[np.int64]] | None = before[0]._obstacles if before else None
         self._stepped: SteppedSimulation | None = None
+        self._free_until = 0  # before this frame nothing could be met
         self._is_stepped: bool | None = None
         self._poses_by_frame: dict[int, Array] = {}
 
@@ -83,7 +93,7 @@ class Motion:
         poses = self._poses_by_frame.get(frame)
         if poses is None:
             poses = self._formulas.poses(Fraction(frame) / self._fps)
-            stepped = self._stepping()
+            stepped = self._stepping(frame)
             if stepped is not None:
                 poses[: self._count] = stepped.frame(max(frame, 0)).poses
             while len(self._poses_by_frame) >= KEPT_FRAMES:
@@ -91,18 +101,27 @@ class Motion:
             self._poses_by_frame[frame] = poses
         return poses
 
+    def arrivals(self, frame: int) -> Array:
+        """The poses at a frame before the edits of that frame: as they were planned when the frame before was made."""
+        poses = self.poses(frame)
+        stepped = self._stepping(frame)
+        if stepped is not None:
+            poses = poses.copy()
+            poses[: self._count] = stepped.frame(max(frame, 0)).arrivals
+        return poses
+
     def blocked(self, frame: int) -> list[bool]:
         """Of every object of the scenario, whether something kept it from its way since the frame before."""
-        stepped = self._stepping()
+        stepped = self._stepping(frame)
         return [False] * self._count if stepped is None else stepped.frame(frame).blocked.tolist()
 
     def meetings(self, frame: int) -> list[Meeting]:
         """What the scenario's objects met since the frame before."""
-        stepped = self._stepping()
+        stepped = self._stepping(frame)
         result = []
         for contact in () if stepped is None else stepped.frame(frame).contacts:
             if contact.kind == "obstacle":
-                instance = self._stage.instances[self._tree_rows[contact.other]]
+                instance = self._stage.instances[self._placed_obstacles()[1][contact.other]]
                 result.append(Meeting(contact.mover, "stage", instance.object))
             elif contact.kind == "mover":
                 result.append(Meeting(contact.mover, "object", contact.other))
@@ -110,39 +129,26 @@ class Motion:
                 result.append(Meeting(contact.mover, "wall", contact.other))
         return result
 
-    def _stepping(self) -> SteppedSimulation | None:
-        """The simulation of what collides, None if nothing can."""
+    def _stepping(self, frame: int) -> SteppedSimulation | None:
+        """The simulation of what collides at a frame, None if nothing can."""
         if self._is_stepped is None:
             self._is_stepped = self._must_step()
-        return self._stepped
+            self._before = None
+        return None if frame < self._free_until else self._stepped
 
     def _must_step(self) -> bool:
-        objects = self._scenario.objects
-        moving = [not isinstance(each.dynamic, Still | None) for each in objects]
-        bouncing = any(isinstance(each.dynamic, UniformMovementRandomBounce) for each in objects)
+        dynamics = [life.planned.dynamic for life in self._lives]
+        moving = [not isinstance(dynamic, Still | None) for dynamic in dynamics]
+        bouncing = any(isinstance(dynamic, UniformMovementRandomBounce) for dynamic in dynamics)
+        put_elsewhere = any(life.moves for life in self._lives)
         walled = self._scenario.frustum is not None
-        solid = any(each.collide and (moves or walled) for each, moves in zip(objects, moving, strict=True))
-        if not bouncing and not solid:
+        solid = any(life.planned.collide and (moves or walled) for life, moves in zip(self._lives, moving, strict=True))
+        if not bouncing and not solid and not put_elsewhere:
             return False
-        # Only from here on Taichi is needed, and the surfaces.
-        from dynamics.free_paths import all_free
-        from dynamics.obstacles import placed
-
-        movers = [
-            Mover(
-                self._body(each, bounces=True),
-                self._shape(row, each) if each.collide else None,
-                each.frustum_limited,
-                each.first_frame,
-                each.last_frame,
-            )
-            for row, each in enumerate(objects)
-        ]
-        tree = ObstacleTree(self._stage.meshes, self._stage.instances)
-        obstacles = placed(tree.nodes, tree.triangles, tree.roots, tree.matrices, tree.root)
-        if not bouncing and all_free(movers, obstacles, walled):
+        movers = [self._mover(row, life) for row, life in enumerate(self._lives)]
+        obstacles, _ = self._placed_obstacles()
+        if not bouncing and not put_elsewhere and all_free(movers, obstacles, walled):
             return False
-        self._tree_rows = tree.rows
         self._stepped = SteppedSimulation(
             movers,
             self._scenario.timings,
@@ -150,18 +156,44 @@ class Motion:
             obstacles=lambda: obstacles,
             walls=self._walls if walled else None,
         )
+        if self._before is not None:
+            earlier, frame = self._before
+            self._free_until = frame if earlier._stepping(frame) is None else earlier._free_until
+            self._stepped.continue_from(earlier._stepping(frame), frame)
         return True
 
-    def _body(self, each: Object, bounces: bool) -> Body:
+    def _mover(self, row: int, life: Life) -> Mover:
+        moves = []
+        for move in life.moves:
+            w, x, y, z = quaternion(move.rotation).tolist()
+            moves.append(Teleport(move.frame, move.position, (w, x, y, z)))
+        return Mover(
+            self._body(life, bounces=True),
+            self._shape(row, life) if life.planned.collide else None,
+            life.planned.frustum_limited,
+            life.planned.first_frame,
+            life.last_frame,
+            tuple(moves),
+        )
+
+    def _placed_obstacles(self) -> tuple[Obstacles, NDArray[np.int64]]:
+        """The stage as obstacles, and the row of the stage's instance for each of theirs."""
+        if self._obstacles is None:
+            tree = ObstacleTree(self._stage.meshes, self._stage.instances)
+            self._obstacles = placed(tree.nodes, tree.triangles, tree.roots, tree.matrices, tree.root), tree.rows
+        return self._obstacles
+
+    def _body(self, life: Life, bounces: bool) -> Body:
+        each = life.planned
         dynamic = each.dynamic or Still()
         if isinstance(dynamic, UniformMovementRandomBounce) and not bounces:
             dynamic = Still()
         birth = Fraction(each.first_frame) / self._fps
-        return Body(dynamic, each.position, each.rotation, name=each.id, birth=birth)
+        return Body(dynamic, each.position, each.rotation, name=each.id, birth=birth, timed=life.spawned is None)
 
-    def _shape(self, row: int, each: Object) -> Shape | None:
+    def _shape(self, row: int, life: Life) -> Shape | None:
         """The proxy spheres of an object; None without any surface. Objects of one template and scale share them."""
-        key = (each.template, each.scale)
+        key = (life.planned.template, life.planned.scale)
         if key not in self._shapes:
             surface = self._surface(row)
             self._shapes[key] = cover(surface) if len(surface) else None

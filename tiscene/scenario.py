@@ -18,7 +18,7 @@ import contextlib
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ import dynamics
 from dynamics import AllTogether, Dynamic, Still, Timing, check
 from tiscene import catalog, scenario_json
 from tiscene.camera import Camera, Vector3
+from tiscene.edits import Despawn, Edit, Life, Move, Spawn, lives
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError
 
 FORMAT, VERSION = "tiscene.scenario", 1
@@ -103,6 +104,7 @@ class Scenario:
     scene: its name or file. objects: besides what stands in the scene. timings: when the objects move.
     frustum: walls at the edges of the view, None for none.
     camera: a Camera (which may have a dynamic), the name of one on the stage, or None for the stage's own.
+    edits: what was done to the stream while it ran, in the order in which it was done; see `tiscene.edits`.
     Raises ScenarioError if it contradicts itself, such as by timings that cannot work for a dynamic.
     """
 
@@ -111,6 +113,7 @@ class Scenario:
     timings: Timing = field(default_factory=lambda: AllTogether(0.0))
     frustum: Frustum | None = None
     camera: Camera | str | None = None
+    edits: Sequence[Edit] = ()
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
@@ -129,6 +132,33 @@ class Scenario:
                 self.timings.windows([(each.id, each.dynamic or Still()) for each in self.objects])
             except ValueError as error:
                 raise ScenarioError(f"timings: {error}") from error
+            object.__setattr__(self, "edits", _check_edits(self.edits))
+            self.lives()
+
+    def lives(self) -> list[Life]:
+        """All objects that ever are, with what the edits do to them; spawned ones after the others, in their order."""
+        return lives(self.objects, self.edits)
+
+    @classmethod
+    def sample(
+        cls,
+        scene: str | os.PathLike[str],
+        *,
+        seed: int = 0,
+        camera: Camera | str | None = None,
+        **ranges: Any,
+    ) -> Scenario:
+        """Draw a scenario at random, the same one for the same arguments.
+
+        ranges: what to draw from, each (low, high) or one number: objects, templates, dynamics, speed, angular_speed,
+        waypoints, scale, depth, region, in_view, occlusion, life, frames; `tiscene.sampling.Difficulty` explains each.
+        camera: what watches; where it stands at the start says what is in view.
+        Raises ArgumentError for ranges that contradict themselves, ScenarioError for what does not fit in the scene.
+        """
+        from tiscene.sampling import sample
+
+        content = sample(scene, seed=seed, camera=camera, **ranges)
+        return replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
 
     def to_json(self) -> dict[str, Any]:
         """The scenario as JSON values; `from_json` gives the same scenario, to the bit."""
@@ -218,8 +248,10 @@ SCENARIOS = _classes(Scenario)
 FIELDS: dict[str, dict[str, type]] = {
     "camera": _classes(Camera),
     "dynamic": _DYNAMICS,
+    "edits": _classes(Despawn, Move, Spawn),
     "frustum": _classes(Frustum),
     "motion": _DYNAMICS,
+    "object": _classes(Object),
     "objects": _classes(Object),
     "parts": _DYNAMICS,
     "timings": _classes(dynamics.AllTogether, dynamics.DictTimings, dynamics.WaitUntilComplete),
@@ -277,4 +309,15 @@ def _check_objects(value: Any) -> tuple[Object, ...]:
         if each.id in rows:
             raise ScenarioError(f"objects[{row}].id={each.id!r}: objects[{rows[each.id]}] has this id already")
         rows[each.id] = row
+    return tuple(value)
+
+
+def _check_edits(value: Any) -> tuple[Edit, ...]:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn and Move")
+    for row, each in enumerate(value):
+        if not isinstance(each, Edit):
+            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn or a Move")
+        if isinstance(each, Spawn) and not isinstance(each.object, Object):
+            raise ScenarioError(f"edits[{row}].object={each.object!r}: must be an Object(id, template, ...)")
     return tuple(value)

@@ -1,56 +1,31 @@
 """World: where everything is at each frame. Bodies move, so instances move.
 
-A pure function of (scenario, stage, fps, aspect, frame): nothing depends on which frames were asked for before.
+A pure function of (scenario with its edits, stage, fps, aspect, frame): nothing depends on which frames were asked for
+before.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics import Dynamic
 from dynamics.rotation import matrix_from_quaternion
-from tiscene.camera import Camera, Quaternion, Vector3, quaternion_from_matrix
-from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError
+from tiscene.camera import Camera
+from tiscene.edits import Despawn, Edit, Move, Spawn
+from tiscene.errors import ArgumentError, CameraNotFound, ObjectNotFound, ScenarioError
+from tiscene.inventory import Inventory, WorldObject
 from tiscene.motion import WALLS, Motion
 from tiscene.scenario import Object, Scenario
 from tiscene.scene.description import SceneDescription, Template
-from tiscene.scene.parts import Parts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.scene.placement import Placement
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class WorldObject:
-    """A live object at one frame.
-
-    id: the instance label. name: the scenario's id, or the prim's name. template: "" for what stands on the stage.
-    prim_path: "" for objects of the scenario.
-    position: m. rotation: unit quaternion. They place the object's own axes; scale is in the box, not in them.
-    velocity: m/s, of the origin, from this frame to the next along its path.
-    box: lowest and highest corner around the object in its own axes, m.
-    first_frame, last_frame: its life span, both inclusive; None: no end.
-    blocked: something has kept it from its way since the frame before.
-    """
-
-    id: int
-    name: str
-    template: str
-    category: str
-    category_id: int
-    prim_path: str
-    position: Vector3
-    rotation: Quaternion
-    velocity: Vector3
-    box: tuple[Vector3, Vector3]
-    first_frame: int
-    last_frame: int | None
-    blocked: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,6 +48,11 @@ class World:
     Ids: things of the stage have 1 to n in the stage's order, objects of the scenario the following ones in theirs.
     Categories: 0 is the background (""); the others are numbered as they first appear among the stage's things, the
     stage's templates and the scenario's objects, so that all scenarios in one scene agree on the scene's categories.
+
+    A stream that runs may be edited: `spawn`, `despawn`, `move` take effect at its next frame and are kept in
+    `scenario.edits`, so that a world made of that scenario does the same at the same frames.
+
+    scenario: what was asked for, and the edits. next_frame: the one that the stream gives next.
     """
 
     def __init__(
@@ -95,27 +75,27 @@ class World:
         self.stage = stage
         self.fps = fps
         self.camera = _chosen_camera(scenario, stage)
-        self.descriptions = [stage]
-        self.categories = {0: ""}
-        self._category_ids = {"": 0}
-        self._templates: dict[str, Template] = {}
-        for template in stage.templates:
-            self._templates.setdefault(template.name, template)
-        self._first_mesh: dict[str, int] = {}
-        for category in (*(thing.category for thing in stage.objects), *(each.category for each in stage.templates)):
-            self._category_id(category)
-
-        self._stage_rows, stage_parts = self._settle_stage()
-        self._object_rows, object_parts = self._settle_objects(load_template)
-        self._owner = object_parts.owner
-        self._matrix = object_parts.matrix
-        self._fixed = self._fixed_columns(stage_parts, object_parts)
-        self._motion = Motion(scenario, stage, self.camera, fps, aspect, self._surface)
+        self.next_frame = 0
+        self._aspect = aspect
+        self._inventory = Inventory(stage, load_template)
+        self._lives = scenario.lives()
+        self._inventory.settle(self._lives)
+        self._motion = Motion(scenario, stage, self.camera, fps, aspect, self._inventory.surface)
 
     @property
     def templates(self) -> list[str]:
         """Names of the templates that the stage holds or the scenario uses, sorted."""
-        return sorted(self._templates)
+        return sorted(self._inventory.templates)
+
+    @property
+    def descriptions(self) -> list[SceneDescription]:
+        """The stage, then the templates in the order in which they were needed first: the meshes of placements."""
+        return self._inventory.descriptions
+
+    @property
+    def categories(self) -> dict[int, str]:
+        """What category ids mean; 0 is the background."""
+        return self._inventory.categories
 
     def placement(self, frame: int) -> Placement:
         """Every mesh at the frames before, at and after `frame`, in new arrays.
@@ -124,20 +104,27 @@ class World:
         present then, but have the pose that their path gives them, so that motion is defined at spawn and despawn.
         """
         frame = _frame_number(frame)
-        still, mesh, instance_id, category_id, box = self._fixed
+        inventory = self._inventory
+        still, mesh, instance_id, category_id, box = inventory.columns
         count = len(still)
         world = np.empty((3, len(mesh), 3, 4))
         present = np.ones((3, len(mesh)), dtype=np.bool_)
         world[:, :count] = still
         if count < len(mesh):
-            poses = np.stack([self._motion.poses(frame + step)[self._owner] for step in (-1, 0, 1)])
+            # What comes is shown as it is planned now: edits are not anticipated.
+            before, now, after = (
+                self._motion.poses(frame - 1),
+                self._motion.poses(frame),
+                self._motion.arrivals(frame + 1),
+            )
+            poses = np.stack([before, now, after])[:, inventory.owner]
             axes = matrix_from_quaternion(poses[..., 3:])
             # einsum, not matmul: its sums have one fixed order, whatever library numpy was built with.
-            world[:, count:] = np.einsum("tpij,pjk->tpik", axes, self._matrix)
+            world[:, count:] = np.einsum("tpij,pjk->tpik", axes, inventory.matrix)
             world[:, count:, :, 3] += poses[..., :3]
             for time, step in enumerate((-1, 0, 1)):
-                alive = [each.alive(max(frame + step, 0)) for each in self.scenario.objects]
-                present[time, count:] = np.array(alive)[self._owner]
+                alive = [life.alive(max(frame + step, 0), known=frame) for life in self._lives]
+                present[time, count:] = np.array(alive)[inventory.owner]
         return Placement(mesh.copy(), instance_id.copy(), category_id.copy(), world, box.copy(), present)
 
     def cameras(self, frame: int) -> tuple[Camera, Camera, Camera]:
@@ -155,13 +142,14 @@ class World:
     def objects(self, frame: int) -> list[WorldObject]:
         """Everything that is alive at `frame`, in the order of ids."""
         frame = _frame_number(frame)
-        rows = list(self._stage_rows)
-        if self._object_rows:
-            now, after = self._motion.poses(frame), self._motion.poses(frame + 1)
+        rows = list(self._inventory.stage_rows)
+        if self._inventory.object_rows:
+            now, after = self._motion.poses(frame), self._motion.arrivals(frame + 1)
             velocities = ((after[:, :3] - now[:, :3]) * self.fps).tolist()
             blocked = self._motion.blocked(frame)
-            for row, pose, velocity, stuck in zip(self._object_rows, now.tolist(), velocities, blocked, strict=False):
-                if row.first_frame <= frame and (row.last_frame is None or frame <= row.last_frame):
+            states = zip(self._lives, self._inventory.object_rows, now.tolist(), velocities, blocked, strict=False)
+            for life, row, pose, velocity, stuck in states:
+                if life.alive(frame, known=frame):
                     x, y, z, *rotation = pose
                     rows.append(
                         replace(
@@ -179,10 +167,10 @@ class World:
         frame = _frame_number(frame)
         first = len(self.stage.objects) + 1
         events = []
-        for number, each in enumerate(self.scenario.objects):
-            if each.first_frame == frame:
+        for number, life in enumerate(self._lives):
+            if life.planned.first_frame == frame:
                 events.append(Event("spawn", first + number))
-            elif each.last_frame is not None and each.last_frame + 1 == frame:
+            elif life.last_frame is not None and life.last_frame + 1 == frame:
                 events.append(Event("despawn", first + number))
         for meeting in self._motion.meetings(frame):
             if meeting.kind == "wall":
@@ -192,121 +180,73 @@ class World:
                 events.append(Event("contact", first + meeting.number, start + meeting.other))
         return events
 
-    def _surface(self, number: int) -> Array:
-        """The triangles [m, 3, 3] of an object of the scenario in its own axes, m."""
-        meshes = [mesh for description in self.descriptions for mesh in description.meshes]
-        count = len(self._fixed[0])
-        triangles = [np.zeros((0, 3, 3))]
-        for part in np.flatnonzero(self._owner == number):
-            mesh, matrix = meshes[self._fixed[1][count + part]], self._matrix[part]
-            triangles.append((mesh.positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
-        return np.concatenate(triangles)
+    def spawn(
+        self,
+        template: str,
+        position: Sequence[float] = (0.0, 0.0, 0.0),
+        rotation: Sequence[float] = (0.0, 0.0, 0.0),
+        dynamic: Dynamic | None = None,
+        *,
+        id: str | None = None,
+        **others: Any,
+    ) -> int:
+        """Let an object appear at the next frame, `next_frame`; its clock runs from then on. Returns its instance id.
 
-    def _category_id(self, category: str) -> int:
-        number = self._category_ids.setdefault(category, len(self._category_ids))
-        self.categories[number] = category
-        return number
+        id: its name in the scenario; by default one is made. others: fields of `Object`: last_frame, frustum_limited,
+        collide, scale. Raises ScenarioError, TemplateNotFound, changing nothing.
+        """
+        if id is None:
+            id = f"spawned_{sum(isinstance(edit, Spawn) for edit in self.scenario.edits) + 1}"
+        new = Object(id, template, position, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
+        self._inventory.template(new)
+        self._edit(Spawn(self.next_frame, new))
+        return self._inventory.object_rows[-1].id
 
-    def _settle_stage(self) -> tuple[list[WorldObject], Parts]:
-        """Rows and parts of the stage's things. Their own axes are those of their first mesh, without its scale."""
-        groups: list[list[int]] = [[] for _ in self.stage.objects]
-        for row, instance in enumerate(self.stage.instances):
-            groups[instance.object].append(row)
-        rows, parts = [], []
-        for number, (thing, group) in enumerate(zip(self.stage.objects, groups, strict=True)):
-            axes = np.eye(4)
-            if group:
-                axes = rigid(self.stage.instances[group[0]].world_from_object)
-            own = [np.linalg.inv(axes) @ self.stage.instances[row].world_from_object for row in group]
-            meshes = [self.stage.instances[row].mesh for row in group]
-            box = bounding_box(self.stage, meshes, own)
-            x, y, z = axes[:3, 3].tolist()
-            rows.append(
-                WorldObject(
-                    id=number + 1,
-                    name=thing.name,
-                    template="",
-                    category=thing.category,
-                    category_id=self._category_id(thing.category),
-                    prim_path=thing.prim_path,
-                    position=(x, y, z),
-                    rotation=quaternion_from_matrix(axes[:3, :3]),
-                    velocity=(0.0, 0.0, 0.0),
-                    box=corners(box),
-                    first_frame=0,
-                    last_frame=None,
-                )
-            )
-            parts.append(
-                Parts(
-                    np.array(meshes, dtype=np.int32),
-                    np.full(len(group), number, dtype=np.int32),
-                    # Not axes @ own: the stage's matrices are kept to the bit.
-                    np.array([self.stage.instances[row].world_from_object[:3] for row in group]).reshape(-1, 3, 4),
-                    box_matrices(box, own),
-                )
-            )
-        return rows, joined(parts)
+    def despawn(self, object: int | str) -> None:
+        """Let an object of the scenario, by its instance id or name, be gone from the next frame on.
 
-    def _settle_objects(self, load_template: Callable[[str], Template]) -> tuple[list[WorldObject], Parts]:
-        """Rows and parts of the scenario's objects; adds the templates' meshes to `descriptions`."""
-        rows, parts = [], []
-        for number, each in enumerate(self.scenario.objects):
-            template = self._template(each, load_template)
-            description = template.description
-            scale = np.diag([*np.broadcast_to(each.scale, 3), 1.0])
-            own = [scale @ instance.world_from_object for instance in description.instances]
-            meshes = [instance.mesh for instance in description.instances]
-            box = bounding_box(description, meshes, own)
-            rows.append(
-                WorldObject(
-                    id=len(self.stage.objects) + number + 1,
-                    name=each.id,
-                    template=template.name,
-                    category=template.category,
-                    category_id=self._category_id(template.category),
-                    prim_path="",
-                    position=each.position,
-                    rotation=(1.0, 0.0, 0.0, 0.0),
-                    velocity=(0.0, 0.0, 0.0),
-                    box=corners(box),
-                    first_frame=each.first_frame,
-                    last_frame=each.last_frame,
-                )
-            )
-            parts.append(
-                Parts(
-                    np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],
-                    np.full(len(meshes), number, dtype=np.int32),
-                    np.array([matrix[:3] for matrix in own]),
-                    box_matrices(box, own),
-                )
-            )
-        return rows, joined(parts)
+        Raises ObjectNotFound if it is not there then.
+        """
+        self._edit(Despawn(self.next_frame, self._live_name(object)))
 
-    def _template(self, each: Object, load_template: Callable[[str], Template]) -> Template:
-        """An object's template, its meshes among the world's from now on."""
-        if each.template not in self._templates:
-            self._templates[each.template] = load_template(each.template)
-        template = self._templates[each.template]
-        if each.template not in self._first_mesh:
-            if not template.description.instances:
-                raise ScenarioError(f"object {each.id!r}: the template {each.template!r} holds no mesh")
-            self._first_mesh[each.template] = sum(len(description.meshes) for description in self.descriptions)
-            self.descriptions.append(template.description)
-        return template
+    def move(self, object: int | str, position: Sequence[float], rotation: Sequence[float] | None = None) -> None:
+        """Put an object of the scenario, by its instance id or name, elsewhere at the next frame.
 
-    def _fixed_columns(
-        self, stage: Parts, objects: Parts
-    ) -> tuple[Array, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Array]:
-        """What no frame changes: the stage's matrices, and of all parts the mesh, ids and box."""
-        rows = [self._stage_rows[owner] for owner in stage.owner] + [self._object_rows[row] for row in objects.owner]
-        return (
-            stage.matrix,
-            np.concatenate([stage.mesh, objects.mesh]),
-            np.array([row.id for row in rows], dtype=np.int32),
-            np.array([row.category_id for row in rows], dtype=np.int32),
-            np.concatenate([stage.box_from_mesh, objects.box_from_mesh]),
+        rotation: Euler degrees or a quaternion; None: as it is now. What follows a path returns to it from there, what
+        bounces goes on in its direction. Raises ObjectNotFound if it is not there then, ScenarioError.
+        """
+        name = self._live_name(object)
+        if rotation is None:
+            row = next(row for row, life in enumerate(self._lives) if life.planned.id == name)
+            rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
+        try:
+            edit = Move(self.next_frame, name, position, rotation)  # type: ignore[arg-type]
+        except (TypeError, ValueError) as error:
+            raise ScenarioError(f"move: {error}") from error
+        self._edit(edit)
+
+    def _live_name(self, object: int | str) -> str:
+        """The name of an object that is there at the next frame."""
+        frame = self.next_frame
+        there = {
+            row.id: life.planned.id
+            for row, life in zip(self._inventory.object_rows, self._lives, strict=True)
+            if life.alive(frame, known=frame)
+        }
+        if object in there.values():
+            return str(object)
+        if isinstance(object, bool) or object not in there:
+            known = [f"{name} ({number})" for number, name in there.items()]
+            raise ObjectNotFound("object", str(object), known, f" of the scenario at frame {frame}")
+        return there[int(object)]
+
+    def _edit(self, edit: Edit) -> None:
+        self.scenario = replace(self.scenario, edits=(*self.scenario.edits, edit))
+        self._lives = self.scenario.lives()
+        self._inventory.settle(self._lives)
+        before = self._motion, edit.frame
+        self._motion = Motion(
+            self.scenario, self.stage, self.camera, self.fps, self._aspect, self._inventory.surface, before
         )
 
 

@@ -1,0 +1,195 @@
+"""Inventory: what there is in a world, whether it moves or not: identities, labels, meshes and boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Quaternion, Vector3, quaternion_from_matrix
+from tiscene.edits import Life
+from tiscene.errors import ScenarioError
+from tiscene.scenario import Object
+from tiscene.scene.description import SceneDescription, Template
+from tiscene.scene.parts import Parts, bounding_box, box_matrices, corners, joined, rigid
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WorldObject:
+    """A live object at one frame.
+
+    id: the instance label. name: the scenario's id, or the prim's name. template: "" for what stands on the stage.
+    prim_path: "" for objects of the scenario.
+    position: m. rotation: unit quaternion. They place the object's own axes; scale is in the box, not in them.
+    velocity: m/s, of the origin, from this frame to the next along its path.
+    box: lowest and highest corner around the object in its own axes, m.
+    first_frame, last_frame: its life span, both inclusive; None: no end.
+    blocked: something has kept it from its way since the frame before.
+    """
+
+    id: int
+    name: str
+    template: str
+    category: str
+    category_id: int
+    prim_path: str
+    position: Vector3
+    rotation: Quaternion
+    velocity: Vector3
+    box: tuple[Vector3, Vector3]
+    first_frame: int
+    last_frame: int | None
+    blocked: bool = False
+
+
+class Inventory:
+    """The things of a stage and the objects of a scenario, as far as no frame changes them.
+
+    descriptions: the stage, then each template's, in the order of need; rows of meshes count on through them.
+    categories: their names by id. templates: by name. stage_rows, object_rows: who is who, posed as placed.
+    columns: of all parts, the stage's first: the matrices of the stage's, and of all the mesh, ids and box.
+    owner, matrix: of every part of an object, the object's row, and the part's place in the object's own axes.
+    """
+
+    def __init__(self, stage: SceneDescription, load_template: Callable[[str], Template]) -> None:
+        """load_template: finds what the stage does not hold, or raises TemplateNotFound."""
+        self.stage = stage
+        self.descriptions = [stage]
+        self.categories = {0: ""}
+        self._category_ids = {"": 0}
+        self.templates: dict[str, Template] = {}
+        for template in stage.templates:
+            self.templates.setdefault(template.name, template)
+        self._first_mesh: dict[str, int] = {}
+        self._load_template = load_template
+        for category in (*(thing.category for thing in stage.objects), *(each.category for each in stage.templates)):
+            self._category_id(category)
+        self.stage_rows, self._stage_parts = self._settle_stage()
+        self.object_rows: list[WorldObject] = []
+        self._object_parts: list[Parts] = []
+        self.settle([])
+
+    def surface(self, number: int) -> Array:
+        """The triangles [m, 3, 3] of an object of the scenario in its own axes, m."""
+        meshes = [mesh for description in self.descriptions for mesh in description.meshes]
+        count = len(self.columns[0])
+        triangles = [np.zeros((0, 3, 3))]
+        for part in np.flatnonzero(self.owner == number):
+            mesh, matrix = meshes[self.columns[1][count + part]], self.matrix[part]
+            triangles.append((mesh.positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
+        return np.concatenate(triangles)
+
+    def _category_id(self, category: str) -> int:
+        number = self._category_ids.setdefault(category, len(self._category_ids))
+        self.categories[number] = category
+        return number
+
+    def _settle_stage(self) -> tuple[list[WorldObject], Parts]:
+        """Rows and parts of the stage's things. Their own axes are those of their first mesh, without its scale."""
+        groups: list[list[int]] = [[] for _ in self.stage.objects]
+        for row, instance in enumerate(self.stage.instances):
+            groups[instance.object].append(row)
+        rows, parts = [], []
+        for number, (thing, group) in enumerate(zip(self.stage.objects, groups, strict=True)):
+            axes = np.eye(4)
+            if group:
+                axes = rigid(self.stage.instances[group[0]].world_from_object)
+            own = [np.linalg.inv(axes) @ self.stage.instances[row].world_from_object for row in group]
+            meshes = [self.stage.instances[row].mesh for row in group]
+            box = bounding_box(self.stage, meshes, own)
+            x, y, z = axes[:3, 3].tolist()
+            rows.append(
+                WorldObject(
+                    id=number + 1,
+                    name=thing.name,
+                    template="",
+                    category=thing.category,
+                    category_id=self._category_id(thing.category),
+                    prim_path=thing.prim_path,
+                    position=(x, y, z),
+                    rotation=quaternion_from_matrix(axes[:3, :3]),
+                    velocity=(0.0, 0.0, 0.0),
+                    box=corners(box),
+                    first_frame=0,
+                    last_frame=None,
+                )
+            )
+            parts.append(
+                Parts(
+                    np.array(meshes, dtype=np.int32),
+                    np.full(len(group), number, dtype=np.int32),
+                    # Not axes @ own: the stage's matrices are kept to the bit.
+                    np.array([self.stage.instances[row].world_from_object[:3] for row in group]).reshape(-1, 3, 4),
+                    box_matrices(box, own),
+                )
+            )
+        return rows, joined(parts)
+
+    def settle(self, lives: Sequence[Life]) -> None:
+        """Add the scenario's objects that are not there yet; `lives` begins with those that are."""
+        for number in range(len(self.object_rows), len(lives)):
+            row, parts = self._settle_object(number, lives[number].planned)
+            self.object_rows.append(row)
+            self._object_parts.append(parts)
+        objects = joined(self._object_parts)
+        self.owner = objects.owner
+        self.matrix = objects.matrix
+        self.columns = self._columns(objects)
+
+    def _settle_object(self, number: int, each: Object) -> tuple[WorldObject, Parts]:
+        """Row and parts of an object of the scenario."""
+        template = self.template(each)
+        description = template.description
+        scale = np.diag([*np.broadcast_to(each.scale, 3), 1.0])
+        own = [scale @ instance.world_from_object for instance in description.instances]
+        meshes = [instance.mesh for instance in description.instances]
+        box = bounding_box(description, meshes, own)
+        row = WorldObject(
+            id=len(self.stage.objects) + number + 1,
+            name=each.id,
+            template=template.name,
+            category=template.category,
+            category_id=self._category_id(template.category),
+            prim_path="",
+            position=each.position,
+            rotation=(1.0, 0.0, 0.0, 0.0),
+            velocity=(0.0, 0.0, 0.0),
+            box=corners(box),
+            first_frame=each.first_frame,
+            last_frame=each.last_frame,
+        )
+        parts = Parts(
+            np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],
+            np.full(len(meshes), number, dtype=np.int32),
+            np.array([matrix[:3] for matrix in own]),
+            box_matrices(box, own),
+        )
+        return row, parts
+
+    def template(self, each: Object) -> Template:
+        """An object's template, its meshes among the world's from now on."""
+        if each.template not in self.templates:
+            self.templates[each.template] = self._load_template(each.template)
+        template = self.templates[each.template]
+        if each.template not in self._first_mesh:
+            if not template.description.instances:
+                raise ScenarioError(f"object {each.id!r}: the template {each.template!r} holds no mesh")
+            self._first_mesh[each.template] = sum(len(description.meshes) for description in self.descriptions)
+            self.descriptions.append(template.description)
+        return template
+
+    def _columns(self, objects: Parts) -> tuple[Array, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Array]:
+        """What no frame changes: the stage's matrices, and of all parts the mesh, ids and box."""
+        stage = self._stage_parts
+        rows = [self.stage_rows[owner] for owner in stage.owner] + [self.object_rows[row] for row in objects.owner]
+        return (
+            stage.matrix,
+            np.concatenate([stage.mesh, objects.mesh]),
+            np.array([row.id for row in rows], dtype=np.int32),
+            np.array([row.category_id for row in rows], dtype=np.int32),
+            np.concatenate([stage.box_from_mesh, objects.box_from_mesh]),
+        )
