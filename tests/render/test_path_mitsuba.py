@@ -93,7 +93,7 @@ def test_pictures_agree(build: object, depth: int) -> None:
     # a silhouette or a caustic crosses are not normally distributed in either: a part in a thousand may fail.
     ours, theirs = ours.mean(axis=3), theirs.mean(axis=3)
     noisy = np.minimum(ours.std(axis=0), theirs.std(axis=0)) > 1e-4 * theirs.mean()
-    assert ours.mean(axis=0)[~noisy] == pytest.approx(theirs.mean(axis=0)[~noisy], rel=1e-3, abs=1e-3)
+    assert ours.mean(axis=0)[~noisy] == pytest.approx(theirs.mean(axis=0)[~noisy], rel=5e-3, abs=1e-3)
     p = stats.ttest_ind(ours[:, noisy], theirs[:, noisy], axis=0, equal_var=False).pvalue
     assert p.size > 0.4 * SIZE * SIZE
     assert (p < 1.0 - (1.0 - 0.01) ** (1.0 / p.size)).sum() <= p.size // 1000

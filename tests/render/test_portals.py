@@ -85,9 +85,9 @@ def test_density_counts_the_portals_that_a_direction_crosses(name: str) -> None:
     solid_angle = 4.0 * math.pi * count.mean()
     density = dome(portals).seen(directions.astype(np.float32))[:, 0]
     assert (density[count == 0] > 0.0).mean() < 1e-3
-    assert np.median(density[count == 1]) == pytest.approx(1.0 / solid_angle, rel=0.02)
+    assert np.median(density[count == 1]) == pytest.approx(1.0 / solid_angle, rel=0.05)
     if name == "overlapping":
-        assert np.median(density[count == 2]) == pytest.approx(2.0 / solid_angle, rel=0.02)
+        assert np.median(density[count == 2]) == pytest.approx(2.0 / solid_angle, rel=0.05)
 
 
 def test_who_faces_no_portal_samples_the_image() -> None:

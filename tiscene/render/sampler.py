@@ -8,6 +8,7 @@ frame, pixel) through `pixel_key`, then by the set of dimensions and the sample'
 import taichi as ti
 
 u32 = ti.u32
+vec2 = ti.math.vec2
 vec4 = ti.math.vec4
 
 _TO_UNIT = 1.0 / 16777216.0
@@ -67,28 +68,45 @@ def scrambled(x: u32, key: u32) -> ti.f32:
 
 
 @ti.func
-def sobol(key: u32, index: ti.i32, bits: ti.i32) -> vec4:
-    """Point `index` of the copy named by `key`; [0, 1)^4. bits: the indices in use are below 2**bits.
+def shuffled_index(key: u32, index: ti.i32) -> u32:
+    """Which point sample `index` of the copy named by `key` is: its number, bit-reversed."""
+    return scramble_reversed(reverse_bits(ti.cast(index, u32)), mix(key))
 
-    Only the low `bits` of the index are shuffled and looked at: the points of a pixel are then one whole net.
+
+@ti.func
+def first_two(key: u32, shuffled: u32, bits: ti.i32) -> vec2:
+    """Dimensions 0 and 1 of a point in [0, 1)^4; shuffled: its `shuffled_index`.
+
+    bits: the indices in use are below 2**bits. Only so many bits of the index are shuffled and looked at: the points of
+    a pixel are then one whole net.
     """
-    # Shuffled and still reversed: bit 31 is the lowest bit of the index.
-    shuffled = scramble_reversed(reverse_bits(ti.cast(index, u32)), mix(key))
-    # Direction numbers, bit-reversed, by the recurrences of the primitive polynomials 1, x + 1, x^2 + x + 1 and
-    # x^3 + x + 1 with Joe and Kuo's initial values.
-    x0, x1, x2, x3 = u32(0), u32(0), u32(0), u32(0)
+    # Direction numbers, bit-reversed, by the recurrence of the primitive polynomials 1 and x + 1.
+    x0, x1 = u32(0), u32(0)
     v0, v1 = u32(1), u32(1)
-    a0, a1 = u32(1), u32(3)
-    b0, b1, b2 = u32(1), u32(3), u32(4)
+    rest = shuffled
     for _ in range(bits):
-        chosen = u32(0) - (shuffled >> 31)  # all bits or none: a branch here would be guessed wrong half of the time
+        chosen = u32(0) - (rest >> 31)  # all bits or none: a branch here would be guessed wrong half of the time
         x0 ^= v0 & chosen
         x1 ^= v1 & chosen
-        x2 ^= a0 & chosen
-        x3 ^= b0 & chosen
-        shuffled <<= 1
+        rest <<= 1
         v0 <<= 1
         v1 ^= v1 << 1
+    return vec2(scrambled(x0, mix(key + u32(0x9E3779B9))), scrambled(x1, mix(key + u32(0x3C6EF372))))
+
+
+@ti.func
+def last_two(key: u32, shuffled: u32, bits: ti.i32) -> vec2:
+    """Dimensions 2 and 3 of the same point: apart, because many a path has no use for them."""
+    # Of x^2 + x + 1 and x^3 + x + 1, with Joe and Kuo's initial values.
+    x2, x3 = u32(0), u32(0)
+    a0, a1 = u32(1), u32(3)
+    b0, b1, b2 = u32(1), u32(3), u32(4)
+    rest = shuffled
+    for _ in range(bits):
+        chosen = u32(0) - (rest >> 31)
+        x2 ^= a0 & chosen
+        x3 ^= b0 & chosen
+        rest <<= 1
         a2 = a1 ^ a0 ^ (a0 << 2)
         a0 = a1
         a1 = a2
@@ -96,12 +114,15 @@ def sobol(key: u32, index: ti.i32, bits: ti.i32) -> vec4:
         b0 = b1
         b1 = b2
         b2 = b3
-    return vec4(
-        scrambled(x0, mix(key + u32(0x9E3779B9))),
-        scrambled(x1, mix(key + u32(0x3C6EF372))),
-        scrambled(x2, mix(key + u32(0xDAA66D2B))),
-        scrambled(x3, mix(key + u32(0x78DDE6E4))),
-    )
+    return vec2(scrambled(x2, mix(key + u32(0xDAA66D2B))), scrambled(x3, mix(key + u32(0x78DDE6E4))))
+
+
+@ti.func
+def sobol(key: u32, index: ti.i32, bits: ti.i32) -> vec4:
+    """Point `index` of the copy named by `key`; [0, 1)^4."""
+    shuffled = shuffled_index(key, index)
+    first, last = first_two(key, shuffled, bits), last_two(key, shuffled, bits)
+    return vec4(first.x, first.y, last.x, last.y)
 
 
 def index_bits(spp: int) -> int:

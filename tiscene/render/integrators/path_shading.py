@@ -21,12 +21,13 @@ from tiscene.render.integrators.path_state import (
     THROUGHPUT,
 )
 from tiscene.render.lights import all_lights
+from tiscene.render.lights.choice import choose
 from tiscene.render.lights.light_sample import Lights
 from tiscene.render.ray_arrays import write_ray
-from tiscene.render.sampler import combine, sobol
+from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
 from tiscene.render.textures import Textures
-from tiscene.scene.material_table import COVERAGE, EMITS
+from tiscene.scene.material_table import COVERAGE, EMITS, MATTE
 from tiscene.scene.placement import CURRENT
 
 vec2 = ti.math.vec2
@@ -201,8 +202,12 @@ def shade(
             point = bsdf.material_at(materials, textures, surface.material, surface.uv)
             key = path_key(pixels, frame_key, first + i, spp)
             sample = (first + i) % spp
-            light_u = sobol(combine(key, ti.cast(1 + 2 * step, ti.u32)), sample, bits)
-            if (point.flags & COVERAGE) != 0 and light_u.w >= point.opacity:
+            light_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
+            light_index = shuffled_index(light_key, sample)
+            light_choice = vec2(0.0)
+            if light_total > 1 or (point.flags & COVERAGE) != 0:
+                light_choice = last_two(light_key, light_index, bits)
+            if (point.flags & COVERAGE) != 0 and light_choice.y >= point.opacity:
                 goes_on = True
                 write_ray(
                     rays,
@@ -224,25 +229,29 @@ def shade(
                 if depth < max_depth:
                     frame = bsdf.frame_of(normal)
                     closure = bsdf.closure_at(point, energy, bsdf.to_frame(frame, wo), surface.front)
-                    bsdf_u = sobol(combine(key, ti.cast(2 + 2 * step, ti.u32)), sample, bits)
+                    light_u = first_two(light_key, light_index, bits)
+                    bsdf_key = combine(key, ti.cast(2 + 2 * step, ti.u32))
+                    bsdf_index = shuffled_index(bsdf_key, sample)
+                    bsdf_u = first_two(bsdf_key, bsdf_index, bits)
+                    lobe_and_survival = vec2(0.0)
+                    if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
+                        lobe_and_survival = last_two(bsdf_key, bsdf_index, bits)
                     # Twice the same: a direction towards a light, then one that the surface likes.
                     for turn in range(2):
                         wi = vec3(0.0)
                         light_radiance = vec3(0.0)
-                        light_pdf, light_distance, light_delta = 0.0, 0.0, 0
+                        light_row, light_pdf, light_distance, light_delta = 0, 0.0, 0.0, 0
                         if turn == 0:
                             if light_total > 0:
-                                row = all_lights.choose(lights, light_u.x)
-                                found = all_lights.sample(
-                                    lights, textures, row, surface.position, vec2(light_u.y, light_u.z)
-                                )
+                                light_row, chance = choose(lights, surface.position, light_choice.x)
+                                found = all_lights.sample(lights, textures, light_row, surface.position, light_u)
                                 wi = bsdf.to_frame(frame, found.direction)
                                 light_radiance = found.radiance
-                                light_pdf = found.pdf * light_values[row, all_lights.CHANCE]
+                                light_pdf = found.pdf * chance
                                 light_distance = found.distance
                                 light_delta = found.delta
                         else:
-                            wi = bsdf.sample(closure, vec3(bsdf_u.x, bsdf_u.y, bsdf_u.z))
+                            wi = bsdf.sample(closure, vec3(bsdf_u, lobe_and_survival.x))
                         if turn == 1 or light_pdf > 0.0:
                             world = bsdf.from_frame(frame, wi)
                             f = bsdf.evaluate(closure, energy, wi)
@@ -256,7 +265,9 @@ def shade(
                                 if contribution.max() > 0.0:
                                     start = offset_origin(surface.position, surface.geometric_normal, world)
                                     reach = light_distance * (1.0 - LIGHT_FRONT)
-                                    blocking, _ = nearest_light(lights, start, world, reach * (1.0 - LIGHT_FRONT))
+                                    blocking = -1
+                                    if light_solid > 1 or light_row >= light_solid:  # else there is only this one
+                                        blocking, _ = nearest_light(lights, start, world, reach * (1.0 - LIGHT_FRONT))
                                     if blocking < 0:
                                         write_ray(shadow_rays, i, start, world, reach)
                                         write3(state, i, DIRECT, contribution)
@@ -269,7 +280,7 @@ def shade(
                                 survival = 1.0
                                 if depth >= RUSSIAN_ROULETTE_DEPTH:
                                     survival = ti.min(new_throughput.max() * ior2, LARGEST_SURVIVAL)
-                                if bsdf_u.w < survival and new_throughput.max() > 0.0:
+                                if lobe_and_survival.y < survival and new_throughput.max() > 0.0:
                                     goes_on = True
                                     write3(state, i, THROUGHPUT, new_throughput * (1.0 / survival))
                                     state[i, PDF] = f.w

@@ -1,0 +1,97 @@
+"""Path tracing against Mitsuba 3's `path`: the benchmark room at equal samples and depth, and the error that is left.
+
+Each round runs every renderer once, so that what else the machine does hits all alike. relMSE: squared error over
+squared reference plus 0.01, mean over pixels; the reference is tiscene's own at many samples (their means agree:
+tests/render/test_path_mitsuba.py).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.benchmarks.room import room, still
+from tests.reference import mitsuba_scene
+from tiscene.render.integrators.path import PathPass
+from tiscene.render.view import View
+from tiscene.scene.device_scene import DeviceScene
+
+SIZES = ((256, 192), (640, 480))
+SPP, DEPTH = 16, 5
+ROUNDS = 5
+REFERENCE_SPP = 512
+VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
+
+
+@dataclass
+class Renderer:
+    """Something that renders with a seed, and how long it took."""
+
+    name: str
+    render: Callable[[int], NDArray[np.float32]]
+    walls: list[float] = field(default_factory=list)
+    cpus: list[float] = field(default_factory=list)
+    image: NDArray[np.float32] | None = None
+
+    def run(self, seed: int) -> None:
+        wall, cpu = time.perf_counter(), time.process_time()
+        self.image = self.render(seed)
+        self.walls.append(time.perf_counter() - wall)
+        self.cpus.append(time.process_time() - cpu)
+
+
+def ours(width: int, height: int, spp: int = SPP) -> Callable[[int], NDArray[np.float32]]:
+    """tiscene on the room."""
+    description = room()
+    scene = DeviceScene()
+    scene.add(description)
+    scene.place(still(description))
+    camera = description.cameras[0]
+    view = View(camera, camera, camera, width, height)
+    paths = PathPass(scene, width, height)
+    return lambda seed: paths.render(view, frame_index=0, seed=seed, spp=spp, max_depth=DEPTH).hdr
+
+
+def mitsuba(variant: str, width: int, height: int) -> Callable[[int], NDArray[np.float32]]:
+    """A variant of Mitsuba on the room."""
+    import mitsuba as mi
+
+    mi.set_variant(variant)
+    description = room()
+    scene = mitsuba_scene.scene(mi, description, description.cameras[0], width, height, max_depth=DEPTH, spp=SPP)
+
+    def render(seed: int) -> NDArray[np.float32]:
+        mi.set_variant(variant)
+        return np.array(mi.render(scene, spp=SPP, seed=seed))
+
+    return render
+
+
+def main() -> None:
+    print(
+        f"{'':>10} {'renderer':>20} {'wall ms':>9} {'CPU ms':>9} {'relMSE':>8} {'speed':>6}  ({SPP} spp, depth {DEPTH})"
+    )
+    for width, height in SIZES:
+        variants = VARIANTS if (width, height) == SIZES[0] else VARIANTS[:1]
+        renderers = [Renderer("tiscene", ours(width, height))]
+        renderers += [Renderer(f"mitsuba {variant}", mitsuba(variant, width, height)) for variant in variants]
+        for renderer in renderers:
+            renderer.render(0)
+        for seed in range(1, ROUNDS + 1):
+            for renderer in renderers:
+                renderer.run(seed)
+        reference = ours(width, height, REFERENCE_SPP)(99) if (width, height) == SIZES[0] else None
+        for renderer in renderers:
+            error = "-"
+            if reference is not None and renderer.image is not None:
+                error = f"{np.mean((renderer.image - reference) ** 2 / (reference**2 + 1e-2)):.4f}"
+            ratio = min(renderer.walls) / min(renderers[0].walls)
+            print(
+                f"{width}x{height:<6} {renderer.name:>20} {1e3 * min(renderer.walls):9.1f}"
+                f" {1e3 * min(renderer.cpus):9.1f} {error:>8} {ratio:6.2f}"
+            )
+    print("speed: tiscene's, as a multiple of the renderer's, by the shortest wall times")
