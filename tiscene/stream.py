@@ -49,6 +49,9 @@ class Stream(Iterator[Frame]):
     A stream is an iterator with a position, as an open file is: a second `for` goes on where the first stopped, `seek`
     moves it, and `state_dict` saves it. `stream[k]` and `stream[a:b]` leave the position alone.
 
+    `stream.world.spawn(...)`, `.despawn(...)` and `.move(...)` edit what is to come, from the next frame on; the edits
+    become part of `stream.scenario`.
+
     Raises a TisceneError that says what is wrong for every bad argument, scene, template or stage.
     """
 
@@ -80,30 +83,35 @@ class Stream(Iterator[Frame]):
         self.fps = float(fps)
         self.buffers = _buffer_names(buffers)
         self.quality: Quality = quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
-        self.scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
+        scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
         if camera is not None:
-            self.scenario = replace(self.scenario, camera=camera)
+            scenario = replace(scenario, camera=camera)
         self.time_code = time_code
         self.variants = dict(variants or {})
 
         stage = read_stage(
-            catalog.find_scene(self.scenario.scene),
+            catalog.find_scene(scenario.scene),
             time_code=time_code,
             variants=self.variants,
-            lifted=[each.template for each in self.scenario.objects if catalog.is_prim_path(each.template)],
+            lifted=[each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
         )
         self._stage_templates = {template.name for template in stage.templates}
 
         def load_template(name: str) -> Template:
-            return read_template(catalog.find_template(name, scene=self.scenario.scene), up_axis=stage.up_axis)
+            return read_template(catalog.find_template(name, scene=scenario.scene), up_axis=stage.up_axis)
 
-        self.world = World(self.scenario, stage, load_template, self.fps, aspect=self.width / self.height)
+        self.world = World(scenario, stage, load_template, self.fps, aspect=self.width / self.height)
         self.arch = device.start(arch)
         self._scene = DeviceScene()
         self._loaded = 0  # how many of the world's descriptions are on the device
         self._renderer = Renderer(self._scene, self.width, self.height, self.quality)
         self._exposure = self.world.camera.exposure
         self._position = 0
+
+    @property
+    def scenario(self) -> Scenario:
+        """What was asked for, and the edits: a stream made of it does the same at the same frames."""
+        return self.world.scenario
 
     @property
     def categories(self) -> dict[int, str]:
@@ -118,6 +126,7 @@ class Stream(Iterator[Frame]):
     def seek(self, index: int) -> Stream:
         """Make frame `index` the next one, at once. Returns the stream."""
         self._position = _integer("index", index, 0, self.frames if self.frames is not None else sys.maxsize)
+        self.world.next_frame = self._position
         return self
 
     def __iter__(self) -> Stream:
@@ -128,6 +137,7 @@ class Stream(Iterator[Frame]):
             raise StopIteration
         frame = self._render(self._position)
         self._position += 1
+        self.world.next_frame = self._position
         return frame
 
     def __len__(self) -> int:
@@ -191,7 +201,7 @@ class Stream(Iterator[Frame]):
         Keys: the path relative to the scene's folder; of a template, its name, a colon and the path in its folder.
         """
         digests = layer_digests(catalog.find_scene(self.scenario.scene))
-        for template in sorted({item.template for item in self.scenario.objects} - self._stage_templates):
+        for template in sorted({life.planned.template for life in self.scenario.lives()} - self._stage_templates):
             files = layer_digests(catalog.find_template(template))
             digests |= {f"{template}: {name}": digest for name, digest in files.items()}
         return digests
