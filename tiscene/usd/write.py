@@ -43,7 +43,7 @@ def write_motion(world: World, path: str | os.PathLike[str], frames: int | Itera
 
 def _write_objects(over: OverLayer, world: World, frames: Sequence[int]) -> None:
     standing = len(world.stage.objects)
-    asked = {each.id: each for each in world.scenario.objects}
+    asked = {life.planned.id: life.planned for life in world.scenario.lives()}
     poses: dict[str, dict[int, Array]] = {}
     for frame in frames:
         for row in world.objects(frame):
