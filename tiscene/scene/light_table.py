@@ -22,9 +22,10 @@ LAST_SOLID = SPHERE
 # including this row. TEXTURE: row of the atlas or -1. DISTRIBUTION, GRID: where a dome's begins, its columns and rows.
 # PORTALS, PORTAL_COUNT: a dome's first, and how many. Portals are rows like rects, but dark, after those of the lights.
 # SUN_PART: how many of the samples of a dome with portals are drawn from its image all the same, see `sun_part`.
+# STRENGTH, by luminance: W/sr along the axis of what has a place, W/m² of a distant light, W/m²/sr of a dome.
 COLUMNS = 32
 KIND, TRANSFORM, RADIANCE, SIZE, CHANCE, CUMULATIVE, TEXTURE, DISTRIBUTION, GRID = 0, 1, 13, 16, 18, 19, 20, 21, 22
-PORTALS, PORTAL_COUNT, SUN_PART = 24, 25, 26
+PORTALS, PORTAL_COUNT, SUN_PART, STRENGTH = 24, 25, 26, 27
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _LARGEST_GRID = (512, 1024)
@@ -166,7 +167,7 @@ class LightTable:
             light = self.lights[source]
             kind = kind_of(light)
             color = np.asarray(light.irradiance if isinstance(light, DistantLight) else light.radiance, np.float64)  # type: ignore[attr-defined]
-            brightness = float(color @ _LUMINANCE)
+            brightness, strength = float(color @ _LUMINANCE), 0.0
             values[row, KIND] = kind
             values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
             values[row, TEXTURE] = -1.0
@@ -178,22 +179,27 @@ class LightTable:
             match light:
                 case RectLight():
                     values[row, SIZE : SIZE + 2] = light.width, light.height
-                    power[row] = math.pi * light.width * light.height * brightness
+                    strength = light.width * light.height * brightness
+                    power[row] = math.pi * strength
                 case DiskLight():
                     values[row, SIZE] = light.radius
-                    power[row] = (math.pi * light.radius) ** 2 * brightness
+                    strength = math.pi * light.radius**2 * brightness
+                    power[row] = math.pi * strength
                 case SphereLight():
                     values[row, SIZE] = light.radius
-                    power[row] = 4.0 * math.pi * brightness * (math.pi * light.radius**2 if kind == SPHERE else 1.0)
+                    strength = brightness * (math.pi * light.radius**2 if kind == SPHERE else 1.0)
+                    power[row] = 4.0 * math.pi * strength
                 case DistantLight():
                     half = 0.5 * light.angle
                     one_minus_cosine = 2.0 * math.sin(0.5 * half) ** 2
                     values[row, SIZE : SIZE + 2] = math.cos(half), one_minus_cosine
                     if light.angle > 0.0:
                         color = color / (math.pi * math.sin(half) ** 2)
-                    power_per_area[row] = brightness
+                    strength = power_per_area[row] = brightness
+                    values[row, PORTALS], values[row, PORTAL_COUNT] = len(order), len(portals)
                 case DomeLight():
                     # What passes through a flat portal from one side; a scene without them is lit from all sides.
+                    strength = brightness
                     power_per_area[row] = (1.0 if portals else 4.0) * math.pi * brightness
                     values[row, PORTALS], values[row, PORTAL_COUNT] = next_portal, len(light.portals)
                     for portal in light.portals:
@@ -207,6 +213,7 @@ class LightTable:
                         distributions.append(distribution)
                         values[row, SUN_PART] = sun_part(image)
                         used += len(distribution)
+            values[row, STRENGTH] = strength
             values[row, RADIANCE : RADIANCE + 3] = color
         self._distribution = upload(np.concatenate([np.zeros(1, np.float32), *distributions])[1:])
         self._built = values, power, power_per_area

@@ -1,29 +1,17 @@
-"""The kinds of light as one: choosing a light, sampling it, meeting it. A new kind is a file and a name in LIGHTS."""
+"""The kinds of light as one: sampling a light, meeting it. A new kind is a file and a name in LIGHTS."""
 
 import taichi as ti
 
 from tiscene.render.lights import disk, distant, dome, point, rect, sphere
+from tiscene.render.lights.choice import chance_of
 from tiscene.render.lights.light_sample import no_sample
-from tiscene.scene.light_table import CHANCE, CUMULATIVE, KIND
+from tiscene.scene.light_table import KIND
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
 # In the order of the kinds in tiscene.scene.light_table. Each has sample, pdf, intersect, emitted.
 LIGHTS = (rect, disk, sphere, point, distant, dome)
-
-
-@ti.func
-def choose(lights: ti.template(), u: ti.f32) -> ti.i32:
-    """A row by its chance, by bisection."""
-    low, high = 0, lights.total
-    while high - low > 1:
-        middle = (low + high) // 2
-        if lights.values[middle - 1, CUMULATIVE] <= u:
-            low = middle
-        else:
-            high = middle
-    return low
 
 
 @ti.func
@@ -45,7 +33,9 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
     for k in ti.static(range(len(LIGHTS))):
         if kind == k:
             result = LIGHTS[k].pdf(lights, row, origin, direction, distance)
-    return result * lights.values[row, CHANCE]
+    if result > 0.0:
+        result *= chance_of(lights, row, origin)
+    return result
 
 
 @ti.func

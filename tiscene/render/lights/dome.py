@@ -1,7 +1,7 @@
 """The surroundings: one radiance from everywhere, or a latlong image sampled by luminance times solid angle.
 
-Where the light comes in by portals, those are sampled instead, but for the part of the samples that looks for the sun of
-the image. A path may well leave by another way: then no density of light sampling counts against it.
+Where the light comes in by portals, those are sampled instead, but for the part of the samples that looks for the sun
+of the image. A path may well leave by another way: then no density of light sampling counts against it.
 """
 
 import math
