@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene.render.textures import Textures, lookup
+from tiscene.render.textures import Textures, lookup, lookup_coarse
 from tiscene.scene.description import Texture
-from tiscene.scene.texture_atlas import TextureAtlas, linear_pixels
+from tiscene.scene.texture_atlas import COARSE, HEIGHT, WIDTH, TextureAtlas, coarse_copy, linear_pixels
 
 Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -83,3 +83,45 @@ def test_far_outside_still_repeats() -> None:
     texture = Texture("t", pixels, encoding="raw")
     near, far = looked_up(texture, np.array([[0.375, 0.5], [10000.375, -4000.5]]))
     assert near == pytest.approx(far, abs=2e-3)
+
+
+@ti.kernel
+def look_up_coarse(info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, uv: Floats2, values: Floats2):
+    textures = ti.static(Textures(info, words, floats))
+    for i in range(uv.shape[0]):
+        value = lookup_coarse(textures, row, ti.math.vec2(uv[i, 0], uv[i, 1]))
+        for c in ti.static(range(4)):
+            values[i, c] = value[c]
+
+
+@pytest.mark.parametrize("encoding", ["srgb", "raw"])
+@pytest.mark.parametrize("size", [(256, 128), (200, 90), (3, 5)])
+def test_coarse_lookups_are_means_of_what_is_there(size: tuple[int, int], encoding: str) -> None:
+    height, width = size
+    smooth = np.linspace(0, 200, height)[:, None, None] + np.linspace(0, 50, width)[None, :, None]
+    noise = np.random.default_rng(5).integers(-5, 5, (height, width, 4))
+    texture = Texture("t", np.clip(smooth + noise, 0, 255).astype(np.uint8), encoding=encoding, wrap_s="repeat")
+    atlas = TextureAtlas()
+    atlas.append([texture, Texture("other", np.zeros((70, 5, 4), np.uint8))])
+    u, v = np.meshgrid((np.arange(320) + 0.5) / 320, (np.arange(320) + 0.5) / 320)
+    uv = np.stack([u.ravel() + 3.0, v.ravel()], axis=-1).astype(np.float32)
+    values = np.empty((len(uv), 4), np.float32)
+    look_up_coarse(*atlas.arrays(), 0, uv, values)
+    assert values.mean(axis=0) == pytest.approx(linear_pixels(texture).mean(axis=(0, 1)), rel=4e-3)
+    exact = linear_pixels(texture)[((1.0 - uv[:, 1]) * height).astype(int), (u.ravel() * width).astype(int)]
+    assert np.abs(values - exact).max() < 0.1  # neighbours differ by the noise and a pixel's step
+    assert len(np.unique(values[:, 0])) > min(height * width, 100) // 2
+
+
+def test_a_coarse_copy_is_small_and_small_images_are_their_own() -> None:
+    large = Texture("large", np.full((1024, 66, 4), (10, 200, 90, 255), np.uint8))
+    copy = coarse_copy(large)
+    assert copy.pixels.shape == (64, 33, 4)
+    assert (copy.pixels == (10, 200, 90, 255)).all()
+    for texture in (copy, Texture("floats", np.zeros((100, 100, 4), np.float32))):
+        assert coarse_copy(texture) is texture
+    atlas = TextureAtlas()
+    atlas.append([copy, large, copy])
+    info = atlas.arrays().info.to_numpy()
+    assert info[:, COARSE].tolist() == [0, 3, 2, 3]
+    assert info[3, [WIDTH, HEIGHT]].tolist() == [33, 64]

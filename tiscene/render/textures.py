@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tiscene.scene.texture_atlas import HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDTH, WRAP_S, WRAP_T, WRAPS
+from tiscene.scene.texture_atlas import COARSE, HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDTH, WRAP_S, WRAP_T, WRAPS
 
 vec2 = ti.math.vec2
 vec4 = ti.math.vec4
@@ -42,44 +42,47 @@ def wrapped(index: ti.i32, size: ti.i32, wrap: ti.i32) -> ti.i32:
 
 
 @ti.func
-def texel(textures: ti.template(), row: ti.i32, x: ti.i32, y: ti.i32) -> vec4:
-    """One pixel, decoded to linear."""
-    result = vec4(0.0)
-    if x >= 0 and y >= 0:
-        at = textures.info[row, OFFSET] + y * textures.info[row, WIDTH] + x
-        if textures.info[row, IS_FLOAT] != 0:
-            for channel in ti.static(range(4)):
-                result[channel] = textures.floats[_DECODING_LENGTH + 4 * at + channel]
-        else:
-            word = ti.cast(textures.words[at], ti.u32)
-            for channel in ti.static(range(4)):
-                code = ti.cast((word >> (8 * channel)) & ti.u32(255), ti.i32)
-                value = code * (1.0 / 255.0)
-                if ti.static(channel < 3):
-                    if textures.info[row, IS_SRGB] != 0:
-                        value = textures.floats[code]
-                result[channel] = value
+def decoded(textures: ti.template(), word: ti.u32, is_srgb: ti.i32) -> vec4:
+    """One 8-bit pixel as linear RGBA."""
+    code = ti.Vector([ti.cast((word >> (8 * channel)) & ti.u32(255), ti.i32) for channel in range(4)])
+    result = code * (1.0 / 255.0)
+    if is_srgb != 0:
+        for channel in ti.static(range(3)):
+            result[channel] = textures.floats[code[channel]]
     return result
+
+
+@ti.func
+def pixel_coordinates(uv: vec2, width: ti.i32, height: ti.i32, wrap_s: ti.i32, wrap_t: ti.i32) -> vec2:
+    """uv in pixels from the top left. Far outside, whole periods are taken off first: two, for the mirror's sake."""
+    u = uv.x - 2.0 * ti.floor(0.5 * uv.x) if wrap_s == REPEAT or wrap_s == MIRROR else ti.math.clamp(uv.x, -2.0, 3.0)
+    v = uv.y - 2.0 * ti.floor(0.5 * uv.y) if wrap_t == REPEAT or wrap_t == MIRROR else ti.math.clamp(uv.y, -2.0, 3.0)
+    return vec2(u * width, (1.0 - v) * height)
 
 
 @ti.func
 def lookup_wrapped(textures: ti.template(), row: ti.i32, uv: vec2, wrap_s: ti.i32, wrap_t: ti.i32) -> vec4:
     """`lookup` with other wraps than the image's own."""
-    width, height = textures.info[row, WIDTH], textures.info[row, HEIGHT]
-    # Far outside, whole periods are taken off first: two, for the mirror's sake.
-    u = uv.x - 2.0 * ti.floor(0.5 * uv.x) if wrap_s == REPEAT or wrap_s == MIRROR else ti.math.clamp(uv.x, -2.0, 3.0)
-    v = uv.y - 2.0 * ti.floor(0.5 * uv.y) if wrap_t == REPEAT or wrap_t == MIRROR else ti.math.clamp(uv.y, -2.0, 3.0)
-    x = u * width - 0.5
-    y = (1.0 - v) * height - 0.5
-    left, top = ti.cast(ti.floor(x), ti.i32), ti.cast(ti.floor(y), ti.i32)
-    fx, fy = x - left, y - top
+    info = ti.static(textures.info)
+    width, height, offset = info[row, WIDTH], info[row, HEIGHT], info[row, OFFSET]
+    is_float, is_srgb = info[row, IS_FLOAT], info[row, IS_SRGB]
+    p = pixel_coordinates(uv, width, height, wrap_s, wrap_t) - 0.5
+    left, top = ti.cast(ti.floor(p.x), ti.i32), ti.cast(ti.floor(p.y), ti.i32)
+    fx, fy = p.x - left, p.y - top
     x0, x1 = wrapped(left, width, wrap_s), wrapped(left + 1, width, wrap_s)
     y0, y1 = wrapped(top, height, wrap_t), wrapped(top + 1, height, wrap_t)
     result = vec4(0.0)
-    for corner in range(4):  # not unrolled: the texel's code is there once
+    for corner in range(4):  # not unrolled: a texel's code is there once
         right, below = corner & 1, corner >> 1
-        weight = (fx if right == 1 else 1.0 - fx) * (fy if below == 1 else 1.0 - fy)
-        result += weight * texel(textures, row, x1 if right == 1 else x0, y1 if below == 1 else y0)
+        column, line = x1 if right == 1 else x0, y1 if below == 1 else y0
+        if column >= 0 and line >= 0:
+            at = offset + line * width + column
+            weight = (fx if right == 1 else 1.0 - fx) * (fy if below == 1 else 1.0 - fy)
+            if is_float != 0:
+                for channel in ti.static(range(4)):
+                    result[channel] += weight * textures.floats[_DECODING_LENGTH + 4 * at + channel]
+            else:
+                result += weight * decoded(textures, ti.cast(textures.words[at], ti.u32), is_srgb)
     return result
 
 
@@ -87,3 +90,23 @@ def lookup_wrapped(textures: ti.template(), row: ti.i32, uv: vec2, wrap_s: ti.i3
 def lookup(textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
     """The image's linear RGBA at uv: v = 1 is the top row, pixel centres at half-integers."""
     return lookup_wrapped(textures, row, uv, textures.info[row, WRAP_S], textures.info[row, WRAP_T])
+
+
+@ti.func
+def lookup_coarse(textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
+    """About the image's mean around uv: the pixel there of its coarse copy."""
+    info = ti.static(textures.info)
+    copy, wrap_s, wrap_t = info[row, COARSE], info[row, WRAP_S], info[row, WRAP_T]
+    width, height = info[copy, WIDTH], info[copy, HEIGHT]
+    p = pixel_coordinates(uv, width, height, wrap_s, wrap_t)
+    x = wrapped(ti.cast(ti.floor(p.x), ti.i32), width, wrap_s)
+    y = wrapped(ti.cast(ti.floor(p.y), ti.i32), height, wrap_t)
+    result = vec4(0.0)
+    if x >= 0 and y >= 0:
+        at = info[copy, OFFSET] + y * width + x
+        if info[copy, IS_FLOAT] != 0:
+            for channel in ti.static(range(4)):
+                result[channel] = textures.floats[_DECODING_LENGTH + 4 * at + channel]
+        else:
+            result = decoded(textures, ti.cast(textures.words[at], ti.u32), info[copy, IS_SRGB])
+    return result

@@ -24,7 +24,7 @@ from tiscene.render.bsdfs.closure import (
     reflected_parts,
 )
 from tiscene.render.bsdfs.energy import SMALLEST_ALPHA
-from tiscene.render.textures import lookup
+from tiscene.render.textures import lookup, lookup_coarse
 from tiscene.scene.material_table import (
     CLEARCOAT,
     CLEARCOAT_ROUGHNESS,
@@ -90,13 +90,19 @@ class MaterialPoint:
 
 
 @ti.func
-def texture_value(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
-    """A row of the lookups at uv: rgb as it is, or one channel four times; scaled and biased."""
+def texture_value(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32) -> vec4:
+    """A row of the lookups at uv: rgb as it is, or one channel four times; scaled and biased. coarse: 1 for the mean of
+    the texture thereabouts."""
     transform = LOOKUP_TRANSFORM
     lookups = ti.static(materials.lookups)
     u = lookups[row, transform] * uv.x + lookups[row, transform + 1] * uv.y + lookups[row, transform + 2]
     v = lookups[row, transform + 3] * uv.x + lookups[row, transform + 4] * uv.y + lookups[row, transform + 5]
-    value = lookup(textures, ti.cast(lookups[row, LOOKUP_TEXTURE], ti.i32), vec2(u, v))
+    texture = ti.cast(lookups[row, LOOKUP_TEXTURE], ti.i32)
+    value = vec4(0.0)
+    if coarse != 0:
+        value = lookup_coarse(textures, texture, vec2(u, v))
+    else:
+        value = lookup(textures, texture, vec2(u, v))
     for channel in ti.static(range(4)):
         value[channel] = value[channel] * lookups[row, LOOKUP_SCALE + channel] + lookups[row, LOOKUP_BIAS + channel]
     channel = ti.cast(lookups[row, LOOKUP_CHANNEL], ti.i32)
@@ -108,6 +114,12 @@ def texture_value(materials: ti.template(), textures: ti.template(), row: ti.i32
 @ti.func
 def material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2):
     """Every input of the material at uv: a MaterialPoint."""
+    return material_about(materials, textures, row, uv, 0)
+
+
+@ti.func
+def material_about(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32):
+    """`material_at`, or where coarse is 1, about what it is on the mean near uv, with no bumps. Opacity stays exact."""
     values = ti.static(materials.values)
     point = MaterialPoint(
         diffuse_color=vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2]),
@@ -124,10 +136,14 @@ def material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, 
         glass=ti.max(materials.info[row, GLASS_INDEX], 0),
     )
     if point.flags & TEXTURED:
-        for column in range(LOOKUP_OF["diffuse_color"], LOOKUP_OF["normal"] + 1):  # one lookup in the code, not nine
+        end = LOOKUP_OF["normal"] + 1
+        if coarse != 0:
+            end = LOOKUP_OF["normal"]
+        for column in range(LOOKUP_OF["diffuse_color"], end):  # one lookup in the code, not nine
             lookup_row = materials.info[row, column]
             if lookup_row >= 0:
-                value = texture_value(materials, textures, lookup_row, uv)
+                rough = coarse if column != ti.static(LOOKUP_OF["opacity"]) else 0
+                value = texture_value(materials, textures, lookup_row, uv, rough)
                 if column == ti.static(_LOOKUP_COLUMN_OF[DIFFUSE]):
                     point.diffuse_color = value.xyz
                 elif column == ti.static(_LOOKUP_COLUMN_OF[EMISSIVE]):
