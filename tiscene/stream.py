@@ -212,9 +212,10 @@ class Stream(Iterator[Frame]):
         frames: how many, from 0 on, or their numbers; by default all of the stream's. Time code k is frame k.
         Objects are references to their templates, with time samples of pose and visibility; nothing is rendered.
         """
-        if frames is None and self.frames is None:
+        frames = self.frames if frames is None else frames
+        if frames is None:
             raise ArgumentError("frames=None: an endless stream cannot be written whole; say how many frames")
-        write_motion(self.world, path, self.frames if frames is None else frames)
+        write_motion(self.world, path, frames)
 
     def _render(self, index: int) -> Frame:
         view, placement = self._view(index), self._placement(index)

@@ -32,8 +32,8 @@ def read_stage(
     identity is the nearest enclosing prim of kind `component`, else a native instance, else the gprim itself; each
     point of a PointInstancer is one thing.
 
-    Raises MissingFile, StageError (with every problem found) and UnknownName or ArgumentError (variants, lifted). What is
-    left out or approximated is named in one StageWarning.
+    Raises MissingFile, StageError (with every problem found) and UnknownName or ArgumentError (variants, lifted). What
+    is left out or approximated is named in one StageWarning.
     """
     with quiet(), readable(path):
         stage = open_stage(path, variants)

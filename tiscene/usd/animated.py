@@ -64,7 +64,8 @@ def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:
 def read_keyframes(prim: Usd.Prim, units: Units, report: Report, first_frame: int = 0) -> dict[str, Any] | None:
     """A prim's animated transform as the JSON object of Keyframes; None if it stands still.
 
-    Time 0 is the start of the stage's range of time codes, or so many frames later when the prim appears. The prim's scale must not change; if it does, it is reported.
+    Time 0 is the start of the stage's range of time codes, or so many frames later when the prim appears. The
+    prim's scale must not change; if it does, it is reported.
     """
     times = sample_times(prim)
     if len(times) < 2:

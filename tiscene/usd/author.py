@@ -151,7 +151,9 @@ class OverLayer:
         """Write the layer as a file. Raises ArgumentError (its suffix), ExportError."""
         path = Path(path)
         if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
-            raise ArgumentError(f"path={str(path)!r}: a USD layer is a file that ends in {', '.join(catalog.LAYER_SUFFIXES)}")
+            raise ArgumentError(
+                f"path={str(path)!r}: a USD layer is a file that ends in {', '.join(catalog.LAYER_SUFFIXES)}"
+            )
         folder = path.resolve().parent
         copy = Sdf.Layer.CreateAnonymous(path.suffix)
         copy.TransferContent(self.layer)

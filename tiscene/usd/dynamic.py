@@ -1,8 +1,8 @@
 """Dynamics as attributes of TisceneMotionAPI, both ways: to and from the JSON values of a scenario's dynamics.
 
 The attributes of a kind of motion are those of its JSON object, by the table below. Values on the stage are stage units
-and camelCase, those of JSON metres and snake_case. What is not authored is left out, and so has the default of the class
-that reads the JSON.
+and camelCase, those of JSON metres and snake_case. What is not authored is left out, and so has the default of the
+class that reads the JSON.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class _LiftedReader(StageReader):
 def lifted_templates(
     stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: Report
 ) -> tuple[Template, ...]:
-    """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps the prim's scale.
+    """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps its scale.
 
     Raises TemplateNotFound for a path where no prim is that can be placed.
     """

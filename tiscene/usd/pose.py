@@ -38,7 +38,8 @@ class Pose:
 def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> Pose | str:
     """A prim's pose at a time; a text that says why if it has none.
 
-    What `write_pose` wrote is read to the bit. Of any other transform the nearest rotation is taken; all else is stretch.
+    What `PoseOperations` wrote is read to the bit. Of any other transform the nearest rotation is taken; the rest is
+    stretch.
     """
     world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time)
     matrix = to_matrix(world, units.meters)
@@ -57,9 +58,7 @@ def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> Pose | str:
     pose = rigid(matrix)
     stretch = np.linalg.inv(pose) @ matrix
     stretch[:3, 3] = 0.0
-    return Pose(
-        tuple(matrix[:3, 3].tolist()), tuple(quaternion_from_matrix(pose[:3, :3])), (1.0, 1.0, 1.0), stretch
-    )
+    return Pose(tuple(matrix[:3, 3].tolist()), tuple(quaternion_from_matrix(pose[:3, :3])), (1.0, 1.0, 1.0), stretch)
 
 
 def _own_values(prim: Usd.Prim, time: Usd.TimeCode) -> dict[str, Any] | None:
@@ -136,6 +135,7 @@ def placed(position: Sequence[float], rotation: Sequence[float]) -> Matrix:
             turned *= Gf.Matrix3d(Gf.Rotation(Gf.Vec3d(*axis), angle))
         matrix[:3, :3] = np.array(turned).T
     else:
-        matrix[:3, :3] = matrix_from_quaternion(unit_rotation(rotation))
+        w, x, y, z = unit_rotation(rotation)
+        matrix[:3, :3] = matrix_from_quaternion((w, x, y, z))
     matrix[:3, 3] = position
     return matrix

@@ -216,7 +216,7 @@ class _ScenarioReader:
         """The camera as a JSON object if it moves or was written by us; its name if it was chosen; else None."""
         chosen = targets(root, "tiscene:scenario:camera") if root else []
         prim = cameras[0] if cameras else None
-        if chosen:
+        if root and chosen:
             prim = self._stage.GetPrimAtPath(chosen[0])
             if not prim or not prim.IsA(UsdGeom.Camera):
                 self._report.problem(root.GetPath(), "scenario", f"its camera <{chosen[0]}> is no Camera")
@@ -244,8 +244,10 @@ class _ScenarioReader:
         content["name"] = authored(prim, "tiscene:camera:name") or camera.name
         for key, name in CAMERA_VALUES.items():
             value = authored(prim, f"tiscene:camera:{name}")
-            if value is not None and content[key] is not None and math.isclose(
-                value, content[key], rel_tol=1e-5, abs_tol=1e-7
+            if (
+                value is not None
+                and content[key] is not None
+                and math.isclose(value, content[key], rel_tol=1e-5, abs_tol=1e-7)
             ):
                 content[key] = float(value)
         return content

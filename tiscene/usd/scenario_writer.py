@@ -6,14 +6,14 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from tiscene.camera import Camera
 from tiscene.errors import CameraNotFound
 from tiscene.usd import schema
 from tiscene.usd.author import OverLayer
 from tiscene.usd.dynamic import write_dynamic
-from tiscene.usd.pose import pose_operations, unit_rotation
+from tiscene.usd.pose import unit_rotation
 from tiscene.usd.problems import Report
 from tiscene.usd.scenario import CAMERA_VALUES
 from tiscene.usd.stage import quiet, readable
@@ -28,7 +28,7 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
     the metre, lengths of more than 15 digits may change in the last one.)
     Raises SceneNotFound, TemplateNotFound, CameraNotFound, StageError, ArgumentError and ExportError.
     """
-    with quiet(), readable(path):
+    with quiet(), readable(os.fspath(path)):
         over = OverLayer(content["scene"], "Scenario")
         report = Report(os.fspath(path))
         root = over.stage.GetPrimAtPath(over.root)

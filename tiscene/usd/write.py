@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import operator
 import os
 from collections.abc import Iterable, Sequence
@@ -33,7 +34,7 @@ def write_motion(world: World, path: str | os.PathLike[str], frames: int | Itera
     Raises ArgumentError (frames, suffix), ExportError, and what is raised for scenes and templates that are gone.
     """
     numbers = _frame_numbers(frames)
-    with quiet(), readable(path):
+    with quiet(), readable(os.fspath(path)):
         over = OverLayer(world.scenario.scene, "Motion")
         over.set_time(numbers[0], numbers[-1], world.fps)
         _write_objects(over, world, numbers)
@@ -100,7 +101,7 @@ def _frame_numbers(frames: int | Iterable[int]) -> list[int]:
         numbers = [operator.index(each) for each in frames] if isinstance(frames, Iterable) else list(range(frames))
     except TypeError:
         raise ArgumentError(f"frames={frames!r}: must be a number of frames, or whole numbers of frames") from None
-    if not numbers or numbers[0] < 0 or any(b <= a for a, b in zip(numbers, numbers[1:], strict=False)):
+    if not numbers or numbers[0] < 0 or any(b <= a for a, b in itertools.pairwise(numbers)):
         raise ArgumentError(f"frames={frames!r}: must be one frame or more, from 0 on and increasing")
     return numbers
 

@@ -1,8 +1,8 @@
 """The codeless schema by which a stage says how its things move: data beside this file, made known to USD once.
 
 `generatedSchema.usda` documents every attribute. Other USD programs learn of it by the environment variable
-PXR_PLUGINPATH_NAME set to this folder (`python -c "import tiscene.usd.schema as s; print(s.FOLDER)"`); without that they
-keep the attributes all the same.
+PXR_PLUGINPATH_NAME set to this folder (`python -c "import tiscene.usd.schema as s; print(s.FOLDER)"`); without
+that they keep the attributes all the same.
 """
 
 from __future__ import annotations
