@@ -32,10 +32,9 @@ def arriving(lights: ti.template(), row: ti.i32, origin: vec3) -> ti.f32:
             facing = ti.max(-offset.dot(axis(values, row, 2)) / ti.sqrt(distance2), 0.0)
         result *= facing / distance2
     else:
-        solid_angle, shines = portals.openness(values, row, origin)
         if kind == DOME:
-            result *= solid_angle
-        elif not shines:
+            result *= portals.openness(values, row, origin)
+        elif portals.shines(values, row, origin) == 0:
             result = 0.0
     return result
 
@@ -62,22 +61,33 @@ def mixed(lights: ti.template(), part: ti.f32, total: ti.f32) -> ti.f32:
 @ti.func
 def choose(lights: ti.template(), origin: vec3, u: ti.f32):
     """(row, its chance) of the light to sample from a point."""
-    chosen = lights.total - 1
-    chance = 0.0
+    chosen = 0
+    chance = 1.0
     if lights.total > FEW:
         chosen = by_power(lights, u)
         chance = lights.values[chosen, CHANCE]
-    else:
-        total = total_arriving(lights, origin)
-        below = 0.0
-        searching = True
+    elif lights.total > 1:
+        even = u < EVEN_PART
+        chosen = ti.min(ti.cast(u * (lights.total / EVEN_PART), ti.i32), lights.total - 1)
+        rest = (u - EVEN_PART) * (1.0 / (1.0 - EVEN_PART))
+        part, total = 0.0, 0.0
+        # One pass: each light takes the place of those before it by its share of what they give together.
         for row in range(lights.total):
-            if searching:
-                chance = mixed(lights, arriving(lights, row, origin), total)
-                below += chance
-                if u < below:
-                    chosen = row
-                    searching = False
+            here = arriving(lights, row, origin)
+            total += here
+            if even:
+                if row == chosen:
+                    part = here
+            elif here > 0.0:
+                share = here / total
+                if rest < share:
+                    chosen, part = row, here
+                    rest /= share
+                else:
+                    rest = (rest - share) / (1.0 - share)
+        if total <= 0.0:
+            chosen = ti.min(ti.cast(u * lights.total, ti.i32), lights.total - 1)
+        chance = mixed(lights, part, total)
     return chosen, chance
 
 
@@ -85,7 +95,7 @@ def choose(lights: ti.template(), origin: vec3, u: ti.f32):
 def chance_of(lights: ti.template(), row: ti.i32, origin: vec3) -> ti.f32:
     """The chance with which `choose` picks the row."""
     result = lights.values[row, CHANCE]
-    if lights.total <= FEW:
+    if lights.total > 1 and lights.total <= FEW:  # noqa: SIM300 - Taichi chains no comparisons
         result = mixed(lights, arriving(lights, row, origin), total_arriving(lights, origin))
     return result
 

@@ -90,7 +90,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
     result = no_sample()
     result.distance = FAR
     part = values[row, SUN_PART]
-    portal, solid_angle, rest = portals.choose(values, row, origin, (u.x - part) / (1.0 - part))
+    portal, own, total, rest = portals.choose(values, row, origin, (u.x - part) / (1.0 - part))
     if portal < 0:
         part = 1.0
     if u.x < part:
@@ -102,17 +102,16 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
         result.direction = (
             axis(values, row, 0) * w.x + axis(values, row, 1) * w.y + axis(values, row, 2) * w.z
         ).normalized()
-        if part < 1.0:
-            crossed = portals.crossed(lights, row, origin, result.direction, -1)
-            result.pdf = part * result.pdf + (1.0 - part) * crossed / solid_angle
+        result.pdf *= part
     else:
         through = rect.sample(lights, textures, portal, origin, vec2(rest, u.y))
         result.direction = through.direction
-        own = rect.view_from(values, portal, origin).solid_angle * through.pdf
-        crossed = own + portals.crossed(lights, row, origin, through.direction, portal)
-        result.pdf = (1.0 - part) * crossed / solid_angle
+        result.pdf = (1.0 - part) * own * through.pdf / total
         if part > 0.0:
             result.pdf += part * image_pdf(lights, row, through.direction)
+    if part < 1.0:
+        others = portal if u.x >= part else -1
+        result.pdf += (1.0 - part) * portals.density(lights, row, origin, result.direction, others) / total
     result.radiance = emitted(lights, textures, row, origin, result.direction, ti.math.inf)
     return result
 
@@ -120,11 +119,11 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 @ti.func
 def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample`."""
-    portal, solid_angle, _ = portals.choose(lights.values, row, origin, 0.0)
+    portal, _, total, _ = portals.choose(lights.values, row, origin, 0.0)
     part, result = 1.0, 0.0
     if portal >= 0:
         part = lights.values[row, SUN_PART]
-        result = (1.0 - part) * portals.crossed(lights, row, origin, direction, -1) / solid_angle
+        result = (1.0 - part) * portals.density(lights, row, origin, direction, -1) / total
     if part > 0.0:
         result += part * image_pdf(lights, row, direction)
     return result
