@@ -44,6 +44,7 @@ MATTE = 8  # diffuse reflection alone: no other lobe can be there
 TEXTURED = 16
 EMITS = 32
 COATED = 64
+PLAIN = 128  # matte, of constant colours and wholly there: nothing else of it needs to be looked up
 
 
 class MaterialArrays(NamedTuple):
@@ -83,6 +84,8 @@ def flags_of(material: Material) -> int:
     metal = material.metallic != 0.0 and not material.use_specular_workflow
     if not (shines or metal or flags & (COATED | GLASS)):
         flags |= MATTE
+        if not flags & (TEXTURED | COVERAGE):
+            flags |= PLAIN
     return flags
 
 

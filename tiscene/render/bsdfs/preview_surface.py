@@ -31,6 +31,7 @@ from tiscene.scene.material_table import (
     COATED,
     DIFFUSE,
     EMISSIVE,
+    EMITS,
     FLAGS,
     GLASS,
     GLASS_INDEX,
@@ -45,6 +46,7 @@ from tiscene.scene.material_table import (
     MATTE,
     METALLIC,
     OPACITY,
+    PLAIN,
     ROUGHNESS,
     SPECULAR,
     SPECULAR_WORKFLOW,
@@ -177,6 +179,22 @@ def material_about(materials: ti.template(), textures: ti.template(), row: ti.i3
 
 
 @ti.func
+def shaded_material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2):
+    """The same, as far as light is concerned: of a plain material only the colours are read."""
+    values = ti.static(materials.values)
+    point = MaterialPoint(normal=vec3(0.0, 0.0, 1.0), flags=materials.info[row, FLAGS])
+    if point.flags & PLAIN:
+        point.diffuse_color = vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2])
+        point.diffuse_color = ti.math.clamp(point.diffuse_color, 0.0, 1.0)
+        if point.flags & EMITS:
+            point.emissive_color = vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2])
+            point.emissive_color = ti.max(point.emissive_color, 0.0)
+    else:
+        point = material_at(materials, textures, row, uv)
+    return point
+
+
+@ti.func
 def shading_normal(surface: ti.template(), point: ti.template(), wo: vec3) -> vec3:
     """The surface's normal after the normal map, bent where need be so that wo is above it."""
     n = surface.normal
@@ -212,10 +230,8 @@ def is_mirror_like(point: ti.template()):
 def closure_at(point: ti.template(), energy: ti.template(), wo: vec3, front: ti.i32):
     """The lobes of a material for one outgoing direction in the shading frame, wo.z > 0."""
     metal = point.metallic
-    c = Closure(wo=wo, chances=vec4(1.0, 0.0, 0.0, 0.0), roughness=point.roughness)
-    if point.flags & MATTE:
-        c.diffuse = point.diffuse_color
-    else:
+    c = Closure(wo=wo, chances=vec4(1.0, 0.0, 0.0, 0.0), roughness=point.roughness, diffuse=point.diffuse_color)
+    if (point.flags & MATTE) == 0:
         layer_f0 = vec3(((point.ior - 1.0) / (point.ior + 1.0)) ** 2)
         if point.flags & SPECULAR_WORKFLOW:
             layer_f0 = point.specular_color
@@ -318,3 +334,53 @@ def to_frame(frame: ti.template(), w: vec3) -> vec3:
 def from_frame(frame: ti.template(), w: vec3) -> vec3:
     """A direction in the frame, in the world."""
     return frame.s * w.x + frame.t * w.y + frame.n * w.z
+
+
+@ti.dataclass
+class Scattering:
+    """What becomes of light at a vertex, in the world. Values are (f |cos|, density of sampling the direction)."""
+
+    towards_light: vec4
+    direction: vec3  # where the path goes on
+    onward: vec4
+    transmits: ti.i32  # 1: the path goes on beyond the surface, into an index of refraction `eta` times as large
+    eta: ti.f32
+
+
+@ti.func
+def scatter(
+    surface: ti.template(), point: ti.template(), energy: ti.template(), normal: vec3, wo: vec3, light: vec3, u: vec3
+):
+    """Evaluate a direction towards a light and sample one by the material: a Scattering.
+
+    normal: `shading_normal`. u: two numbers for the direction, one that chooses the lobe.
+    """
+    frame = frame_of(normal)
+    result = Scattering(eta=1.0)
+    if point.flags & MATTE:  # the lobes below would do the same; most of a room is done by half of the work
+        wi = warp.cosine_hemisphere(u.xy)
+        pdf = warp.cosine_hemisphere_pdf(wi)
+        result.direction = from_frame(frame, wi)
+        result.onward = vec4(point.diffuse_color * pdf, pdf)
+        pdf = ti.max(normal.dot(light), 0.0) * warp.INV_PI
+        result.towards_light = vec4(point.diffuse_color * pdf, pdf)
+    else:
+        c = closure_at(point, energy, to_frame(frame, wo), surface.front)
+        result.eta = c.eta
+        for turn in range(2):  # not unrolled: the lobes are there once
+            wi = to_frame(frame, light)
+            if turn == 1:
+                wi = sample(c, u)
+                result.direction = from_frame(frame, wi)
+            value = evaluate(c, energy, wi)
+            if turn == 0:
+                result.towards_light = value
+            else:
+                result.onward = value
+                result.transmits = ti.cast(wi.z < 0.0, ti.i32)
+    # Interpolated normals must not let light through a surface or out of its back.
+    if surface.geometric_normal.dot(light) * normal.dot(light) <= 0.0:
+        result.towards_light = vec4(0.0)
+    if surface.geometric_normal.dot(result.direction) * normal.dot(result.direction) <= 0.0:
+        result.onward = vec4(0.0)
+    return result

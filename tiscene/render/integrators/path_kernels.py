@@ -21,11 +21,10 @@ from tiscene.render.integrators.path_state import (
     THROUGHPUT,
 )
 from tiscene.render.ray_arrays import write_ray
-from tiscene.render.sampler import combine, pixel_key, sobol
+from tiscene.render.sampler import combine, first_two, last_two, pixel_key, shuffled_index
 from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
-vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -63,7 +62,9 @@ def start_paths(
     for i in range(count):
         path = first + i
         pixel = pixels[path // spp]
-        u = sobol(combine(path_key(pixels, frame_key, path, spp), ti.u32(CAMERA_SET)), path % spp, bits)
+        key = combine(path_key(pixels, frame_key, path, spp), ti.u32(CAMERA_SET))
+        index = shuffled_index(key, path % spp)
+        u = first_two(key, index, bits)
         x, y = pixel % width + (u.x - 0.5), pixel // width + (u.y - 0.5)
         origin, direction = camera_ray(view, CURRENT, x, y, width, height)
         radius = view[CURRENT, LENS_RADIUS]
@@ -71,7 +72,7 @@ def start_paths(
             focus = origin + direction * (
                 view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
             )
-            lens = radius * warp.disk(vec2(u.z, u.w))
+            lens = radius * warp.disk(last_two(key, index, bits))
             origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
             direction = (focus - origin).normalized()
         write_ray(rays, i, origin, direction, ti.math.inf)

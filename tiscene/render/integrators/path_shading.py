@@ -22,7 +22,7 @@ from tiscene.render.integrators.path_state import (
 )
 from tiscene.render.lights import all_lights
 from tiscene.render.lights.choice import choose
-from tiscene.render.lights.light_sample import Lights
+from tiscene.render.lights.light_sample import Lights, no_sample
 from tiscene.render.ray_arrays import write_ray
 from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
@@ -199,7 +199,7 @@ def shade(
                 seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, mis)
         else:
             surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
-            point = bsdf.material_at(materials, textures, surface.material, surface.uv)
+            point = bsdf.shaded_material_at(materials, textures, surface.material, surface.uv)
             key = path_key(pixels, frame_key, first + i, spp)
             sample = (first + i) % spp
             light_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
@@ -227,66 +227,54 @@ def shade(
                     write3(features, i, ALBEDO, point.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    frame = bsdf.frame_of(normal)
-                    closure = bsdf.closure_at(point, energy, bsdf.to_frame(frame, wo), surface.front)
                     light_u = first_two(light_key, light_index, bits)
+                    light_row, light_chance = 0, 0.0
+                    light_sample = no_sample()
+                    if light_total > 0:
+                        light_row, light_chance = choose(lights, surface.position, light_choice.x)
+                        light_sample = all_lights.sample(lights, textures, light_row, surface.position, light_u)
                     bsdf_key = combine(key, ti.cast(2 + 2 * step, ti.u32))
                     bsdf_index = shuffled_index(bsdf_key, sample)
                     bsdf_u = first_two(bsdf_key, bsdf_index, bits)
                     lobe_and_survival = vec2(0.0)
                     if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
                         lobe_and_survival = last_two(bsdf_key, bsdf_index, bits)
-                    # Twice the same: a direction towards a light, then one that the surface likes.
-                    for turn in range(2):
-                        wi = vec3(0.0)
-                        light_radiance = vec3(0.0)
-                        light_row, light_pdf, light_distance, light_delta = 0, 0.0, 0.0, 0
-                        if turn == 0:
-                            if light_total > 0:
-                                light_row, chance = choose(lights, surface.position, light_choice.x)
-                                found = all_lights.sample(lights, textures, light_row, surface.position, light_u)
-                                wi = bsdf.to_frame(frame, found.direction)
-                                light_radiance = found.radiance
-                                light_pdf = found.pdf * chance
-                                light_distance = found.distance
-                                light_delta = found.delta
-                        else:
-                            wi = bsdf.sample(closure, vec3(bsdf_u, lobe_and_survival.x))
-                        if turn == 1 or light_pdf > 0.0:
-                            world = bsdf.from_frame(frame, wi)
-                            f = bsdf.evaluate(closure, energy, wi)
-                            # Interpolated normals must not let light through a surface or out of its back.
-                            if surface.geometric_normal.dot(world) * wi.z <= 0.0:
-                                f = ti.math.vec4(0.0)
-                            if turn == 0:
-                                contribution = throughput * f.xyz * light_radiance * (1.0 / light_pdf)
-                                if mis != 0 and light_delta == 0:
-                                    contribution *= power_heuristic(light_pdf, f.w)
-                                if contribution.max() > 0.0:
-                                    start = offset_origin(surface.position, surface.geometric_normal, world)
-                                    reach = light_distance * (1.0 - LIGHT_FRONT)
-                                    blocking = -1
-                                    if light_solid > 1 or light_row >= light_solid:  # else there is only this one
-                                        blocking, _ = nearest_light(lights, start, world, reach * (1.0 - LIGHT_FRONT))
-                                    if blocking < 0:
-                                        write_ray(shadow_rays, i, start, world, reach)
-                                        write3(state, i, DIRECT, contribution)
-                            elif f.w > 0.0:
-                                new_throughput = throughput * f.xyz * (1.0 / f.w)
-                                ior2 = state[i, RELATIVE_IOR2]
-                                if wi.z < 0.0:
-                                    ior2 *= closure.eta * closure.eta
-                                    state[i, RELATIVE_IOR2] = ior2
-                                survival = 1.0
-                                if depth >= RUSSIAN_ROULETTE_DEPTH:
-                                    survival = ti.min(new_throughput.max() * ior2, LARGEST_SURVIVAL)
-                                if lobe_and_survival.y < survival and new_throughput.max() > 0.0:
-                                    goes_on = True
-                                    write3(state, i, THROUGHPUT, new_throughput * (1.0 / survival))
-                                    state[i, PDF] = f.w
-                                    write3(state, i, ORIGIN, surface.position)
-                                    start = offset_origin(surface.position, surface.geometric_normal, world)
-                                    write_ray(rays, i, start, world, ti.math.inf)
+                    scattering = bsdf.scatter(
+                        surface, point, energy, normal, wo, light_sample.direction, vec3(bsdf_u, lobe_and_survival.x)
+                    )
+
+                    if light_sample.pdf > 0.0:
+                        light_pdf = light_sample.pdf * light_chance
+                        direct = throughput * scattering.towards_light.xyz * light_sample.radiance * (1.0 / light_pdf)
+                        if mis != 0 and light_sample.delta == 0:
+                            direct *= power_heuristic(light_pdf, scattering.towards_light.w)
+                        if direct.max() > 0.0:
+                            towards = light_sample.direction
+                            start = offset_origin(surface.position, surface.geometric_normal, towards)
+                            reach = light_sample.distance * (1.0 - LIGHT_FRONT)
+                            blocking = -1
+                            if light_solid > 1 or light_row >= light_solid:  # else there is only this one
+                                blocking, _ = nearest_light(lights, start, towards, reach * (1.0 - LIGHT_FRONT))
+                            if blocking < 0:
+                                write_ray(shadow_rays, i, start, towards, reach)
+                                write3(state, i, DIRECT, direct)
+
+                    if scattering.onward.w > 0.0:
+                        throughput_onward = throughput * scattering.onward.xyz * (1.0 / scattering.onward.w)
+                        ior2 = state[i, RELATIVE_IOR2]
+                        if scattering.transmits != 0:
+                            ior2 *= scattering.eta * scattering.eta
+                            state[i, RELATIVE_IOR2] = ior2
+                        survival = 1.0
+                        if depth >= RUSSIAN_ROULETTE_DEPTH:
+                            survival = ti.min(throughput_onward.max() * ior2, LARGEST_SURVIVAL)
+                        if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
+                            goes_on = True
+                            write3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
+                            state[i, PDF] = scattering.onward.w
+                            write3(state, i, ORIGIN, surface.position)
+                            start = offset_origin(surface.position, surface.geometric_normal, scattering.direction)
+                            write_ray(rays, i, start, scattering.direction, ti.math.inf)
         if seen.max() > 0.0:
             radiance += throughput * seen
         if (bits_of_status & SEEN) == 0 and not goes_on:

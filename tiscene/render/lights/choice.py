@@ -95,7 +95,7 @@ def choose(lights: ti.template(), origin: vec3, u: ti.f32):
 def chance_of(lights: ti.template(), row: ti.i32, origin: vec3) -> ti.f32:
     """The chance with which `choose` picks the row."""
     result = lights.values[row, CHANCE]
-    if lights.total > 1 and lights.total <= FEW:  # noqa: SIM300 - Taichi chains no comparisons
+    if lights.total > 1 and lights.total <= FEW:
         result = mixed(lights, arriving(lights, row, origin), total_arriving(lights, origin))
     return result
 
