@@ -8,9 +8,10 @@ from dynamics import SteppedSimulation
 from tests.dynamics.solids import box
 from tests.reference.distance import point_triangle
 from tiscene.errors import ScenarioError
+from tiscene.events import Event
 from tiscene.motion import Motion
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
-from tiscene.world import Event, World
+from tiscene.world import World
 
 ROOM = box((6.0, 4.0, 6.0))
 PILLAR = box((0.5, 4.0, 0.5), (1.5, 0.0, 0.0))

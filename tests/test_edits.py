@@ -7,8 +7,9 @@ import tiscene as ts
 from tests.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
 from tiscene.edits import Despawn, Move, Spawn
 from tiscene.errors import ObjectNotFound, ScenarioError, TemplateNotFound
+from tiscene.events import Event
 from tiscene.scene.placement import Placement
-from tiscene.world import Event, World
+from tiscene.world import World
 
 
 def load(name):

@@ -40,7 +40,8 @@ MAY_IMPORT = {
     "tiscene.camera": {"tiscene.errors"},
     "tiscene.scene": GROUND,
     "tiscene.render": SCENE,
-    "tiscene.frame": SCENE | {"tiscene.render"},
+    "tiscene.events": set(),
+    "tiscene.frame": SCENE | {"tiscene.events", "tiscene.render"},
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
     "tiscene.usd": SCENE | {"tiscene.catalog"},
     "tiscene.scenario_json": {"tiscene.errors"},
@@ -62,6 +63,7 @@ MAY_IMPORT = {
     "tiscene.world": SCENE
     | {
         "tiscene.edits",
+        "tiscene.events",
         "tiscene.inventory",
         "tiscene.motion",
         "dynamics",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tiscene.camera import Camera, Quaternion, Vector3
 from tiscene.errors import BufferNotFound
+from tiscene.events import Event
 from tiscene.render.aovs import AOVS
 from tiscene.render.objects import ObjectTable
 
@@ -72,6 +73,7 @@ class Frame:
     index: its number, from 0. time: s. camera: what took it. buffers: numpy arrays by name, [height, width, ...]; also
     attributes, so that `frame.rgb` is `frame.buffers["rgb"]`. Nobody else holds the arrays: they may be written to.
     objects: one row for each live object, computed when first looked at. categories: what the ids of `semantic` mean.
+    events: what was spawned, was despawned or met something since the frame before.
     """
 
     index: int
@@ -80,6 +82,7 @@ class Frame:
     buffers: Mapping[str, NDArray[Any]]
     objects: ObjectTable = field(default_factory=ObjectTable)
     categories: Mapping[int, str] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
 
     def __getattr__(self, name: str) -> NDArray[Any]:
         """The buffer of that name. Raises BufferNotFound (an AttributeError) with what to do about it."""

@@ -232,6 +232,7 @@ class Stream(Iterator[Frame]):
             buffers=buffers,
             objects=object_table(self._scene, placement, view, self.world.objects(index)),
             categories=self.categories,
+            events=tuple(self.world.events(index)),
         )
 
     def _view(self, index: int) -> View:

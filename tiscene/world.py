@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from dynamics.rotation import matrix_from_quaternion
 from tiscene.camera import Camera
 from tiscene.edits import Despawn, Edit, Move, Spawn
 from tiscene.errors import ArgumentError, CameraNotFound, ObjectNotFound, ScenarioError
+from tiscene.events import Event
 from tiscene.inventory import Inventory, WorldObject
 from tiscene.motion import WALLS, Motion
 from tiscene.scenario import Object, Scenario
@@ -26,20 +27,6 @@ from tiscene.scene.description import SceneDescription, Template
 from tiscene.scene.placement import Placement
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened to an object at a frame.
-
-    kind: "spawn": it is there for the first time. "despawn": it is not there any more. "contact": it met something.
-    object: its id. other: of a contact the id of the object that it met, 0 for a wall. wall: its name, such as "left".
-    """
-
-    kind: Literal["spawn", "despawn", "contact"]
-    object: int
-    other: int = 0
-    wall: str = ""
 
 
 class World:

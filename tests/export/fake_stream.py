@@ -24,6 +24,7 @@ CHAIR = SimpleNamespace(
     velocity=(0.0, 0.0, 0.25),
     first_frame=0,
     last_frame=None,
+    blocked=False,
 )
 
 

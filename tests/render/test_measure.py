@@ -32,6 +32,7 @@ class State:
     velocity: tuple[float, float, float] = (0.5, 0.0, 0.0)
     first_frame: int = 0
     last_frame: int | None = None
+    blocked: bool = False
 
 
 def table(stage: Stage, view: View = VIEW) -> ObjectTable:

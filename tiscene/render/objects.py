@@ -46,6 +46,8 @@ class ObjectState(Protocol):
     def first_frame(self) -> int: ...
     @property
     def last_frame(self) -> int | None: ...
+    @property
+    def blocked(self) -> bool: ...
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ class ObjectRow:
     category, category_id: its label, "" and 0 for none; the id is that of the `semantic` buffer.
     prim_path: on the stage, "" for what was spawned. position: m, world. rotation: unit quaternion (w, x, y, z).
     velocity: m/s. first_frame, last_frame: its life, both inclusive; last_frame None: it has no end.
+    blocked: something has kept it from its way since the frame before.
     """
 
     id: int
@@ -104,6 +107,7 @@ class ObjectRow:
     velocity: Vector3
     first_frame: int
     last_frame: int | None
+    blocked: bool
     _measures: Measures = field(repr=False, compare=False)
     _row: int = field(repr=False, compare=False)
 
@@ -191,6 +195,7 @@ class ObjectTable(Sequence[ObjectRow]):
                 velocity=state.velocity,
                 first_frame=state.first_frame,
                 last_frame=state.last_frame,
+                blocked=state.blocked,
                 _measures=self._measures,  # type: ignore[arg-type]
                 _row=row,
             )
@@ -248,6 +253,7 @@ class ObjectTable(Sequence[ObjectRow]):
             "velocity": _floats([row.velocity for row in rows], 3),
             "first_frame": np.array([row.first_frame for row in rows], np.int64),
             "last_frame": np.array([-1 if row.last_frame is None else row.last_frame for row in rows], np.int64),
+            "blocked": np.array([row.blocked for row in rows], np.bool_),
             "visible_box": _floats([row.visible_box or _NO_BOX for row in rows], 4),
             "amodal_box": _floats([row.amodal_box or _NO_BOX for row in rows], 4),
             "box_3d_centre": _floats([box.centre for box in boxes], 3),

@@ -1,0 +1,20 @@
+"""Events: what happened to the objects of a world between two frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened to an object at a frame.
+
+    kind: "spawn": it is there for the first time. "despawn": it is not there any more. "contact": it met something.
+    object: its id. other: of a contact the id of the object that it met, 0 for a wall. wall: its name, such as "left".
+    """
+
+    kind: Literal["spawn", "despawn", "contact"]
+    object: int
+    other: int = 0
+    wall: str = ""
