@@ -81,13 +81,13 @@ class OverLayer:
         A prim on the stage that serves as a template is hidden, for it is the one that moves.
         Raises TemplateNotFound, MissingFile and StageError.
         """
-        prim = self.stage.DefinePrim(self.unused_path(self.folder("Objects"), name), "Xform")
+        prim = self.stage.DefinePrim(self.unused_path(self.folder("Objects"), name))
         references = prim.GetReferences()
         stretch = np.eye(4)
         if catalog.is_prim_path(template):
             references.AddInternalReference(template)
             stretch = self._hide(template)
-            UsdGeom.Imageable(prim).CreateVisibilityAttr(UsdGeom.Tokens.inherited)
+            prim.CreateAttribute("visibility", Sdf.ValueTypeNames.Token, False).Set(UsdGeom.Tokens.inherited)
         elif template in self._templates:
             references.AddInternalReference(self._templates[template])
             stretch = self._own_stretch(self._below.GetPrimAtPath(self._templates[template]))
@@ -99,6 +99,8 @@ class OverLayer:
                 raise ArgumentError(f"template {template!r}: {file.name} has no default prim to refer to")
             references.AddReference(str(file), root.GetPath())
             stretch = self._own_stretch(root)
+        if not prim.IsA(UsdGeom.Xformable):  # a template may be one mesh, or have no type at all
+            prim.SetTypeName("Xform")
         if not prim.HasMetadata("kind"):
             Usd.ModelAPI(prim).SetKind("component")
         return prim, pose_operations(prim, euler=euler, scale=scale, stretch=stretch)

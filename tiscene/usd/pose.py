@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from tiscene.camera import matrix_from_quaternion, quaternion_from_matrix
 from tiscene.scene.description import Matrix
@@ -17,7 +17,7 @@ from tiscene.usd.transform import fault, to_matrix
 from tiscene.usd.units import Units
 
 STRETCH = "stretch"  # suffix of the operation that a template's own scale is kept in
-_DOUBLE = UsdGeom.XformOp.PrecisionDouble
+_TYPES = Sdf.ValueTypeNames
 _NEAR = 1e-6
 
 
@@ -93,20 +93,24 @@ class PoseOperations:
 def pose_operations(
     prim: Usd.Prim, *, euler: bool, scale: Sequence[float] = (1.0, 1.0, 1.0), stretch: Matrix | None = None
 ) -> PoseOperations:
-    """Give a prim the operations that place it in the world, in the place of any others."""
-    xformable = UsdGeom.Xformable(prim)
-    parent = prim.GetParent()
-    moved_above = parent and UsdGeom.Xformable(parent) and not parent.IsPseudoRoot()
-    xformable.ClearXformOpOrder()
-    translate = xformable.AddTranslateOp(_DOUBLE)
-    rotate = xformable.AddRotateZXYOp(_DOUBLE) if euler else xformable.AddOrientOp(_DOUBLE)
+    """Give a prim, which no parent moves, the operations that place it, instead of any others."""
+    operations = [
+        _operation(prim, "translate", _TYPES.Double3),
+        _operation(prim, "rotateZXY", _TYPES.Double3) if euler else _operation(prim, "orient", _TYPES.Quatd),
+    ]
     if tuple(scale) != (1.0, 1.0, 1.0):
-        xformable.AddScaleOp(_DOUBLE).Set(Gf.Vec3d(*scale))
+        operations.append(_operation(prim, "scale", _TYPES.Double3))
+        operations[-1].Set(Gf.Vec3d(*scale))
     if stretch is not None and not np.array_equal(stretch, np.eye(4)):
-        xformable.AddTransformOp(_DOUBLE, STRETCH).Set(Gf.Matrix4d(np.ascontiguousarray(stretch.T)))
-    if moved_above:
-        xformable.SetResetXformStack(True)
-    return PoseOperations(translate, rotate)
+        operations.append(_operation(prim, f"transform:{STRETCH}", _TYPES.Matrix4d))
+        operations[-1].Set(Gf.Matrix4d(np.ascontiguousarray(stretch.T)))
+    UsdGeom.Xformable(prim).SetXformOpOrder(operations)
+    return PoseOperations(operations[0], operations[1])
+
+
+def _operation(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName) -> UsdGeom.XformOp:
+    """An operation of this very type, whatever type the one of its name has in what the prim refers to."""
+    return UsdGeom.XformOp(prim.CreateAttribute(f"xformOp:{name}", kind, False))
 
 
 def unit_rotation(rotation: Sequence[float]) -> tuple[float, ...]:

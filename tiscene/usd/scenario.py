@@ -81,9 +81,7 @@ class _ScenarioReader:
                 cameras.append(prim)
             elif self._is_object(prim):
                 prims.append(prim)
-        for other in scenarios[1:]:
-            self._report.problem(other.GetPath(), "scenario", f"<{scenarios[0].GetPath()}> is the scenario already")
-        root = scenarios[0] if scenarios else None
+        root = self._strongest(scenarios)
         content: dict[str, Any] = {}
         if root:
             listed = targets(root, "tiscene:scenario:objects")
@@ -99,6 +97,15 @@ class _ScenarioReader:
         camera = self._camera(root, cameras)
         content |= {"objects": objects} | ({} if camera is None else {"camera": camera})
         return AuthoredScenario(content, tuple(paths))
+
+    def _strongest(self, scenarios: list[Usd.Prim]) -> Usd.Prim | None:
+        """The scenario of the strongest layer: one that was written over a scene takes the place of the scene's own."""
+        layers = self._stage.GetLayerStack()
+        ranks = [min((layers.index(layer) for layer in _saying_layers(prim, layers)), default=0) for prim in scenarios]
+        best = [prim for prim, rank in zip(scenarios, ranks, strict=True) if rank == min(ranks)]
+        for other in best[1:]:
+            self._report.problem(other.GetPath(), "scenario", f"<{best[0].GetPath()}> is the scenario already")
+        return best[0] if best else None
 
     def _walk(self) -> Iterator[Usd.Prim]:
         """Every prim that may say something; not what is inside an object or a thing, which moves as one."""
@@ -128,6 +135,9 @@ class _ScenarioReader:
         return None
 
     def _object(self, prim: Usd.Prim) -> dict[str, Any] | None:
+        visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
+        if not visibility.GetNumTimeSamples() and visibility.Get() == UsdGeom.Tokens.invisible:
+            return None  # what is never seen is not there
         pose = read_pose(prim, self._time, self._units)
         if isinstance(pose, str):
             self._report.problem(prim.GetPath(), "transform", pose)
@@ -163,9 +173,8 @@ class _ScenarioReader:
         return content
 
     def _dynamic(self, prim: Usd.Prim, first_frame: int = 0) -> dict[str, Any] | None:
-        if schema.has(prim, schema.MOTION):
-            return read_dynamic(prim, self._units, self._report)
-        return read_keyframes(prim, self._units, self._report, first_frame)
+        dynamic = read_dynamic(prim, self._units, self._report)
+        return dynamic or read_keyframes(prim, self._units, self._report, first_frame)
 
     @staticmethod
     def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:
@@ -262,6 +271,16 @@ CAMERA_VALUES = {
     "far": "far",
     "exposure": "exposure",
 }
+
+
+def _saying_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:
+    """Those of the stage's own layers that make a prim the scenario."""
+    return [
+        spec.layer
+        for spec in prim.GetPrimStack()
+        if spec.layer in layers
+        and (spec.HasInfo("apiSchemas") or any(each.name.startswith("tiscene:scenario") for each in spec.properties))
+    ]
 
 
 def _is_thing(prim: Usd.Prim) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.errors import ArgumentError
 from tiscene.usd import schema
@@ -50,11 +50,29 @@ def _write_objects(over: OverLayer, world: World, frames: Sequence[int]) -> None
         for row in world.objects(frame):
             if row.id > standing:
                 poses.setdefault(row.name, {})[frame] = np.array([*row.position, *row.rotation])
+    prims = []
     for each in asked.values():
+        if each.id not in poses:
+            continue
         prim, operations = over.define_object(each.id, each.template, scale=_three(each.scale))
-        alive = poses.get(each.id, {})
+        prims.append(prim.GetPath())
+        if schema.has(prim, schema.MOTION) or schema.has(prim, schema.OBJECT):
+            _play_samples(prim)
+        alive = poses[each.id]
         _write_poses(operations, alive, over)
         _write_visibility(prim, [frame in alive for frame in frames], frames)
+    # Whoever streams this file plays these, and not what the scene's author meant to move.
+    root = over.stage.GetPrimAtPath(over.root)
+    root.AddAppliedSchema(schema.SCENARIO)
+    root.CreateRelationship("tiscene:scenario:objects", False).SetTargets(prims)
+
+
+def _play_samples(prim: Usd.Prim) -> None:
+    """A prim of the scene has a motion by its author already: here its time samples take the place of that."""
+    boolean, token = Sdf.ValueTypeNames.Bool, Sdf.ValueTypeNames.Token
+    prim.CreateAttribute("tiscene:motion:type", token, False, Sdf.VariabilityUniform).Set("none")
+    for name in ("collide", "frustumLimited"):
+        prim.CreateAttribute(f"tiscene:object:{name}", boolean, False, Sdf.VariabilityUniform).Set(False)
 
 
 def _write_camera(over: OverLayer, world: World, frames: Sequence[int]) -> None:
@@ -63,7 +81,6 @@ def _write_camera(over: OverLayer, world: World, frames: Sequence[int]) -> None:
         return
     prim, operations = over.define_camera(world.camera)
     root = over.stage.GetPrimAtPath(over.root)
-    root.AddAppliedSchema(schema.SCENARIO)  # so that the stream of this file chooses it too
     root.CreateRelationship("tiscene:scenario:camera", False).SetTargets([prim.GetPath()])
     cameras = [world.cameras(frame)[1] for frame in frames]
     poses = [np.array([*camera.position, *camera.rotation]) for camera in cameras]
@@ -72,8 +89,6 @@ def _write_camera(over: OverLayer, world: World, frames: Sequence[int]) -> None:
 
 def _write_poses(operations: PoseOperations, poses: dict[int, Array], over: OverLayer) -> None:
     """One value if it never changes, else a sample a frame. Quaternions stay on one side, for USD interpolates them."""
-    if not poses:
-        return
     first = next(iter(poses.values()))
     if all(np.array_equal(pose, first) for pose in poses.values()):
         operations.set(first[:3].tolist(), first[3:].tolist(), over.units)
