@@ -167,7 +167,7 @@ def test_a_scene_whose_author_moves_things_is_written_as_it_played(tmp_path):
     motion = (
         '{ uniform token tiscene:motion:type = "orbit"\n uniform double tiscene:motion:period = 2\n'
         "uniform bool tiscene:object:collide = 0\n uniform int64 tiscene:object:firstFrame = 2\n"
-        'double3 xformOp:translate = (3, 0, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"] }'
+        'double3 xformOp:translate = (3, 0, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"]\n}'
     )
     apis = 'prepend apiSchemas = ["TisceneMotionAPI", "TisceneObjectAPI"]'
     path = write(

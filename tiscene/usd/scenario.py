@@ -147,25 +147,26 @@ class _ScenarioReader:
         if exact is not None and agrees(exact, position, rotation):
             position, rotation = list(exact[:3]), list(exact[3:])
         template = authored(prim, "tiscene:object:template")
-        listed = schema.has(prim, schema.OBJECT)
-        life = None if listed else read_life(prim, self._report)
+        life: dict[str, int | None] = {}
+        for key, name in (("first_frame", "firstFrame"), ("last_frame", "lastFrame")):
+            value = authored(prim, f"tiscene:object:{name}")
+            if value is not None and value != -1:
+                life[key] = int(value)
+        described = schema.has(prim, schema.OBJECT)
+        shown = None if described else read_life(prim, self._report)
+        if shown:
+            life = {"first_frame": shown[0], "last_frame": shown[1]}
         content: dict[str, Any] = {
             "id": authored(prim, "tiscene:object:id") or "",
             "template": template or str(prim.GetPath()),
             "position": position,
             "rotation": rotation,
-            "dynamic": self._dynamic(prim, life[0] if life else 0),
-        }
-        if life:
-            content |= {"first_frame": life[0], "last_frame": life[1]}
-        if not listed and not schema.has(prim, schema.MOTION):  # an animation is played as it is
+            "dynamic": self._dynamic(prim, life.get("first_frame") or 0),
+        } | life
+        if not described and not schema.has(prim, schema.MOTION):  # an animation is played as it is
             content |= {"frustum_limited": False, "collide": False}
         if template:  # otherwise the scale is the template's own
             content["scale"] = list(pose.scale)
-        for key, name in (("first_frame", "firstFrame"), ("last_frame", "lastFrame")):
-            value = authored(prim, f"tiscene:object:{name}")
-            if value is not None and value != -1:
-                content[key] = int(value)
         for key, name in (("frustum_limited", "frustumLimited"), ("collide", "collide")):
             value = authored(prim, f"tiscene:object:{name}")
             if value is not None:
