@@ -11,6 +11,7 @@ import pytest
 from tiscene.export import EXPORTERS
 from tiscene.render.aovs import AOVS
 from tiscene.scenario import Scenario
+from tiscene.stream import Stream
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -55,6 +56,22 @@ def test_the_loop_of_the_readme_runs():
     learned = []
     exec(small, {"learn": lambda *arrays: learned.append([array.shape for array in arrays])})
     assert learned == [[(24, 32, 3), (24, 32), (24, 32), (24, 32, 2)]] * 2
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_examples_run(number):
+    examples = re.findall(r"```python\n(.*?)```", (ROOT / "docs/examples.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert len(examples) == 3
+    names = {}
+    exec(examples[number], names)
+    stream = Stream(names["scenario"], width=64, height=48, buffers=("instance",))
+    first, later = stream[0], stream[40]
+    moved = [row.name for row in later.objects if row.template and row.position != first.objects.by_id(row.id).position]
+    assert moved == [each.id for each in names["scenario"].objects]
+    for name in moved:
+        assert first.objects.by_name(name).visible_pixels > 0
+        x0, y0, x1, y1 = later.objects.by_name(name).amodal_box
+        assert x0 < 64 and x1 > 0 and y0 < 48 and y1 > 0
 
 
 def test_the_scenario_of_the_documentation_can_be_read():
