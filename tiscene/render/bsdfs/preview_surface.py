@@ -179,8 +179,8 @@ def material_about(materials: ti.template(), textures: ti.template(), row: ti.i3
 
 
 @ti.func
-def shaded_material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2):
-    """The same, as far as light is concerned: of a plain material only the colours are read."""
+def shaded_material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32):
+    """`material_about`, as far as light is concerned: of a plain material only the colours are read."""
     values = ti.static(materials.values)
     point = MaterialPoint(normal=vec3(0.0, 0.0, 1.0), flags=materials.info[row, FLAGS])
     if point.flags & PLAIN:
@@ -190,7 +190,7 @@ def shaded_material_at(materials: ti.template(), textures: ti.template(), row: t
             point.emissive_color = vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2])
             point.emissive_color = ti.max(point.emissive_color, 0.0)
     else:
-        point = material_at(materials, textures, row, uv)
+        point = material_about(materials, textures, row, uv, coarse)
     return point
 
 

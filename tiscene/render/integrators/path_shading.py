@@ -27,7 +27,7 @@ from tiscene.render.ray_arrays import write_ray
 from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
 from tiscene.render.textures import Textures
-from tiscene.scene.material_table import COVERAGE, EMITS, MATTE
+from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, MATTE
 from tiscene.scene.placement import CURRENT
 
 vec2 = ti.math.vec2
@@ -37,6 +37,8 @@ vec3 = ti.math.vec3
 # what is behind it however a path gets there. One that lies on a surface wins over it, by this part of the distance.
 LIGHT_FRONT = 1e-4
 RUSSIAN_ROULETTE_DEPTH = 3
+# Directions less dense than this, 1/sr, read textures without detail: a cosine's is 0.3, that of a gloss 3 and more.
+DETAIL_DENSITY = 1.0
 LARGEST_SURVIVAL = 0.95
 
 
@@ -60,6 +62,11 @@ class SceneArrays(NamedTuple):
     light_values: Any
     light_distribution: Any
     energy: Any
+
+    @property
+    def lighting(self) -> tuple[Any, ...]:
+        """The textures and the lights."""
+        return self[11:16]
 
 
 @ti.func
@@ -191,15 +198,20 @@ def shade(
 
         instance = hit_ids[i, 0]
         light, distance = nearest_light(lights, origin, direction, hits[i, 0])
+        last = False  # the path's last surface, of which only what it emits would count, emits nothing
+        if instance >= 0 and depth + 1 >= max_depth and (bits_of_status & SEEN) != 0:
+            last = (material_info[triangle_material[hit_ids[i, 1]], FLAGS] & (COVERAGE | EMITS)) == 0
         seen = vec3(0.0)  # emitted towards the path by what it met
         if light >= 0:
             seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, mis)
         elif instance < 0:
             for row in range(light_solid, light_total):
                 seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, mis)
-        else:
+        elif not last:
             surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
-            point = bsdf.shaded_material_at(materials, textures, surface.material, surface.uv)
+            # A path that came by a scattering has neighbours far apart, which make out no detail together.
+            coarse = ti.cast(pdf > 0.0 and pdf < DETAIL_DENSITY, ti.i32)
+            point = bsdf.shaded_material_at(materials, textures, surface.material, surface.uv, coarse)
             key = path_key(pixels, frame_key, first + i, spp)
             sample = (first + i) % spp
             light_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
