@@ -57,7 +57,9 @@ MAY_IMPORT = {
         "dynamics",
     },
     "tiscene.free_space": SCENE | {"tiscene.render"},
-    "tiscene.sampling": SCENE | {"tiscene.free_space", "tiscene.usd", "tiscene.catalog", "dynamics"},
+    "tiscene.difficulty": {"tiscene.errors", "dynamics"},
+    "tiscene.sampling": SCENE
+    | {"tiscene.difficulty", "tiscene.free_space", "tiscene.usd", "tiscene.catalog", "dynamics"},
     "tiscene.inventory": SCENE | {"tiscene.edits", "tiscene.scenario"},
     "tiscene.motion": SCENE | {"dynamics", "tiscene.edits", "tiscene.scenario"},
     "tiscene.world": SCENE
