@@ -120,6 +120,11 @@ class MaterialTable:
         """Whether a ray may pass through some surface."""
         return any(flags & COVERAGE for flags in self.flags)
 
+    @property
+    def any_emission(self) -> bool:
+        """Whether some surface gives light."""
+        return any(flags & EMITS for flags in self.flags)
+
     def arrays(self) -> MaterialArrays:
         """What kernels read."""
         if self._arrays is None:

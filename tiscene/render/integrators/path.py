@@ -12,6 +12,7 @@ from tiscene import device
 from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.integrators import path_kernels as kernels
+from tiscene.render.integrators.path_finish import finish
 from tiscene.render.integrators.path_shading import SceneArrays, shade
 from tiscene.render.integrators.path_shadows import pass_shadows
 from tiscene.render.integrators.path_state import CHUNK, FILM_COLUMNS, PathState
@@ -26,8 +27,8 @@ from tiscene.scene.placement import CURRENT
 
 FloatImage = NDArray[np.float32]
 
-# Paths in flight. More save launches; on a CPU, 1 << 15 is 10 % slower and more than this gain nothing.
-BATCH_SIZES = {"cpu": 1 << 17, "cuda": 1 << 20}
+# Paths in flight. More save launches: on a CPU, 1 << 15 is 10 % slower, and more than this gains nothing.
+BATCH_SIZES = {"cpu": 1 << 18, "cuda": 1 << 20}
 # A path passes through so many partly absent surfaces for nothing; each further one costs it a bounce.
 FREE_PASSES = 16
 
@@ -117,12 +118,18 @@ class PathPass:
         live = count
         steps = max_depth + (FREE_PASSES if scene.any_coverage else 0)
         for step in range(steps):
-            closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
-            shade(
-                *scene.arrays, scene.light_total, scene.light_solid,
-                self._pixels, first, spp, bits, key, step, max_depth, mis, s.queue, live,
-                s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
-            )  # fmt: skip
+            if scene.ends_at_lights and step == max_depth - 1 > 0:
+                finish(
+                    *scene.arrays.lighting, scene.light_total, scene.light_solid, mis,
+                    s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
+                )  # fmt: skip
+            else:
+                closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
+                shade(
+                    *scene.arrays, scene.light_total, scene.light_solid,
+                    self._pixels, first, spp, bits, key, step, max_depth, mis, s.queue, live,
+                    s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
+                )  # fmt: skip
             both = kernels.compact(s.status, s.shadow_rays, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
             live, shadows = both & 0xFFFFFFFF, both >> 32
             s.swap()
@@ -169,7 +176,9 @@ class PathPass:
             lights.distribution,
             self._energy,
         )
-        return _SceneForPaths(arrays, lights.total, lights.solid, scene.materials.any_coverage)
+        materials = scene.materials
+        ends_at_lights = not (materials.any_coverage or materials.any_emission)
+        return _SceneForPaths(arrays, lights.total, lights.solid, materials.any_coverage, ends_at_lights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,3 +187,4 @@ class _SceneForPaths:
     light_total: int
     light_solid: int
     any_coverage: bool
+    ends_at_lights: bool  # no surface emits, and every path is as long as it has steps

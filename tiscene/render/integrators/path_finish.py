@@ -1,0 +1,56 @@
+"""The last edge of a path where no surface emits: only whether it reaches a light can count, so it is a shadow ray."""
+
+import taichi as ti
+
+from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2
+from tiscene.render.integrators.path_shading import LIGHT_FRONT, nearest_light, read3, seen_light, write3
+from tiscene.render.integrators.path_state import DIRECT, ORIGIN, PDF, RADIANCE, THROUGHPUT
+from tiscene.render.lights.light_sample import FAR, Lights
+from tiscene.render.ray_arrays import write_ray
+from tiscene.render.surface import row3
+from tiscene.render.textures import Textures
+
+vec3 = ti.math.vec3
+
+
+@ti.kernel
+def finish(
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    light_values: Floats2,
+    light_distribution: Floats1,
+    light_total: ti.i32,
+    light_solid: ti.i32,
+    mis: ti.i32,
+    queue: Ints1,
+    count: ti.i32,
+    rays: Floats2,
+    shadow_rays: Floats2,
+    occluded: Ints1,
+    state: Floats2,
+    status: Ints1,
+):
+    """End the paths in the queue. Rays that would meet a light become shadow rays towards it."""
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
+    for k in range(count):
+        i = queue[k]
+        status[i] = 0
+        if shadow_rays[i, 7] > 0.0:
+            if occluded[i] == 0:
+                write3(state, i, RADIANCE, read3(state, i, RADIANCE) + read3(state, i, DIRECT))
+            shadow_rays[i, 7] = 0.0
+        origin, direction = row3(rays, i), read3(rays, i, 4)
+        pdf, last_vertex = state[i, PDF], read3(state, i, ORIGIN)
+        light, distance = nearest_light(lights, origin, direction, ti.math.inf)
+        seen, reach = vec3(0.0), FAR
+        if light >= 0:
+            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, mis)
+            reach = distance * (1.0 - LIGHT_FRONT)
+        else:
+            for row in range(light_solid, light_total):
+                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, mis)
+        if seen.max() > 0.0:
+            write3(state, i, DIRECT, read3(state, i, THROUGHPUT) * seen)
+            write_ray(shadow_rays, i, origin, direction, reach)
