@@ -23,7 +23,7 @@ from dynamics.columns import (
     TRIES,
     VELOCITY,
 )
-from dynamics.contact import ARM, GAP, NORMAL, SKIN, TOUCH_KIND, TOUCHES, WAIT
+from dynamics.contact import ARM, GAP, NORMAL, SKIN, TOUCH_KIND, TOUCHES, WAIT, WALL
 from dynamics.random import ball, hemisphere, uniform4
 from dynamics.rows import go, note, row3, set3, vec3d
 from dynamics.sweep import RESULT_TOUCHES
@@ -113,7 +113,8 @@ def advance_bouncing(
         stopped = time < 1.0 and kind == WAIT
     elif kind == WAIT:
         stopped = True
-    elif integers[body, PULLED] > 0:
+    elif integers[body, PULLED] > 0 and kind != WALL:
+        # It cannot be pulled any farther here.
         integers[body, PULLED] = 0
     else:
         note(integers, body, kind, row)

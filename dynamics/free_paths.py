@@ -18,7 +18,7 @@ from dynamics.obstacles import Obstacles
 from dynamics.simulation import Simulation
 from dynamics.sweep import distances
 
-SAMPLES = 256  # of a loop
+SAMPLES = 64  # of a loop
 MARGIN = 0.005  # m
 
 

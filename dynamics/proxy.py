@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-MOST_SPHERES = 192
+MOST_SPHERES = 256
+MOST_PLACES = 4096  # of the surface that are compared where covering does not depend on it
 GROUP = 8  # spheres that share a bounding sphere, on average
 FINEST = 0.004  # m: radius below which more spheres gain nothing
+DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0)  # below the surface that centres are tried at, in radii
 ROUNDING = 1.0 + 1e-6  # radii are kept in float32
 
 
@@ -34,7 +36,8 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     """Spheres that cover a surface, so that whatever stays out of them does not touch it.
 
     corners: [n, 3, 3], the triangles' corners in the body's axes, m. most: spheres at most.
-    Centres start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them.
+    Centres start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them. In
+    solids they sink below the surface, where a larger sphere covers the same and stands out less.
     Raises ValueError if there is no triangle, or one that is not finite.
     """
     triangles = np.asarray(corners, dtype=np.float64)
@@ -48,7 +51,8 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     radius = max(np.sqrt(area / (2.6 * most)), extent / most, FINEST)
     pieces = _subdivided(triangles, 0.7 * radius)
     middles = pieces.mean(axis=1)
-    centres = middles[_farthest_points(middles, most, stop=0.7 * radius)]
+    few = middles[:: 1 + len(middles) // MOST_PLACES]
+    centres = few[_farthest_points(few, most, stop=0.7 * radius)]
     for _ in range(2):
         owner = _nearest(middles, centres)
         centres = _centred(pieces, owner)
@@ -57,6 +61,8 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     # A ball that holds the corners of a triangle holds the triangle.
     np.maximum.at(radii, owner, np.linalg.norm(pieces - centres[owner][:, None], axis=2).max(axis=1))
     used = np.bincount(owner, minlength=len(centres)) > 0
+    if _is_closed(triangles):
+        centres, radii = _sunk(pieces, owner, centres, radii)
     return _grouped(centres[used], radii[used] * ROUNDING + 1e-7)
 
 
@@ -126,6 +132,41 @@ def _centred(pieces: Array, owner: NDArray[np.intp]) -> Array:
         _, first = np.unique(rows[at_most], return_index=True)
         centres += (corners[at_most[first]] - centres) / (step + 1)
     return centres
+
+
+def _is_closed(triangles: Array) -> bool:
+    """Whether every edge is there once in each direction, and the inside is what the triangles enclose."""
+    if np.einsum("ij,ij->", triangles[:, 0], _normals(triangles)) <= 0.0:
+        return False
+    _, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    rows = corner.reshape(-1, 3).astype(np.int64)
+    rows = rows[(rows != np.roll(rows, -1, axis=1)).all(axis=1)]
+    start, end = rows.ravel(), np.roll(rows, -1, axis=1).ravel()
+    count = len(triangles) * 3
+    there, back = np.sort(start * count + end), np.sort(end * count + start)
+    return bool(np.array_equal(there, back))
+
+
+def _sunk(pieces: Array, owner: NDArray[np.intp], centres: Array, radii: Array) -> tuple[Array, Array]:
+    """Centres and radii that cover the same pieces, from inside of a closed surface, and stand out the least."""
+    normals = _normals(pieces)
+    outward = np.zeros_like(centres)
+    np.add.at(outward, owner, normals)
+    some = slice(None, None, 1 + len(pieces) // MOST_PLACES)
+    middles, normals = pieces[some].mean(axis=1), normals[some]
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    best_centres, best_radii, least = centres.copy(), radii.copy(), radii.copy()
+    for depth in DEPTHS:
+        below = centres - depth * radii[:, None] * outward
+        larger = np.zeros(len(centres))
+        np.maximum.at(larger, owner, np.linalg.norm(pieces - below[owner][:, None], axis=2).max(axis=1))
+        for row, centre in enumerate(below):
+            squares = _squares(middles - centre)
+            nearest = squares.argmin()
+            stands_out = larger[row] - np.sqrt(squares[nearest])
+            if stands_out < least[row] and (centre - middles[nearest]) @ normals[nearest] < 0.0:
+                best_centres[row], best_radii[row], least[row] = centre, larger[row], stands_out
+    return best_centres, best_radii
 
 
 def _grouped(centres: Array, radii: Array) -> Shape:

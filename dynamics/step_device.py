@@ -80,6 +80,7 @@ class StepDevice:
                 self.integers,
                 self.groups,
                 self.spheres,
+                self.bounding,
                 self.clearance,
                 self.touches,
                 tree.nodes,

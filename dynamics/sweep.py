@@ -97,6 +97,7 @@ def measure(
     integers: Ints,
     groups: Ints,
     spheres: Floats,
+    bounding: Floats,
     clearance: Floats,
     touches: Floats,
     nodes: Floats,
@@ -105,35 +106,52 @@ def measure(
     roots: Column,
     root: ti.i32,
 ):
-    """Set clearance[sphere, 0]: how far each sphere is from all obstacles, as far as its body can see, m."""
-    ti.loop_config(block_dim=16)
+    """Set clearance[sphere, 0]: how far each sphere is from all obstacles, as far as its body can see, m.
+
+    First the sphere around the group: where that is out of sight of everything, so is all that it holds.
+    """
+    ti.loop_config(block_dim=8)
     for group in range(groups.shape[0]):
         body = groups[group, 0]
         if integers[body, COLLIDES] > 0:
             origin = single(bodies, body, POSITION)
             sight = ti.cast(bodies[body, SIGHT], ti.f32)
-            for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-                arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-                radius = spheres[sphere, 3]
-                distance, _normal, _row, _touched = look_around(
-                    nodes,
-                    triangles,
-                    instances,
-                    roots,
-                    root,
-                    origin + arm,
-                    vec3(0.0),
-                    radius,
-                    radius + sight,
-                    0.0,
-                    0.0,
-                    arm,
-                    touches,
-                    0,
-                    0,
-                    False,
-                )
-                clearance[sphere, 0] = distance - radius
+            first = groups[group, 1]
+            arm = turned(bodies, body, vector_at(bounding, group, 0))
+            radius = bounding[group, 3]
+            together = -FAR
+            for step in range(1 + groups[group, 2]):
+                sphere = first + step - 1
+                if step > 0:
+                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                    radius = spheres[sphere, 3]
+                if together < sight:
+                    distance, _normal, _row, _touched = look_around(
+                        nodes,
+                        triangles,
+                        instances,
+                        roots,
+                        root,
+                        origin + arm,
+                        vec3(0.0),
+                        radius,
+                        radius + sight,
+                        0.0,
+                        0.0,
+                        arm,
+                        touches,
+                        0,
+                        0,
+                        False,
+                    )
+                    if step == 0:
+                        together = distance - radius
+                        if together >= sight * (1.0 - 1e-5):
+                            together = sight
+                    else:
+                        clearance[sphere, 0] = distance - radius
+                else:
+                    clearance[sphere, 0] = sight * (1.0 - 1e-5)
 
 
 @ti.func

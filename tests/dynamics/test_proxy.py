@@ -61,3 +61,18 @@ def test_it_is_always_the_same():
 def test_what_has_no_surface_is_refused(corners):
     with pytest.raises(ValueError, match="corners"):
         cover(corners)
+
+
+def hover(shape, surface):
+    """How far spheres stand out beyond the box that they cover, m, on average."""
+    centres, radii = shape.spheres[:, :3].astype(float), shape.spheres[:, 3:].astype(float)
+    low, high = surface.reshape(-1, 3).min(axis=0), surface.reshape(-1, 3).max(axis=0)
+    return np.maximum(low - (centres - radii), centres + radii - high).max(axis=1).mean()
+
+
+def test_in_solids_larger_spheres_stand_out_less():
+    solid = SURFACES["cube"]
+    opened = solid[2:]
+    assert hover(cover(solid), solid) < 0.8 * hover(cover(opened), solid)
+    # What is turned inside out encloses nothing.
+    assert hover(cover(solid[:, ::-1]), solid) < 1.5 * hover(cover(opened), solid)
