@@ -14,7 +14,6 @@ from tiscene.render.integrators.path_state import (
     FEATURE_COLUMNS,
     FILM_COLUMNS,
     LIVE,
-    ORIGIN,
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
@@ -79,8 +78,6 @@ def start_paths(
         for c in ti.static(range(3)):
             state[i, THROUGHPUT + c] = 1.0
             state[i, RADIANCE + c] = 0.0
-            state[i, DIRECT + c] = 0.0
-            state[i, ORIGIN + c] = origin[c]
         state[i, PDF] = 0.0
         state[i, RELATIVE_IOR2] = 1.0
         for c in ti.static(range(FEATURE_COLUMNS)):

@@ -214,11 +214,11 @@ def shade(
             point = bsdf.shaded_material_at(materials, textures, surface.material, surface.uv, coarse)
             key = path_key(pixels, frame_key, first + i, spp)
             sample = (first + i) % spp
-            light_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
-            light_index = shuffled_index(light_key, sample)
+            # Choices and directions have a set of four dimensions each; many a path needs only the directions.
+            choice_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
             light_choice = vec2(0.0)
             if light_total > 1 or (point.flags & COVERAGE) != 0:
-                light_choice = last_two(light_key, light_index, bits)
+                light_choice = first_two(choice_key, shuffled_index(choice_key, sample), bits)
             if (point.flags & COVERAGE) != 0 and light_choice.y >= point.opacity:
                 goes_on = True
                 write_ray(
@@ -239,18 +239,18 @@ def shade(
                     write3(features, i, ALBEDO, point.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    light_u = first_two(light_key, light_index, bits)
+                    direction_key = combine(key, ti.cast(2 + 2 * step, ti.u32))
+                    direction_index = shuffled_index(direction_key, sample)
+                    light_u = first_two(direction_key, direction_index, bits)
                     light_row, light_chance = 0, 0.0
                     light_sample = no_sample()
                     if light_total > 0:
                         light_row, light_chance = choose(lights, surface.position, light_choice.x)
                         light_sample = all_lights.sample(lights, textures, light_row, surface.position, light_u)
-                    bsdf_key = combine(key, ti.cast(2 + 2 * step, ti.u32))
-                    bsdf_index = shuffled_index(bsdf_key, sample)
-                    bsdf_u = first_two(bsdf_key, bsdf_index, bits)
+                    bsdf_u = last_two(direction_key, direction_index, bits)
                     lobe_and_survival = vec2(0.0)
                     if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
-                        lobe_and_survival = last_two(bsdf_key, bsdf_index, bits)
+                        lobe_and_survival = last_two(choice_key, shuffled_index(choice_key, sample), bits)
                     scattering = bsdf.scatter(
                         surface, point, energy, normal, wo, light_sample.direction, vec3(bsdf_u, lobe_and_survival.x)
                     )
