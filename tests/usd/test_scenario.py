@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import random
 import re
+import signal
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -16,6 +20,7 @@ import tiscene as ts
 from dynamics import UniformMovementRandomBounce
 from tests.test_scenario import everything
 from tests.usd.helpers import write
+from tests.usd.test_damage import CHILD, damaged
 from tiscene.errors import ArgumentError, CameraNotFound, ExportError, ScenarioError, StageError, StageWarning
 from tiscene.scenario import Frustum, Object, Scenario
 from tiscene.usd import read_stage
@@ -115,14 +120,14 @@ def test_members_one_by_one(room, tmp_path, members):
 
 
 def test_random_poses_and_cameras_survive_to_the_bit(room, tmp_path):
-    random = np.random.default_rng(5)
+    rng = np.random.default_rng(5)
     for _ in range(20):
-        numbers = random.normal(size=7)
+        numbers = rng.normal(size=7)
         objects = [
             Object("a", "Ball", tuple(numbers[:3]), tuple(numbers[3:])),
             Object("b", "Ball", tuple(numbers[:3]), tuple(numbers[3:6] * 100)),
         ]
-        camera = ts.Camera(tuple(numbers[:3]), tuple(numbers[3:]), vertical_fov=float(random.uniform(0.2, 2)))
+        camera = ts.Camera(tuple(numbers[:3]), tuple(numbers[3:]), vertical_fov=float(rng.uniform(0.2, 2)))
         scenario = Scenario(str(room), objects, camera=camera)
         scenario.save(tmp_path / "run.usdc")
         assert Scenario.load(tmp_path / "run.usdc") == scenario
@@ -437,3 +442,25 @@ def test_the_stage_of_the_documentation_plays(tmp_path):
     assert [each.name for each in ts.Stream(scenario, width=8, height=6, buffers=("depth",)).world.objects(0)] == [
         "Chair"
     ]
+
+
+def test_damaged_files_are_read_or_refused(tmp_path):
+    Usd.Stage.Open(str(write(tmp_path, MOVING + ANIMATED.replace('"World"', '"Other"')))).Export(
+        str(tmp_path / "m.usdc")
+    )
+    data, rng = (tmp_path / "m.usdc").read_bytes(), random.Random(3)
+    files = [tmp_path / f"damaged_{number}.usdc" for number in range(60)]
+    for path in files:
+        path.write_bytes(damaged(data, rng))
+    child = CHILD.replace("import read_stage", "import read_stage as _\nfrom tiscene.scenario import Scenario")
+    child = child.replace("read_stage(path)", "Scenario.load(path)")
+    answers = []
+    while len(answers) < len(files):  # after one that keeps USD itself busy too long, the rest
+        rest = list(map(str, files[len(answers) :]))
+        done = subprocess.run([sys.executable, "-c", child, *rest], capture_output=True, timeout=100, check=False)
+        answers += [line.split()[0] for line in done.stdout.decode().splitlines()]
+        if len(answers) < len(files):
+            assert done.returncode == -signal.SIGALRM, done.stderr.decode(errors="replace")[-2000:]
+            answers.append("given up")
+    assert {"read", "refused"} <= set(answers)
+    assert answers.count("given up") <= 3

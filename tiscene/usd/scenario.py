@@ -73,28 +73,33 @@ class _ScenarioReader:
 
     def read(self) -> AuthoredScenario:
         scenarios, prims, cameras = [], [], []
-        for prim in self._walk():
+        for prim, is_object in self._walk():
             schema.report_misspelt(prim, self._report)
             if schema.has(prim, schema.SCENARIO):
                 scenarios.append(prim)
             if prim.IsA(UsdGeom.Camera):
                 cameras.append(prim)
-            elif self._is_object(prim):
+            elif is_object:
                 prims.append(prim)
         root = self._strongest(scenarios)
         content: dict[str, Any] = {}
         if root:
             listed = targets(root, "tiscene:scenario:objects")
-            prims = [self._target(root, path) for path in listed] if listed else prims
-            content = self._scenario(root)
+            prims = [each for path in listed if (each := self._target(root, path))] if listed else prims
+            with self._report.guard(root.GetPath()):
+                content = self._scenario(root)
         objects, paths = [], []
         for prim in prims:
-            made = self._object(prim) if prim else None
+            made = None
+            with self._report.guard(prim.GetPath()):
+                made = self._object(prim)
             if made is not None:
                 objects.append(made)
                 paths.append(str(prim.GetPath()))
         self._name(objects, paths)
-        camera = self._camera(root, cameras)
+        camera = None
+        with self._report.guard("/"):
+            camera = self._camera(root, cameras)
         content |= {"objects": objects} | ({} if camera is None else {"camera": camera})
         return AuthoredScenario(content, tuple(paths))
 
@@ -107,12 +112,16 @@ class _ScenarioReader:
             self._report.problem(other.GetPath(), "scenario", f"<{best[0].GetPath()}> is the scenario already")
         return best[0] if best else None
 
-    def _walk(self) -> Iterator[Usd.Prim]:
-        """Every prim that may say something; not what is inside an object or a thing, which moves as one."""
+    def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
+        """Every prim that may say something, and whether it is an object; not what is inside an object or a thing."""
         prims = iter(Usd.PrimRange(self._stage.GetPseudoRoot()))
         for prim in prims:
-            yield prim
-            if _is_thing(prim) or self._is_object(prim):
+            is_thing = is_object = False
+            with self._report.guard(prim.GetPath()):
+                is_thing = _is_thing(prim)
+                is_object = self._is_object(prim)
+            yield prim, is_object
+            if is_thing or is_object:
                 prims.PruneChildren()
 
     def _is_object(self, prim: Usd.Prim) -> bool:
