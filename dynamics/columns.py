@@ -16,7 +16,8 @@ LOST = 32  # s of this frame in which it could not move
 PULL = 33  # displacement back into the walls for this substep, m; of a follower its length at most
 SPEED, ANGULAR_SPEED, RADIUS, SIGHT = 36, 37, 38, 39  # m/s, rad/s, m, m
 ACTIVE = 40  # s of this substep in which its clock runs
-FLOATS = 41
+CENTRE = 41  # of the proxy spheres, in the body's own axes, m
+FLOATS = 44
 
 # Integer columns of a body.
 KIND, COLLIDES, LIMITED, ON_PATH, HITS, BLOCKED, TRIES, FULL = 0, 1, 2, 3, 4, 5, 6, 7

@@ -143,10 +143,15 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
                 normal = edge_1.cross(edge_2).normalized()
                 if normal.dot(inward) < 0.0:
                     normal = -normal
+            if step == 0:
+                start_gap = distance - stop
+                if start_gap < -0.5 * SKIN and normal.dot(inward) < 0.0:
+                    # It was put there with its centre beyond the surface already: it has to come back.
+                    normal = -normal
+                    start_gap = -distance - stop
+                start_normal = normal
             approach = -normal.dot(chord)
             if step == 0:
-                start_normal = normal
-                start_gap = distance - stop
                 if start_gap < TOLERANCE and approach > SLIDE:
                     time = 0.0
                 elif start_gap < -0.5 * SKIN:
@@ -186,6 +191,7 @@ def look_around(
     slack: ti.f32,
     band: ti.f32,
     arm,
+    inward,
     touches: ti.template(),
     base: ti.i32,
     count: ti.i32,
@@ -252,7 +258,7 @@ def look_around(
                 edge_2 = mapped(instances, instance, 0, vector_at(triangles, row, 8), 0.0)
                 if ti.static(sweeping):
                     time, normal, start_normal, start_gap = first_contact(
-                        corner, edge_1, edge_2, chord, radius, slack, -arm, best
+                        corner, edge_1, edge_2, chord, radius, slack, inward, best
                     )
                     if start_gap < band:
                         touched = record(touches, base, touched, start_normal, arm, start_gap, OBSTACLE)

@@ -220,6 +220,7 @@ class SteppedSimulation:
             if shape is not None:
                 integers[row, at.GROUPS] = len(shape.groups)
                 bodies[row, at.RADIUS] = shape.reach
+                bodies[row, at.CENTRE : at.CENTRE + 3] = shape.spheres[:, :3].mean(axis=0, dtype=np.float64)
                 group += len(shape.groups)
             if isinstance(dynamic, UniformMovementRandomBounce):
                 direction = np.array(dynamic.start_direction)

@@ -27,7 +27,23 @@ def look(
         chord = vec3(chords[i, 0], chords[i, 1], chords[i, 2])
         arm = vec3(0.0)
         distance, _a, _b, _c = look_around(
-            nodes, triangles, instances, roots, root, centre, vec3(0.0), 0.0, limit, 0.0, 0.0, arm, touches, 0, 0, False
+            nodes,
+            triangles,
+            instances,
+            roots,
+            root,
+            centre,
+            vec3(0.0),
+            0.0,
+            limit,
+            0.0,
+            0.0,
+            arm,
+            arm,
+            touches,
+            0,
+            0,
+            False,
         )
         time, normal, row, _count = look_around(
             nodes,
@@ -41,6 +57,7 @@ def look(
             1.0,
             0.0,
             0.0,
+            arm,
             arm,
             touches,
             i * TOUCHES,

@@ -385,3 +385,16 @@ def test_what_another_simulation_has_computed_is_taken_over():
     assert list(taken._checkpoints) == [69]
     for k in (90, 70, 10):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
+
+
+@pytest.mark.parametrize("height", [0.0, 0.01, -0.05])
+def test_what_starts_too_near_or_sunk_comes_free(height):
+    """A box that stands on the floor, or in it, flies off."""
+    shape = cover(box((0.4, 0.8, 0.4), (0.0, 0.4, 0.0)), most=96)
+    room = box((6.0, 4.0, 6.0), (0.0, 2.0, 0.0))
+    simulation = SteppedSimulation([bouncer("c", (1.0, height, 0.0), shape)], fps=25, obstacles=obstacles(room))
+    poses = run(simulation, 60)
+    assert gaps(simulation, poses[:1], room)[0] < 0.0
+    assert gaps(simulation, poses[20:], room)[0] > 0.0
+    assert poses[:, 0, 1].min() >= height - 1e-9
+    assert np.linalg.norm(np.diff(poses[:, 0, :3], axis=0), axis=1).mean() > 0.8 * 1.5 / 25
