@@ -21,9 +21,9 @@ vec3 = ti.math.vec3
 @ti.func
 def uv_of(w: vec3) -> vec2:
     """Where a unit direction in light axes reads the image (see DomeLight)."""
-    return vec2(
-        (ti.atan2(w.z, w.x) + 0.5 * math.pi) * (0.5 / math.pi), 1.0 - ti.acos(ti.math.clamp(w.y, -1.0, 1.0)) / math.pi
-    )
+    level = ti.sqrt(w.x * w.x + w.z * w.z)
+    azimuth = warp.angle_of(vec2(w.x, w.z) / ti.max(level, 1e-20))
+    return vec2((azimuth + 0.5 * math.pi) * (0.5 / math.pi), 1.0 - warp.angle_of(vec2(w.y, level)) / math.pi)
 
 
 @ti.func
