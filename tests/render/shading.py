@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tiscene.render.bsdfs import preview_surface as bsdf
 from tiscene.render.bsdfs.energy import energy_tables
+from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.lights import all_lights
 from tiscene.render.lights.light_sample import Lights
 from tiscene.render.textures import Textures
@@ -49,10 +50,10 @@ def scatter(
     values: Floats2,
 ):
     """samples 1: directions from numbers into `incoming`. Always: (f |cos|, density) of `incoming` into `values`."""
-    materials = ti.static(bsdf.Materials(material_values, material_info, material_lookups))
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(outgoing.shape[0]):
-        point = bsdf.material_at(materials, textures, row, vec2(uv[i, 0], uv[i, 1]))
+        point = material_at(materials, textures, row, vec2(uv[i, 0], uv[i, 1]))
         closure = bsdf.closure_at(point, energy, row_of(outgoing, i), front)
         if samples != 0:
             wi = bsdf.sample(closure, row_of(numbers, i))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from tiscene.render.bsdfs.preview_surface import Materials, material_at
+from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.intersect import closest
 from tiscene.render.ray_arrays import RayArrays
 from tiscene.render.surface import (

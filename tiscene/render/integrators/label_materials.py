@@ -7,7 +7,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.render.aovs import AOVS
-from tiscene.render.bsdfs.preview_surface import Materials, is_mirror_like, material_at, shading_normal
+from tiscene.render.bsdfs.inputs import Materials, is_mirror_like, material_at, shading_normal
 from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_kernels import write3
 from tiscene.render.ray_arrays import RayArrays, write_ray

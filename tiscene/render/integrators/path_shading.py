@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tiscene.render.bsdfs import preview_surface as bsdf
-from tiscene.render.bsdfs.preview_surface import Materials
+from tiscene.render.bsdfs.inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
 from tiscene.render.integrators.path_state import (
     ALBEDO,
@@ -211,7 +211,7 @@ def shade(
             surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
             # A path that came by a scattering has neighbours far apart, which make out no detail together.
             coarse = ti.cast(pdf > 0.0 and pdf < DETAIL_DENSITY, ti.i32)
-            point = bsdf.shaded_material_at(materials, textures, surface.material, surface.uv, coarse)
+            point = shaded_material_at(materials, textures, surface.material, surface.uv, coarse)
             key = path_key(pixels, frame_key, first + i, spp)
             sample = (first + i) % spp
             # Choices and directions have a set of four dimensions each; many a path needs only the directions.
@@ -233,8 +233,8 @@ def shade(
                     seen = point.emissive_color
                 depth += 1
                 wo = -direction
-                normal = bsdf.shading_normal(surface, point, wo)
-                if (bits_of_status & SEEN) == 0 and bsdf.is_mirror_like(point) == 0:
+                normal = shading_normal(surface, point, wo)
+                if (bits_of_status & SEEN) == 0 and is_mirror_like(point) == 0:
                     bits_of_status |= SEEN
                     write3(features, i, ALBEDO, point.diffuse_color)
                     write3(features, i, NORMAL, normal)

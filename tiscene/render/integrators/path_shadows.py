@@ -2,8 +2,7 @@
 
 import taichi as ti
 
-from tiscene.render.bsdfs import preview_surface as bsdf
-from tiscene.render.bsdfs.preview_surface import Materials
+from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
 from tiscene.render.ray_arrays import write_ray
 from tiscene.render.sampler import combine, uniform
@@ -82,7 +81,7 @@ def pass_shadows(
                 occluded[i] = 1
                 direction = vec3(shadow_rays[i, 4], shadow_rays[i, 5], shadow_rays[i, 6])
                 surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
-                point = bsdf.material_at(materials, textures, surface.material, surface.uv)
+                point = material_at(materials, textures, surface.material, surface.uv)
                 if point.flags & COVERAGE:
                     key = combine(
                         path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)
