@@ -95,7 +95,8 @@ def material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, 
 
 @ti.func
 def material_about(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32):
-    """`material_at`, or where coarse is 1, about what it is on the mean near uv, with no bumps. Opacity stays exact."""
+    """`material_at`, or where coarse is 1, about what it is on the mean near uv. Opacity and bumps stay exact: a mean of
+    normals would be a smoother, brighter surface."""
     values = ti.static(materials.values)
     point = MaterialPoint(
         diffuse_color=vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2]),
@@ -112,13 +113,10 @@ def material_about(materials: ti.template(), textures: ti.template(), row: ti.i3
         glass=ti.max(materials.info[row, GLASS_INDEX], 0),
     )
     if point.flags & TEXTURED:
-        end = LOOKUP_OF["normal"] + 1
-        if coarse != 0:
-            end = LOOKUP_OF["normal"]
-        for column in range(LOOKUP_OF["diffuse_color"], end):  # one lookup in the code, not nine
+        for column in range(LOOKUP_OF["diffuse_color"], LOOKUP_OF["normal"] + 1):  # one lookup in the code, not nine
             lookup_row = materials.info[row, column]
             if lookup_row >= 0:
-                rough = coarse if column != ti.static(LOOKUP_OF["opacity"]) else 0
+                rough = coarse if column < ti.static(LOOKUP_OF["opacity"]) else 0
                 value = texture_value(materials, textures, lookup_row, uv, rough)
                 if column == ti.static(_LOOKUP_COLUMN_OF[DIFFUSE]):
                     point.diffuse_color = value.xyz
