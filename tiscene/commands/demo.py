@@ -48,10 +48,10 @@ def scenario() -> Scenario:
     return Scenario(
         SCENE,
         [
-            Object("chair", "Chair 01", dynamic=chair),
-            Object("racket", "Tennis Racket 01", dynamic=racket),
-            Object("ball", "Ball 01", dynamic=ball),
-            Object("pillow", "Pillow 01", dynamic=pillow),
+            Object("chair", "Chair 01", dynamic=chair, collide=False),
+            Object("racket", "Tennis Racket 01", dynamic=racket, collide=False),
+            Object("ball", "Ball 01", dynamic=ball, collide=False),
+            Object("pillow", "Pillow 01", dynamic=pillow, collide=False),
         ],
         timings=AllTogether(0.0),
         camera=Camera.look_at(
