@@ -151,7 +151,7 @@ class Scenario:
         """Draw a scenario at random, the same one for the same arguments.
 
         ranges: what to draw from, each (low, high) or one number: objects, templates, dynamics, speed, angular_speed,
-        waypoints, scale, depth, region, in_view, occlusion, life, frames; `tiscene.difficulty.Difficulty` explains each.
+        waypoints, scale, depth, region, in_view, occlusion, life, frames; `tiscene.difficulty.Difficulty` explains all.
         camera: what watches; where it stands at the start says what is in view.
         Raises ArgumentError for ranges that contradict themselves, ScenarioError for what does not fit in the scene.
         """

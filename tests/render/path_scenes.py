@@ -90,7 +90,7 @@ def render(
 
 
 def box(colors: list[tuple[float, float, float]]) -> tuple[list[Mesh], list[Material]]:
-    """A Cornell-box-like room 2 m wide about the origin, open towards +z: left, right and the other walls; two blocks."""
+    """A room like Cornell's, 2 m wide about the origin, open towards +z: left, right and other walls, two blocks."""
     a, b = -1.0, 1.0
     walls = [
         quad((a, a, b), (a, a, a), (a, b, a), (a, b, b), material=0),

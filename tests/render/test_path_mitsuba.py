@@ -89,7 +89,7 @@ def test_pictures_agree(build: object, depth: int) -> None:
     assert error < 0.0025 * theirs_mean.mean()  # or the next line would say nothing
     assert ours_mean.mean() == pytest.approx(theirs_mean.mean(), rel=5e-3)
 
-    # Welch's test of every pixel's brightness. Šidák: one false alarm in a hundred runs of the whole picture. Pixels that
+    # Welch's test of every pixel's brightness. Šidák: one false alarm in a hundred runs of a whole picture. Pixels that
     # a silhouette or a caustic crosses are not normally distributed in either: a part in a thousand may fail.
     ours, theirs = ours.mean(axis=3), theirs.mean(axis=3)
     noisy = np.minimum(ours.std(axis=0), theirs.std(axis=0)) > 1e-4 * theirs.mean()

@@ -95,8 +95,8 @@ def material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, 
 
 @ti.func
 def material_about(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32):
-    """`material_at`, or where coarse is 1, about what it is on the mean near uv. Opacity and bumps stay exact: a mean of
-    normals would be a smoother, brighter surface."""
+    """`material_at`, or where coarse is 1, about what it is on the mean near uv. Opacity and bumps stay exact: a mean
+    of normals would be a smoother, brighter surface."""
     values = ti.static(materials.values)
     point = MaterialPoint(
         diffuse_color=vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2]),
