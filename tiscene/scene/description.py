@@ -119,7 +119,10 @@ class DiskLight(Light):
 
 @dataclass(frozen=True, eq=False)
 class SphereLight(Light):
-    """A sphere about the light's origin that emits outwards. radiance: W/m²/sr; radius: m."""
+    """A sphere about the light's origin that emits outwards. radiance: W/m²/sr; radius: m.
+
+    radius 0 is a point: `radiance` is then its intensity, W/sr.
+    """
 
     radiance: Color
     radius: float
