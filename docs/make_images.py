@@ -32,7 +32,7 @@ def example(number: int, name: str, frames: int) -> None:
     names: dict[str, ts.Scenario] = {}
     exec(blocks[number], names)
     buffers = ("rgb", "instance", "forward_flow")
-    stream = ts.Stream(names["scenario"], width=256, height=192, fps=FPS, spp=16, buffers=buffers)
+    stream = ts.Stream(names["scenario"], width=256, height=192, fps=FPS, spp=8, buffers=buffers)
     pictures = []
     with progress(name, frames) as step:
         for frame in stream[:frames]:
@@ -43,9 +43,9 @@ def example(number: int, name: str, frames: int) -> None:
 
 PICTURES: dict[str, Callable[[], None]] = {
     "room_02.png": photograph,
-    "cylinder.webp": lambda: example(0, "cylinder.webp", 100),
-    "bouncing.webp": lambda: example(1, "bouncing.webp", 60),
-    "racket.webp": lambda: example(2, "racket.webp", 60),
+    "cylinder.webp": lambda: example(0, "cylinder.webp", 50),
+    "bouncing.webp": lambda: example(1, "bouncing.webp", 50),
+    "racket.webp": lambda: example(2, "racket.webp", 50),
 }
 
 if __name__ == "__main__":
