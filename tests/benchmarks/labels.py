@@ -77,6 +77,7 @@ class _State:
     name = template = category = prim_path = ""
     category_id = first_frame = 0
     last_frame = None
+    blocked = False
     position = velocity = (0.0, 0.0, 0.0)
     rotation = (1.0, 0.0, 0.0, 0.0)
 
