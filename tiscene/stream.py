@@ -95,7 +95,6 @@ class Stream(Iterator[Frame]):
             variants=self.variants,
             lifted=[each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
         )
-        self._stage_templates = {template.name for template in stage.templates}
 
         def load_template(name: str) -> Template:
             return read_template(catalog.find_template(name, scene=scenario.scene), up_axis=stage.up_axis)
@@ -201,7 +200,8 @@ class Stream(Iterator[Frame]):
         Keys: the path relative to the scene's folder; of a template, its name, a colon and the path in its folder.
         """
         digests = layer_digests(catalog.find_scene(self.scenario.scene))
-        for template in sorted({life.planned.template for life in self.scenario.lives()} - self._stage_templates):
+        on_stage = {template.name for template in self.world.stage.templates}
+        for template in sorted({life.planned.template for life in self.scenario.lives()} - on_stage):
             files = layer_digests(catalog.find_template(template))
             digests |= {f"{template}: {name}": digest for name, digest in files.items()}
         return digests
