@@ -6,7 +6,8 @@ Normals and texture coordinates belong to vertices: a reader splits a vertex whe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ class Mesh:
 
     positions: float32 [n, 3], m. triangles: int32 [m, 3]. normals: float32 [n, 3], unit, or None for flat shading.
     uv: float32 [n, 2] or None. materials: int32 [m], rows of `SceneDescription.materials`.
+    parts: int32 [m], which of the mesh's parts each triangle is of; None for one part.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Mesh:
     materials: IntArray
     normals: FloatArray | None = None
     uv: FloatArray | None = None
+    parts: IntArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +93,41 @@ class Material:
     normal: TextureLookup | None = None
 
 
+@dataclass(frozen=True)
+class Shaping:
+    """UsdLux's ShapingAPI: factors of the radiance that a point of a light emits in a direction.
+
+    t is the angle between the direction and the light's axis, -z; c the cosine of that between the direction and the
+    light's surface normal. cone_angle: rad; nothing is emitted where t is larger. cone_softness: 0..1, the part of the
+    cone over which the edge fades, `1 - smoothstep((1 - softness) * cone_angle, cone_angle, t)`.
+    focus: the colour `lerp(focus_tint, 1, |c| ** focus)`.
+    profile: an IES profile as a texture of scales (row of `SceneDescription.textures`), read at u = p / (2 pi),
+    v = 1 - t / pi, with p from +x towards +y.
+    """
+
+    cone_angle: float = math.pi
+    cone_softness: float = 0.0
+    focus: float = 0.0
+    focus_tint: Color = (0.0, 0.0, 0.0)
+    profile: int | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Base of the lights. world_from_light: 4x4, rigid (scale is already in the sizes)."""
+    """Base of the lights. world_from_light: 4x4, rigid (scale is already in the sizes).
+
+    diffuse, specular: multipliers of what materials reflect of it by their diffuse and by their other lobes.
+    shaping: None for all directions alike. casts_shadows: False, nothing keeps its light off anything.
+    """
 
     name: str
     prim_path: str
     world_from_light: Matrix
+    _: KW_ONLY
+    diffuse: float = 1.0
+    specular: float = 1.0
+    shaping: Shaping | None = None
+    casts_shadows: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +157,18 @@ class SphereLight(Light):
 
     radiance: Color
     radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class CylinderLight(Light):
+    """The side, without the caps, of a cylinder about the light's x axis; emits outwards.
+
+    radiance: W/m²/sr; radius, length: m.
+    """
+
+    radiance: Color
+    radius: float
+    length: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,20 +206,32 @@ class DomeLight(Light):
 
 @dataclass(frozen=True)
 class SceneObject:
-    """A thing with an identity: what one instance label stands for. category: semantic label, "" for none."""
+    """A thing with an identity: what one instance label stands for. category: semantic label, "" for none.
+
+    parts: the names of its meshes, and of their subsets, by their number; () for a thing of one part.
+    movable: its author made a rigid body of it (UsdPhysics).
+    """
 
     name: str
     prim_path: str
     category: str = ""
+    parts: tuple[str, ...] = ()
+    movable: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """A placed mesh. mesh, object: rows of `SceneDescription.meshes` and `.objects`. world_from_object: float64 4x4."""
+    """A placed mesh. mesh, object: rows of `SceneDescription.meshes` and `.objects`. world_from_object: float64 4x4.
+
+    part: number of the first of its object's parts that it shows; `Mesh.parts` counts on from there.
+    collides: False for what its author lets everything pass through (UsdPhysics).
+    """
 
     mesh: int
     object: int
     world_from_object: Matrix
+    part: int = 0
+    collides: bool = True
 
 
 @dataclass(frozen=True, eq=False)
