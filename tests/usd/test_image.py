@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import struct
 import zipfile
-import zlib
 
 import numpy as np
 import OpenEXR
@@ -82,20 +80,6 @@ def test_sixteen_bit_grey_is_float_and_raw(tmp_path):
     assert not picture.srgb
 
 
-def test_sixteen_bit_color_is_raw(tmp_path):
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    row = b"\x00" + struct.pack(">6H", 65535, 0, 32768, 0, 65535, 1000)
-    header = struct.pack(">IIBBBBB", 2, 1, 16, 2, 0, 0, 0)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(row)) + chunk(b"IEND", b"")
-    (tmp_path / "a.png").write_bytes(data)
-    picture = read_picture(str(tmp_path / "a.png"))
-    assert picture.pixels.dtype == np.float32
-    np.testing.assert_allclose(picture.pixels[0, 0], [1.0, 0.0, 0.5, 1.0], atol=1 / 250)
-    assert not picture.srgb
-
-
 def test_a_file_that_says_srgb_is(tmp_path):
     from PIL.PngImagePlugin import PngInfo
 
@@ -143,6 +127,13 @@ def test_radiance_with_runs():
     np.testing.assert_array_equal(values[0, :, 2], [7, 7, 7, 7, 1, 2, 3, 4, 5])
 
 
+def test_radiance_with_runs_of_the_first_kind():
+    pixel, run = [9, 0, 0, 136], [1, 1, 1]
+    body = bytes([*pixel, *run, 4, 7, 0, 0, 136, *run, 2, *run, 1])  # 1 + 4, then 1 + 2 + 256 times
+    values = read_radiance(radiance(264, 1, body))
+    np.testing.assert_array_equal(values[0, :, 0], [9.0] * 5 + [7.0] * 259)
+
+
 def test_radiance_upside_down_and_mirrored():
     body = bytes([1, 0, 0, 136, 2, 0, 0, 136, 3, 0, 0, 136, 4, 0, 0, 136])
     assert read_radiance(radiance(2, 2, body))[..., 0].tolist() == [[1, 2], [3, 4]]
@@ -157,6 +148,8 @@ def test_radiance_upside_down_and_mirrored():
         b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n+X 1 +Y 1\n1234",
         b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 9999999 +X 1\n1234",
         radiance(2, 2, b"123"),
+        radiance(2, 2, bytes([1, 1, 1, 4, 5, 5, 5, 5])),
+        radiance(2, 2, bytes([5, 5, 5, 5, 1, 1, 1, 2])),
         radiance(9, 1, bytes([2, 2, 0, 9, 137])),
         radiance(9, 1, bytes([2, 2, 0, 9, 0, 0, 0, 0])),
         radiance(9, 1, bytes([2, 2, 0, 9, 200, 5])),

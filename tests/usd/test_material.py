@@ -5,7 +5,9 @@ from __future__ import annotations
 import shutil
 
 import numpy as np
+import OpenEXR
 import pytest
+from PIL import Image
 
 from tests.usd.helpers import QUAD, STAGES, problems_of, read, read_with_warning, write
 from tiscene.scene.description import Material, TextureLookup
@@ -220,17 +222,20 @@ def texture(lines: str, read_by: str = "") -> str:
     return material(surface + shader("Image", "UsdUVTexture", lines, "float3 outputs:rgb") + read_by)
 
 
-def test_missing_texture_files(tmp_path):
-    (problem,) = problems_of(tmp_path, texture("asset inputs:file = @./gone.png@"))
-    assert problem.startswith("</Looks/L/Image> texture: no file @./gone.png@ (named in ")
-    assert problem.endswith("stage.usda)")
+FALLBACK = "float4 inputs:fallback = (0.5, 0.25, 0, 1)\n"
 
 
-def test_damaged_texture_files(tmp_path):
+def test_missing_texture_files_give_the_fallback(tmp_path):
+    body = texture(FALLBACK + "asset inputs:file = @./gone.png@")
+    expected = r"there is no texture @./gone.png@ \(named in .*stage.usda\); its fallback is used: </Looks/L/Image>"
+    assert only_material(read_with_warning(tmp_path, body, expected)).diffuse_color == (0.5, 0.25, 0.0)
+
+
+def test_damaged_texture_files_give_the_fallback(tmp_path):
     (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\n but no more of it than this")
-    (problem,) = problems_of(tmp_path, texture("asset inputs:file = @./bad.png@"))
-    assert problem.startswith("</Looks/L/Image> texture: @")
-    assert "bad.png@ cannot be read: " in problem
+    body = texture(FALLBACK + "asset inputs:file = @./bad.png@")
+    expected = "texture @.*bad.png@ cannot be read .*; its fallback is used: </Looks/L/Image>"
+    assert only_material(read_with_warning(tmp_path, body, expected)).diffuse_color == (0.5, 0.25, 0.0)
 
 
 def test_a_texture_without_a_file_gives_its_fallback(tmp_path):
@@ -239,8 +244,44 @@ def test_a_texture_without_a_file_gives_its_fallback(tmp_path):
     assert not description.textures
 
 
-def test_udim_is_named(tmp_path):
-    read_with_warning(tmp_path, texture("asset inputs:file = @./tiles.<UDIM>.png@"), "UDIM textures are not read")
+def test_udim_tiles_lie_side_by_side(tmp_path):
+    """Tiles 1002 and 1011 span 2 x 2 units from (0, 0) on; the corners between have the fallback."""
+    for number, value in ((1002, 100), (1011, 200)):
+        Image.new("RGB", (4, 2), (value, 0, 0)).save(tmp_path / f"tile.{number}.png")
+    body = texture(FALLBACK + "asset inputs:file = @./tile.<UDIM>.png@")
+    description = read(tmp_path, body)
+    (sheet,) = description.textures
+    lookup = only_material(description).diffuse_color
+    np.testing.assert_allclose(lookup.uv_transform, (0.5, 0, 0, 0, 0.5, 0))
+    assert sheet.pixels.shape == (4, 8, 4)
+    assert (sheet.pixels[2:, 4:, 0] == 100).all()  # u 1..2, v 0..1
+    assert (sheet.pixels[:2, :4, 0] == 200).all()  # u 0..1, v 1..2
+    np.testing.assert_array_equal(sheet.pixels[3, 0], (188, 137, 0, 255))  # sRGB codes of the fallback
+    assert (sheet.wrap_s, sheet.wrap_t) == ("black", "black")
+
+
+def test_udim_tiles_begin_where_the_first_is(tmp_path):
+    Image.new("L", (2, 2), 7).save(tmp_path / "t.1013.png")
+    description = read(tmp_path, texture("asset inputs:file = @./t.<UDIM>.png@"))
+    lookup = only_material(description).diffuse_color
+    np.testing.assert_allclose(lookup.uv_transform, (1, 0, -2, 0, 1, -1))
+
+
+def test_udim_without_tiles_is_named(tmp_path):
+    body = texture(FALLBACK + "asset inputs:file = @./tiles.<UDIM>.png@")
+    description = read_with_warning(tmp_path, body, "there are no tiles @./tiles.<UDIM>.png@.*its fallback is used")
+    assert only_material(description).diffuse_color == (0.5, 0.25, 0.0)
+
+
+def test_srgb_floats_are_decoded(tmp_path):
+    """Only textures of 8 bits are decoded when they are looked up."""
+    values = np.array([[[0.5, 0.02, 1.0, 0.5]]], np.float32)
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGBA": values}) as file:
+        file.write(str(tmp_path / "a.exr"))
+    file_line = 'asset inputs:file = @./a.exr@\ntoken inputs:sourceColorSpace = "sRGB"'
+    (read_texture,) = read(tmp_path, texture(file_line)).textures
+    assert read_texture.encoding == "raw"
+    np.testing.assert_allclose(read_texture.pixels[0, 0], (0.2140411, 0.02 / 12.92, 1.0, 0.5), rtol=1e-5)
 
 
 def test_unknown_wraps_and_color_spaces_are_named(textures):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.scene.description import FloatArray
+from tiscene.usd.png import is_deep_color, read_deep_color
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,21 +49,20 @@ def _decode(data: bytes, suffix: str) -> Picture:
         return Picture(_with_alpha(_read_exr(data)), srgb=False)
     if data[:2] == b"#?":
         return Picture(_with_alpha(read_radiance(data)), srgb=False)
+    if is_deep_color(data):
+        values, says_srgb = read_deep_color(data)
+        return Picture(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what Pillow merely wonders about
             with Image.open(io.BytesIO(data)) as image:
                 image.load()
-                return _from_pillow(image, _sixteen_bit_png(data))
+                return _from_pillow(image)
     except Exception as error:  # its decoders fail in many ways on damaged files
         raise ValueError(f"not a readable {suffix or 'image'} file: {error}") from error
 
 
-def _sixteen_bit_png(data: bytes) -> bool:
-    return data[:8] == b"\x89PNG\r\n\x1a\n" and data[24] == 16
-
-
-def _from_pillow(image: Image.Image, sixteen_bit: bool) -> Picture:
+def _from_pillow(image: Image.Image) -> Picture:
     says_srgb = "srgb" in image.info or abs(image.info.get("gamma", 1.0) - 0.45455) < 0.01
     if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV", "PA", "RGBX", "1"):
         transparent = "transparency" in image.info or image.mode == "PA"
@@ -72,8 +72,6 @@ def _from_pillow(image: Image.Image, sixteen_bit: bool) -> Picture:
         return Picture(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
     if values.dtype == np.float32:
         return Picture(_with_alpha(values), srgb=False)
-    if sixteen_bit:  # Pillow keeps 8 of the 16 bits of a colour PNG
-        return Picture(_with_alpha(values.astype(np.float32) / np.float32(255.0)), srgb=says_srgb)
     channels = 1 if values.ndim == 2 else values.shape[2]
     return Picture(_with_alpha(values), srgb=says_srgb or channels >= 3)
 
@@ -139,9 +137,8 @@ def _scanlines(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np.u
     result = np.empty((height, 4, width), dtype=np.uint8)
     at = 0
     if not (8 <= width < 1 << 15 and len(body) >= 4 and body[0] == 2 and body[1] == 2 and body[2] < 128):
-        if len(body) < 4 * height * width:
-            raise ValueError("a Radiance picture that ends early, or in the old run-length coding")
-        return body[: 4 * height * width].reshape(height, width, 4)
+        words = body[: len(body) // 4 * 4].reshape(-1, 4)
+        return _old_scanlines(words, height * width).reshape(height, width, 4)
     data = body.tobytes()
     for row in range(height):
         if data[at : at + 4] != bytes((2, 2, width >> 8, width & 255)):
@@ -165,3 +162,19 @@ def _scanlines(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np.u
                 raise ValueError(f"a Radiance picture whose row {row} is damaged")
             result[row, channel] = np.frombuffer(line, dtype=np.uint8)
     return result.transpose(0, 2, 1)
+
+
+def _old_scanlines(words: NDArray[np.uint8], count: int) -> NDArray[np.uint8]:
+    """The first coding, [count, 4]: (1, 1, 1, n) repeats the pixel before n times, one right after it n * 256 times."""
+    runs = (words[:, :3] == 1).all(axis=1)
+    places = np.arange(len(words))
+    last_pixel = np.maximum.accumulate(np.where(runs, -1, places))
+    order = np.minimum(places - last_pixel - 1, 3)  # how many runs there are between a run and its pixel
+    repeats = np.where(runs, words[:, 3].astype(np.int64) << (8 * np.maximum(order, 0)), 1)
+    if len(words) and last_pixel[0] < 0:
+        raise ValueError("a Radiance picture that begins with a repetition of nothing")
+    ends = np.cumsum(repeats)
+    if len(words) == 0 or ends[-1] < count:
+        raise ValueError("a Radiance picture that ends early")
+    needed = int(np.searchsorted(ends, count)) + 1
+    return np.repeat(words[last_pixel[:needed]], repeats[:needed], axis=0)[:count]

@@ -12,10 +12,9 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from tiscene.scene.description import ColorInput, FloatInput, Material, TextureLookup
 from tiscene.usd.network import Connection, Source, connections_of, shader_id
 from tiscene.usd.problems import Report
-from tiscene.usd.texture import TextureTable
+from tiscene.usd.texture import Affine, TextureTable
 
 _DEFAULT = Material("default")
-Affine = tuple[float, float, float, float, float, float]
 _IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -262,16 +261,21 @@ class _NetworkReader:
         fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
         scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
         file = inputs.get("file")
-        row = None
+        row, window = None, _IDENTITY
         if file is not None and isinstance(file.value, Sdf.AssetPath) and file.value.path:
             space = self._token(inputs, "sourceColorSpace", "auto")
             wrap_s, wrap_t = (self._token(inputs, wrap, "useMetadata") for wrap in ("wrapS", "wrapT"))
-            row = self._table._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)
+            if "<UDIM>" in file.value.path:
+                found = self._table._textures.add_udim(file.attribute, file.value, space, fallback)
+                row, window = found or (None, _IDENTITY)
+            else:
+                row = self._table._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)
         channel = source.output if source.output in ("r", "g", "b", "a") else "rgb"
         if row is None:
             values = {"r": fallback[:1], "g": fallback[1:2], "b": fallback[2:3], "a": fallback[3:]}
             return values.get(channel, fallback[:3])
-        transform, uv = self._coordinates(inputs.get("st"), source)
+        matrix, uv = self._coordinates(inputs.get("st"))
+        transform = _rows(np.array([window[:3], window[3:], (0.0, 0.0, 1.0)]) @ matrix)
         if uv and self.uv and uv != self.uv:
             self._report.omission(self._path, f"textures read both {self.uv!r} and {uv!r}, the first serves for all")
         self.uv = self.uv or uv
@@ -282,20 +286,20 @@ class _NetworkReader:
         value = self._numbers(connection.value, name) if connection and connection.value is not None else None
         return default if value is None or len(value) != 4 else value
 
-    def _coordinates(self, st: Connection | None, texture: Source) -> tuple[Affine, str]:
-        """The affine map and the primvar that a texture's coordinates come from."""
+    def _coordinates(self, st: Connection | None) -> tuple[np.ndarray[Any, Any], str]:
+        """The affine map, 3x3, and the primvar that a texture's coordinates come from."""
         transform = np.eye(3)
         while st is not None and st.source is not None:
             source = st.source
             inputs = connections_of(source.shader, self._time)
             if source.id == "UsdPrimvarReader_float2":
-                return _rows(transform), self._token(inputs, "varname", "st")
+                return transform, self._token(inputs, "varname", "st")
             if source.id != "UsdTransform2d":
                 self._report.omission(source.shader.GetPath(), f"shader {source.id!r} is not supported, 'st' is read")
                 break
             transform = transform @ self._transform2d(inputs)
             st = inputs.get("in")
-        return _rows(transform), ""
+        return transform, ""
 
     def _transform2d(self, inputs: dict[str, Connection]) -> np.ndarray[Any, Any]:
         """Scale, then rotate counter-clockwise by degrees, then translate."""
