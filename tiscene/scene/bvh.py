@@ -18,7 +18,7 @@ from tiscene.errors import ArgumentError
 from tiscene.scene import bvh_build, bvh_write
 
 Boxes = NDArray[np.float32]
-TIMES = 3
+TREES = 4  # over instances: one for each time, one over the movers
 EMPTY_NODE = 0  # a node without children: the root of an empty mesh and of an empty TLAS
 
 
@@ -83,7 +83,7 @@ class Bvh:
         self._used_nodes = 1
 
     def root(self, time: int) -> int:
-        """The reference where rays enter the instances at PREVIOUS, CURRENT or NEXT."""
+        """The reference where rays enter the instances at PREVIOUS, CURRENT or NEXT, or the MOVERS."""
         if time not in self._roots:
             raise ArgumentError(f"time={time}: no instances are placed there; name it in place(..., times=...)")
         return self._roots[time]
@@ -134,7 +134,7 @@ class Bvh:
             self._roots[time] = EMPTY_NODE
             return
         nodes, _ = self._build(_widened(boxes), rows, 1, 1, bvh_write.NAME)
-        first = self._node_capacity() - (TIMES - time) * self._instance_capacity
+        first = self._node_capacity() - (TREES - time) * self._instance_capacity
         self._write_nodes(nodes, first, 0, bvh_write.NAME)
         self._roots[time] = first * self.layout.unit
 
@@ -166,7 +166,7 @@ class Bvh:
 
     def _reserve(self, nodes: int, packs: int) -> None:
         """Make room for more BLAS nodes and packs, the TLAS regions included, which lie at the end."""
-        needed = self._used_nodes + nodes + TIMES * self._instance_capacity
+        needed = self._used_nodes + nodes + TREES * self._instance_capacity
         if needed > self._node_capacity():
             self.nodes = _grown(self.nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
             self._roots.clear()

@@ -17,7 +17,7 @@ from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.device_array import upload
 from tiscene.scene.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
-from tiscene.scene.placement import CURRENT, Placement
+from tiscene.scene.placement import CURRENT, MOVERS, Placement
 from tiscene.scene.texture_atlas import TextureAtlas
 
 HAS_NORMALS, HAS_UV, MIRRORED = 1, 2, 4  # bits of `instance_info` column 5
@@ -61,6 +61,8 @@ class DeviceScene:
         self.instance_count = 0
         self.placement = _NOTHING
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
+        self._hittable = np.zeros((3, 0), bool)
+        self._instance_boxes = np.zeros((3, 0, 6))
         self.instance_info: Any = None
         self.world_from_instance: Any = None
         self.instance_from_world: Any = None
@@ -84,7 +86,7 @@ class DeviceScene:
         return self._bvh.packs
 
     def tlas_root(self, time: int) -> int:
-        """Where rays enter the instances at `time`. Raises ArgumentError if they are not placed there."""
+        """Where rays enter the instances at `time`, or MOVERS. Raises ArgumentError if they are not placed there."""
         return self._bvh.root(time)
 
     def add(self, description: SceneDescription) -> int:
@@ -125,8 +127,8 @@ class DeviceScene:
         inverse, determinant = _inverted(placement.world_from_object)
         self.placement = placement
         self._upload_instances(inverse, determinant)
-        hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
-        boxes = _transformed(self._boxes[placement.mesh], placement.world_from_object)
+        self._hittable = hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
+        self._instance_boxes = boxes = _transformed(self._boxes[placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
         for time in sorted(set(times)):
             rows = np.flatnonzero(hittable[time]).astype(np.int32)
@@ -136,6 +138,13 @@ class DeviceScene:
             self.bounds = np.stack([here[:, :3].min(axis=0), here[:, 3:].max(axis=0)])
         else:
             self.bounds = np.zeros((2, 3))
+
+    def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Build the tree MOVERS over those of the instances at CURRENT; returns their world boxes [n, 6], m."""
+        rows = np.flatnonzero(self._hittable[CURRENT] & moving).astype(np.int32)
+        boxes: NDArray[np.float64] = self._instance_boxes[CURRENT, rows]
+        self._bvh.place(MOVERS, boxes, rows, capacity=self.instance_count)
+        return boxes
 
     def _upload_meshes(self) -> None:
         meshes = self._meshes

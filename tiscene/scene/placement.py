@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 PREVIOUS, CURRENT, NEXT = 0, 1, 2
+MOVERS = 3  # no time: the tree over some of the instances at CURRENT
 
 
 @dataclass(frozen=True, eq=False)

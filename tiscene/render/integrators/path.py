@@ -87,7 +87,7 @@ class PathPass:
         size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
         if self._state is None or self._state.size != size:
             self._state = PathState(size)
-        scene = self._scene_arrays()
+        scene = self.scene_arrays()
         numbers = (spp, index_bits(spp), frame_key(seed, frame_index))
         for first in range(0, total, size):
             self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
@@ -100,7 +100,7 @@ class PathPass:
 
     def _trace(
         self,
-        scene: _SceneForPaths,
+        scene: SceneForPaths,
         view: View,
         s: PathState,
         first: int,
@@ -116,33 +116,51 @@ class PathPass:
             s.rays, s.shadow_rays, s.state, s.features, s.status, s.queue,
         )  # fmt: skip
         live = count
-        steps = max_depth + (FREE_PASSES if scene.any_coverage else 0)
-        for step in range(steps):
-            if scene.ends_at_lights and step == max_depth - 1 > 0:
-                finish(
-                    *scene.arrays.lighting, scene.light_total, scene.light_solid, mis,
-                    s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
-                )  # fmt: skip
-            else:
-                closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
-                shade(
-                    *scene.arrays, scene.light_total, scene.light_solid,
-                    self._pixels, first, spp, bits, key, step, max_depth, mis, s.queue, live,
-                    s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
-                )  # fmt: skip
-            both = kernels.compact(s.status, s.shadow_rays, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
-            live, shadows = both & 0xFFFFFFFF, both >> 32
-            s.swap()
+        for step in range(scene.steps(max_depth)):
+            live, shadows = self.advance(scene, s, live, first, step, numbers, max_depth, mis)
             if shadows:
-                self._cast_shadows(scene, s, shadows, first, step, numbers)
+                self.cast_shadows(scene, s, shadows, first, step, numbers)
             if not live:
                 break
         kernels.expose(
             self._pixels, first, count, spp, s.shadow_rays, s.occluded, s.state, s.features, self._film
         )  # fmt: skip
 
-    def _cast_shadows(
-        self, scene: _SceneForPaths, s: PathState, count: int, first: int, step: int, numbers: tuple[int, int, int]
+    def advance(
+        self,
+        scene: SceneForPaths,
+        s: PathState,
+        live: int,
+        first: int,
+        step: int,
+        numbers: tuple[int, int, int],
+        max_depth: int,
+        mis: int,
+    ) -> tuple[int, int]:
+        """Take the first `live` paths of the queue to their next vertex.
+
+        Returns how many go on, then the first of the queue, and how many of `s.shadow_queue` sampled a light there.
+        """
+        spp, bits, key = numbers
+        if scene.ends_at_lights and step == max_depth - 1 > 0:
+            finish(
+                *scene.arrays.lighting, scene.light_total, scene.light_solid, mis,
+                s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
+            )  # fmt: skip
+        else:
+            closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
+            shade(
+                *scene.arrays, scene.light_total, scene.light_solid,
+                self._pixels, first, spp, bits, key, step, max_depth, mis, s.queue, live,
+                s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
+            )  # fmt: skip
+        both = kernels.compact(s.status, s.shadow_rays, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
+        live, shadows = both & 0xFFFFFFFF, both >> 32
+        s.swap()
+        return live, shadows
+
+    def cast_shadows(
+        self, scene: SceneForPaths, s: PathState, count: int, first: int, step: int, numbers: tuple[int, int, int]
     ) -> None:
         """Find out which of the shadow rays reach their lights."""
         if not scene.any_coverage:
@@ -159,14 +177,18 @@ class PathPass:
             if not going_on:
                 break
 
-    def _scene_arrays(self) -> _SceneForPaths:
-        """The scene's arrays as they are now; tables that depend on the materials are made when those change."""
+    def scene_arrays(self, radius: float | None = None) -> SceneForPaths:
+        """The scene's arrays as they are now; tables that depend on the materials are made when those change.
+
+        radius: of the sphere about the scene that lights at infinity shine on, m; by default about what is placed.
+        """
         scene = self.scene
         iors = tuple(scene.materials.glass_iors)
         if iors != self._energy_iors:
             self._energy = upload(energy_tables(iors))
             self._energy_iors = iors
-        radius = 0.5 * float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
+        if radius is None:
+            radius = 0.5 * float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
         lights = scene.lights.arrays(scene.textures, radius)
         arrays = SceneArrays(
             *geometry_of(scene),
@@ -178,13 +200,19 @@ class PathPass:
         )
         materials = scene.materials
         ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        return _SceneForPaths(arrays, lights.total, lights.solid, materials.any_coverage, ends_at_lights)
+        return SceneForPaths(arrays, lights.total, lights.solid, materials.any_coverage, ends_at_lights)
 
 
 @dataclass(frozen=True, eq=False)
-class _SceneForPaths:
+class SceneForPaths:
+    """What the kernels of one picture are told about the scene."""
+
     arrays: SceneArrays
     light_total: int
     light_solid: int
     any_coverage: bool
     ends_at_lights: bool  # no surface emits, and every path is as long as it has steps
+
+    def steps(self, max_depth: int) -> int:
+        """How often a path may be advanced."""
+        return max_depth + (FREE_PASSES if self.any_coverage else 0)

@@ -1,7 +1,8 @@
 """Rays against the scene. All passes trace through these functions, over arrays of rays.
 
 rays: f32 [n, 8], origin x, y, z, unused, direction x, y, z, t_max; what lies in (0, t_max) is hit. `queue[0 .. count)`
-(i32) are the rays to trace. time: PREVIOUS, CURRENT or NEXT of tiscene.scene.placement, for which the scene was placed.
+(i32) are the rays to trace. time: PREVIOUS, CURRENT or NEXT of tiscene.scene.placement, for which the scene was placed,
+or MOVERS.
 Two surfaces at the same distance: the lower (instance row, triangle) wins, however the hierarchy is built.
 """
 
@@ -12,6 +13,7 @@ from typing import Any
 from tiscene import device
 from tiscene.render.intersect import binary, wide
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, MOVERS
 
 __all__ = ["closest", "occluded", "occluded_by_instance"]
 
@@ -59,4 +61,5 @@ def _occluded(
 
 def _arrays(scene: DeviceScene, time: int) -> tuple[Any, ...]:
     root = scene.tlas_root(time)
-    return scene.nodes, scene.packs, scene.instance_from_world, scene.instance_info, time, root
+    transforms_time = CURRENT if time == MOVERS else time
+    return scene.nodes, scene.packs, scene.instance_from_world, scene.instance_info, transforms_time, root
