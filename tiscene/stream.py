@@ -103,7 +103,7 @@ class Stream(Iterator[Frame]):
         self.arch = device.start(arch)
         self._scene = DeviceScene()
         self._loaded = 0  # how many of the world's descriptions are on the device
-        self._renderer = Renderer(self._scene, self.width, self.height, self.quality)
+        self._renderers: dict[tuple[int, int], Renderer] = {}
         self._exposure = self.world.camera.exposure
         self._position = 0
 
@@ -217,26 +217,39 @@ class Stream(Iterator[Frame]):
             raise ArgumentError("frames=None: an endless stream cannot be written whole; say how many frames")
         write_motion(self.world, path, frames)
 
-    def _render(self, index: int) -> Frame:
-        view, placement = self._view(index), self._placement(index)
-        if self._exposure is None and "rgb" in self.buffers:
-            # Metered at frame 0 whatever frame is asked for first, so that a seek changes no pixel.
-            self._exposure = self._renderer.meter(self._view(0), self._placement(0), seed=self.seed)
-        buffers = self._renderer.render(
-            view, placement, self.buffers, frame_index=index, seed=self.seed, exposure=self._exposure or 0.0
-        )
+    @property
+    def exposure(self) -> float:
+        """Stops by which `rgb` is exposed: the camera's, else metered once by what the stream's own camera sees."""
+        if self._exposure is None:
+            # At frame 0 whatever frame is asked for first, so that a seek changes no pixel.
+            view = View(*self.world.cameras(0), width=self.width, height=self.height)
+            self._exposure = self._renderer(view).meter(view, self._placement(0), seed=self.seed)
+        return self._exposure
+
+    def look(self, index: int, view: View, buffers: Sequence[str]) -> Frame:
+        """Frame `index` as other cameras see it, or in another size; in the exposure of the stream's own camera."""
+        placement = self._placement(index)
+        exposure = self.exposure if "rgb" in buffers else 0.0
         return Frame(
             index=index,
             time=index / self.fps,
-            camera=FrameCamera(view.current, self.width, self.height),
-            buffers=buffers,
+            camera=FrameCamera(view.current, view.width, view.height),
+            buffers=self._renderer(view).render(
+                view, placement, buffers, frame_index=index, seed=self.seed, exposure=exposure
+            ),
             objects=object_table(self._scene, placement, view, self.world.objects(index)),
             categories=self.categories,
             events=tuple(self.world.events(index)),
         )
 
-    def _view(self, index: int) -> View:
-        return View(*self.world.cameras(index), width=self.width, height=self.height)
+    def _render(self, index: int) -> Frame:
+        return self.look(index, View(*self.world.cameras(index), width=self.width, height=self.height), self.buffers)
+
+    def _renderer(self, view: View) -> Renderer:
+        size = view.width, view.height
+        if size not in self._renderers:
+            self._renderers[size] = Renderer(self._scene, *size, self.quality)
+        return self._renderers[size]
 
     def _placement(self, index: int) -> Placement:
         """Where everything is; what the world has loaded since the last time goes to the device first."""
