@@ -131,6 +131,11 @@ class LightTable:
         self._built = self._arrays = None
         return before
 
+    def replace(self, row: int, light: Light) -> None:
+        """Put another light of the same kind in the place of one."""
+        self.lights[row] = light
+        self._built = self._arrays = None
+
     def arrays(self, atlas: TextureAtlas, radius: float) -> LightArrays:
         """What kernels read. radius: of a sphere about the scene, m; the share of light from infinity depends on it,
         unless domes have portals: those say how much of it comes in.
