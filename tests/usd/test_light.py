@@ -170,8 +170,9 @@ def test_light_textures(tmp_path):
     assert (dome.texture, rect.texture) == (0, None)
     np.testing.assert_array_equal(description.textures[0].pixels[..., :3], pixels)
     assert (description.textures[0].wrap_s, description.textures[0].wrap_t) == ("repeat", "clamp")
-    (problem,) = problems_of(tmp_path, light("RectLight", "asset inputs:texture:file = @./gone.exr@"))
-    assert problem.startswith("</L> texture: no file @./gone.exr@")
+    body = light("RectLight", "asset inputs:texture:file = @./gone.exr@")
+    expected = "there is no texture @./gone.exr@ .*the light is drawn without it: </L>"
+    assert only(read_with_warning(tmp_path, body, expected)).texture is None
 
 
 def test_names_from_before_21_02(tmp_path):

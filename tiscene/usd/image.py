@@ -33,15 +33,22 @@ class Picture:
 
 def read_picture(path: str) -> Picture:
     """Read an image file, or one inside a package ("room.usdz[wood.png]"). Raises OSError or ValueError."""
-    if path.endswith("]") and "[" in path:
-        package, _, inner = path[:-1].partition("[")
-        try:
-            with zipfile.ZipFile(package) as archive:
-                data = archive.read(inner)
-        except (zipfile.BadZipFile, KeyError) as error:
-            raise ValueError(f"not a readable package: {error}") from error
-        return _decode(data, Path(inner).suffix.lower())
-    return _decode(Path(path).read_bytes(), Path(path).suffix.lower())
+    return _decode(read_file(path), Path(path.removesuffix("]")).suffix.lower())
+
+
+def read_file(path: str) -> bytes:
+    """The bytes of a file, or of one inside a package, however many packages deep. Raises OSError or ValueError."""
+    if not path.endswith("]") or "[" not in path:
+        return Path(path).read_bytes()
+    package, *inner = path.replace("]", "").split("[")
+    data = Path(package).read_bytes()
+    try:
+        for name in inner:
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                data = archive.read(name)
+    except (zipfile.BadZipFile, KeyError) as error:
+        raise ValueError(f"not a readable package: {error}") from error
+    return data
 
 
 def _decode(data: bytes, suffix: str) -> Picture:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -9,8 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdLux
 
-from tiscene.scene.description import Color, DiskLight, DistantLight, DomeLight, Light, Portal, RectLight, SphereLight
+from tiscene.scene.description import (
+    Color,
+    CylinderLight,
+    DiskLight,
+    DistantLight,
+    DomeLight,
+    Light,
+    Portal,
+    RectLight,
+    SphereLight,
+)
 from tiscene.usd.problems import Report
+from tiscene.usd.shaping import light_input, read_shaping, report_unrendered
 from tiscene.usd.texture import TextureTable
 from tiscene.usd.transform import rigid, to_matrix
 
@@ -35,9 +47,9 @@ class LightReader:
         """Read one light. world_from_prim: 4x4 for column vectors, its translation in metres."""
         path = prim.GetPath()
         emission = self._emission(prim)
-        if emission is None or not any(emission):
+        if emission is None or not (any(emission) or self._is_animated(prim)):
             return
-        self._report_unsupported(prim)
+        report_unrendered(prim, self._time, self._report)
         pose = rigid(world_from_prim)
         if pose is None:
             self._report.problem(path, "light", "its transform is singular or not finite")
@@ -48,6 +60,7 @@ class LightReader:
             "RectLight": self._rect,
             "DiskLight": self._disk,
             "SphereLight": self._sphere,
+            "CylinderLight": self._cylinder,
             "DistantLight": self._distant,
             "DomeLight": self._dome,
             "DomeLight_1": self._dome,
@@ -57,14 +70,47 @@ class LightReader:
             return
         light = reader(prim, pose, emission, scale)
         if light is not None:
-            self.lights.append(light)
+            light = dataclasses.replace(light, **self._controls(prim))
+            if self._is_rendered(light):
+                self.lights.append(light)
 
-    def mesh_emission(self, prim: Usd.Prim) -> Color | None:
-        """The radiance of a mesh that is a light, None for none."""
-        self._report_unsupported(prim)
-        if self._input(prim, "normalize", False):
-            self._report.omission(prim.GetPath(), "a mesh light's normalize is not applied")
-        return self._emission(prim)
+    def _is_rendered(self, light: Light) -> bool:
+        """Name what the integrators do not do with a light; whether they can draw it at all."""
+        path = light.prim_path
+        for name in ("diffuse", "specular"):
+            if getattr(light, name) != 1.0:
+                self._report.omission(path, f"a light's {name} multiplier is not applied")
+        if light.shaping is not None:
+            self._report.omission(path, "a light's shaping (cone, focus, IES) is not applied")
+        if not light.casts_shadows:
+            self._report.omission(path, "a light without shadows casts them all the same")
+        if isinstance(light, CylinderLight):
+            self._report.omission(path, "lights of type CylinderLight are not supported")
+        return not isinstance(light, CylinderLight)
+
+    def _controls(self, prim: Usd.Prim) -> dict[str, Any]:
+        """What every kind of light may have beside its emission."""
+        diffuse, specular = (self._float(prim, name, 1.0) for name in ("diffuse", "specular"))
+        if not (0.0 <= diffuse < math.inf and 0.0 <= specular < math.inf):
+            text = f"diffuse {diffuse} and specular {specular} must be finite, and not below 0"
+            self._report.problem(prim.GetPath(), "light", text)
+        shadows = not prim.HasAPI(UsdLux.ShadowAPI) or bool(self._input(prim, "shadow:enable", True))
+        shaping = read_shaping(prim, self._time, self._textures, self._report)
+        return {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
+
+    def _is_animated(self, prim: Usd.Prim) -> bool:
+        """Whether its emission changes, so that it may be dark now and shine later."""
+        names = ("intensity", "exposure", "color", "colorTemperature")
+        return any(prim.GetAttribute(f"inputs:{name}").ValueMightBeTimeVarying() for name in names)
+
+    def mesh_emission(self, prim: Usd.Prim, area: float) -> Color | None:
+        """The radiance of a mesh that is a light, None for none. area: of its triangles, in stage units squared."""
+        report_unrendered(prim, self._time, self._report)
+        for name in ("diffuse", "specular"):
+            if self._float(prim, name, 1.0) != 1.0:
+                self._report.omission(prim.GetPath(), f"a mesh light's {name} multiplier is not applied")
+        emission = self._emission(prim)
+        return None if emission is None else self._per_area(prim, emission, area)
 
     def _emission(self, prim: Usd.Prim) -> Color | None:
         """Radiance before `normalize`, W/m²/sr: intensity · 2^exposure · color · colour temperature."""
@@ -118,6 +164,22 @@ class LightReader:
             radiance = (radiance[0] * gain, radiance[1] * gain, radiance[2] * gain)
             meters = _POINT_RADIUS
         return SphereLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters)
+
+    def _cylinder(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
+        radius = self._size(prim, "radius", 0.5) * self._round(prim, scale[1:])
+        length = self._size(prim, "length", 1.0) * scale[0]
+        as_line = bool(UsdLux.CylinderLight(prim).GetTreatAsLineAttr().Get(self._time))
+        if radius == 0.0 and self._input(prim, "normalize", False):  # its power is finite, and that of a thin one
+            radius = _POINT_RADIUS / self._meters
+        radiance = self._per_area(prim, emission, 2.0 * math.pi * radius * length)
+        if radiance is None:
+            return None
+        meters = radius * self._meters
+        if as_line and meters > _POINT_RADIUS:
+            gain = meters / _POINT_RADIUS
+            radiance = (radiance[0] * gain, radiance[1] * gain, radiance[2] * gain)
+            meters = _POINT_RADIUS
+        return CylinderLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters, length * self._meters)
 
     def _distant(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light:
         """A cone of radiance L and half angle t gives a surface that faces it the irradiance L · pi · sin² t."""
@@ -193,53 +255,16 @@ class LightReader:
         asset = attribute.Get(self._time) if attribute else None
         if asset is None or not asset.path:
             return None
-        return self._textures.add(attribute, asset, "auto", wrap_s, wrap_t)
+        return self._textures.add(attribute, asset, "auto", wrap_s, wrap_t, "the light is drawn without it")
 
     def _input(self, prim: Usd.Prim, name: str, default: Any) -> Any:
-        """An input's value; files older than USD 21.02 wrote it without its `inputs:`."""
-        attribute = prim.GetAttribute(f"inputs:{name}")
-        if not (attribute and attribute.HasAuthoredValue()):
-            older = prim.GetAttribute(name)
-            if older and older.HasAuthoredValue():
-                attribute = older
-        value = attribute.Get(self._time) if attribute else None
-        return default if value is None else value
+        return light_input(prim, name, self._time, default)
 
     def _float(self, prim: Usd.Prim, name: str, default: float) -> float:
         return float(self._input(prim, name, default))
 
     def _size(self, prim: Usd.Prim, name: str, default: float) -> float:
         return abs(self._float(prim, name, default))
-
-    def _report_unsupported(self, prim: Usd.Prim) -> None:
-        path = prim.GetPath()
-        for name in ("diffuse", "specular"):
-            if self._float(prim, name, 1.0) != 1.0:
-                self._report.omission(path, f"a light's {name} multiplier is not applied")
-        if prim.HasAPI(UsdLux.ShapingAPI) and self._is_shaped(prim):
-            self._report.omission(path, "a light's shaping (cone, focus, IES) is not applied")
-        if prim.HasAPI(UsdLux.ShadowAPI) and not self._input(prim, "shadow:enable", True):
-            self._report.omission(path, "a light without shadows casts them all the same")
-        if UsdLux.LightAPI(prim).GetFiltersRel().GetTargets():
-            self._report.omission(path, "light filters are not applied")
-        for name in ("lightLink", "shadowLink"):
-            collection = Usd.CollectionAPI(prim, name)
-            if collection and (
-                collection.GetIncludeRootAttr().Get() is False or collection.GetExcludesRel().GetTargets()
-            ):
-                self._report.omission(path, f"{name} is not applied: every light lights everything")
-
-    def _is_shaped(self, prim: Usd.Prim) -> bool:
-        """Whether ShapingAPI changes anything; its cone of 90 degrees, the default, leaves flat lights as they are."""
-        if prim.GetTypeName() in ("DistantLight", "DomeLight", "DomeLight_1"):
-            return False
-        widest = 90.0 if prim.GetTypeName() in ("RectLight", "DiskLight") else 180.0
-        profile = self._input(prim, "shaping:ies:file", None)
-        return (
-            self._float(prim, "shaping:cone:angle", 90.0) < widest
-            or self._float(prim, "shaping:focus", 0.0) > 0.0
-            or (profile is not None and bool(profile.path))
-        )
 
 
 def color_of_temperature(kelvin: float) -> NDArray[np.float64]:

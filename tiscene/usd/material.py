@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
-from tiscene.scene.description import ColorInput, FloatInput, Material, TextureLookup
+from tiscene.scene.description import Color, ColorInput, FloatInput, Material, TextureLookup
 from tiscene.usd.network import Connection, Source, connections_of, shader_id
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import Affine, TextureTable
@@ -50,9 +50,25 @@ class MaterialTable:
                 previous = material.GetPath()
         return self._of_display_color(gprim)
 
-    def emitter(self, name: str, radiance: tuple[float, float, float]) -> Binding:
-        """A black material that emits."""
-        return self._row(("emitter", radiance), Material(name, diffuse_color=(0.0, 0.0, 0.0), emissive_color=radiance))
+    def emitter(self, prim: Usd.Prim, radiance: Color) -> Binding:
+        """The material of a gprim that is a light: black, unless its materialSyncMode keeps what is bound to it."""
+        mode = prim.GetAttribute("light:materialSyncMode").Get(self._time)
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)
+        if mode not in ("materialGlowTintsLight", "independent") or not material:
+            black = Material(prim.GetName(), diffuse_color=(0.0, 0.0, 0.0), emissive_color=radiance)
+            return self._row(("emitter", radiance), black)
+        bound = self.binding(prim, prim)
+        glow = self.materials[bound.row].emissive_color
+        dark = glow == (0.0, 0.0, 0.0)
+        if dark and mode == "materialGlowTintsLight":
+            text = "the material of a mesh light does not glow, and so does not tint its light"
+            self._report.omission(prim.GetPath(), text)
+        if dark or mode == "independent":
+            emissive = _affine_color((1.0, 1.0, 1.0), glow, radiance)
+        else:
+            emissive = _affine_color(radiance, glow, (0.0, 0.0, 0.0))
+        lit = replace(self.materials[bound.row], emissive_color=emissive)
+        return self._row(("emitter", bound, mode, radiance), lit, bound.uv)
 
     def _row(self, key: Any, material: Material, uv: str = "") -> Binding:
         if key not in self._bindings:
@@ -314,3 +330,13 @@ class _NetworkReader:
 
 def _rows(matrix: np.ndarray[Any, Any]) -> Affine:
     return cast(Affine, tuple(matrix[:2].reshape(-1).tolist()))
+
+
+def _affine_color(factor: Color, color: ColorInput, summand: Color) -> ColorInput:
+    """`factor * color + summand`."""
+    if isinstance(color, TextureLookup):
+        scale = (*(f * s for f, s in zip(factor, color.scale, strict=False)), color.scale[3])
+        bias = (*(f * b + s for f, b, s in zip(factor, color.bias, summand, strict=False)), color.bias[3])
+        return replace(color, scale=cast(Any, scale), bias=cast(Any, bias))
+    r, g, b = (f * c + s for f, c, s in zip(factor, color, summand, strict=True))
+    return (r, g, b)

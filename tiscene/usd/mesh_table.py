@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
-from tiscene.scene.description import Mesh
+from tiscene.scene.description import Matrix, Mesh
 from tiscene.usd.gprim import read_gprim
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh import face_count, read_mesh
+from tiscene.usd.polygons import cross
 from tiscene.usd.primvar import array_of
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import Surface
@@ -50,6 +51,15 @@ class MeshTable:
             surface = self._surface(prim, source, bindings, subsets)
             self._rows[key] = None if surface is None else self._add(prim.GetName(), surface, whole, subsets)
         return self._rows[key]
+
+    def area(self, prim: Usd.Prim, matrix: Matrix) -> float:
+        """Of a gprim's triangles, each mapped by a matrix [3, 3] from its own space."""
+        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        surface = self._surface(prim, source, (Binding(-1),), [])
+        if surface is None:
+            return 0.0
+        a, b, c = (surface.positions[surface.triangles[:, corner]].astype(np.float64) @ matrix.T for corner in range(3))
+        return float(np.linalg.norm(cross(b - a, c - a), axis=1).sum() / 2.0)
 
     def _subsets(self, prim: Usd.Prim) -> Subsets:
         """The faces of a mesh that have a material of their own: the subsets of the family materialBind."""

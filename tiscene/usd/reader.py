@@ -158,9 +158,10 @@ class StageReader:
         if self._parts is not None:
             self._report.omission(prim.GetPath(), "lights in a point instancer's prototypes are not supported")
         elif prim.IsA(UsdGeom.Gprim):
-            emission = self._lights.mesh_emission(prim)
+            area = self._meshes.area(prim, to_matrix(here.world, self._meters)[:3, :3])
+            emission = self._lights.mesh_emission(prim, area) if area > 0.0 else None
             if emission is not None:
-                self._read_gprim(prim, here, self._materials.emitter(prim.GetName(), emission))
+                self._read_gprim(prim, here, self._materials.emitter(prim, emission))
         else:
             self._lights.add(prim, to_matrix(here.world, self._meters))
 

@@ -84,20 +84,24 @@ class TextureTable:
         row = self._row(_anchored(attribute, asset), sheet, encoding, ("black", "black"))
         return row, (1.0 / columns, 0.0, -float(low[0]) / columns, 0.0, 1.0 / rows, -float(low[1]) / rows)
 
+    def add_pixels(self, key: str, name: str, pixels: FloatArray) -> int:
+        """The row of an image [h, w, 4] that was made here, once for each key."""
+        return self._row(key, Picture(pixels, srgb=False), "raw", ("repeat", "clamp"), name)
+
     def _encoding(self, color_space: str, picture: Picture, prim_path: Any) -> Encoding:
         if color_space not in ("auto", "sRGB", "raw"):
             self._report.omission(prim_path, f"colour space {color_space!r} is not known, 'auto' is used")
             color_space = "auto"
         return "srgb" if (picture.srgb if color_space == "auto" else color_space == "sRGB") else "raw"
 
-    def _row(self, path: str, picture: Picture, encoding: Encoding, wraps: tuple[Wrap, Wrap]) -> int:
+    def _row(self, path: str, picture: Picture, encoding: Encoding, wraps: tuple[Wrap, Wrap], name: str = "") -> int:
         key = (path, encoding, *wraps)
         if key not in self._rows:
             self._rows[key] = len(self.textures)
             pixels = picture.pixels
             if encoding == "srgb" and pixels.dtype != np.uint8:  # only 8-bit textures are decoded when they are read
                 pixels, encoding = _decoded(np.asarray(pixels, np.float32)), "raw"
-            self.textures.append(Texture(Path(path).name, pixels, encoding, *wraps))
+            self.textures.append(Texture(name or Path(path).name, pixels, encoding, *wraps))
         return self._rows[key]
 
     def _read(self, path: str, prim_path: Any, instead: str = _INSTEAD) -> Picture | None:

@@ -1,0 +1,102 @@
+"""IES photometric files (ANSI/IES LM-63): how much light a lamp sends where."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.scene.description import FloatArray
+
+Floats = NDArray[np.floating]
+ROWS, COLUMNS = 360, 360  # of the profile as an image: half a degree down, a degree around
+_LARGEST = 4096  # angles
+_HEADER = 13  # numbers between the tilt and the angles
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """vertical: degrees from the lamp's axis, increasing. horizontal: degrees about it, increasing.
+
+    candela: luminous intensity [horizontal, vertical].
+    """
+
+    vertical: Floats
+    horizontal: Floats
+    candela: Floats
+
+    def intensity(self, vertical: Floats, horizontal: Floats) -> Floats:
+        """Candela at angles in degrees [n] and [m], as [n, m]; 0 beyond the angles that were measured."""
+        around = horizontal % 360.0
+        last = self.horizontal[-1]
+        if len(self.horizontal) == 1:
+            around = np.zeros_like(around)
+        elif last <= 90.0:  # one quadrant, mirrored
+            around = np.minimum(around % 180.0, 180.0 - around % 180.0)
+        elif last <= 180.0:
+            around = np.minimum(around, 360.0 - around)
+        down = np.array([np.interp(vertical, self.vertical, line, 0.0, 0.0) for line in self.candela])
+        at = np.clip(np.searchsorted(self.horizontal, around, side="right") - 1, 0, max(len(self.horizontal) - 2, 0))
+        after = np.minimum(at + 1, len(self.horizontal) - 1)
+        gap = np.maximum(self.horizontal[after] - self.horizontal[at], 1e-9)
+        part = np.clip((around - self.horizontal[at]) / gap, 0.0, 1.0)[:, None]
+        return np.asarray(((1.0 - part) * down[at] + part * down[after]).T)
+
+    def power(self) -> float:
+        """The integral of the intensity over all directions, lm."""
+        step = math.pi / ROWS
+        down = (np.arange(ROWS) + 0.5) * step
+        mean = self.intensity(np.degrees(down), np.arange(COLUMNS) * (360.0 / COLUMNS)).mean(axis=1)
+        return float((mean * np.sin(down)).sum() * step * 2.0 * math.pi)
+
+    def image(self, angle_scale: float, normalize: bool) -> FloatArray:
+        """Scales of radiance [h, w, 4] by the angle from the lamp's axis (down) and about it (right).
+
+        angle_scale: above 0 stretches the profile from its axis by that factor, below 0 from the other end.
+        """
+        down = (np.arange(ROWS) + 0.5) * (180.0 / ROWS)
+        if angle_scale > 0.0:
+            down = np.clip(down / angle_scale, 0.0, 180.0)
+        elif angle_scale < 0.0:
+            down = np.clip((down - 180.0) / -angle_scale + 180.0, 0.0, 180.0)
+        columns = 1 if len(self.horizontal) == 1 else COLUMNS
+        values = self.intensity(down, (np.arange(columns) + 0.5) * (360.0 / columns))
+        power = self.power()
+        if normalize and power > 0.0:
+            values = values / power
+        return np.repeat(values[:, :, None], 4, axis=2).astype(np.float32)
+
+
+def read_ies(data: bytes) -> Profile:
+    """Read a file of photometric type C, the usual one. Raises ValueError."""
+    _, tilt, rest = data.decode("latin-1").partition("TILT=")
+    if not tilt:
+        raise ValueError("not an IES file: it has no line TILT=")
+    kind, _, body = rest.partition("\n")
+    try:
+        numbers = [float(word) for word in re.split(r"[\s,]+", body.strip()) if word]
+    except ValueError as error:
+        raise ValueError(f"a damaged IES file: {error}") from None
+    if kind.strip().upper() == "INCLUDE":  # how the lamp takes being tilted: a position, n, n angles, n factors
+        if len(numbers) < 2 or not 0 <= numbers[1] <= _LARGEST:
+            raise ValueError("an IES file that ends early")
+        numbers = numbers[2 + 2 * int(numbers[1]) :]
+    if len(numbers) < _HEADER:
+        raise ValueError("an IES file that ends early")
+    scale, rows, columns, photometry, ballast = (numbers[place] for place in (2, 3, 4, 5, 10))
+    if photometry != 1.0:
+        raise ValueError(f"an IES file of photometric type {photometry:g}; only type C (1) can be read")
+    if not (1 <= rows <= _LARGEST and 1 <= columns <= _LARGEST):
+        raise ValueError(f"an IES file of {rows:g} x {columns:g} angles")
+    down, around = int(rows), int(columns)
+    values = np.array(numbers[_HEADER : _HEADER + down + around + down * around])
+    if len(values) < down + around + down * around or not np.isfinite(values).all():
+        raise ValueError("an IES file that ends early, or holds what is no finite number")
+    vertical, horizontal, candela = np.split(values, [down, down + around])
+    if (np.diff(vertical) <= 0.0).any() or (np.diff(horizontal) <= 0.0).any():
+        raise ValueError("an IES file whose angles do not increase")
+    candela = np.maximum(candela.reshape(around, down), 0.0) * (scale * ballast)
+    return Profile(vertical, horizontal, candela)
