@@ -37,6 +37,7 @@ class DeviceScene:
     (HAS_NORMALS | HAS_UV | MIRRORED).
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
+    descriptions: what was added, each with the row of its first mesh (host).
     placement: what was placed last (host). bounds: least and greatest corner of what is at CURRENT, [2, 3], m; zeros
     for nothing.
     """
@@ -52,6 +53,7 @@ class DeviceScene:
         self.materials = MaterialTable()
         self.textures = TextureAtlas()
         self.lights = LightTable()
+        self.descriptions: list[tuple[int, SceneDescription]] = []
         self._meshes: list[Mesh] = []
         self._blas: list[Blas] = []
         self._triangle_materials: list[NDArray[np.int32]] = []
@@ -95,6 +97,7 @@ class DeviceScene:
         Rows of meshes, materials and textures count on from those before. Call `place` before rendering.
         """
         first_mesh = len(self._meshes)
+        self.descriptions.append((first_mesh, description))
         first_texture = self.textures.append(description.textures)
         first_material = self.materials.append(description.materials, first_texture=first_texture)
         self.lights.append(description.lights, first_texture=first_texture)

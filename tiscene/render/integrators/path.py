@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,13 +69,22 @@ class PathPass:
         self._energy_iors: tuple[float, ...] | None = None
 
     def render(
-        self, view: View, *, frame_index: int, seed: int, spp: int, max_depth: int, mis: bool = True
+        self,
+        view: View,
+        *,
+        frame_index: int,
+        seed: int,
+        spp: int,
+        max_depth: int,
+        mis: bool = True,
+        report: Callable[[float], None] | None = None,
     ) -> PathImage:
         """One picture; a pure function of the scene, the view and the four numbers.
 
         spp: paths per pixel, any number; powers of two are stratified best. max_depth: how many edges a path may have,
         as in Mitsuba's `path`: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces more. Passing
         through a partly absent surface is no bounce. mis=False samples lights alone, for tests.
+        report: called now and then with how much is done, 0..1.
         Raises ArgumentError for numbers out of range or a view of another size.
         """
         if spp < 1 or max_depth < 1:
@@ -91,6 +101,8 @@ class PathPass:
         numbers = (spp, index_bits(spp), frame_key(seed, frame_index))
         for first in range(0, total, size):
             self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
+            if report is not None:
+                report(min(1.0, (first + size) / total))
         shape = (self.height, self.width)
         hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
         dropped = np.empty(shape, np.int32)
