@@ -119,6 +119,7 @@ class LightTable:
         self._distribution: Any = None
         self._arrays: LightArrays | None = None
         self._radius = -1.0
+        self._skies: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}  # by row of the atlas
 
     def __len__(self) -> int:
         return len(self.lights)
@@ -213,10 +214,12 @@ class LightTable:
                         values[next_portal, TEXTURE] = -1.0
                         next_portal += 1
                     if texture is not None:
-                        distribution, grid = dome_distribution(image)
+                        sky = self._first_texture[source] + texture
+                        if sky not in self._skies:
+                            self._skies[sky] = (*dome_distribution(image), sun_part(image))
+                        distribution, grid, values[row, SUN_PART] = self._skies[sky]
                         values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, grid
                         distributions.append(distribution)
-                        values[row, SUN_PART] = sun_part(image)
                         used += len(distribution)
             values[row, STRENGTH] = strength
             values[row, RADIANCE : RADIANCE + 3] = color
