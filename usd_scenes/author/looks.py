@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 
+import numpy as np
+from PIL import Image
+
+TEXTURES = Path(__file__).resolve().parents[1] / "textures"
 Color = tuple[float, float, float]
 
 
@@ -12,6 +18,7 @@ class Look:
     """UsdPreviewSurface in short. A string is a texture file in `usd_scenes/textures`.
 
     tile: how many metres of surface a texture covers, along u and v; None: uv is already 0..1.
+    shift: of the texture space. average: what the colour's picture comes to where it is used in part.
     """
 
     color: Color | str
@@ -24,6 +31,35 @@ class Look:
     clearcoat: float = 0.0
     ior: float = 1.5
     opacity: float = 1.0
+    shift: tuple[float, float] = (0.0, 0.0)
+    average: Color | None = None
+
+
+def plain(look: Look) -> Look:
+    """The look without its pictures: what they come to on average."""
+    color = look.average or (_mean_albedo(look.color) if isinstance(look.color, str) else look.color)
+    roughness = _mean(look.roughness) if isinstance(look.roughness, str) else look.roughness
+    emission = _mean_albedo(look.emission) if isinstance(look.emission, str) else look.emission
+    if emission is not None:
+        red, green, blue = (component * look.emission_scale for component in emission)
+        emission = red, green, blue
+    return replace(look, color=color, roughness=roughness, emission=emission, emission_scale=1.0, normal=None)
+
+
+@cache
+def _mean_albedo(file: str) -> Color:
+    """Of an sRGB picture, linear; to two places, which do not depend on a picture's last bits."""
+    with Image.open(TEXTURES / file) as picture:
+        encoded = np.asarray(picture.convert("RGB"), dtype=np.float64) / 255.0
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    red, green, blue = np.round(linear.mean(axis=(0, 1)), 2).tolist()
+    return red, green, blue
+
+
+@cache
+def _mean(file: str) -> float:
+    with Image.open(TEXTURES / file) as picture:
+        return round(float(np.asarray(picture, dtype=np.float64).mean()) / 255.0, 2)
 
 
 def _textured(name: str, tile: float | tuple[float, float], **others: object) -> Look:
@@ -56,6 +92,21 @@ LOOKS: dict[str, Look] = {
     "ScribbleCotton": Look("scribble_color.png", 0.9, normal=None, tile=None),
     "ThrowWool": Look("throw_color.png", 0.95, normal="weave_normal.png", tile=(0.24, 0.24)),
     "LampShade": Look("linen_color.png", 0.9, tile=(0.24, 0.24), emission=(1.0, 0.57, 0.24), emission_scale=0.27),
+    # Rooms
+    "ClayPlaster": Look((0.40, 0.275, 0.215), 0.85, normal="plaster_normal.png", tile=(1.2, 1.2)),
+    "SagePaint": Look((0.33, 0.36, 0.31), 0.34),
+    "Oatmeal": Look("oatmeal_color.png", 0.95, normal="weave_normal.png", tile=(0.24, 0.24)),
+    "BedSheet": Look((0.74, 0.73, 0.70), 0.9, normal="fine_weave_normal.png", tile=(0.24, 0.24)),
+    "DuvetLinen": Look("ticking_color.png", 0.92, normal="fine_weave_normal.png", tile=(0.24, 0.24)),
+    "BlueLinen": Look("blue_linen_color.png", 0.95, normal="fine_weave_normal.png", tile=(0.24, 0.24)),
+    "Berber": _textured("berber", (2.3, 1.6), roughness=0.95),
+    "BedsideShade": Look("linen_color.png", 0.9, tile=(0.24, 0.24), emission=(1.0, 0.57, 0.24), emission_scale=0.5),
+    "OpalGlass": Look((0.78, 0.77, 0.74), 0.25, emission=(1.0, 0.72, 0.44), emission_scale=1.0),
+    "LanternPaper": Look((0.74, 0.72, 0.66), 0.9, emission=(1.0, 0.66, 0.36), emission_scale=0.6),
+    "SandGlaze": Look((0.50, 0.42, 0.32), 0.35),
+    "SlipperFelt": Look((0.33, 0.31, 0.29), 0.95, normal="weave_normal.png", tile=(0.24, 0.24)),
+    "SlipperSole": Look((0.16, 0.11, 0.075), 0.7),
+    "ClearGlass": Look((0.76, 0.77, 0.76), 0.0, opacity=0.0),
     # Metals and ceramics
     "Brass": Look((0.78, 0.58, 0.30), 0.28, metallic=1.0),
     "Steel": Look((0.60, 0.59, 0.57), 0.25, metallic=1.0),
@@ -99,6 +150,28 @@ LOOKS: dict[str, Look] = {
     "BallWhite": Look((0.74, 0.73, 0.69), 0.35),
     "BallBlue": Look((0.04, 0.14, 0.42), 0.35),
     "BallYellow": Look((0.72, 0.50, 0.04), 0.35),
+    # Templates: other colours
+    "PillowMustard": Look("mustard_color.png", 0.95, normal="weave_normal.png", tile=(0.5, 0.5)),
+    "PillowTeal": Look((0.06, 0.20, 0.20), 0.95, normal="weave_normal.png", tile=(0.5, 0.5)),
+    "PillowRust": Look("rust_color.png", 0.95, normal="weave_normal.png", tile=(0.5, 0.5)),
+    "GreenGlaze": Look((0.10, 0.20, 0.11), 0.14),
+    "SpinesBlue": Look("spines_color.png", 0.6, tile=None, shift=(1 / 16, 0.0), average=(0.05, 0.085, 0.17)),
+    "SpinesGreen": Look("spines_color.png", 0.6, tile=None, shift=(2 / 16, 0.0), average=(0.055, 0.12, 0.085)),
+    "SpinesCream": Look("spines_color.png", 0.6, tile=None, shift=(10 / 16, 0.0), average=(0.68, 0.64, 0.57)),
+    "CandleRed": Look((0.42, 0.045, 0.035), 0.5),
+    "CandleGreen": Look((0.09, 0.17, 0.10), 0.5),
+    "BlackSteel": Look((0.09, 0.09, 0.095), 0.3, metallic=1.0),
+    "Bronze": Look((0.42, 0.25, 0.13), 0.35, metallic=1.0),
+    "Graphite": Look((0.20, 0.205, 0.215), 0.36, metallic=1.0),
+    "RoseGold": Look((0.78, 0.60, 0.48), 0.34, metallic=1.0),
+    "BallPink": Look((0.68, 0.27, 0.30), 0.35),
+    "BallMint": Look((0.26, 0.56, 0.42), 0.35),
+    "BallSky": Look((0.22, 0.45, 0.66), 0.35),
+    "RacketBlue": Look((0.025, 0.11, 0.42), 0.22, clearcoat=1.0),
+    "RacketBlack": Look((0.035, 0.035, 0.037), 0.22, clearcoat=1.0),
+    "RacketLime": Look((0.45, 0.62, 0.05), 0.25, clearcoat=1.0),
+    "LeatherBlack": Look((0.04, 0.037, 0.035), "leather_roughness.png", normal="leather_normal.png", tile=(0.5, 0.5)),
+    "LeatherGreen": Look((0.055, 0.10, 0.06), "leather_roughness.png", normal="leather_normal.png", tile=(0.5, 0.5)),
     # Matte primitives
     "MatteBlue": Look((0.09, 0.20, 0.38), 0.55),
     "MatteRed": Look((0.50, 0.085, 0.055), 0.55),
@@ -106,4 +179,5 @@ LOOKS: dict[str, Look] = {
     "MatteGreen": Look((0.11, 0.28, 0.13), 0.55),
     "MatteTeal": Look((0.06, 0.28, 0.28), 0.55),
     "MatteOrange": Look((0.60, 0.22, 0.05), 0.55),
+    "MatteWhite": Look((0.72, 0.71, 0.68), 0.55),
 }

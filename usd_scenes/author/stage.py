@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, Vt
 
-from usd_scenes.author.looks import LOOKS, Look
+from usd_scenes.author import primitives
+from usd_scenes.author.looks import LOOKS, Look, plain
 from usd_scenes.author.mesh import Mesh
 from usd_scenes.author.thing import Thing
 
@@ -55,6 +56,18 @@ def group(stage: Usd.Stage, path: str) -> None:
     Usd.ModelAPI(UsdGeom.Xform.Define(stage, path).GetPrim()).SetKind(Kind.Tokens.group)
 
 
+def variants(prim: Usd.Prim, name: str, choices: Iterable[str]) -> Iterator[str]:
+    """Each choice of a new variant set, with what is authored meanwhile going into it; then the first is selected."""
+    variant_set = prim.GetVariantSets().AddVariantSet(name)
+    every = list(choices)
+    for choice in every:
+        variant_set.AddVariant(choice)
+        variant_set.SetVariantSelection(choice)
+        with variant_set.GetVariantEditContext():
+            yield choice
+    variant_set.SetVariantSelection(every[0])
+
+
 def label(prim: Usd.Prim, name: str) -> None:
     """The semantic class of a prim and all below it."""
     UsdSemantics.LabelsAPI.Apply(prim, "class").CreateLabelsAttr([name])
@@ -77,6 +90,40 @@ def write_geometry(path: Path, things: Iterable[Thing], approximation: str) -> N
             UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
             UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(approximation)
     save(stage, path)
+
+
+def write_primitives(path: Path, things: Iterable[Thing]) -> None:
+    """The things of `write_geometry` under the same paths, each part an Xform of gprims that are close to its mesh."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Geometry").GetPrim())
+    for thing in things:
+        UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}")
+        for part in thing.parts:
+            UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}/{part.name}")
+            for index, gprim in enumerate(primitives.fit(part.mesh)):
+                _define_gprim(stage, f"/Geometry/{thing.name}/{part.name}/{gprim.kind}{index}", gprim)
+    save(stage, path)
+
+
+def _define_gprim(stage: Usd.Stage, path: str, source: primitives.Gprim) -> None:
+    gprim = UsdGeom.Gprim(stage.DefinePrim(path, source.kind))
+    if source.kind == "Cube":
+        UsdGeom.Cube(gprim).CreateSizeAttr(1.0)
+    else:
+        gprim.GetPrim().GetAttribute("radius").Set(0.5)
+    if source.kind in ("Cylinder", "Cone"):
+        gprim.GetPrim().GetAttribute("axis").Set(UsdGeom.Tokens.y)
+        gprim.GetPrim().GetAttribute("height").Set(1.0)
+    gprim.CreateExtentAttr([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)])
+    gprim.AddTranslateOp().Set(Gf.Vec3d(*source.centre))
+    if not np.allclose(source.axes, np.eye(3)):
+        turn = Gf.Matrix3d(*map(float, source.axes.T.reshape(-1))).ExtractRotation().GetQuat()
+        parts = [round(value, 5) + 0.0 for value in (turn.GetReal(), *turn.GetImaginary())]
+        gprim.AddOrientOp().Set(Gf.Quatf(*parts))
+    gprim.AddScaleOp().Set(Gf.Vec3f(*source.size))
+    UsdPhysics.CollisionAPI.Apply(gprim.GetPrim())
 
 
 def _define_mesh(stage: Usd.Stage, path: str, source: Mesh, tile: tuple[float, float]) -> UsdGeom.Mesh:
@@ -105,17 +152,40 @@ def bind(stage: Usd.Stage, thing: Thing, path: str, looks: str) -> None:
 
 
 def define_looks(stage: Usd.Stage, scope: str, names: Iterable[str], textures: str) -> None:
-    """The named looks as materials below `scope`. textures: the folder of texture files as seen from the stage."""
+    """The named looks as materials below `scope`. textures: the folder of texture files as seen from the stage.
+
+    Each has the shaders Surface and Plain; which of them it is made of is for `connect_looks` to say.
+    """
     UsdGeom.Scope.Define(stage, scope)
     for name in sorted(set(names)):
         _define_look(stage, f"{scope}/{name}", LOOKS[name], textures)
+        _define_plain(stage, f"{scope}/{name}/Plain", plain(LOOKS[name]))
+
+
+def connect_looks(stage: Usd.Stage, scope: str, names: Iterable[str], shader: str) -> None:
+    """Makes the materials below `scope` of their shader "Surface" or "Plain": within an appearance variant, always."""
+    for name in sorted(set(names)):
+        material = UsdShade.Material(stage.GetPrimAtPath(f"{scope}/{name}"))
+        output = UsdShade.Shader(stage.GetPrimAtPath(f"{scope}/{name}/{shader}")).GetOutput("surface")
+        material.CreateSurfaceOutput().ConnectToSource(output)
+
+
+def _define_plain(stage: Usd.Stage, path: str, look: Look) -> None:
+    surface = UsdShade.Shader.Define(stage, path)
+    surface.CreateIdAttr("UsdPreviewSurface")
+    surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
+    for name, color in (("diffuseColor", look.color), ("emissiveColor", look.emission)):
+        if color is not None:
+            surface.CreateInput(name, Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
+    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(look.roughness)
+    _set_numbers(surface, look)
 
 
 def _define_look(stage: Usd.Stage, path: str, look: Look, textures: str) -> None:
-    material = UsdShade.Material.Define(stage, path)
+    UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, f"{path}/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
-    material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+    surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     reader: UsdShade.Shader | None = None
 
     def texture(node: str, file: str, space: str, scale: float = 1.0) -> UsdShade.Shader:
@@ -125,6 +195,15 @@ def _define_look(stage: Usd.Stage, path: str, look: Look, textures: str) -> None
             reader.CreateIdAttr("UsdPrimvarReader_float2")
             reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
             reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+            if any(look.shift):
+                shifted = UsdShade.Shader.Define(stage, f"{path}/Shift")
+                shifted.CreateIdAttr("UsdTransform2d")
+                shifted.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(
+                    reader.ConnectableAPI(), "result"
+                )
+                shifted.CreateInput("translation", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*look.shift))
+                shifted.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+                reader = shifted
         shader = UsdShade.Shader.Define(stage, f"{path}/{node}")
         shader.CreateIdAttr("UsdUVTexture")
         shader.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(f"{textures}/{file}")
@@ -159,6 +238,10 @@ def _define_look(stage: Usd.Stage, path: str, look: Look, textures: str) -> None
     if look.normal is not None:
         entry = surface.CreateInput("normal", Sdf.ValueTypeNames.Normal3f)
         entry.ConnectToSource(texture("NormalMap", look.normal, "raw").ConnectableAPI(), "rgb")
+    _set_numbers(surface, look)
+
+
+def _set_numbers(surface: UsdShade.Shader, look: Look) -> None:
     for name, value, default in (
         ("metallic", look.metallic, 0.0),
         ("clearcoat", look.clearcoat, 0.0),

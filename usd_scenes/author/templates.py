@@ -1,8 +1,12 @@
-"""The templates: things that can be spawned, each about the centre of its bounding box, in a folder of its own."""
+"""The templates: things that can be spawned, each about the centre of its bounding box, in a folder of its own.
+
+Variant sets on the root: `color` says what each part is made of, `appearance` is photoreal, untextured or primitives.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +20,36 @@ from usd_scenes.author.thing import Thing, thing
 from usd_scenes.author.things import cutlery, seating, small, tableware
 
 
-def _primitive(name: str, look: str, make: Callable[[], Mesh]) -> Callable[[], Thing]:
-    return lambda: thing(name, name.lower(), ("Body", look, make()))
+MATTE_COLORS = ("red", "orange", "yellow", "green", "teal", "blue", "white")
+APPEARANCES = ("photoreal", "untextured", "primitives")
+
+
+@dataclass(frozen=True)
+class Template:
+    """make: the thing in its first colour. colors: for each of them, the looks that take the place of some of these.
+
+    elementary: it is a primitive as it is.
+    """
+
+    make: Callable[[], Thing]
+    colors: Mapping[str, Mapping[str, str]]
+    elementary: bool = False
+
+    def colored(self, color: str) -> Thing:
+        """About the centre of its bounding box."""
+        thing_ = self.make().centred()
+        swaps = self.colors[color]
+        return replace(thing_, parts=tuple(replace(p, look=swaps.get(p.look, p.look)) for p in thing_.parts))
+
+
+def _primitive(name: str, color: str, make: Callable[[], Mesh]) -> Template:
+    colors = {color: "Matte" + color.title(), **{each: "Matte" + each.title() for each in MATTE_COLORS}}
+    first = colors[color]
+    return Template(
+        lambda: thing(name, name.lower(), ("Body", first, make())),
+        {each: {first: look} for each, look in colors.items()},
+        elementary=True,
+    )
 
 
 def _cone() -> Mesh:
@@ -42,43 +74,124 @@ def _painted_pillow() -> Thing:
     return thing("Pillow01", "pillow", ("Cover", "ScribbleCotton", cover))
 
 
-TEMPLATES: dict[str, Callable[[], Thing]] = {
-    "cylinder": _primitive("Cylinder", "MatteBlue", lambda: cylinder(0.15, 0.5, 0.006, 64)),
-    "cube": _primitive("Cube", "MatteRed", lambda: rounded_box((0.4, 0.4, 0.4), 0.008, 3)),
-    "sphere": _primitive("Sphere", "MatteYellow", lambda: sphere(0.2, 64)),
-    "capsule": _primitive("Capsule", "MatteGreen", _capsule),
-    "cone": _primitive("Cone", "MatteOrange", _cone),
-    "torus": _primitive("Torus", "MatteTeal", _torus),
-    "chair_01": lambda: seating.chair("Chair01"),
-    "pillow_01": _painted_pillow,
-    "dish_01": lambda: tableware.dish("Dish01"),
-    "bowl_01": lambda: tableware.bowl("Bowl01"),
-    "cup_01": lambda: tableware.cup("Cup01"),
-    "ewer_01": lambda: tableware.ewer("Ewer01"),
-    "book_01": lambda: small.book("Book01", 0, 0.15, 0.22, 0.034),
-    "candle_01": lambda: small.candle("Candle01"),
-    "fork_01": lambda: cutlery.fork("Fork01"),
-    "spoon_01": lambda: cutlery.spoon("Spoon01"),
-    "statue_01": lambda: small.sculpture("Statue01"),
-    "laptop_01": lambda: small.laptop("Laptop01"),
-    "remote_controller_01": lambda: small.remote("RemoteController01"),
-    "ball_01": lambda: small.beach_ball("Ball01"),
-    "tennis_racket_01": lambda: small.tennis_racket("TennisRacket01"),
-    "armchair_01": lambda: seating.armchair("Armchair01"),
-    "pouf_01": lambda: seating.pouf("Pouf01"),
+def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
+    """Colours of pottery, the first of them given."""
+    glazes = {"stoneware": "Stoneware", "blue": "BlueGlaze", "cream": "CreamGlaze", "green": "GreenGlaze"}
+    return {color: {}} | {each: {first: look} for each, look in glazes.items() if each != color}
+
+
+CUTLERY = {"steel": {}, "gold": {"Steel": "Brass"}, "black": {"Steel": "BlackSteel"}}
+
+TEMPLATES: dict[str, Template] = {
+    "cylinder": _primitive("Cylinder", "blue", lambda: cylinder(0.15, 0.5, 0.006, 64)),
+    "cube": _primitive("Cube", "red", lambda: rounded_box((0.4, 0.4, 0.4), 0.008, 3)),
+    "sphere": _primitive("Sphere", "yellow", lambda: sphere(0.2, 64)),
+    "capsule": _primitive("Capsule", "green", _capsule),
+    "cone": _primitive("Cone", "orange", _cone),
+    "torus": _primitive("Torus", "teal", _torus),
+    "chair_01": Template(
+        lambda: seating.chair("Chair01"),
+        {"chestnut": {}, "oak": {"Chestnut": "Oak"}, "walnut": {"Chestnut": "Walnut"}, "white": {"Chestnut": "TrimPaint"}},
+    ),
+    "pillow_01": Template(
+        _painted_pillow,
+        {
+            "painted": {},
+            "mustard": {"ScribbleCotton": "PillowMustard"},
+            "teal": {"ScribbleCotton": "PillowTeal"},
+            "rust": {"ScribbleCotton": "PillowRust"},
+        },
+    ),
+    "dish_01": Template(
+        lambda: tableware.dish("Dish01"),
+        {
+            "blue": {},
+            "green": {"BlueGlaze": "GreenGlaze"},
+            "stoneware": {"Porcelain": "Stoneware", "BlueGlaze": "CreamGlaze"},
+        },
+    ),
+    "bowl_01": Template(lambda: tableware.bowl("Bowl01"), _glazes("Stoneware", "stoneware")),
+    "cup_01": Template(lambda: tableware.cup("Cup01"), _glazes("BlueGlaze", "blue")),
+    "ewer_01": Template(lambda: tableware.ewer("Ewer01"), _glazes("CreamGlaze", "cream")),
+    "book_01": Template(
+        lambda: small.book("Book01", 0, 0.15, 0.22, 0.034),
+        {"red": {}, "blue": {"Spines": "SpinesBlue"}, "green": {"Spines": "SpinesGreen"}, "cream": {"Spines": "SpinesCream"}},
+    ),
+    "candle_01": Template(
+        lambda: small.candle("Candle01"),
+        {"ivory": {}, "red": {"Candle": "CandleRed"}, "green": {"Candle": "CandleGreen"}},
+    ),
+    "fork_01": Template(lambda: cutlery.fork("Fork01"), CUTLERY),
+    "spoon_01": Template(lambda: cutlery.spoon("Spoon01"), CUTLERY),
+    "statue_01": Template(
+        lambda: small.sculpture("Statue01"),
+        {
+            "stone": {},
+            "bronze": {"PaleStone": "Bronze"},
+            "black": {"PaleStone": "BlackMetal", "BlackMetal": "PaleStone"},
+        },
+    ),
+    "laptop_01": Template(
+        lambda: small.laptop("Laptop01"),
+        {
+            "silver": {},
+            "graphite": {"Aluminium": "Graphite", "Steel": "Graphite"},
+            "gold": {"Aluminium": "RoseGold", "Steel": "RoseGold"},
+        },
+    ),
+    "remote_controller_01": Template(
+        lambda: small.remote("RemoteController01"),
+        {
+            "black": {},
+            "white": {"BlackPlastic": "WhitePlastic"},
+            "grey": {"BlackPlastic": "GreyPlastic", "GreyPlastic": "BlackPlastic"},
+        },
+    ),
+    "ball_01": Template(
+        lambda: small.beach_ball("Ball01"),
+        {
+            "primary": {},
+            "pastel": {"BallRed": "BallPink", "BallBlue": "BallMint", "BallYellow": "BallSky"},
+            "red": {"BallBlue": "BallRed", "BallYellow": "BallRed"},
+        },
+    ),
+    "tennis_racket_01": Template(
+        lambda: small.tennis_racket("TennisRacket01"),
+        {
+            "red": {},
+            "blue": {"RacketFrame": "RacketBlue"},
+            "black": {"RacketFrame": "RacketBlack", "RacketWhite": "RacketLime"},
+        },
+    ),
+    "armchair_01": Template(
+        lambda: seating.armchair("Armchair01"),
+        {
+            "cognac": {},
+            "black": {"Leather": "LeatherBlack"},
+            "green": {"Leather": "LeatherGreen", "Walnut": "Oak"},
+        },
+    ),
+    "pouf_01": Template(
+        lambda: seating.pouf("Pouf01"), {"rust": {}, "mustard": {"Rust": "Mustard"}, "cream": {"Rust": "Cream"}}
+    ),
 }
 
 
 def build(folder: str) -> Thing:
-    """The template of that folder, about the centre of its bounding box."""
-    return TEMPLATES[folder]().centred()
+    """The template of that folder in its first colour, about the centre of its bounding box."""
+    template = TEMPLATES[folder]
+    return template.colored(next(iter(template.colors)))
 
 
 def write(folder: str, packages: Path) -> None:
-    """Writes template.usda and geometry.usdc below `packages`/templates/`folder`."""
-    thing_ = build(folder)
+    """Writes template.usda, geometry.usdc and primitives.usdc below `packages`/templates/`folder`."""
+    template = TEMPLATES[folder]
+    colored = {color: template.colored(color) for color in template.colors}
+    thing_ = next(iter(colored.values()))
     target = packages / "templates" / folder
     usd.write_geometry(target / "geometry.usdc", [thing_], UsdPhysics.Tokens.convexHull)
+    if not template.elementary:
+        usd.write_primitives(target / "primitives.usdc", [thing_])
     stage, root = usd.new_stage(thing_.name, Kind.Tokens.component)
     stage.GetRootLayer().comment = f"{thing_.name}: written by usd_scenes.author."
     usd.label(root, thing_.label)
@@ -86,8 +199,16 @@ def write(folder: str, packages: Path) -> None:
     low, high = np.round(thing_.bounds, 5).tolist()
     UsdGeom.ModelAPI.Apply(root).SetExtentsHint([low, high])
     looks = f"/{thing_.name}/Looks"
-    usd.define_looks(stage, looks, (part.look for part in thing_.parts), "../../textures")
-    usd.bind(stage, thing_, f"/{thing_.name}", looks)
-    usd.save(
-        stage, target / "template.usda", [usd.Arc(f"/{thing_.name}", "./geometry.usdc", f"/Geometry/{thing_.name}")]
-    )
+    names = {part.look for each in colored.values() for part in each.parts}
+    usd.define_looks(stage, looks, names, "../../textures")
+    for color in usd.variants(root, "color", colored):
+        usd.bind(stage, colored[color], f"/{thing_.name}", looks)
+    for appearance in usd.variants(root, "appearance", APPEARANCES):
+        usd.connect_looks(stage, looks, names, "Surface" if appearance == "photoreal" else "Plain")
+    arcs = []
+    for appearance in APPEARANCES:
+        simple = appearance == "primitives" and not template.elementary
+        file = "./primitives.usdc" if simple else "./geometry.usdc"
+        where = f"/{thing_.name}{{appearance={appearance}}}"
+        arcs.append(usd.Arc(where, file, f"/Geometry/{thing_.name}"))
+    usd.save(stage, target / "template.usda", arcs)

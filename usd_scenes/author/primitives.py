@@ -1,0 +1,102 @@
+"""Meshes as the few boxes, cylinders and spheres that they are closest to: the elementary scenes of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from usd_scenes.author.mesh import Array, Indices, Mesh
+
+MOST_PIECES = 24
+ROUND = 1.10  # how far beyond the round a piece may reach and still be one
+EQUAL = 0.10
+
+
+@dataclass(frozen=True)
+class Gprim:
+    """A UsdGeom Cube, Cylinder (about y), Cone (about y) or Sphere of `size` (m, along its own axes).
+
+    axes: [3, 3], its x, y and z as columns, a rotation. centre: m.
+    """
+
+    kind: str
+    size: tuple[float, float, float]
+    axes: Array
+    centre: tuple[float, float, float]
+
+
+def fit(mesh: Mesh) -> list[Gprim]:
+    """One for each connected piece of the mesh; for the whole of it if it has more than MOST_PIECES."""
+    pieces = _pieces(mesh)
+    count = int(pieces.max()) + 1
+    used = np.zeros(len(mesh.points), dtype=bool)
+    used[mesh.indices] = True
+    if count > MOST_PIECES:
+        return [_fitted(mesh.points[used])]
+    return [_fitted(mesh.points[used & (pieces == piece)]) for piece in range(count) if (used & (pieces == piece)).any()]
+
+
+def _pieces(mesh: Mesh) -> Indices:
+    """The connected piece that each point belongs to, by least labels; points at one place are one."""
+    _, place = np.unique(np.round(mesh.points / 1e-5).astype(np.int64), axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    starts = np.cumsum(mesh.counts) - mesh.counts
+    corners = place[mesh.indices]
+    first = corners[np.repeat(starts, mesh.counts)]
+    label = np.arange(place.max() + 1)
+    while True:
+        least = np.minimum(label[corners], label[first])
+        following = label.copy()
+        np.minimum.at(following, corners, least)
+        np.minimum.at(following, first, least)
+        following = following[following]
+        if (following == label).all():
+            return np.unique(label[place], return_inverse=True)[1].reshape(-1).astype(np.int32)
+        label = following
+
+
+def _fitted(points: Array) -> Gprim:
+    """In a box along the axes, or along the piece's own where that is much the smaller one."""
+    axes = np.eye(3)
+    spread = points - points.mean(axis=0)
+    _, vectors = np.linalg.eigh(spread.T @ spread)
+    own = _ordered(vectors)
+    volumes = [np.prod(np.ptp(points @ a, axis=0) + 1e-4) for a in (axes, own)]
+    if volumes[1] < 0.7 * volumes[0]:
+        axes = own
+    local = points @ axes
+    low, high = local.min(axis=0), local.max(axis=0)
+    size, middle = np.maximum(high - low, 1e-4), (low + high) / 2.0
+    kind, axis = _kind((local - middle) / (size / 2.0), size)
+    if axis != 1:  # the round's axis becomes y
+        order = [2, 0, 1] if axis == 0 else [1, 2, 0]
+        axes, size, middle = axes[:, order], size[order], middle[order]
+    return Gprim(kind, tuple(np.round(size, 5).tolist()), axes, tuple(np.round(axes @ middle, 5).tolist()))
+
+
+def _ordered(vectors: Array) -> Array:
+    """Axes as near as can be to x, y and z, so that they do not depend on how they were found."""
+    rows = [int(np.argmax(np.abs(vectors[:, column]))) for column in range(3)]
+    if sorted(rows) != [0, 1, 2]:
+        return np.eye(3)
+    axes = np.zeros((3, 3))
+    for column, row in enumerate(rows):
+        axes[:, row] = vectors[:, column] * np.sign(vectors[row, column])
+    return axes
+
+
+def _kind(q: Array, size: Array) -> tuple[str, int]:
+    """The kind of points `q` in a box of -1..1, and its axis."""
+    if np.linalg.norm(q, axis=1).max() < 1.12:
+        return "Sphere", 1
+    for axis in (1, 0, 2):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        if abs(size[a] - size[b]) > EQUAL * max(size[a], size[b]):
+            continue
+        reach = np.hypot(q[:, a], q[:, b])
+        if reach.max() > ROUND:
+            continue
+        top, foot = reach[q[:, axis] > 0.9].max(initial=0.0), reach[q[:, axis] < -0.9].max(initial=0.0)
+        return ("Cone" if top < 0.35 and foot > 0.8 and axis == 1 else "Cylinder"), axis
+    return "Cube", 1
