@@ -22,7 +22,7 @@ from tiscene.render.measure import object_table
 from tiscene.render.renderer import Quality, Renderer, quality_named
 from tiscene.render.view import View
 from tiscene.scenario import Scenario
-from tiscene.scene.description import Template
+from tiscene.scene.description import Light, Template
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 from tiscene.usd import read_stage, read_template
@@ -96,11 +96,22 @@ class Stream(Iterator[Frame]):
             lifted=[each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
         )
 
-        def load_template(name: str) -> Template:
-            return read_template(catalog.find_template(name, scene=scenario.scene), up_axis=stage.up_axis)
-
-        self.world = World(scenario, stage, load_template, self.fps, aspect=self.width / self.height)
+        self._stage = stage
         self.arch = device.start(arch)
+        self.restart(scenario)
+
+    def restart(self, scenario: Scenario, *, width: int | None = None, height: int | None = None) -> None:
+        """Begin again at frame 0 with another scenario of the same scene, which is not read again.
+
+        width, height: px; None: as before. Raises ScenarioError and the like, changing nothing.
+        """
+        width, height = width or self.width, height or self.height
+
+        def load_template(name: str) -> Template:
+            return read_template(catalog.find_template(name, scene=scenario.scene), up_axis=self._stage.up_axis)
+
+        self.world = World(scenario, self._stage, load_template, self.fps, aspect=width / height)
+        self.width, self.height = width, height
         self._scene = DeviceScene()
         self._loaded = 0  # how many of the world's descriptions are on the device
         self._renderers: dict[tuple[int, int], Renderer] = {}
@@ -250,6 +261,14 @@ class Stream(Iterator[Frame]):
         if size not in self._renderers:
             self._renderers[size] = Renderer(self._scene, *size, self.quality)
         return self._renderers[size]
+
+    def relight(self, row: int, light: Light) -> None:
+        """Put another light of the same kind in the place of the stage's in that row, for all frames from now on.
+
+        What `world` edits is replayed; this is not: it is no part of the scenario.
+        """
+        self._placement(0)
+        self._scene.lights.replace(row, light)
 
     def _placement(self, index: int) -> Placement:
         """Where everything is; what the world has loaded since the last time goes to the device first."""
