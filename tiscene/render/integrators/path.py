@@ -172,16 +172,23 @@ class PathPass:
         return live, shadows
 
     def cast_shadows(
-        self, scene: SceneForPaths, s: PathState, count: int, first: int, step: int, numbers: tuple[int, int, int]
+        self,
+        scene: SceneForPaths,
+        s: PathState,
+        count: int,
+        first: int,
+        step: int,
+        numbers: tuple[int, int, int],
+        tree: int = CURRENT,
     ) -> None:
-        """Find out which of the shadow rays reach their lights."""
+        """Find out which of the shadow rays reach their lights, past all instances at CURRENT or the MOVERS alone."""
         if not scene.any_coverage:
-            occluded(self.scene, CURRENT, s.shadow_rays, s.shadow_queue, count, s.occluded)
+            occluded(self.scene, tree, s.shadow_rays, s.shadow_queue, count, s.occluded)
             return
         spp, _, key = numbers
         hits, hit_ids = s.shadow_hits
         for layer in range(FREE_PASSES):
-            closest(self.scene, CURRENT, s.shadow_rays, s.shadow_queue, count, hits, hit_ids)
+            closest(self.scene, tree, s.shadow_rays, s.shadow_queue, count, hits, hit_ids)
             going_on = pass_shadows(
                 *scene.arrays, self._pixels, first, spp, key, step, layer, s.shadow_queue, count,
                 s.shadow_rays, hits, hit_ids, s.occluded,

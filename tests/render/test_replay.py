@@ -1,0 +1,211 @@
+"""Replaying cached paths: the picture of path tracing, and nothing changes where nothing moves."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.benchmarks.room import still
+from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, described, matte, quad, towards
+from tiscene.camera import Camera
+from tiscene.render.integrators.path import PathImage, PathPass
+from tiscene.render.integrators.replay import CACHE_FRAME, ReplayPass, grouped
+from tiscene.render.view import View
+from tiscene.scene.description import DistantLight, DomeLight, Light, Material, RectLight, SphereLight
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, Placement
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SIZE = (32, 24)
+LAMP = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
+LIGHTS: dict[str, list[Light]] = {
+    "lamp": [LAMP],
+    "sky and bulb": [
+        DomeLight("sky", "/sky", np.eye(4), (0.5, 0.6, 0.9)),
+        SphereLight("bulb", "/bulb", towards((0.5, 0.6, 0.2), (0.0, -1.0, 0.0)), (30.0, 20.0, 10.0), 0.1),
+        DistantLight("sun", "/sun", towards((0.0, 0.0, 0.0), (0.2, -0.4, -1.0)), (2.0, 2.0, 2.0), 0.01),
+    ],
+    "point": [SphereLight("l", "/l", towards((0.0, 0.9, 0.3), (0.0, -1.0, 0.0)), (3.0, 3.0, 3.0), 0.0)],
+}
+RED, BLUE = matte("red", (0.6, 0.1, 0.1)), matte("blue", (0.1, 0.1, 0.6))
+MIRROR = Material("mirror", diffuse_color=WHITE, metallic=1.0, roughness=0.0)
+GLASS = Material("glass", diffuse_color=WHITE, opacity=0.0, roughness=0.0)
+GLOSSY = Material("glossy", diffuse_color=(0.3, 0.5, 0.3), roughness=0.2, clearcoat=0.5)
+GLOWING = matte("glowing", (0.2, 0.2, 0.2), emissive_color=(4.0, 3.0, 1.0))
+LACE = matte("lace", (0.7, 0.7, 0.2), opacity=0.4, opacity_mode="presence")
+MOVERS = {"matte": RED, "mirror": MIRROR, "glass": GLASS, "glossy": GLOSSY, "glowing": GLOWING}
+AT = ((0.3, -0.1, 0.5), (-0.5, 0.3, 0.2))
+SHARP = BOX_CAMERA
+LENS = replace(BOX_CAMERA, lens_radius=0.1, focus_distance=3.0)
+QUALITY = {"spp": 4, "max_depth": 5}
+
+
+class Box:
+    """Cornell's box with two balls that move."""
+
+    def __init__(
+        self, mover: Material = RED, wall: Material | None = None, lights: str = "lamp", camera: Camera = SHARP
+    ) -> None:
+        meshes, materials = box(CORNELL)
+        if wall is not None:
+            meshes.append(quad((-0.9, -0.9, 0.6), (-0.2, -0.9, 0.6), (-0.2, 0.6, 0.3), (-0.9, 0.6, 0.3), material=5))
+        standing = len(meshes)
+        meshes += [ball((0, 0, 0), 0.2, material=3, subdivisions=3), ball((0, 0, 0), 0.15, material=4, subdivisions=1)]
+        scene = described(meshes, [*materials, mover, BLUE, wall or BLUE], LIGHTS[lights])
+        self.device = DeviceScene()
+        self.device.add(scene)
+        self.placed = still(scene)
+        self.moving = np.arange(len(meshes)) >= standing
+        self.view = View(camera, camera, camera, *SIZE)
+        self.passes = ReplayPass(self.device, *SIZE)
+
+    def at(self, *positions: tuple[float, float, float]) -> Placement:
+        """The balls at those positions; without one a ball is not there."""
+        matrices, present = self.placed.world_from_object.copy(), self.placed.present.copy()
+        for number, row in enumerate(np.flatnonzero(self.moving)):
+            present[:, row] = number < len(positions)
+            if number < len(positions):
+                matrices[:, row, :, 3] = positions[number]
+        return replace(self.placed, world_from_object=matrices, present=present)
+
+    def replay(self, *positions: tuple[float, float, float], base_spp: int = 16, seed: int = 1) -> PathImage:
+        return self.passes.render(self.view, self.at(*positions), self.moving, seed=seed, base_spp=base_spp, **QUALITY)
+
+    def trace(self, *positions: tuple[float, float, float], frame: int = CACHE_FRAME, spp: int = 4) -> PathImage:
+        self.device.place(self.at(*positions))
+        paths = PathPass(self.device, *SIZE)
+        return paths.render(self.view, frame_index=frame, seed=1, spp=spp, max_depth=QUALITY["max_depth"])
+
+    def replayed_mean(self) -> NDArray[np.float32]:
+        """[h, w, 9]: mean of the kept paths and what changed of it, in the last picture."""
+        assert self.passes._cache is not None
+        assert self.passes._scratch is not None
+        total = self.passes._cache.mean.to_numpy() + self.passes._scratch.change.to_numpy()
+        return total.reshape(SIZE[1], SIZE[0], 9)
+
+
+def stacked(image: PathImage) -> NDArray[np.float32]:
+    return np.concatenate([image.hdr, image.albedo, image.normal], axis=-1)
+
+
+@pytest.mark.parametrize("mover", MOVERS)
+@pytest.mark.parametrize(
+    "others",
+    [
+        {},
+        {"wall": MIRROR, "lights": "sky and bulb"},
+        {"wall": GLASS, "camera": LENS},
+        {"wall": LACE, "lights": "point"},
+        {"wall": GLOWING},
+    ],
+    ids=lambda others: "-".join(getattr(each, "name", str(each)) for each in others.values()) or "plain",
+)
+def test_every_path_is_the_one_that_tracing_would_give(mover: str, others: dict[str, object]) -> None:
+    """With the same random numbers, base paths and what changes of them add up to path tracing, path by path."""
+    scene = Box(MOVERS[mover], **others)  # type: ignore[arg-type]
+    scene.replay(*AT)
+    np.testing.assert_allclose(scene.replayed_mean(), stacked(scene.trace(*AT)), rtol=1e-4, atol=1e-4)
+
+
+def test_nothing_changes_where_nothing_moves() -> None:
+    """No noise at all: the base image to the bit, without movers and where they are out of all paths' way."""
+    scene = Box()
+    base = scene.replay()
+    np.testing.assert_array_equal(stacked(scene.replay((0.0, 0.0, 30.0))), stacked(base))
+    np.testing.assert_array_equal(stacked(base), stacked(scene.trace(frame=-1, spp=16)))
+    moved = scene.replay((0.85, -0.85, -0.8)).hdr
+    same = (moved == base.hdr).all(axis=-1)
+    assert 0.3 < same.mean() < 1.0
+
+
+def test_a_picture_is_the_same_at_any_time() -> None:
+    """After other pictures, after another base, and by another pass."""
+    scene = Box(GLASS)
+    first = stacked(scene.replay(*AT))
+    scene.replay(AT[1], AT[0])
+    np.testing.assert_array_equal(stacked(scene.replay(*AT)), first)
+    assert (stacked(scene.replay(*AT, seed=2)) != first).any()
+    np.testing.assert_array_equal(stacked(scene.replay(*AT)), first)
+    np.testing.assert_array_equal(stacked(Box(GLASS).replay(*AT)), first)
+
+
+DIGEST = """
+import hashlib, sys
+from tiscene import device
+device.start(threads=int(sys.argv[1]))
+from tests.render.test_replay import AT, LACE, Box, stacked
+print(hashlib.sha256(stacked(Box(LACE).replay(*AT)).tobytes()).hexdigest())
+"""
+
+
+def test_bytes_do_not_depend_on_threads() -> None:
+    here = hashlib.sha256(stacked(Box(LACE).replay(*AT)).tobytes()).hexdigest()
+    for threads in ("1", "3"):
+        done = subprocess.run([sys.executable, "-c", DIGEST, threads], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.strip() == here
+
+
+def test_movers_that_are_partly_there() -> None:
+    """Their shadows are drawn by chance: only the expectation is that of path tracing."""
+    scene = Box(LACE, wall=LACE)
+    replayed = np.stack([scene.replay(*AT, base_spp=64, seed=seed).hdr for seed in range(8)])
+    traced = np.stack([scene.trace(*AT, frame=frame, spp=16).hdr for frame in range(8)])
+    check_equal_means(replayed, traced)
+
+
+def check_equal_means(a: NDArray[np.float32], b: NDArray[np.float32], tile: int = 8) -> None:
+    """Means over pictures [n, h, w, 3] agree by Welch's test, of all pixels and of tiles."""
+    for size in (a.shape[1:3], (tile, tile)):
+        means = []
+        for images in (a, b):
+            n, height, width, _ = images.shape
+            parts = images.mean(axis=-1).reshape(n, height // size[0], size[0], width // size[1], size[1])
+            means.append(parts.mean(axis=(2, 4)).reshape(n, -1).astype(np.float64))
+        spread = sum(each.var(axis=0, ddof=1) / len(each) for each in means)
+        z = (means[0].mean(axis=0) - means[1].mean(axis=0)) / np.sqrt(spread)
+        # Student's t of some 14 degrees of freedom: beyond 5 once in 5,000, and there are 12 tiles.
+        assert np.abs(z).max() < 5.0, z
+        assert np.sqrt((z**2).mean()) < 2.5, z
+
+
+def test_a_tight_memory_keeps_fewer_paths() -> None:
+    scene = Box()
+    scene.replay(*AT)
+    assert scene.passes.cached_spp == 4
+    whole = scene.passes.cached_bytes
+    scene.passes = ReplayPass(scene.device, *SIZE, memory_limit=whole * 6 // 10)
+    scene.replay(*AT)
+    assert scene.passes.cached_spp == 2
+    assert scene.passes.cached_bytes <= whole * 6 // 10
+    np.testing.assert_allclose(scene.replayed_mean(), stacked(scene.trace(*AT, spp=2)), rtol=1e-4, atol=1e-4)
+
+
+def test_boxes_about_boxes() -> None:
+    random = np.random.default_rng(3)
+    low = random.uniform(-2.0, 2.0, (50, 3))
+    boxes = np.concatenate([low, low + random.uniform(0.0, 0.5, (50, 3))], axis=1)
+    groups = grouped(boxes)
+    assert groups.shape == (8, 6)
+    inside = (groups[:, None, :3] <= boxes[:, :3]).all(axis=-1) & (groups[:, None, 3:] >= boxes[:, 3:]).all(axis=-1)
+    assert inside.any(axis=0).all()
+    assert len(grouped(boxes[:3])) == 3
+
+
+def test_the_base_follows_what_stands_still() -> None:
+    """Another thing that stands still moves: a new base, not a ghost of the old one."""
+    scene = Box()
+    before = scene.replay().hdr
+    block = np.flatnonzero(~scene.moving)[-1]
+    scene.placed.world_from_object[:, block, 0, 3] -= 0.3
+    after = scene.replay().hdr
+    assert (after != before).any()
+    np.testing.assert_array_equal(after, scene.trace(frame=-1, spp=16).hdr)
+    assert scene.placed.present[CURRENT, block]

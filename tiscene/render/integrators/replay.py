@@ -1,0 +1,266 @@
+"""The replay pass: a frame as a base image and what its movers change of the light.
+
+One base image of all that stands still, at many samples a pixel, and a few paths a pixel through the same, kept. In a
+frame the same paths bring the same light but where a mover is in the way of a ray: only there is a path traced again,
+with the same random numbers, and the difference added. The expectation is that of path tracing, for any one frame, with
+no memory of others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.render.base_image import BaseImages
+from tiscene.render.integrators import replay_kernels as kernels
+from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
+from tiscene.render.integrators.path_state import CHUNK
+from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache
+from tiscene.render.intersect import occluded
+from tiscene.render.sampler import frame_key, index_bits
+from tiscene.render.view import View
+from tiscene.scene.device_array import upload
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, MOVERS, Placement
+
+# What stands for the frame in the keys of random numbers.
+BASE_FRAME, CACHE_FRAME, MOVERS_FRAME = -1, -2, -3
+ONE_PIXEL = 1 << 30  # as many samples a pixel: the row alone tells rays apart
+BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
+MEMORY_LIMIT = 1 << 30
+
+
+class ReplayPass:
+    """Renders radiance of a DeviceScene in which only some instances move, seen by a camera that stands still."""
+
+    def __init__(
+        self,
+        scene: DeviceScene,
+        width: int,
+        height: int,
+        *,
+        memory_limit: int = MEMORY_LIMIT,
+        images: BaseImages | None = None,
+        report: Callable[[str, float], None] | None = None,
+    ) -> None:
+        """memory_limit: bytes that the kept paths may take; where it is tight there are fewer a pixel.
+
+        images: where base images are kept between runs; None: nowhere. report: called with what is being made and how
+        much of it is done, 0..1.
+        """
+        self.scene = scene
+        self.width, self.height = width, height
+        self.memory_limit = memory_limit
+        self._images = images
+        self._report = report or (lambda doing, done: None)
+        self._paths = PathPass(scene, width, height)
+        self._key: tuple[Any, ...] = ()
+        self._radius = 0.0
+        self._base: NDArray[np.float32] = np.zeros((height, width, FILM_COLUMNS), np.float32)
+        self._cache: PathCache | None = None
+        self._scratch: _Scratch | None = None
+
+    @property
+    def cached_bytes(self) -> int:
+        """What the kept paths take of memory."""
+        return self._cache.bytes if self._cache else 0
+
+    @property
+    def cached_spp(self) -> int:
+        """How many paths a pixel are kept."""
+        return self._cache.numbers[0] if self._cache else 0
+
+    def render(
+        self,
+        view: View,
+        placement: Placement,
+        moving: NDArray[np.bool_],
+        *,
+        seed: int,
+        spp: int,
+        max_depth: int,
+        base_spp: int,
+    ) -> PathImage:
+        """One picture of what is placed, a pure function of its arguments; the scene is placed at CURRENT afterwards.
+
+        moving: bool [n], which instances are not in the base. spp: paths per pixel to keep; base_spp: to make the base
+        image of.
+        """
+        self._prepare(view, placement, moving, seed, spp, max_depth, base_spp)
+        boxes = self.scene.place_movers(moving)
+        cache, scratch = self._cache, self._scratch
+        assert cache is not None
+        assert scratch is not None
+        scene = self._paths.scene_arrays(self._radius)
+        groups = upload(grouped(boxes))
+        group_count = len(boxes) and groups.shape[0]
+        for block in cache.blocks:
+            self._replay(scene, cache, block, scratch, groups, group_count)
+        looks = int(cache.looks.shape[0])
+        self._test(cache.looks, looks, groups, group_count, scratch)
+        hdr, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(3))
+        kernels.combine(
+            cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, self._base,
+            hdr, albedo, normal,
+        )  # fmt: skip
+        return PathImage(hdr, albedo, normal)
+
+    def _test(self, rays: Any, count: int, groups: Any, group_count: int, scratch: _Scratch) -> int:
+        """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
+        near = kernels.find_near(rays, count, groups, group_count, scratch.cut, scratch.candidates, scratch.row_chunks)
+        if near:
+            occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.cut)
+        return int(near)
+
+    def _look_through(self, scene: SceneForPaths, cache: PathCache, block: Block, near: int, scratch: _Scratch) -> None:
+        """Let light through movers that are only partly there.
+
+        The base let it through what stands still; the movers' own chances are drawn apart from that.
+        """
+        s = cache.state
+        count = kernels.find_cut_shadows(
+            scratch.candidates, near, block.rays, scratch.cut, scratch.shadow_rows, scratch.row_chunks
+        )
+        for begin in range(0, count, s.size):
+            rays = min(s.size, count - begin)
+            kernels.copy_rays(scratch.shadow_rows, begin, rays, block.rays, s.shadow_rays, s.shadow_queue)
+            self._paths.cast_shadows(scene, s, rays, begin, block.number, (ONE_PIXEL, 0, cache.movers_key), tree=MOVERS)
+            kernels.note_answers(scratch.shadow_rows, begin, rays, s.occluded, scratch.cut)
+
+    def _replay(
+        self, scene: SceneForPaths, cache: PathCache, block: Block, scratch: _Scratch, groups: Any, group_count: int
+    ) -> None:
+        """Add what the movers change of a block's pixels to scratch.change."""
+        s, first = cache.state, block.first
+        steps = cache.steps
+        near = self._test(block.rays, block.rows, groups, group_count, scratch)
+        if scene.any_coverage and near:
+            self._look_through(scene, cache, block, near, scratch)
+        starts = np.zeros(steps + 1, np.int32)
+        kernels.settle(
+            block.count, steps, block.offsets, block.rays, block.light, block.restore, scratch.cut,
+            s.rays, s.shadow_rays, s.state, s.features, s.status,
+            scratch.difference, scratch.cut_at, scratch.path_chunks, scratch.entering, starts,
+        )  # fmt: skip
+        live = 0
+        for step in range(steps):
+            begin, end = int(starts[step]), int(starts[step + 1])
+            kernels.join(scratch.entering, begin, end, s.queue, live)
+            live += end - begin
+            if live:
+                live, casts = self._paths.advance(scene, s, live, first, step, cache.numbers, cache.max_depth, 1)
+                if casts:
+                    self._paths.cast_shadows(scene, s, casts, first, step, cache.numbers)
+        kernels.collect(
+            cache.pixels, first, block.count, cache.numbers[0], scratch.cut_at, block.restore, block.features,
+            s.shadow_rays, s.occluded, s.state, s.features, scratch.difference, scratch.change,
+        )  # fmt: skip
+
+    def _prepare(
+        self,
+        view: View,
+        placement: Placement,
+        moving: NDArray[np.bool_],
+        seed: int,
+        spp: int,
+        max_depth: int,
+        base_spp: int,
+    ) -> None:
+        """Make the base image and the paths, unless those at hand are of the same base."""
+        still = placement.present[CURRENT] & ~moving
+        materials = self.scene.materials
+        key = (
+            view.rows()[CURRENT].tobytes(),
+            np.flatnonzero(still).tobytes(),
+            placement.mesh[still].tobytes(),
+            placement.world_from_object[CURRENT, still].tobytes(),
+            len(self.scene.lights),
+            materials.any_coverage,
+            materials.any_emission,
+            (seed, spp, max_depth, base_spp),
+        )
+        if key == self._key:
+            self.scene.place(placement)
+            return
+        self._key, self._cache = (), None
+        self.scene.place(replace(placement, present=placement.present & ~moving))
+        self._radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
+        settings = {"seed": seed, "spp": base_spp, "max_depth": max_depth}
+        self._base = self._base_image(view, still, settings)
+        self._report("paths", 0.0)
+        self._cache = self._kept_paths(view, seed, spp, max_depth)
+        self._scratch = _Scratch(self._cache)
+        self._report("paths", 1.0)
+        self.scene.place(placement)
+        self._key = key
+
+    def _base_image(self, view: View, still: NDArray[np.bool_], settings: dict[str, int]) -> NDArray[np.float32]:
+        key = self._images.key(self.scene, still, view, settings) if self._images else ""
+        kept = self._images.load(key, (self.height, self.width, FILM_COLUMNS)) if self._images else None
+        if kept is not None:
+            return kept
+        image = self._paths.render(
+            view,
+            frame_index=BASE_FRAME,
+            report=lambda done: self._report("base image", done),
+            **settings,
+        )
+        base = np.concatenate([image.hdr, image.albedo, image.normal], axis=-1)
+        if self._images:
+            self._images.save(key, base)
+        return base
+
+    def _kept_paths(self, view: View, seed: int, spp: int, max_depth: int) -> PathCache:
+        """As many paths a pixel as are asked for, or half of them and so on until they fit."""
+        scene = self._paths.scene_arrays(self._radius)
+        key, movers_key = frame_key(seed, CACHE_FRAME), frame_key(seed, MOVERS_FRAME)
+
+        def cache(spp: int) -> PathCache:
+            numbers = (spp, index_bits(spp), key)
+            return PathCache(self._paths, scene, view, numbers=numbers, movers_key=movers_key, max_depth=max_depth)
+
+        most = 2 * scene.steps(max_depth) * 80 * self.width * self.height  # no path can take more
+        if spp > 1 and spp * most > self.memory_limit:
+            each = cache(1).bytes
+            while spp > 1 and spp * each > self.memory_limit:
+                spp = -(-spp // 2)
+        return cache(spp)
+
+
+class _Scratch:
+    """Arrays of a frame, which all blocks use one after another."""
+
+    def __init__(self, cache: PathCache) -> None:
+        rows = max(*(block.rows for block in cache.blocks), int(cache.looks.shape[0]))
+        paths = cache.state.size
+        self.cut = ti.ndarray(ti.i32, (rows,))
+        self.candidates = ti.ndarray(ti.i32, (rows,))
+        self.shadow_rows = ti.ndarray(ti.i32, (rows,))
+        self.row_chunks = ti.ndarray(ti.i32, (rows // kernels.ROWS + 2,))
+        self.difference = ti.ndarray(ti.f32, (paths, 3))
+        self.cut_at = ti.ndarray(ti.i32, (paths, 2))
+        self.path_chunks = ti.ndarray(ti.i32, (paths // CHUNK + 2, cache.steps))
+        self.entering = ti.ndarray(ti.i32, (paths,))
+        self.change = upload(np.zeros((int(cache.mean.shape[0]), FILM_COLUMNS), np.float32))
+
+
+def grouped(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """At most BOXES boxes that hold all of the boxes [n, 6]: neighbours along the axis on which they are spread most.
+
+    They are a little larger than what they hold, as float32 [m, 6]: what is near to them is looked at again.
+    """
+    if not len(boxes):
+        return np.zeros((1, 6), np.float32)
+    centres = 0.5 * (boxes[:, :3] + boxes[:, 3:])
+    axis = int(np.argmax(np.ptp(centres, axis=0)))
+    order = np.argsort(centres[:, axis], kind="stable")
+    groups = np.array_split(order, min(BOXES, len(boxes)))
+    low = np.stack([boxes[group, :3].min(axis=0) for group in groups])
+    high = np.stack([boxes[group, 3:].max(axis=0) for group in groups])
+    margin = 1e-5 * np.abs(boxes).max() + 1e-6
+    return np.concatenate([low - margin, high + margin], axis=1).astype(np.float32)

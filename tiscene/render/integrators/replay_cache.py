@@ -1,0 +1,179 @@
+"""The paths of a scene without its movers, kept so that a frame need only trace again what a mover cuts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from tiscene.render.integrators import path_kernels
+from tiscene.render.integrators import replay_kernels as kernels
+from tiscene.render.integrators import replay_record as record
+from tiscene.render.integrators.path import PathPass, SceneForPaths
+from tiscene.render.integrators.path_state import CHUNK, FEATURE_COLUMNS, PathState
+from tiscene.render.intersect import closest
+from tiscene.render.ray_arrays import tiled_order
+from tiscene.render.view import View
+from tiscene.scene.device_array import upload
+from tiscene.scene.placement import CURRENT
+
+BLOCK = 1 << 18  # paths traced and kept together
+FILM_COLUMNS = 9  # radiance, albedo, normal
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The rows (see replay_record) of the paths first .. first + count - 1. number: which block of the cache it is.
+
+    offsets: i32 [count + 1], where each path's rows begin. rays: f32 [rows, 8]. light: f32 [rows, 3].
+    restore: f32 [segments, 9]. features: f32 [count, 6].
+    """
+
+    number: int
+    first: int
+    count: int
+    rows: int
+    offsets: Any
+    rays: Any
+    light: Any
+    restore: Any
+    features: Any
+
+    @property
+    def bytes(self) -> int:
+        """What it takes of memory."""
+        arrays = (self.offsets, self.rays, self.light, self.restore, self.features)
+        return sum(4 * int(np.prod(array.shape)) for array in arrays)
+
+
+class PathCache:
+    """`spp` paths a pixel through what a DeviceScene has placed at CURRENT, which should be all but the movers.
+
+    mean: f32 [pixels, 9], what the paths show. looks: f32 [pixels * LOOKS, 8], rays through fixed places of every pixel
+    up to the first surface. state: room for a block of paths on their way.
+    """
+
+    def __init__(
+        self,
+        paths: PathPass,
+        scene: SceneForPaths,
+        view: View,
+        *,
+        numbers: tuple[int, int, int],
+        movers_key: int,
+        max_depth: int,
+    ) -> None:
+        """numbers: paths per pixel, bits that count them, the key of their random numbers; movers_key: of those that
+        say whether a shadow ray passes through a mover."""
+        self.numbers = numbers
+        self.movers_key = movers_key
+        self.max_depth = max_depth
+        self.steps = scene.steps(max_depth)
+        self.pixels = upload(tiled_order(view.width, view.height))
+        self._paths, self._scene, self._view = paths, scene, view
+        spp = numbers[0]
+        pixel_count = view.width * view.height
+        self.mean = ti.ndarray(ti.f32, (pixel_count, FILM_COLUMNS))
+        self._block_size = max(1, BLOCK // spp) * spp
+        total = pixel_count * spp
+        self.state = PathState(-(-min(self._block_size, total) // CHUNK) * CHUNK)
+        self.blocks = [
+            self._trace(number, min(self._block_size, total - number * self._block_size))
+            for number in range(-(-total // self._block_size))
+        ]
+        self.looks = self._look(pixel_count)
+
+    @property
+    def bytes(self) -> int:
+        """What it takes of memory, but for what does not grow with the number of paths."""
+        return sum(block.bytes for block in self.blocks)
+
+    def _trace(self, number: int, count: int) -> Block:
+        first = number * self._block_size
+        s, (spp, bits, key) = self.state, self.numbers
+        path_kernels.start_paths(
+            self._view.array(), self.pixels, self._view.width, self._view.height, first, count, spp, bits, key,
+            s.rays, s.shadow_rays, s.state, s.features, s.status, s.queue,
+        )  # fmt: skip
+        row_counts, segment_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
+        written: list[tuple[Any, Any]] = []
+        live = count
+        for step in range(self.steps):
+            segments = _Rows(live, record.RESTORE_COLUMNS)
+            record.begin_segments(
+                s.queue, live, s.rays, s.state, s.status, segments.paths, segments.rays, segments.restore
+            )
+            ends = self._scene.ends_at_lights and step == self.max_depth - 1 > 0
+            live, casts = self._paths.advance(self._scene, s, live, first, step, self.numbers, self.max_depth, 1)
+            if not ends:  # else only the shadow rays that the segments became can bring light
+                record.end_segments(
+                    self._scene.arrays.light_values, self._scene.arrays.light_distribution,
+                    self._scene.light_total, self._scene.light_solid,
+                    segments.paths, segments.count, s.hits, s.state, segments.rays, segments.light, segment_counts,
+                )  # fmt: skip
+                written.append((segments, True))
+            if casts:
+                shadows = _Rows(casts)
+                record.begin_shadows(s.shadow_queue, casts, s.shadow_rays, shadows.paths, shadows.rays)
+                self._paths.cast_shadows(self._scene, s, casts, first, step, self.numbers)
+                record.end_shadows(
+                    shadows.paths, casts, s.occluded, s.state, s.shadow_rays, shadows.rays, shadows.light, row_counts
+                )
+                written.append((shadows, False))
+            if not live:
+                break
+        return self._sort(number, count, row_counts.to_numpy(), segment_counts.to_numpy(), written)
+
+    def _sort(self, number: int, count: int, shadows: Any, segments: Any, written: list[tuple[Any, Any]]) -> Block:
+        """What was written step by step, path by path."""
+        first = number * self._block_size
+        offsets = np.concatenate([[0], np.cumsum(shadows + segments)])
+        first_segments = np.concatenate([[0], np.cumsum(segments)])
+        rows, restorable = int(offsets[-1]), int(first_segments[-1])
+        block = Block(
+            number,
+            first,
+            count,
+            rows,
+            upload(offsets),
+            ti.ndarray(ti.f32, (max(rows, 1), 8)),
+            ti.ndarray(ti.f32, (max(rows, 1), 3)),
+            ti.ndarray(ti.f32, (max(restorable, 1), record.RESTORE_COLUMNS)),
+            ti.ndarray(ti.f32, (count, FEATURE_COLUMNS)),
+        )
+        next_row, next_segment = upload(offsets), upload(first_segments)
+        for each, is_segment in written:
+            if is_segment:
+                record.sort_segments(
+                    each.paths, each.count, each.rays, each.light, each.restore, next_row, next_segment,
+                    block.rays, block.light, block.restore,
+                )  # fmt: skip
+            else:
+                record.sort_shadows(each.paths, each.count, each.rays, each.light, next_row, block.rays, block.light)
+        record.copy_features(count, self.state.features, block.features)
+        record.mean_of_paths(
+            self.pixels, first, count, self.numbers[0], block.offsets, block.light, block.features, self.mean
+        )
+        return block
+
+    def _look(self, pixel_count: int) -> Any:
+        count = pixel_count * kernels.LOOKS
+        rays, queue = ti.ndarray(ti.f32, (count, 8)), ti.ndarray(ti.i32, (count,))
+        hits, hit_ids = ti.ndarray(ti.f32, (count, 4)), ti.ndarray(ti.i32, (count, 2))
+        kernels.look_rays(self._view.array(), self.pixels, self._view.width, self._view.height, rays, queue)
+        closest(self._paths.scene, CURRENT, rays, queue, count, hits, hit_ids)
+        kernels.end_looks(count, hits, rays)
+        return rays
+
+
+class _Rows:
+    """The rows of one step."""
+
+    def __init__(self, count: int, restore_columns: int = 0) -> None:
+        self.count = count
+        self.paths = ti.ndarray(ti.i32, (count,))
+        self.rays = ti.ndarray(ti.f32, (count, 8))
+        self.light = ti.ndarray(ti.f32, (count, 3))
+        self.restore = ti.ndarray(ti.f32, (count, restore_columns)) if restore_columns else None

@@ -1,0 +1,204 @@
+"""Kernels that write paths down while they are traced, and sort what was written by path.
+
+A row is a ray that a mover may get in the way of, as tiscene.render.intersect wants it, and the light that is lost if
+one does. Two kinds, told apart by column 3: a *segment* from one vertex to the next (its number among the segments, by
+which its entry in `restore` is found), with what its end emits towards the path; a *shadow ray* to a light that was
+seen (-1), with the light sampled. Rows of a path stand in the order in which it was traced, a vertex's segment first.
+"""
+
+import taichi as ti
+
+from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1
+from tiscene.render.integrators.path_shading import nearest_light, read3, write3
+from tiscene.render.integrators.path_state import (
+    DIRECT,
+    FEATURE_COLUMNS,
+    ORIGIN,
+    PDF,
+    RADIANCE,
+    RELATIVE_IOR2,
+    THROUGHPUT,
+)
+from tiscene.render.lights.light_sample import Lights
+from tiscene.render.surface import row3
+
+vec3 = ti.math.vec3
+
+SEGMENT = 3  # column of a row
+SHADOW = -1.0
+
+# Columns of `restore`: what a path needs to be traced again from the beginning of a segment.
+RESTORE_COLUMNS = 9
+R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS = 0, 3, 4, 5, 8
+
+
+@ti.kernel
+def begin_segments(
+    queue: Ints1,
+    count: ti.i32,
+    path_rays: Floats2,
+    state: Floats2,
+    status: Ints1,
+    paths: Ints1,
+    rays: Floats2,
+    restore: Floats2,
+):
+    """Before a step: note the paths in the queue as they are, and empty their radiance so that it tells what is new."""
+    for k in range(count):
+        i = queue[k]
+        paths[k] = i
+        for c in ti.static(range(8)):
+            rays[k, c] = path_rays[i, c]
+        write3(restore, k, R_THROUGHPUT, read3(state, i, THROUGHPUT))
+        restore[k, R_PDF] = state[i, PDF]
+        restore[k, R_IOR2] = state[i, RELATIVE_IOR2]
+        write3(restore, k, R_VERTEX, read3(state, i, ORIGIN))
+        restore[k, R_STATUS] = ti.cast(status[i], ti.f32)
+        write3(state, i, RADIANCE, vec3(0.0))
+
+
+@ti.func
+def finite(light: vec3) -> vec3:
+    """The light, or none where it is no number."""
+    result = light
+    if not ti.abs(light.sum()) < ti.math.inf:
+        result = vec3(0.0)
+    return result
+
+
+@ti.kernel
+def end_segments(
+    light_values: Floats2,
+    light_distribution: Floats1,
+    light_total: ti.i32,
+    light_solid: ti.i32,
+    paths: Ints1,
+    count: ti.i32,
+    hits: Floats2,
+    state: Floats2,
+    rays: Floats2,
+    light: Floats2,
+    rows: Ints1,
+):
+    """After the step: where the segments ended (a little beyond, which a mover there must not be lost for), and what
+    they brought. rows: how many each path has."""
+    lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
+    for k in range(count):
+        i = paths[k]
+        _, end = nearest_light(lights, row3(rays, k), read3(rays, k, 4), hits[i, 0])
+        rays[k, 7] = end
+        write3(light, k, 0, finite(read3(state, i, RADIANCE)))
+        rows[i] += 1
+
+
+@ti.kernel
+def begin_shadows(queue: Ints1, count: ti.i32, shadow_rays: Floats2, paths: Ints1, rays: Floats2):
+    """Note the shadow rays before they are cast, which may change them."""
+    for k in range(count):
+        i = queue[k]
+        paths[k] = i
+        for c in ti.static(range(8)):
+            rays[k, c] = shadow_rays[i, c]
+
+
+@ti.kernel
+def end_shadows(
+    paths: Ints1,
+    count: ti.i32,
+    occluded: Ints1,
+    state: Floats2,
+    shadow_rays: Floats2,
+    rays: Floats2,
+    light: Floats2,
+    rows: Ints1,
+):
+    """Note the light of those that reached it (t_max 0 for the others), and take it from the paths."""
+    for k in range(count):
+        i = paths[k]
+        shadow_rays[i, 7] = 0.0
+        if occluded[i] == 0:
+            write3(light, k, 0, finite(read3(state, i, DIRECT)))
+            rows[i] += 1
+        else:
+            rays[k, 7] = 0.0
+
+
+@ti.kernel
+def sort_segments(
+    paths: Ints1,
+    count: ti.i32,
+    rays: Floats2,
+    light: Floats2,
+    restore: Floats2,
+    next_row: Ints1,
+    next_segment: Ints1,
+    sorted_rays: Floats2,
+    sorted_light: Floats2,
+    sorted_restore: Floats2,
+):
+    """Put one step's segments behind what their paths have already."""
+    for k in range(count):
+        i = paths[k]
+        row, segment = next_row[i], next_segment[i]
+        next_row[i] += 1
+        next_segment[i] += 1
+        for c in ti.static(range(8)):
+            sorted_rays[row, c] = rays[k, c]
+        sorted_rays[row, SEGMENT] = ti.cast(segment, ti.f32)
+        write3(sorted_light, row, 0, read3(light, k, 0))
+        for c in ti.static(range(RESTORE_COLUMNS)):
+            sorted_restore[segment, c] = restore[k, c]
+
+
+@ti.kernel
+def sort_shadows(
+    paths: Ints1,
+    count: ti.i32,
+    rays: Floats2,
+    light: Floats2,
+    next_row: Ints1,
+    sorted_rays: Floats2,
+    sorted_light: Floats2,
+):
+    """Put one step's shadow rays that reached a light behind what their paths have already."""
+    for k in range(count):
+        if rays[k, 7] > 0.0:
+            i = paths[k]
+            row = next_row[i]
+            next_row[i] += 1
+            for c in ti.static(range(8)):
+                sorted_rays[row, c] = rays[k, c]
+            sorted_rays[row, SEGMENT] = SHADOW
+            write3(sorted_light, row, 0, read3(light, k, 0))
+
+
+@ti.kernel
+def mean_of_paths(
+    pixels: Ints1,
+    first: ti.i32,
+    count: ti.i32,
+    spp: ti.i32,
+    offsets: Ints1,
+    light: Floats2,
+    features: Floats2,
+    film: Floats2,
+):
+    """The mean light, albedo and normal of the paths first .. first + count - 1, all of their pixels: film [n, 9]."""
+    for rank in range(first // spp, (first + count) // spp):
+        sums = ti.Vector.zero(ti.f32, 3 + FEATURE_COLUMNS)
+        for i in range(rank * spp - first, (rank + 1) * spp - first):
+            for row in range(offsets[i], offsets[i + 1]):
+                for c in ti.static(range(3)):
+                    sums[c] += light[row, c]
+            for c in ti.static(range(FEATURE_COLUMNS)):
+                sums[3 + c] += features[i, c]
+        for c in ti.static(range(3 + FEATURE_COLUMNS)):
+            film[pixels[rank], c] = sums[c] / spp
+
+
+@ti.kernel
+def copy_features(count: ti.i32, features: Floats2, kept: Floats2):
+    """Keep what the denoiser is told about each path."""
+    for i in range(count):
+        for c in ti.static(range(FEATURE_COLUMNS)):
+            kept[i, c] = features[i, c]
