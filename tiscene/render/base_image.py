@@ -65,9 +65,7 @@ class BaseImages:
                 digest.update(self._content(description))
                 digest.update((rows[shown] - first).tobytes())
                 digest.update(placement.world_from_object[CURRENT, still][shown].tobytes())
-            elif description.lights:
-                digest.update(self._content(description))
-        _add(digest, [view.rows()[CURRENT], view.width, view.height, sorted(settings.items())])
+        _add(digest, [scene.lights.lights, view.rows()[CURRENT], view.width, view.height, sorted(settings.items())])
         return digest.hexdigest()
 
     def load(self, key: str, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
@@ -120,7 +118,7 @@ class BaseImages:
         known = self._digests.get(id(description))
         if known is None:
             digest = hashlib.sha256()
-            _add(digest, [description.meshes, description.materials, description.textures, description.lights])
+            _add(digest, [description.meshes, description.materials, description.textures])
             known = self._digests[id(description)] = digest.digest()
         return known
 

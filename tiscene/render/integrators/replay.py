@@ -179,7 +179,7 @@ class ReplayPass:
             np.flatnonzero(still).tobytes(),
             placement.mesh[still].tobytes(),
             placement.world_from_object[CURRENT, still].tobytes(),
-            len(self.scene.lights),
+            tuple(self.scene.lights.lights),
             materials.any_coverage,
             materials.any_emission,
             (seed, spp, max_depth, base_spp),
@@ -190,8 +190,7 @@ class ReplayPass:
         self._key, self._cache = (), None
         self.scene.place(replace(placement, present=placement.present & ~moving))
         self._radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
-        settings = {"seed": seed, "spp": base_spp, "max_depth": max_depth}
-        self._base = self._base_image(view, still, settings)
+        self._base = self._base_image(view, still, seed, base_spp, max_depth)
         self._report("paths", 0.0)
         self._cache = self._kept_paths(view, seed, spp, max_depth)
         self._scratch = _Scratch(self._cache)
@@ -199,7 +198,10 @@ class ReplayPass:
         self.scene.place(placement)
         self._key = key
 
-    def _base_image(self, view: View, still: NDArray[np.bool_], settings: dict[str, int]) -> NDArray[np.float32]:
+    def _base_image(
+        self, view: View, still: NDArray[np.bool_], seed: int, spp: int, max_depth: int
+    ) -> NDArray[np.float32]:
+        settings = {"seed": seed, "spp": spp, "max_depth": max_depth}
         key = self._images.key(self.scene, still, view, settings) if self._images else ""
         kept = self._images.load(key, (self.height, self.width, FILM_COLUMNS)) if self._images else None
         if kept is not None:
@@ -207,8 +209,10 @@ class ReplayPass:
         image = self._paths.render(
             view,
             frame_index=BASE_FRAME,
+            seed=seed,
+            spp=spp,
+            max_depth=max_depth,
             report=lambda done: self._report("base image", done),
-            **settings,
         )
         base = np.concatenate([image.hdr, image.albedo, image.normal], axis=-1)
         if self._images:
