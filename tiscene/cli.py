@@ -96,6 +96,21 @@ def parser() -> argparse.ArgumentParser:
     show = commands.add_parser("show", help="show what a scene holds: size, cameras, lights, objects, templates")
     show.add_argument("scene", metavar="SCENE", help="a scene's name or a USD file")
 
+    importer = commands.add_parser(
+        "import",
+        help="make a template of a model: OBJ, glTF, PLY, STL, USD, or a catalogue of furniture (.sh3f)",
+        description="Make a template of a model file. Its licence files are kept in the template's metadata.",
+    )
+    importer.add_argument("file", metavar="FILE", help="the model, or a Sweet Home 3D catalogue for all of its models")
+    importer.add_argument("-o", "--output", metavar="DIR", help="library (default: the first folder of TISCENE_PATH)")
+    importer.add_argument("--name", default="", help="such as 'Chair 03' (default: the file's)")
+    importer.add_argument("--label", default="", help="semantic class, such as chair")
+    importer.add_argument("--unit", type=float, help="metres per unit of the file (default: as the format has it)")
+    importer.add_argument("--up", choices=("Y", "Z"), help="the file's up axis (default: as the format has it)")
+    importer.add_argument("--keep-origin", action="store_true", help="do not move the origin to the box's centre")
+    importer.add_argument("--author", default="", help="who made it")
+    importer.add_argument("--licence", default="", help="its text, or a file (default: the licence files beside it)")
+
     bench = commands.add_parser("bench", help="measure frames per second on this machine")
     bench.add_argument("scene", metavar="SCENE", nargs="?", help="a scene's name or a USD file (default: the demo's)")
     bench.add_argument("--seconds", type=float, default=3.0, help="for each line of the table (default: %(default)g)")
