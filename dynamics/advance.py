@@ -5,15 +5,14 @@
 
 import taichi as ti
 
-from dynamics.bouncing import advance_bouncing
+from dynamics.bouncing import advance_bouncing, leg_time
 from dynamics.columns import (
     ACTIVE,
+    AHEAD,
     ALLOWED,
     ALLOWED_TURN,
     BOUNCES,
-    FIRST_GROUP,
     FULL,
-    GROUPS,
     KIND,
     MOVE,
     POSITION,
@@ -30,18 +29,32 @@ from dynamics.columns import (
 )
 from dynamics.following import advance_following
 from dynamics.rows import longest_turn, row3, row4, set3, turn_between
-from dynamics.sweep import RESULT_KIND, RESULT_NORMAL, RESULT_ROW, TIME
+
+
+@ti.func
+def look_ahead(bodies: ti.template(), integers: ti.template(), body: ti.i32):
+    """Set the motion of what flies for as long as is worth looking ahead, s, which is returned.
+
+    What is pulled into walls does not go on as it does: it tries its step alone, and 0 is returned.
+    """
+    leg = ti.cast(0.0, ti.f64)
+    if integers[body, PULLED] > 0:
+        propose(bodies, integers, body)
+    else:
+        leg = leg_time(bodies, body, row3(bodies, body, SPIN).norm())
+        set3(bodies, body, MOVE, leg * row3(bodies, body, VELOCITY))
+        set3(bodies, body, TURN, leg * row3(bodies, body, SPIN))
+    return leg
 
 
 @ti.func
 def propose(bodies: ti.template(), integers: ti.template(), body: ti.i32):
     """Set the motion that the body tries next."""
     if integers[body, KIND] == BOUNCES:
-        step = bodies[body, REST]
         spin = row3(bodies, body, SPIN)
-        rate = spin.norm()
-        if rate * step > longest_turn(bodies, body):
-            step = longest_turn(bodies, body) / rate
+        step = ti.min(bodies[body, REST], leg_time(bodies, body, spin.norm()))
+        if bodies[body, AHEAD] > 0.0:
+            step = ti.min(step, bodies[body, AHEAD])
         move = row3(bodies, body, VELOCITY) * step
         if integers[body, PULLED] > 0:
             move += row3(bodies, body, PULL) * (step / bodies[body, ACTIVE])
@@ -76,25 +89,21 @@ def advance(
     bodies: ti.template(),
     integers: ti.template(),
     touches: ti.template(),
-    result: ti.template(),
-    result_rows: ti.template(),
+    counts: ti.template(),
     body: ti.i32,
+    time: ti.f32,
+    normal,
+    kind: ti.i32,
+    row: ti.i32,
 ):
-    """Move a body up to what its groups have found first, and decide what it tries next."""
-    first = integers[body, FIRST_GROUP]
-    soonest = first
-    for group in range(first, first + integers[body, GROUPS]):
-        if result[group, TIME] < result[soonest, TIME]:
-            soonest = group
-    time = ti.cast(result[soonest, TIME], ti.f64)
-    kind = result_rows[soonest, RESULT_KIND]
-    row = result_rows[soonest, RESULT_ROW]
+    """Move a body up to what it meets first, at `time` (0 .. 1) of its motion, and decide what it tries next."""
+    when = ti.cast(time, ti.f64)
     if integers[body, KIND] == BOUNCES:
-        normal = ti.cast(row3(result, soonest, RESULT_NORMAL), ti.f64)
+        outward = ti.cast(normal, ti.f64)
         advance_bouncing(
-            bodies, integers, touches, result_rows, body, time, kind, row, normal / ti.max(normal.norm(), 1e-9)
+            bodies, integers, touches, counts, body, when, kind, row, outward / ti.max(outward.norm(), 1e-9)
         )
     else:
-        advance_following(bodies, integers, touches, result_rows, body, time, kind, row)
-    if bodies[body, REST] > 0.0 and (integers[body, KIND] == BOUNCES or integers[body, TRIES] == 0):
-        propose(bodies, integers, body)
+        advance_following(bodies, integers, touches, counts, body, when, kind, row)
+        if bodies[body, REST] > 0.0 and integers[body, TRIES] == 0:
+            propose(bodies, integers, body)

@@ -6,7 +6,7 @@
 import taichi as ti
 
 from dynamics.columns import (
-    ACTIVE,
+    AHEAD,
     ANGULAR_SPEED,
     FIRST_GROUP,
     GROUPS,
@@ -25,12 +25,21 @@ from dynamics.columns import (
 )
 from dynamics.contact import ARM, GAP, NORMAL, SKIN, TOUCH_KIND, TOUCHES, WAIT, WALL
 from dynamics.random import ball, hemisphere, uniform4
-from dynamics.rows import go, note, row3, set3, vec3d
-from dynamics.sweep import RESULT_TOUCHES
+from dynamics.rows import go, longest_turn, note, row3, set3, vec3d
 
 DRAWS = 24  # of directions at one hit, the last third without spin
 MOST_TRIES = 6  # hits without moving in one substep; then it waits for the next
 DONE = 1e-12  # s
+LEG = 0.08  # s that is looked ahead at most
+
+
+@ti.func
+def leg_time(bodies: ti.template(), body: ti.i32, rate):
+    """How long chords stand for a motion whose spin is `rate`, rad/s; LEG at most."""
+    result = rate * 0.0 + LEG
+    if rate * LEG > longest_turn(bodies, body):
+        result = longest_turn(bodies, body) / rate
+    return result
 
 
 @ti.func
@@ -38,7 +47,7 @@ def separates(
     bodies: ti.template(),
     integers: ti.template(),
     touches: ti.template(),
-    result_rows: ti.template(),
+    counts: ti.template(),
     body: ti.i32,
     velocity,
     spin,
@@ -47,11 +56,11 @@ def separates(
     apart = True
     rate = spin.norm()
     # So much is lost because the path bends.
-    margin = 0.5 * bodies[body, RADIUS] * rate * rate * bodies[body, ACTIVE] + 1e-4 * bodies[body, SPEED]
+    margin = 0.5 * bodies[body, RADIUS] * rate * rate * leg_time(bodies, body, rate) + 1e-4 * bodies[body, SPEED]
     first = integers[body, FIRST_GROUP]
     for group in range(first, first + integers[body, GROUPS]):
         if apart:
-            for slot in range(result_rows[group, RESULT_TOUCHES]):
+            for slot in range(counts[group]):
                 at = group * TOUCHES + slot
                 if touches[at, GAP] < 0.5 * SKIN and ti.cast(touches[at, TOUCH_KIND], ti.i32) != WAIT:
                     normal = ti.cast(row3(touches, at, NORMAL), ti.f64)
@@ -66,7 +75,7 @@ def bounce(
     bodies: ti.template(),
     integers: ti.template(),
     touches: ti.template(),
-    result_rows: ti.template(),
+    counts: ti.template(),
     body: ti.i32,
     normal,
 ):
@@ -84,7 +93,7 @@ def bounce(
             new_spin = bodies[body, ANGULAR_SPEED] * ball(w[0], w[1], w[2])
             if 3 * draw >= 2 * DRAWS:
                 new_spin = vec3d(0.0)
-            if separates(bodies, integers, touches, result_rows, body, new_velocity, new_spin):
+            if separates(bodies, integers, touches, counts, body, new_velocity, new_spin):
                 found = True
                 velocity = new_velocity
                 spin = new_spin
@@ -97,7 +106,7 @@ def advance_bouncing(
     bodies: ti.template(),
     integers: ti.template(),
     touches: ti.template(),
-    result_rows: ti.template(),
+    counts: ti.template(),
     body: ti.i32,
     time,
     kind: ti.i32,
@@ -108,6 +117,7 @@ def advance_bouncing(
     if time > 0.0:
         go(bodies, body, time)
         bodies[body, REST] -= bodies[body, STEP] * time
+        bodies[body, AHEAD] = ti.max(bodies[body, AHEAD] - bodies[body, STEP] * time, 0.0)
         if bodies[body, REST] < DONE:
             bodies[body, REST] = 0.0
         stopped = time < 1.0 and kind == WAIT
@@ -118,7 +128,8 @@ def advance_bouncing(
         integers[body, PULLED] = 0
     else:
         note(integers, body, kind, row)
-        bounce(bodies, integers, touches, result_rows, body, normal)
+        bounce(bodies, integers, touches, counts, body, normal)
+        bodies[body, AHEAD] = 0.0
         integers[body, TRIES] += 1
         stopped = integers[body, TRIES] > MOST_TRIES
     if stopped:

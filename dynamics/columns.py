@@ -4,20 +4,20 @@ from __future__ import annotations
 
 # Float64 columns of a body. The first STATE are all that the next frame depends on, with the integers below.
 POSITION, ROTATION, VELOCITY, SPIN, STATE = 0, 3, 7, 10, 13
-# The motion that is tried: translation, m, and rotation vector, rad; the time it takes, s. Of a follower, STEP is how
-# far it has moved in this substep, m.
+# The motion that is tried: translation, m, and rotation vector, rad; the time it takes, s. Of what follows a path, STEP
+# is how far it has moved in this substep, m.
 MOVE, TURN, STEP = 13, 16, 19
 REST = 20  # time left of this substep; of a follower: 1 until it has done what it can
 TARGET = 21  # pose on the path at the end of the substep
 ALLOWED, ALLOWED_TURN = 28, 29  # m, rad that a follower may still move in this substep
 BOUND = 30  # m: no point of the body moves farther in this substep
-TRAVEL = 31  # m: no point of the body has moved farther since the frame began
+AHEAD = 31  # s for which what flies is known to meet no obstacle if it goes on as it does
 LOST = 32  # s of this frame in which it could not move
 PULL = 33  # displacement back into the walls for this substep, m; of a follower its length at most
-SPEED, ANGULAR_SPEED, RADIUS, SIGHT = 36, 37, 38, 39  # m/s, rad/s, m, m
-ACTIVE = 40  # s of this substep in which its clock runs
-CENTRE = 41  # of the proxy spheres, in the body's own axes, m
-FLOATS = 44
+SPEED, ANGULAR_SPEED, RADIUS = 36, 37, 38  # m/s, rad/s, m
+ACTIVE = 39  # s of this substep in which its clock runs
+CENTRE = 40  # of the proxy spheres, in the body's own axes, m
+FLOATS = 43
 
 # Integer columns of a body.
 KIND, COLLIDES, LIMITED, ON_PATH, HITS, BLOCKED, TRIES, FULL = 0, 1, 2, 3, 4, 5, 6, 7

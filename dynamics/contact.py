@@ -7,18 +7,15 @@ centre, so that only the last subtraction rounds. (No postponed annotations in t
 import taichi as ti
 
 from dynamics.obstacles import FACTOR, METRES
+from dynamics.tree import STACK, child, instance_of, mapped, planes, triangle, triangles_of, vec3, vector_at
 
-vec3 = ti.types.vector(3, ti.f32)
-Floats = ti.types.ndarray(ti.f32, 2)
-Ints = ti.types.ndarray(ti.i32, 2)
-Column = ti.types.ndarray(ti.i32, 1)
-
-STACK = 72  # what the builder of the trees keeps to
 FAR = 1e30
 SKIN = 5e-4  # m: the gap that motion stops at
 TOLERANCE = 2e-5  # m: nearer than this to that gap counts as touching
 SLIDE = 2e-6  # m: approach that counts as sliding along
 ITERATIONS = 16
+ROUGHLY = 4  # iterations where less than the exact time will do
+NEAREST, WITHIN, CONTACT = 0, 1, 2  # what is looked for
 
 # What a sphere meets. WAIT: the share of a gap to a mover that is still too far away to be touched.
 NOTHING, OBSTACLE, MOVER, WALL, WAIT = 0, 1, 2, 3, 4
@@ -26,11 +23,6 @@ NOTHING, OBSTACLE, MOVER, WALL, WAIT = 0, 1, 2, 3, 4
 # A touch: normal (towards the sphere), arm (from the body's origin to the sphere), gap, kind.
 TOUCHES = 16  # most that a group of spheres keeps
 NORMAL, ARM, GAP, TOUCH_KIND, TOUCH_COLUMNS = 0, 3, 6, 7, 8
-
-
-@ti.func
-def vector_at(table: ti.template(), row: ti.i32, column: ti.i32):
-    return vec3(table[row, column], table[row, column + 1], table[row, column + 2])
 
 
 @ti.func
@@ -61,31 +53,6 @@ def nearest_on_triangle(corner, edge_1, edge_2):
         if foot.dot(foot) < best.dot(best):
             best = foot
     return best
-
-
-@ti.func
-def mapped(instances: ti.template(), row: ti.i32, column: ti.i32, v, w: ti.f32):
-    """A point (w = 1) or a direction (w = 0) by the matrix in `column` of an instance."""
-    result = vec3(0.0)
-    for i in ti.static(range(3)):
-        at = column + ti.static(4 * i)
-        result[i] = (
-            instances[row, at] * v[0]
-            + instances[row, at + 1] * v[1]
-            + instances[row, at + 2] * v[2]
-            + instances[row, at + 3] * w
-        )
-    return result
-
-
-@ti.func
-def box_gap(nodes: ti.template(), node: ti.i32, at: ti.i32, centre, half):
-    """How far the box at column `at` of a node is outside of [centre - half, centre + half], along each axis."""
-    gap = vec3(0.0)
-    for i in ti.static(range(3)):
-        outside = ti.max(nodes[node, at + i] - centre[i], centre[i] - nodes[node, at + 3 + i])
-        gap[i] = ti.max(outside - half[i], 0.0)
-    return gap
 
 
 @ti.func
@@ -178,7 +145,42 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
 
 
 @ti.func
+def first_within(corner, edge_1, edge_2, chord, radius: ti.f32, until: ti.f32) -> ti.f32:
+    """No later than when (0 .. until) a point that moves from the origin along `chord` is `radius` from a triangle.
+
+    FAR for never. Newton's method as in `first_contact`, ended early: it comes from before.
+    """
+    time = FAR
+    reached = 0.0
+    searching = True
+    for step in range(ROUGHLY):
+        if searching:
+            point = nearest_on_triangle(corner - reached * chord, edge_1, edge_2)
+            distance = point.norm()
+            approach = point.dot(chord)
+            if distance <= radius:
+                time = reached
+                searching = False
+            elif approach <= 0.0:
+                searching = False
+            else:
+                reached += (distance - radius) * distance / approach
+                if reached >= until:
+                    searching = False
+    if searching:
+        time = reached
+    return time
+
+
+@ti.func
+def reciprocal(d: ti.f32) -> ti.f32:
+    """1 / d, finite also for d = 0, so that 0 * infinity does not arise."""
+    return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
+
+
+@ti.func
 def look_around(
+    wide: ti.template(),
     nodes: ti.template(),
     triangles: ti.template(),
     instances: ti.template(),
@@ -195,27 +197,30 @@ def look_around(
     touches: ti.template(),
     base: ti.i32,
     count: ti.i32,
-    sweeping: ti.template(),
+    what: ti.template(),
 ):
-    """Walk the tree about a sphere.
+    """Walk the tree about a sphere. what (static):
 
-    sweeping (static): find when, before `limit` (1 for the whole of `chord`), the sphere first touches anything, and
-    keep as touches what is nearer than `band`. Otherwise: find the distance of its centre to the nearest
-    triangle, or `limit` if there is none within. Returns that number, the normal, the instance and the touch count.
+    CONTACT: find when, before `limit` (1 for the whole of `chord`), the sphere first touches anything, and keep as
+    touches what is nearer than `band`. WITHIN: no later than when its centre comes within `radius` of anything.
+    NEAREST: the distance of its centre to the nearest triangle. Returns that number, or `limit` if there is nothing
+    before; the normal, the instance and the touch count.
     """
     best = limit
     best_normal = vec3(0.0)
     best_instance = -1
     touched = count
-    grown = radius + SKIN + band
-    # The box that is looked through, in the space of the world or of an instance, and its metres a unit.
-    middle = centre + 0.5 * chord
-    half = 0.5 * ti.abs(chord) + grown
+    # The boxes are grown, and met by a line; in an instance's space all is measured in its own units.
+    reach = radius + band
+    if ti.static(what == CONTACT):
+        reach += SKIN
+    grown = vec3(reach)
+    start = centre
+    ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
     metres = vec3(1.0)
     factor = 1.0
-    if ti.static(not sweeping):
-        half = vec3(0.0)
-    stack = ti.Vector([0] * STACK)
+    references = ti.Vector([0] * STACK)
+    entries = ti.Vector([0.0] * STACK)
     waiting = 0
     floor = -1  # entries below it belong to the upper tree; -1 while in it
     instance = -1
@@ -224,39 +229,77 @@ def look_around(
     while searching:
         pop = False
         if current >= 0:
-            left_gap = box_gap(nodes, current, 0, middle, half) * metres
-            right_gap = box_gap(nodes, current, 6, middle, half) * metres
-            left = ti.sqrt(factor * left_gap.dot(left_gap))
-            right = ti.sqrt(factor * right_gap.dot(right_gap))
-            near = ti.bit_cast(nodes[current, 12], ti.i32)
-            far = ti.bit_cast(nodes[current, 13], ti.i32)
-            if right < left:
-                near, far = far, near
-                left, right = right, left
-            allowed = 0.0
-            if ti.static(not sweeping):
-                allowed = best
-            if right <= allowed:
-                stack[waiting] = far
-                waiting += 1
-            current = near
-            pop = left > allowed
+            node = current
+            entry = planes(nodes, node, 0, wide)
+            leave = entry
+            if ti.static(what == NEAREST):
+                gap = (
+                    ti.max(ti.max(entry - start[0], start[0] - planes(nodes, node, 3, wide)), 0.0) * metres[0],
+                    ti.max(ti.max(planes(nodes, node, 1, wide) - start[1], start[1] - planes(nodes, node, 4, wide)), 0.0)
+                    * metres[1],
+                    ti.max(ti.max(planes(nodes, node, 2, wide) - start[2], start[2] - planes(nodes, node, 5, wide)), 0.0)
+                    * metres[2],
+                )
+                entry = ti.sqrt(factor * (gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]))
+                leave = entry * 0.0 + best
+            else:
+                flip_x = ti.select(ix < 0.0, 1, 0)
+                flip_y = ti.select(iy < 0.0, 1, 0)
+                flip_z = ti.select(iz < 0.0, 1, 0)
+                side_x = grown[0] * (1.0 - 2.0 * flip_x)
+                side_y = grown[1] * (1.0 - 2.0 * flip_y)
+                side_z = grown[2] * (1.0 - 2.0 * flip_z)
+                entry = ti.max(
+                    ti.max(
+                        (planes(nodes, node, 3 * flip_x, wide) - (start[0] + side_x)) * ix,
+                        (planes(nodes, node, 1 + 3 * flip_y, wide) - (start[1] + side_y)) * iy,
+                    ),
+                    ti.max((planes(nodes, node, 2 + 3 * flip_z, wide) - (start[2] + side_z)) * iz, 0.0),
+                )
+                leave = ti.min(
+                    ti.min(
+                        (planes(nodes, node, 3 - 3 * flip_x, wide) - (start[0] - side_x)) * ix,
+                        (planes(nodes, node, 4 - 3 * flip_y, wide) - (start[1] - side_y)) * iy,
+                    ),
+                    ti.min((planes(nodes, node, 5 - 3 * flip_z, wide) - (start[2] - side_z)) * iz, best),
+                )
+            nearest = FAR
+            found = False
+            for k in ti.static(range(8 if wide else 2)):
+                if entry[k] <= leave[k]:
+                    reference = child(nodes, node, k, wide)
+                    at = entry[k]
+                    if found:
+                        # The nearest is visited next, the others wait.
+                        if at < nearest:
+                            reference, current = current, reference
+                            at, nearest = nearest, at
+                        references[waiting] = reference
+                        entries[waiting] = at
+                        waiting += 1
+                    else:
+                        current = reference
+                        nearest = at
+                        found = True
+            pop = not found
         elif floor < 0:
-            instance = (-1 - current) // 4
+            instance = instance_of(current, wide)
             metres = vector_at(instances, instance, METRES)
             factor = instances[instance, FACTOR]
-            middle = mapped(instances, instance, 12, centre + 0.5 * chord, 1.0)
-            if ti.static(sweeping):
-                half = 0.5 * ti.abs(mapped(instances, instance, 12, chord, 0.0)) + grown / metres
+            start = mapped(instances, instance, 12, centre, 1.0)
+            along = mapped(instances, instance, 12, chord, 0.0)
+            ix, iy, iz = reciprocal(along[0]), reciprocal(along[1]), reciprocal(along[2])
+            grown = reach / metres
             floor = waiting
             current = roots[instance]
         else:
-            code = -1 - current
-            for row in range(code // 4, code // 4 + code % 4 + 1):
-                corner = mapped(instances, instance, 0, vector_at(triangles, row, 0), 1.0) - centre
-                edge_1 = mapped(instances, instance, 0, vector_at(triangles, row, 4), 0.0)
-                edge_2 = mapped(instances, instance, 0, vector_at(triangles, row, 8), 0.0)
-                if ti.static(sweeping):
+            first, number = triangles_of(triangles, current, wide)
+            for which in range(number):
+                corner, edge_1, edge_2 = triangle(triangles, first, which, wide)
+                corner = mapped(instances, instance, 0, corner, 1.0) - centre
+                edge_1 = mapped(instances, instance, 0, edge_1, 0.0)
+                edge_2 = mapped(instances, instance, 0, edge_2, 0.0)
+                if ti.static(what == CONTACT):
                     time, normal, start_normal, start_gap = first_contact(
                         corner, edge_1, edge_2, chord, radius, slack, inward, best
                     )
@@ -266,20 +309,24 @@ def look_around(
                         best = time
                         best_normal = normal
                         best_instance = instance
+                elif ti.static(what == WITHIN):
+                    best = ti.min(best, first_within(corner, edge_1, edge_2, chord, radius, best))
                 else:
                     best = ti.min(best, nearest_on_triangle(corner, edge_1, edge_2).norm())
             pop = True
-        if pop:
+        while pop:
             if waiting == floor:
                 floor = -1
-                middle = centre + 0.5 * chord
+                start = centre
+                ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
+                grown = vec3(reach)
                 metres = vec3(1.0)
                 factor = 1.0
-                if ti.static(sweeping):
-                    half = 0.5 * ti.abs(chord) + grown
             if waiting == 0:
                 searching = False
+                pop = False
             else:
                 waiting -= 1
-                current = stack[waiting]
+                current = references[waiting]
+                pop = entries[waiting] > best
     return best, best_normal, best_instance, touched

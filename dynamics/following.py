@@ -26,7 +26,6 @@ from dynamics.columns import (
 )
 from dynamics.contact import ARM, GAP, NORMAL, TOUCH_KIND, TOUCHES, WALL
 from dynamics.rows import go, longest_turn, note, row3, set3
-from dynamics.sweep import RESULT_TOUCHES
 
 PASSES = 10  # over all touches, to make a motion slide along them
 MOST_PUSH = 1e-3  # m: that a follower is pushed out of what it is too near to, at once
@@ -37,7 +36,7 @@ def slide(
     bodies: ti.template(),
     integers: ti.template(),
     touches: ti.template(),
-    result_rows: ti.template(),
+    counts: ti.template(),
     body: ti.i32,
     turning: ti.f64,
 ):
@@ -48,7 +47,7 @@ def slide(
     first = integers[body, FIRST_GROUP]
     for _ in range(PASSES):
         for group in range(first, first + integers[body, GROUPS]):
-            for slot in range(result_rows[group, RESULT_TOUCHES]):
+            for slot in range(counts[group]):
                 at = group * TOUCHES + slot
                 normal = ti.cast(row3(touches, at, NORMAL), ti.f64)
                 arm = ti.cast(row3(touches, at, ARM), ti.f64)
@@ -79,7 +78,7 @@ def advance_following(
     bodies: ti.template(),
     integers: ti.template(),
     touches: ti.template(),
-    result_rows: ti.template(),
+    counts: ti.template(),
     body: ti.i32,
     time,
     kind: ti.i32,
@@ -115,7 +114,7 @@ def advance_following(
         note(integers, body, kind, row)
         if not done:
             # The first time with its turn, then without.
-            slide(bodies, integers, touches, result_rows, body, ti.cast(1 - tries, ti.f64))
+            slide(bodies, integers, touches, counts, body, ti.cast(1 - tries, ti.f64))
         integers[body, TRIES] = tries + 1
     if done:
         bodies[body, REST] = 0.0

@@ -62,6 +62,5 @@ def _nearest(path: NDArray[np.float64], limit: float, obstacles: Obstacles) -> f
     points = np.zeros((len(path), 4), dtype=np.float32)
     points[:, :3] = path
     touches = np.zeros((TOUCHES, TOUCH_COLUMNS), dtype=np.float32)
-    tree = obstacles
-    distances(points, limit, touches, tree.nodes, tree.triangles, tree.instances, tree.roots, tree.root)
+    distances(points, limit, touches, *obstacles.arguments())
     return float(points[:, 3].min())

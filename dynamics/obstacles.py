@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import taichi as ti
@@ -13,23 +13,44 @@ from numpy.typing import NDArray
 MATRIX, METRES, FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
 
 
-@dataclass(frozen=True, eq=False)
-class Obstacles:
-    """Instances of meshes in one tree of two levels, in Taichi arrays.
+class Trees(Protocol):
+    """Trees over meshes, and over where they are placed, in Taichi arrays. They may be replaced by larger ones.
 
-    nodes: f32 [n, 16], the boxes of two children (least x, y, z, greatest x, y, z) and, in columns 12 and 13, their
-    references as bits of int32: an inner node, or -1 - (4 * first + count - 1) of a leaf, where `first` is a row of
-    `triangles`, or above the meshes the row of an instance. A box of a child that does not exist is inside out.
-    triangles: f32 [m, 12], vertex 0, a number that is not used, edge 1, 0, edge 2, 0, in the mesh's own space.
-    instances: f32 [i, INSTANCE_COLUMNS], see `instance_rows`. roots: i32 [i], first node of the instance's mesh.
-    root: the first node above the instances.
+    Binary: nodes f32 [n, 16], the boxes of two children (least x, y, z, greatest x, y, z) and, in columns 12 and 13,
+    their references as bits of int32: a node, or -1 - (4 * first + count - 1) of a leaf, where `first` is a row of
+    `packs`, or above the meshes the row of an instance. packs f32 [m, 12]: vertex 0, any number, edge 1, any, edge 2,
+    any, in the mesh's own space.
+    Wide: nodes vec8 [8 n], rows of a node are least x, y, z, greatest x, y, z, references, any, with a lane for each
+    child. A reference is the first row of a node, or -1 - row of a leaf, of `packs` or above the meshes of an instance.
+    packs vec4 [10 m]: nine rows of vertex 0 and edges 1 and 2, then bits of int32, negative for a lane without triangle.
+    The box of a child that does not exist is met by nothing.
     """
 
-    nodes: Any
-    triangles: Any
+    @property
+    def nodes(self) -> Any: ...
+
+    @property
+    def packs(self) -> Any: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Instances of meshes in one tree of two levels.
+
+    trees: where it is. wide: its layout. root: the reference of the first node above the instances.
+    instances: f32 [i, INSTANCE_COLUMNS], see `instance_rows`. roots: i32 [i], reference of the first node of each
+    instance's mesh.
+    """
+
+    trees: Trees
+    wide: bool
     instances: Any
     roots: Any
     root: int
+
+    def arguments(self) -> tuple[Any, ...]:
+        """What kernels are given."""
+        return self.wide, self.trees.nodes, self.trees.packs, self.instances, self.roots, self.root
 
 
 def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -57,23 +78,28 @@ def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float3
     return rows
 
 
+@dataclass(frozen=True, eq=False)
+class _Arrays:
+    nodes: Any
+    packs: Any
+
+
 def nothing() -> Obstacles:
     """No obstacle at all. Taichi must run."""
     nodes = ti.ndarray(ti.f32, (1, 16))
-    box = np.tile([1e30, 1e30, 1e30, -1e30, -1e30, -1e30], 2)
-    nodes.from_numpy(np.concatenate([box, np.zeros(4)]).astype(np.float32)[None])
+    nodes.from_numpy(np.concatenate([np.full(12, np.inf), np.zeros(4)]).astype(np.float32)[None])
     roots = ti.ndarray(ti.i32, 1)
     roots.fill(0)
-    triangles, instances = ti.ndarray(ti.f32, (1, 12)), ti.ndarray(ti.f32, (1, INSTANCE_COLUMNS))
-    triangles.fill(0.0)
+    packs, instances = ti.ndarray(ti.f32, (1, 12)), ti.ndarray(ti.f32, (1, INSTANCE_COLUMNS))
+    packs.fill(0.0)
     instances.fill(0.0)
-    return Obstacles(nodes, triangles, instances, roots, 0)
+    return Obstacles(_Arrays(nodes, packs), False, instances, roots, 0)
 
 
-def placed(nodes: Any, triangles: Any, roots: NDArray[np.int32], matrices: NDArray[np.float64], root: int) -> Obstacles:
-    """Obstacles from a tree that exists: its Taichi arrays, and of its instances first nodes [i], matrices [i, 3, 4].
+def placed(trees: Trees, wide: bool, roots: NDArray[np.int32], matrices: NDArray[np.float64], root: int) -> Obstacles:
+    """Obstacles from trees that exist: of their instances the first nodes [i] and matrices [i, 3, 4].
 
-    See `Obstacles` for the layout. Without any instance there is nothing in the way.
+    Without any instance there is nothing in the way.
     """
     if not len(roots):
         return nothing()
@@ -81,4 +107,4 @@ def placed(nodes: Any, triangles: Any, roots: NDArray[np.int32], matrices: NDArr
     instances.from_numpy(instance_rows(matrices))
     firsts = ti.ndarray(ti.i32, len(roots))
     firsts.from_numpy(np.ascontiguousarray(roots, dtype=np.int32))
-    return Obstacles(nodes, triangles, instances, firsts, root)
+    return Obstacles(trees, wide, instances, firsts, root)

@@ -5,7 +5,7 @@
 
 import taichi as ti
 
-from dynamics.columns import CONTACT, CONTACTS, MOST_CONTACTS, MOVE, POSITION, RADIUS, ROTATION, TRAVEL, TURN
+from dynamics.columns import CONTACT, CONTACTS, MOST_CONTACTS, MOVE, POSITION, RADIUS, ROTATION, TURN
 from dynamics.contact import SKIN, WAIT
 from dynamics.motion import multiply, unit
 
@@ -91,4 +91,3 @@ def go(bodies: ti.template(), body: ti.i32, part):
     set3(bodies, body, POSITION, row3(bodies, body, POSITION) + part * move)
     rotation = multiply(rotation_by(part * turn), row4(bodies, body, ROTATION))
     set4(bodies, body, ROTATION, unit(rotation, rotation))
-    bodies[body, TRAVEL] += part * (move.norm() + turn.norm() * bodies[body, RADIUS]) * (1.0 + 1e-5) + 1e-6

@@ -24,9 +24,9 @@ from dynamics.dynamic import Track, fixed
 from dynamics.motion import evaluate
 from dynamics.movers import Array, Moment, Mover
 from dynamics.obstacles import Obstacles, nothing
+from dynamics.others import WALLS
 from dynamics.quadrature import GAUSS
 from dynamics.step_device import StepDevice
-from dynamics.sweep import WALLS
 from dynamics.timings import ALWAYS, AllTogether, Timing
 
 SUBSTEP = Fraction(1, 200)  # s, at most: how long movers do not look at each other
@@ -65,6 +65,7 @@ class SteppedSimulation:
         self.fps = exact(fps)
         self._walls = walls
         self._make_obstacles = obstacles
+        self._obstacles: Obstacles | None = None
         self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
         self._bounces = [isinstance(mover.body.dynamic, UniformMovementRandomBounce) for mover in self.movers]
         tracks = [self._tracks(row) for row in range(len(self.movers))]
@@ -86,7 +87,7 @@ class SteppedSimulation:
         if number in self._moments:
             self._moments.move_to_end(number)
             return self._moments[number]
-        device = self._device = self._device or StepDevice(self.movers, self._make_obstacles())
+        device = self._device = self._device or StepDevice(self.movers)
         if not self._reached <= number or self._reached < 0 or number - self._reached > self._interval:
             self._go_back(device, number)
         while self._reached < number:
@@ -147,11 +148,14 @@ class SteppedSimulation:
         times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
         targets = [self._path(time, frame) for time in times]
         clocks = [self._active_clocks.parameters(time) for time in times]
-        device.begin_frame(targets, [self._there(mover, frame) for mover in self.movers], float(1 / self.fps))
+        if self._obstacles is None:
+            self._obstacles = self._make_obstacles()
+        device.begin_frame(targets[0], [self._there(mover, frame) for mover in self.movers])
         for part in range(self.substeps):
             planes = np.zeros((WALLS, 4)) if self._walls is None else self._walls(times[part + 1])
             active = clocks[part + 1] - clocks[part]
-            device.substep(targets[part + 1], active, planes, float(times[part + 1] - times[part]))
+            length = float(times[part + 1] - times[part])
+            device.substep(targets[part + 1], active, planes, length, self._obstacles)
         return device.moment(float(1 / self.fps))
 
     def _path(self, time: Fraction, frame: int) -> Array:

@@ -1,4 +1,4 @@
-"""The kernels that a stepped simulation launches: at the start of a frame, of a substep, and for every try.
+"""The kernel of a stepped simulation: one substep of all bodies.
 
 A body is written by one thread alone, from what was frozen at the start of the substep, so that neither the number of
 threads nor bodies far away can change a bit of it. (No postponed annotations in this module.)
@@ -6,17 +6,16 @@ threads nor bodies far away can change a bit of it. (No postponed annotations in
 
 import taichi as ti
 
-from dynamics.advance import advance, propose
+from dynamics.advance import advance, look_ahead, propose
 from dynamics.columns import (
     ACTIVE,
+    AHEAD,
     ALLOWED,
     ALLOWED_TURN,
     ANGULAR_SPEED,
-    BLOCKED,
     BOUNCES,
     BOUND,
     COLLIDES,
-    CONTACTS,
     FIRST_GROUP,
     GROUPS,
     KIND,
@@ -33,33 +32,24 @@ from dynamics.columns import (
     SPIN,
     STEP,
     TARGET,
-    TRAVEL,
     TRIES,
     VELOCITY,
 )
-from dynamics.contact import SKIN, Column, Floats, Ints, vector_at
+from dynamics.contact import NOTHING, OBSTACLE, SKIN, WAIT
 from dynamics.motion import multiply, unit
+from dynamics.others import WALLS, sweep_others
 from dynamics.rows import rotation_by, row3, row4, set3, set4, turn_between, vec3d
-from dynamics.sweep import REACHED, WALLS, Bodies, single, sweep_group, turned
+from dynamics.sweep import REACHED, Bodies, single, sweep_obstacles, turned
+from dynamics.tree import Column, Floats, Ints, Tree, vec3, vector_at
 
 Times = ti.types.ndarray(ti.f64, 1)
+Times32 = ti.types.ndarray(ti.f32, 1)
 
 CATCH_UP = 2.0  # times the speed on the path: how fast a follower returns to it, and besides
 CATCH_UP_SPEED, CATCH_UP_TURN = 1.0, 3.0  # m/s, rad/s
 PULL_SPEED = 3.0  # m/s at which walls take in what is outside of them
 MOST_PUSHES = 2e-3  # m: that a follower is pushed in a substep at most
-
-
-@ti.kernel
-def begin_frame(bodies: Bodies, integers: Ints, targets: Bodies):
-    """targets: f64 [n, 7], where the path has the bodies now."""
-    for body in range(targets.shape[0]):
-        for i in ti.static(range(7)):
-            bodies[body, TARGET + i] = targets[body, i]
-        bodies[body, TRAVEL] = 0.0
-        bodies[body, LOST] = 0.0
-        integers[body, BLOCKED] = 0
-        integers[body, CONTACTS] = 0
+MOST_TRIES = 24  # of motions in one substep
 
 
 @ti.func
@@ -161,11 +151,34 @@ def begin_following(bodies: ti.template(), integers: ti.template(), targets: ti.
         bodies[body, BOUND] = (
             ti.min(far, bodies[body, ALLOWED]) + ti.min(angle, bodies[body, ALLOWED_TURN]) * bodies[body, RADIUS] + push
         )
-        propose(bodies, integers, body)
+
+
+@ti.func
+def freeze(
+    bodies: ti.template(),
+    integers: ti.template(),
+    groups: ti.template(),
+    spheres: ti.template(),
+    bounding: ti.template(),
+    frozen: ti.template(),
+    frozen_groups: ti.template(),
+    body: ti.i32,
+):
+    """Note where the spheres of a body are, for the others to look at."""
+    origin = single(bodies, body, POSITION)
+    first = integers[body, FIRST_GROUP]
+    for group in range(first, first + integers[body, GROUPS]):
+        middle = origin + turned(bodies, body, vector_at(bounding, group, 0))
+        for i in ti.static(range(3)):
+            frozen_groups[group, i] = middle[i]
+        for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+            centre = origin + turned(bodies, body, vector_at(spheres, sphere, 0))
+            for i in ti.static(range(3)):
+                frozen[sphere, i] = centre[i]
 
 
 @ti.kernel
-def begin_substep(
+def substep(
     bodies: Bodies,
     integers: Ints,
     groups: Ints,
@@ -178,13 +191,22 @@ def begin_substep(
     targets: Bodies,
     active: Times,
     length: ti.f64,
-) -> ti.i32:
-    """Freeze where everything is, choose the motions to try, and find which bodies might meet.
+    touches: Floats,
+    times: Times32,
+    counts: Column,
+    wide: ti.template(),
+    nodes: Tree,
+    triangles: Tree,
+    instances: Floats,
+    roots: Column,
+    root: ti.i32,
+):
+    """Move all bodies on.
 
     targets: f64 [n, 7], poses on the paths at the end of the substep. active: s of the substep in which each body's
-    clock runs. planes: f32 [WALLS, 4] at its end. length: of the substep, s. Returns how many bodies have to move.
+    clock runs. planes: f32 [WALLS, 4] at its end. length: of the substep, s.
     """
-    moving = 0
+    # Freeze where everything is, and choose how far each may go.
     for body in range(targets.shape[0]):
         bodies[body, ACTIVE] = active[body]
         integers[body, TRIES] = 0
@@ -199,24 +221,13 @@ def begin_substep(
                 integers[body, ON_PATH] = 1
             bodies[body, REST] = 0.0
             bodies[body, BOUND] = 0.0
-        elif integers[body, KIND] == BOUNCES:
-            begin_bouncing(bodies, integers, groups, spheres, planes, body)
         else:
-            begin_following(bodies, integers, targets, body, length)
-        if bodies[body, REST] > 0.0:
-            propose(bodies, integers, body)
-            moving += 1
-    for group in range(groups.shape[0]):
-        body = groups[group, 0]
-        if integers[body, COLLIDES] > 0:
-            origin = single(bodies, body, POSITION)
-            middle = origin + turned(bodies, body, vector_at(bounding, group, 0))
-            for i in ti.static(range(3)):
-                frozen_groups[group, i] = middle[i]
-            for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-                centre = origin + turned(bodies, body, vector_at(spheres, sphere, 0))
-                for i in ti.static(range(3)):
-                    frozen[sphere, i] = centre[i]
+            freeze(bodies, integers, groups, spheres, bounding, frozen, frozen_groups, body)
+            if integers[body, KIND] == BOUNCES:
+                begin_bouncing(bodies, integers, groups, spheres, planes, body)
+            else:
+                begin_following(bodies, integers, targets, body, length)
+    # Find which might meet.
     for body in range(targets.shape[0]):
         count = 0
         if bodies[body, REST] > 0.0:
@@ -229,70 +240,77 @@ def begin_substep(
                         count += 1
                         near[body, count] = other
         near[body, 0] = count
-    return moving
-
-
-@ti.kernel
-def step(
-    bodies: Bodies,
-    integers: Ints,
-    groups: Ints,
-    spheres: Floats,
-    bounding: Floats,
-    clearance: Floats,
-    frozen: Floats,
-    frozen_groups: Floats,
-    near: Ints,
-    planes: Floats,
-    touches: Floats,
-    result: Floats,
-    result_rows: Ints,
-    nodes: Floats,
-    triangles: Floats,
-    instances: Floats,
-    roots: Column,
-    root: ti.i32,
-) -> ti.i32:
-    """One try of every body that has not done its substep yet. Returns how many still have not."""
-    ti.loop_config(block_dim=8)
-    for group in range(groups.shape[0]):
-        if bodies[groups[group, 0], REST] > 0.0:
-            sweep_group(
-                group,
+    ti.loop_config(block_dim=1)
+    for body in range(targets.shape[0]):
+        tries = 0
+        if bodies[body, REST] > 0.0 and integers[body, KIND] != BOUNCES:
+            propose(bodies, integers, body)
+        while bodies[body, REST] > 0.0 and tries < MOST_TRIES:
+            tries += 1
+            first = integers[body, FIRST_GROUP]
+            for group in range(first, first + integers[body, GROUPS]):
+                counts[group] = 0
+            time = ti.cast(1.0, ti.f32)
+            normal = vec3(0.0)
+            kind = NOTHING
+            row = -1
+            leg = ti.cast(0.0, ti.f64)
+            looks = True
+            if integers[body, KIND] == BOUNCES:
+                looks = bodies[body, AHEAD] <= 0.0
+                if looks:
+                    leg = look_ahead(bodies, integers, body)
+            if looks:
+                time, normal, row = sweep_obstacles(
+                    bodies,
+                    integers,
+                    groups,
+                    spheres,
+                    bounding,
+                    touches,
+                    times,
+                    counts,
+                    wide,
+                    nodes,
+                    triangles,
+                    instances,
+                    roots,
+                    root,
+                    body,
+                )
+                if time < 1.0:
+                    kind = OBSTACLE
+            if leg > 0.0:
+                bodies[body, AHEAD] = time * leg
+                if time > 0.0:
+                    time = 1.0
+                    kind = NOTHING
+                propose(bodies, integers, body)
+            elif not looks:
+                propose(bodies, integers, body)
+            sooner, other_normal, other_kind, other = sweep_others(
                 bodies,
                 integers,
                 groups,
                 spheres,
                 bounding,
-                clearance,
                 frozen,
                 frozen_groups,
                 near,
                 planes,
                 touches,
-                result,
-                result_rows,
-                nodes,
-                triangles,
-                instances,
-                roots,
-                root,
+                counts,
+                body,
+                time,
             )
-    unfinished = 0
-    ti.loop_config(block_dim=1)
-    for body in range(near.shape[0]):
+            if other_kind != NOTHING:
+                time, normal, kind, row = sooner, other_normal, other_kind, other
+            if not looks and time <= 0.0 and kind != WAIT:
+                bodies[body, AHEAD] = 0.0  # whatever touches it counts: look at the obstacles too
+            else:
+                advance(bodies, integers, touches, counts, body, time, normal, kind, row)
         if bodies[body, REST] > 0.0:
-            advance(bodies, integers, touches, result, result_rows, body)
-            if bodies[body, REST] > 0.0:
-                unfinished += 1
-    return unfinished
-
-
-@ti.kernel
-def give_up(bodies: Bodies, integers: Ints):
-    """End the substep for bodies that have not done it: what time they have left is lost."""
-    for body in range(bodies.shape[0]):
-        if bodies[body, REST] > 0.0:
+            # It gives up: what time it has left is lost.
             if integers[body, KIND] == BOUNCES:
                 bodies[body, LOST] += bodies[body, REST]
             bodies[body, REST] = 0.0

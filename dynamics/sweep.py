@@ -1,4 +1,4 @@
-"""When do moving bodies meet anything? The kernels that look: one thread for each group of proxy spheres.
+"""When does a moving body first meet an obstacle? Device functions, one call for each body.
 
 A group is a row of `groups`, i32 [g, 3]: its body, first sphere, number of spheres; `bounding`, f32 [g, 4], has the
 sphere around it. `spheres`, f32 [n, 4], are centre and radius in the body's own axes.
@@ -8,56 +8,23 @@ sphere around it. `spheres`, f32 [n, 4], are centre and radius in the body's own
 import taichi as ti
 
 from dynamics.columns import (
-    ACTIVE,
     BOUNCES,
-    BOUND,
     CENTRE,
-    COLLIDES,
     FIRST_GROUP,
     GROUPS,
     KIND,
-    LIMITED,
     MOVE,
     POSITION,
-    PULL,
-    PULLED,
     RADIUS,
     ROTATION,
-    SIGHT,
-    STEP,
-    TRAVEL,
-    TRIES,
     TURN,
 )
-from dynamics.contact import (
-    FAR,
-    MOVER,
-    NOTHING,
-    OBSTACLE,
-    SKIN,
-    SLIDE,
-    TOLERANCE,
-    TOUCHES,
-    WAIT,
-    WALL,
-    Column,
-    Floats,
-    Ints,
-    look_around,
-    record,
-    vec3,
-    vector_at,
-)
+from dynamics.contact import CONTACT, NEAREST, SKIN, TOLERANCE, TOUCHES, WITHIN, look_around
+from dynamics.tree import Column, Floats, Tree, vec3, vector_at
 
 Bodies = ti.types.ndarray(ti.f64, 2)
 
-WALLS = 6
-CONTACT_GAP = 3.0 * SKIN  # m: movers nearer than this touch each other
-REACHED = 1e-4  # m: rounding that pairs of groups are given
-
-# Columns of a group's result.
-TIME, RESULT_NORMAL, RESULT_COLUMNS = 0, 1, 4
-RESULT_KIND, RESULT_ROW, RESULT_TOUCHES, RESULT_INTEGERS = 0, 1, 2, 3
+REACHED = 1e-4  # m: rounding that bounding spheres and pairs of groups are given
 
 
 @ti.func
@@ -92,224 +59,124 @@ def chord_of(turn, move, arm):
     return result
 
 
-@ti.kernel
-def measure(
-    bodies: Bodies,
-    integers: Ints,
-    groups: Ints,
-    spheres: Floats,
-    bounding: Floats,
-    clearance: Floats,
-    touches: Floats,
-    nodes: Floats,
-    triangles: Floats,
-    instances: Floats,
-    roots: Column,
-    root: ti.i32,
-):
-    """Set clearance[sphere, 0]: how far each sphere is from all obstacles, as far as its body can see, m.
-
-    First the sphere around the group: where that is out of sight of everything, so is all that it holds.
-    """
-    ti.loop_config(block_dim=8)
-    for group in range(groups.shape[0]):
-        body = groups[group, 0]
-        if integers[body, COLLIDES] > 0:
-            origin = single(bodies, body, POSITION)
-            sight = ti.cast(bodies[body, SIGHT], ti.f32)
-            first = groups[group, 1]
-            arm = turned(bodies, body, vector_at(bounding, group, 0))
-            radius = bounding[group, 3]
-            together = -FAR
-            for step in range(1 + groups[group, 2]):
-                sphere = first + step - 1
-                if step > 0:
-                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-                    radius = spheres[sphere, 3]
-                if together < sight:
-                    distance, _normal, _row, _touched = look_around(
-                        nodes,
-                        triangles,
-                        instances,
-                        roots,
-                        root,
-                        origin + arm,
-                        vec3(0.0),
-                        radius,
-                        radius + sight,
-                        0.0,
-                        0.0,
-                        arm,
-                        -arm,
-                        touches,
-                        0,
-                        0,
-                        False,
-                    )
-                    if step == 0:
-                        together = distance - radius
-                        if together >= sight * (1.0 - 1e-5):
-                            together = sight
-                    else:
-                        clearance[sphere, 0] = distance - radius
-                else:
-                    clearance[sphere, 0] = sight * (1.0 - 1e-5)
+@ti.func
+def touch_band(bodies: ti.template(), integers: ti.template(), body: ti.i32) -> ti.f32:
+    """How near something must be to be remembered as a touch, m: all that could be in a follower's way."""
+    band = TOLERANCE
+    if integers[body, KIND] != BOUNCES:
+        length = single(bodies, body, MOVE).norm()
+        length += single(bodies, body, TURN).norm() * ti.cast(bodies[body, RADIUS], ti.f32)
+        band += length
+    return band
 
 
 @ti.func
-def sweep_group(
-    group: ti.i32,
+def sweep_obstacles(
     bodies: ti.template(),
     integers: ti.template(),
     groups: ti.template(),
     spheres: ti.template(),
     bounding: ti.template(),
-    clearance: ti.template(),
-    frozen: ti.template(),
-    frozen_groups: ti.template(),
-    near: ti.template(),
-    planes: ti.template(),
     touches: ti.template(),
-    result: ti.template(),
-    result_rows: ti.template(),
+    times: ti.template(),
+    counts: ti.template(),
+    wide: ti.template(),
     nodes: ti.template(),
     triangles: ti.template(),
     instances: ti.template(),
     roots: ti.template(),
     root: ti.i32,
+    body: ti.i32,
 ):
-    """Find when, in 0 .. 1, the motion that its body tries first makes a sphere of the group touch something."""
-    body = groups[group, 0]
+    """When, in 0 .. 1, the motion that a body tries makes one of its spheres touch an obstacle, 1 for never.
+
+    First the sphere around the body, then those around its groups: where these stay free, so does all that they hold.
+    The group that might meet something first goes first, for what it meets bounds the search of the others.
+    Returns the time, the normal and the instance.
+    """
     origin = single(bodies, body, POSITION)
     move = single(bodies, body, MOVE)
     turn = single(bodies, body, TURN)
-    reach = ti.cast(bodies[body, RADIUS], ti.f32)
-    travel = ti.cast(bodies[body, TRAVEL], ti.f32)
-    length = move.norm() + turn.norm() * reach
-    slack = 0.125 * reach * turn.dot(turn)
-    band = TOLERANCE
-    if integers[body, KIND] != BOUNCES:
-        band += length
-    base = group * TOUCHES
-    count = 0
-    best = 1.0
-    best_normal = vec3(0.0)
-    best_kind = NOTHING
-    best_row = -1
-    first = groups[group, 1]
-    last = first + groups[group, 2]
-    for sphere in range(first, last):
-        radius = spheres[sphere, 3]
-        # What was farther away when the frame began than the body has moved since, and will, cannot be met.
-        if clearance[sphere, 0] - travel < length + band + 2.0 * SKIN:
-            arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-            chord = chord_of(turn, move, arm)
-            time, normal, row, touched = look_around(
+    angle = turn.norm()
+    slack = 0.125 * ti.cast(bodies[body, RADIUS], ti.f32) * angle * angle
+    band = touch_band(bodies, integers, body)
+    first = integers[body, FIRST_GROUP]
+    count = integers[body, GROUPS]
+    soonest = -1
+    for step in range(count + 1):
+        group = first + step - 1
+        arm = vec3(0.0)
+        radius = ti.cast(bodies[body, RADIUS], ti.f32)
+        if step > 0:
+            arm = turned(bodies, body, vector_at(bounding, group, 0))
+            # What it holds is not carried quite as its centre is.
+            radius = bounding[group, 3] * (1.0 + angle)
+        if step == 0 or soonest > -1:
+            time, _normal, _row, _touched = look_around(
+                wide,
                 nodes,
                 triangles,
                 instances,
                 roots,
                 root,
                 origin + arm,
-                chord,
-                radius,
-                best,
-                slack,
-                band,
+                chord_of(turn, move, arm),
+                radius + band + SKIN + REACHED,
+                1.0,
+                0.0,
+                0.0,
                 arm,
-                turned(bodies, body, single(bodies, body, CENTRE)) - arm,
+                arm,
                 touches,
-                base,
-                count,
-                True,
+                0,
+                0,
+                WITHIN,
             )
-            count = touched
-            if time < best:
-                best = time
-                best_normal = normal
-                best_kind = OBSTACLE
-                best_row = row
-    if integers[body, LIMITED] > 0:
-        # What is outside already may not go on outwards by itself while it is pulled inwards.
-        pulled = vec3(0.0)
-        if integers[body, KIND] == BOUNCES and integers[body, PULLED] > 0:
-            pulled = single(bodies, body, PULL) * ti.cast(bodies[body, STEP] / bodies[body, ACTIVE], ti.f32)
-        must_enter = integers[body, KIND] != BOUNCES and integers[body, TRIES] == 0
-        for sphere in range(first, last):
-            arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-            chord = chord_of(turn, move, arm)
-            for wall in range(WALLS):
-                normal = vector_at(planes, wall, 0)
-                gap = normal.dot(origin + arm) + planes[wall, 3] - spheres[sphere, 3] - SKIN
-                if gap < chord.norm() + band:
-                    count = record(touches, base, count, normal, arm, gap, WALL)
-                    approach = -normal.dot(chord)
-                    time = FAR
-                    if approach > SLIDE:
-                        time = ti.max(gap - 0.5 * TOLERANCE, 0.0) / approach
-                        if gap < TOLERANCE:
-                            time = 0.0
-                    if gap < -TOLERANCE and (must_enter or normal.dot(pulled - chord) > SLIDE):
-                        time = 0.0
-                    if time < best:
-                        best = time
+            if step > 0:
+                times[group] = time
+                if time < times[soonest]:
+                    soonest = group
+            elif time < 1.0:
+                soonest = first
+                times[first] = 1.0
+    best = 1.0
+    best_normal = vec3(0.0)
+    best_row = -1
+    if soonest > -1:
+        for step in range(count + 1):
+            group = first + step - 1
+            if step == 0:
+                group = soonest
+            time = times[group]
+            if (step == 0 or group != soonest) and (time < best or time <= 0.0):
+                for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                    met, normal, row, touched = look_around(
+                        wide,
+                        nodes,
+                        triangles,
+                        instances,
+                        roots,
+                        root,
+                        origin + arm,
+                        chord_of(turn, move, arm),
+                        spheres[sphere, 3],
+                        best,
+                        slack,
+                        band,
+                        arm,
+                        turned(bodies, body, single(bodies, body, CENTRE)) - arm,
+                        touches,
+                        group * TOUCHES,
+                        counts[group],
+                        CONTACT,
+                    )
+                    counts[group] = touched
+                    if met < best:
+                        best = met
                         best_normal = normal
-                        best_kind = WALL
-                        best_row = wall
-    bound = ti.cast(bodies[body, BOUND], ti.f32)
-    mine = vector_at(frozen_groups, group, 0)
-    size = bounding[group, 3]
-    for i in range(near[body, 0]):
-        other = near[body, 1 + i]
-        theirs = ti.cast(bodies[other, BOUND], ti.f32)
-        share = 0.5
-        if bound + theirs > 0.0:
-            share = bound / (bound + theirs)
-        within = bound + theirs + 4.0 * SKIN + band + REACHED
-        for each in range(integers[other, FIRST_GROUP], integers[other, FIRST_GROUP] + integers[other, GROUPS]):
-            between = (vector_at(frozen_groups, each, 0) - mine).norm()
-            if between < size + bounding[each, 3] + within:
-                for sphere in range(first, last):
-                    here = vector_at(frozen, sphere, 0)
-                    radius = spheres[sphere, 3]
-                    for b in range(groups[each, 1], groups[each, 1] + groups[each, 2]):
-                        away = here - vector_at(frozen, b, 0)
-                        distance = away.norm()
-                        gap = distance - radius - spheres[b, 3]
-                        if gap < within:
-                            normal = away / ti.max(distance, 1e-9)
-                            arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-                            chord = chord_of(turn, move, arm)
-                            # Each of the two may close its share of the gap of the beginning of the substep.
-                            closed = -normal.dot(origin + arm - here)
-                            left = share * (gap - SKIN)
-                            if gap > SKIN:
-                                left -= closed
-                            kind = WAIT
-                            if gap < CONTACT_GAP:
-                                kind = MOVER
-                            if left < chord.norm() + band:
-                                count = record(touches, base, count, normal, arm, left, kind)
-                                approach = -normal.dot(chord)
-                                time = FAR
-                                if left < TOLERANCE:
-                                    if approach > SLIDE:
-                                        time = 0.0
-                                    if gap < 0.5 * SKIN and approach > -4.0 * slack - 1e-9:
-                                        time = 0.0
-                                elif approach > 0.0:
-                                    time = (left - 0.5 * TOLERANCE) / approach
-                                if time < best:
-                                    best = time
-                                    best_normal = normal
-                                    best_kind = kind
-                                    best_row = other
-    result[group, TIME] = best
-    for i in ti.static(range(3)):
-        result[group, RESULT_NORMAL + i] = best_normal[i]
-    result_rows[group, RESULT_KIND] = best_kind
-    result_rows[group, RESULT_ROW] = best_row
-    result_rows[group, RESULT_TOUCHES] = count
+                        best_row = row
+    return best, best_normal, best_row
 
 
 @ti.kernel
@@ -317,8 +184,9 @@ def distances(
     points: Floats,
     limit: ti.f32,
     touches: Floats,
-    nodes: Floats,
-    triangles: Floats,
+    wide: ti.template(),
+    nodes: Tree,
+    triangles: Tree,
     instances: Floats,
     roots: Column,
     root: ti.i32,
@@ -326,6 +194,7 @@ def distances(
     """Set column 3 of `points`, f32 [n, 4], to the distance of the nearest obstacle, m; `limit` if none is nearer."""
     for i in range(points.shape[0]):
         distance, _normal, _row, _touched = look_around(
+            wide,
             nodes,
             triangles,
             instances,
@@ -342,6 +211,6 @@ def distances(
             touches,
             0,
             0,
-            False,
+            NEAREST,
         )
         points[i, 3] = distance

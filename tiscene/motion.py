@@ -25,7 +25,7 @@ from tiscene.edits import Life
 from tiscene.errors import ScenarioError
 from tiscene.scenario import Scenario
 from tiscene.scene.description import SceneDescription
-from tiscene.scene.obstacles import ObstacleTree
+from tiscene.scene.obstacles import MeshTrees, ObstacleTree
 
 Array = NDArray[np.float64]
 WALLS = ("left", "right", "bottom", "top", "near", "far")
@@ -179,8 +179,9 @@ class Motion:
     def _placed_obstacles(self) -> tuple[Obstacles, NDArray[np.int64]]:
         """The stage as obstacles, and the row of the stage's instance for each of theirs."""
         if self._obstacles is None:
-            tree = ObstacleTree(self._stage.meshes, self._stage.instances)
-            self._obstacles = placed(tree.nodes, tree.triangles, tree.roots, tree.matrices, tree.root), tree.rows
+            trees = MeshTrees.built(self._stage.meshes)
+            tree = ObstacleTree(trees, self._stage.instances)
+            self._obstacles = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root), tree.rows
         return self._obstacles
 
     def _body(self, life: Life, bounces: bool) -> Body:

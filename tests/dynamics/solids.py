@@ -8,7 +8,7 @@ from dynamics.obstacles import Obstacles, placed
 from dynamics.proxy import Shape, cover
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.scene.description import Instance, Mesh
-from tiscene.scene.obstacles import ObstacleTree
+from tiscene.scene.obstacles import MeshTrees, ObstacleTree
 
 
 def box(size, centre=(0.0, 0.0, 0.0)) -> np.ndarray:
@@ -36,8 +36,9 @@ def obstacles(*parts: np.ndarray, matrices=None):
     matrices = [np.eye(4)] * len(parts) if matrices is None else matrices
 
     def make() -> Obstacles:
-        tree = ObstacleTree(meshes, [Instance(row, row, matrix) for row, matrix in enumerate(matrices)])
-        return placed(tree.nodes, tree.triangles, tree.roots, tree.matrices, tree.root)
+        trees = MeshTrees.built(meshes)
+        tree = ObstacleTree(trees, [Instance(row, row, matrix) for row, matrix in enumerate(matrices)])
+        return placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
 
     return make
 

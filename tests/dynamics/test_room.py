@@ -17,7 +17,7 @@ from dynamics.rotation import matrix_from_quaternion
 from dynamics.sweep import distances
 from tests.benchmarks.room import DEPTH, HEIGHT, WIDTH, room
 from tests.dynamics.solids import spheres_at
-from tiscene.scene.obstacles import ObstacleTree
+from tiscene.scene.obstacles import MeshTrees, ObstacleTree
 
 FPS = 25
 
@@ -55,8 +55,9 @@ class Arena:
         for row, start in enumerate(starts):
             dynamic = UniformMovementRandomBounce(speed, 2.0, tuple(random.normal(size=3)), seed=32)
             movers.append(Mover(Body(dynamic, tuple(start.tolist()), name=f"m{row}"), shapes[row % 4]))
-        tree = ObstacleTree(self.stage.meshes, self.stage.instances)
-        self.tree = placed(tree.nodes, tree.triangles, tree.roots, tree.matrices, tree.root)
+        trees = MeshTrees.built(self.stage.meshes)
+        tree = ObstacleTree(trees, self.stage.instances)
+        self.tree = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
         self.simulation = SteppedSimulation(movers, fps=FPS, obstacles=lambda: self.tree)
 
     def gap(self, poses: np.ndarray) -> float:
@@ -65,8 +66,7 @@ class Arena:
         points = np.zeros((sum(len(radii) for _, radii in spheres), 4), np.float32)
         points[:, :3] = np.concatenate([centres for centres, _ in spheres])
         touches = np.zeros((TOUCHES, TOUCH_COLUMNS), np.float32)
-        tree = self.tree
-        distances(points, 0.2, touches, tree.nodes, tree.triangles, tree.instances, tree.roots, tree.root)
+        distances(points, 0.2, touches, *self.tree.arguments())
         return float((points[:, 3] - np.concatenate([radii for _, radii in spheres])).min())
 
     def between(self, poses: np.ndarray) -> float:

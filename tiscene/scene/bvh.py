@@ -138,6 +138,17 @@ class Bvh:
         self._write_nodes(nodes, first, 0, bvh_write.NAME)
         self._roots[time] = first * self.layout.unit
 
+    def place_for_good(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
+        """Build a tree over instances that stays, whatever is placed later; returns the reference of its first node."""
+        if not len(rows):
+            return EMPTY_NODE
+        nodes, _ = self._build(_widened(boxes), rows, 1, 1, bvh_write.NAME)
+        self._reserve(nodes, 0)
+        first = self._used_nodes
+        self._write_nodes(nodes, first, 0, bvh_write.NAME)
+        self._used_nodes += nodes
+        return first * self.layout.unit
+
     def _build(
         self, boxes: Boxes, order: NDArray[np.int32], leaf_size: int, block: int, leaf_kind: int
     ) -> tuple[int, int]:

@@ -17,6 +17,7 @@ from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.device_array import upload
 from tiscene.scene.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
+from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
 from tiscene.scene.texture_atlas import TextureAtlas
 
@@ -58,6 +59,7 @@ class DeviceScene:
         self._blas: list[Blas] = []
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
+        self._first_textures: list[int] = []  # of every description
         self._mesh_table = np.zeros((0, 3), np.int32)
         self._boxes = np.zeros((0, 2, 3))
         self.instance_count = 0
@@ -87,6 +89,11 @@ class DeviceScene:
         """The triangles as traversal wants them; only tiscene.render.intersect knows their layout."""
         return self._bvh.packs
 
+    @property
+    def trees(self) -> MeshTrees:
+        """The trees over the meshes, for others than rays."""
+        return MeshTrees(self._bvh, self._blas)
+
     def tlas_root(self, time: int) -> int:
         """Where rays enter the instances at `time`, or MOVERS. Raises ArgumentError if they are not placed there."""
         return self._bvh.root(time)
@@ -99,6 +106,7 @@ class DeviceScene:
         first_mesh = len(self._meshes)
         self.descriptions.append((first_mesh, description))
         first_texture = self.textures.append(description.textures)
+        self._first_textures.append(first_texture)
         first_material = self.materials.append(description.materials, first_texture=first_texture)
         self.lights.append(description.lights, first_texture=first_texture)
         for mesh in description.meshes:
@@ -127,6 +135,9 @@ class DeviceScene:
                 f"placement.mesh has rows from {placement.mesh.min()} to {placement.mesh.max()}, "
                 f"but {len(self._meshes)} meshes were added"
             )
+        if placement.lights is not None:
+            rows, lights = zip(*placement.lights, strict=True) if placement.lights else ((), ())
+            self.lights.place(lights, [self._first_textures[row] for row in rows])
         inverse, determinant = _inverted(placement.world_from_object)
         self.placement = placement
         self._upload_instances(inverse, determinant)

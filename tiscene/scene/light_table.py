@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -120,6 +120,7 @@ class LightTable:
         self._arrays: LightArrays | None = None
         self._radius = -1.0
         self._skies: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}  # by row of the atlas
+        self._means: dict[int, float] = {}  # luminance of the lights' textures, by row of the atlas
 
     def __len__(self) -> int:
         return len(self.lights)
@@ -136,6 +137,16 @@ class LightTable:
         """Put another light of the same kind in the place of one."""
         self.lights[row] = light
         self._built = self._arrays = None
+
+    def place(self, lights: Sequence[Light], first_textures: Sequence[int]) -> None:
+        """These are the lights from now on, in the place of all that were there; cheap where they are the same ones.
+
+        first_textures: for each, the row of the atlas where its description's textures begin.
+        """
+        same = len(lights) == len(self.lights) and all(a is b for a, b in zip(lights, self.lights, strict=True))
+        if not same:
+            self.lights, self._first_texture = list(lights), list(first_textures)
+            self._built = self._arrays = None
 
     def arrays(self, atlas: TextureAtlas, radius: float) -> LightArrays:
         """What kernels read. radius: of a sphere about the scene, m; the share of light from infinity depends on it,
@@ -179,9 +190,12 @@ class LightTable:
             values[row, TEXTURE] = -1.0
             texture = getattr(light, "texture", None)
             if texture is not None:
-                image = atlas.textures[self._first_texture[source] + texture]
-                values[row, TEXTURE] = self._first_texture[source] + texture
-                brightness *= float((linear_pixels(image)[..., :3] @ _LUMINANCE).mean())
+                image_row = self._first_texture[source] + texture
+                image = atlas.textures[image_row]
+                values[row, TEXTURE] = image_row
+                if image_row not in self._means:
+                    self._means[image_row] = float((linear_pixels(image)[..., :3] @ _LUMINANCE).mean())
+                brightness *= self._means[image_row]
             match light:
                 case RectLight():
                     values[row, SIZE : SIZE + 2] = light.width, light.height
@@ -214,10 +228,9 @@ class LightTable:
                         values[next_portal, TEXTURE] = -1.0
                         next_portal += 1
                     if texture is not None:
-                        sky = self._first_texture[source] + texture
-                        if sky not in self._skies:
-                            self._skies[sky] = (*dome_distribution(image), sun_part(image))
-                        distribution, grid, values[row, SUN_PART] = self._skies[sky]
+                        if image_row not in self._skies:
+                            self._skies[image_row] = (*dome_distribution(image), sun_part(image))
+                        distribution, grid, values[row, SUN_PART] = self._skies[image_row]
                         values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, grid
                         distributions.append(distribution)
                         used += len(distribution)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.description import Light
+
 PREVIOUS, CURRENT, NEXT = 0, 1, 2
 MOVERS = 3  # no time: the tree over some of the instances at CURRENT
 
@@ -21,6 +23,8 @@ class Placement:
     world_from_object: float64 [3, n, 3, 4], m.
     box_from_object: float64 [n, 3, 4], maps the mesh's space to its object's bounding box, 0..1.
     present: bool [3, n], False where the instance does not exist (not yet spawned, despawned).
+    lights: those that shine now, each after the row of the description, in the order of `DeviceScene.add`, whose
+    textures it reads; None: all that were added, as they were.
     """
 
     mesh: NDArray[np.int32]
@@ -29,3 +33,4 @@ class Placement:
     world_from_object: NDArray[np.float64]
     box_from_object: NDArray[np.float64]
     present: NDArray[np.bool_]
+    lights: tuple[tuple[int, Light], ...] | None = None
