@@ -1,0 +1,95 @@
+"""The two-level tree of boxes that spheres are looked up in: reading nodes and triangles, device functions.
+
+Two layouts, as ray tracers have them; which one is known when a kernel is compiled (`wide`). See `dynamics.obstacles`.
+(No postponed annotations in this module.)
+"""
+
+import taichi as ti
+
+vec2 = ti.types.vector(2, ti.f32)
+vec3 = ti.types.vector(3, ti.f32)
+Tree = ti.types.ndarray()  # nodes and triangles: their types are those of the layout
+Floats = ti.types.ndarray(ti.f32, 2)
+Ints = ti.types.ndarray(ti.i32, 2)
+Column = ti.types.ndarray(ti.i32, 1)
+
+STACK = 112  # what the builders of the trees keep to
+
+
+@ti.func
+def vector_at(table: ti.template(), row: ti.i32, column: ti.i32):
+    return vec3(table[row, column], table[row, column + 1], table[row, column + 2])
+
+
+@ti.func
+def mapped(instances: ti.template(), row: ti.i32, column: ti.i32, v, w: ti.f32):
+    """A point (w = 1) or a direction (w = 0) by the matrix in `column` of an instance."""
+    result = vec3(0.0)
+    for i in ti.static(range(3)):
+        at = column + ti.static(4 * i)
+        result[i] = (
+            instances[row, at] * v[0]
+            + instances[row, at + 1] * v[1]
+            + instances[row, at + 2] * v[2]
+            + instances[row, at + 3] * w
+        )
+    return result
+
+
+@ti.func
+def planes(nodes: ti.template(), node: ti.i32, side: ti.i32, wide: ti.template()):
+    """One side of the boxes of all children: 0 to 2 for the least x, y and z, 3 to 5 for the greatest."""
+    if ti.static(wide):
+        return nodes[node + side]
+    else:
+        return vec2(nodes[node, side], nodes[node, 6 + side])
+
+
+@ti.func
+def child(nodes: ti.template(), node: ti.i32, k: ti.template(), wide: ti.template()) -> ti.i32:
+    """The reference of a child: a node, or a negative number for a leaf."""
+    if ti.static(wide):
+        return ti.bit_cast(nodes[node + 6][k], ti.i32)
+    else:
+        return ti.bit_cast(nodes[node, 12 + k], ti.i32)
+
+
+@ti.func
+def instance_of(leaf: ti.i32, wide: ti.template()) -> ti.i32:
+    """The instance that a leaf above the meshes refers to."""
+    if ti.static(wide):
+        return -1 - leaf
+    else:
+        return (-1 - leaf) // 4
+
+
+@ti.func
+def triangles_of(triangles: ti.template(), leaf: ti.i32, wide: ti.template()):
+    """Where the triangles of a leaf begin, and how many there are."""
+    first = -1 - leaf
+    count = 0
+    if ti.static(wide):
+        names = triangles[first + 9]
+        for lane in ti.static(range(4)):
+            if ti.bit_cast(names[lane], ti.i32) >= 0:
+                count = lane + 1
+    else:
+        count = first % 4 + 1
+        first = first // 4
+    return first, count
+
+
+@ti.func
+def triangle(triangles: ti.template(), first: ti.i32, which: ti.i32, wide: ti.template()):
+    """A corner and the two edges from it, in the mesh's space."""
+    corner, edge_1, edge_2 = vec3(0.0), vec3(0.0), vec3(0.0)
+    if ti.static(wide):
+        for c in ti.static(range(3)):
+            corner[c] = triangles[first + c][which]
+            edge_1[c] = triangles[first + 3 + c][which]
+            edge_2[c] = triangles[first + 6 + c][which]
+    else:
+        corner = vector_at(triangles, first + which, 0)
+        edge_1 = vector_at(triangles, first + which, 4)
+        edge_2 = vector_at(triangles, first + which, 8)
+    return corner, edge_1, edge_2
