@@ -155,7 +155,7 @@ class DeviceScene:
 
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Build the tree MOVERS over those of the instances at CURRENT; returns their world boxes [n, 6], m."""
-        rows = np.flatnonzero(self._hittable[CURRENT] & moving).astype(np.int32)
+        rows: NDArray[np.int32] = np.flatnonzero(self._hittable[CURRENT] & moving).astype(np.int32)
         boxes: NDArray[np.float64] = self._instance_boxes[CURRENT, rows]
         self._bvh.place(MOVERS, boxes, rows, capacity=self.instance_count)
         return boxes

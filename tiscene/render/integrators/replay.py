@@ -16,14 +16,18 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene import device
+from tiscene.errors import ArgumentError
 from tiscene.render.base_image import BaseImages
 from tiscene.render.integrators import replay_kernels as kernels
 from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK
 from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache
+from tiscene.render.integrators.replay_near import ROWS, find_near
 from tiscene.render.intersect import occluded
 from tiscene.render.sampler import frame_key, index_bits
 from tiscene.render.view import View
+from tiscene.scene.bvh_write import vec8
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
@@ -32,6 +36,7 @@ from tiscene.scene.placement import CURRENT, MOVERS, Placement
 BASE_FRAME, CACHE_FRAME, MOVERS_FRAME = -1, -2, -3
 ONE_PIXEL = 1 << 30  # as many samples a pixel: the row alone tells rays apart
 BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
+NOWHERE = 1e30
 MEMORY_LIMIT = 1 << 30
 
 
@@ -75,7 +80,7 @@ class ReplayPass:
         """How many paths a pixel are kept."""
         return self._cache.numbers[0] if self._cache else 0
 
-    def render(
+    def prepare(
         self,
         view: View,
         placement: Placement,
@@ -85,24 +90,51 @@ class ReplayPass:
         spp: int,
         max_depth: int,
         base_spp: int,
-    ) -> PathImage:
-        """One picture of what is placed, a pure function of its arguments; the scene is placed at CURRENT afterwards.
+    ) -> None:
+        """Make the base image and the paths of what does not move, unless those at hand are of the same.
 
+        They depend on the arguments alone. Places what it needs: the frame's instances are to be placed afterwards.
         moving: bool [n], which instances are not in the base. spp: paths per pixel to keep; base_spp: to make the base
         image of.
         """
-        self._prepare(view, placement, moving, seed, spp, max_depth, base_spp)
-        boxes = self.scene.place_movers(moving)
+        still = placement.present[CURRENT] & ~moving
+        materials = self.scene.materials
+        key = (
+            view.rows()[CURRENT].tobytes(),
+            np.flatnonzero(still).tobytes(),
+            placement.mesh[still].tobytes(),
+            placement.world_from_object[CURRENT, still].tobytes(),
+            tuple(self.scene.lights.lights),
+            materials.any_coverage,
+            materials.any_emission,
+            (seed, spp, max_depth, base_spp),
+        )
+        if key == self._key:
+            return
+        self._key, self._cache = (), None
+        self.scene.place(replace(placement, present=placement.present & ~moving))
+        self._radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
+        self._base = self._base_image(view, still, seed, base_spp, max_depth)
+        self._report("paths", 0.0)
+        self._cache = self._kept_paths(view, seed, spp, max_depth)
+        self._scratch = _Scratch(self._cache)
+        self._report("paths", 1.0)
+        self._key = key
+
+    def render(self, moving: NDArray[np.bool_]) -> PathImage:
+        """The picture of what the scene has placed at CURRENT, which was prepared for.
+
+        moving: bool [n], which instances are not in the base.
+        """
         cache, scratch = self._cache, self._scratch
-        assert cache is not None
-        assert scratch is not None
+        if cache is None or scratch is None:
+            raise ArgumentError("nothing is prepared; call prepare() first")
+        groups = ti.ndarray(vec8, 6)
+        groups.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
         scene = self._paths.scene_arrays(self._radius)
-        groups = upload(grouped(boxes))
-        group_count = len(boxes) and groups.shape[0]
         for block in cache.blocks:
-            self._replay(scene, cache, block, scratch, groups, group_count)
-        looks = int(cache.looks.shape[0])
-        self._test(cache.looks, looks, groups, group_count, scratch)
+            self._replay(scene, cache, block, scratch, groups)
+        self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
         hdr, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(3))
         kernels.combine(
             cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, self._base,
@@ -110,9 +142,10 @@ class ReplayPass:
         )  # fmt: skip
         return PathImage(hdr, albedo, normal)
 
-    def _test(self, rays: Any, count: int, groups: Any, group_count: int, scratch: _Scratch) -> int:
+    def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
         """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
-        near = kernels.find_near(rays, count, groups, group_count, scratch.cut, scratch.candidates, scratch.row_chunks)
+        with device.vector_mode():
+            near = find_near(rays, count, groups, scratch.cut, scratch.candidates, scratch.row_chunks)
         if near:
             occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.cut)
         return int(near)
@@ -132,13 +165,11 @@ class ReplayPass:
             self._paths.cast_shadows(scene, s, rays, begin, block.number, (ONE_PIXEL, 0, cache.movers_key), tree=MOVERS)
             kernels.note_answers(scratch.shadow_rows, begin, rays, s.occluded, scratch.cut)
 
-    def _replay(
-        self, scene: SceneForPaths, cache: PathCache, block: Block, scratch: _Scratch, groups: Any, group_count: int
-    ) -> None:
+    def _replay(self, scene: SceneForPaths, cache: PathCache, block: Block, scratch: _Scratch, groups: Any) -> None:
         """Add what the movers change of a block's pixels to scratch.change."""
         s, first = cache.state, block.first
         steps = cache.steps
-        near = self._test(block.rays, block.rows, groups, group_count, scratch)
+        near = self._test(block.rays, block.rows, groups, scratch)
         if scene.any_coverage and near:
             self._look_through(scene, cache, block, near, scratch)
         starts = np.zeros(steps + 1, np.int32)
@@ -160,43 +191,6 @@ class ReplayPass:
             cache.pixels, first, block.count, cache.numbers[0], scratch.cut_at, block.restore, block.features,
             s.shadow_rays, s.occluded, s.state, s.features, scratch.difference, scratch.change,
         )  # fmt: skip
-
-    def _prepare(
-        self,
-        view: View,
-        placement: Placement,
-        moving: NDArray[np.bool_],
-        seed: int,
-        spp: int,
-        max_depth: int,
-        base_spp: int,
-    ) -> None:
-        """Make the base image and the paths, unless those at hand are of the same base."""
-        still = placement.present[CURRENT] & ~moving
-        materials = self.scene.materials
-        key = (
-            view.rows()[CURRENT].tobytes(),
-            np.flatnonzero(still).tobytes(),
-            placement.mesh[still].tobytes(),
-            placement.world_from_object[CURRENT, still].tobytes(),
-            tuple(self.scene.lights.lights),
-            materials.any_coverage,
-            materials.any_emission,
-            (seed, spp, max_depth, base_spp),
-        )
-        if key == self._key:
-            self.scene.place(placement)
-            return
-        self._key, self._cache = (), None
-        self.scene.place(replace(placement, present=placement.present & ~moving))
-        self._radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
-        self._base = self._base_image(view, still, seed, base_spp, max_depth)
-        self._report("paths", 0.0)
-        self._cache = self._kept_paths(view, seed, spp, max_depth)
-        self._scratch = _Scratch(self._cache)
-        self._report("paths", 1.0)
-        self.scene.place(placement)
-        self._key = key
 
     def _base_image(
         self, view: View, still: NDArray[np.bool_], seed: int, spp: int, max_depth: int
@@ -245,7 +239,7 @@ class _Scratch:
         self.cut = ti.ndarray(ti.i32, (rows,))
         self.candidates = ti.ndarray(ti.i32, (rows,))
         self.shadow_rows = ti.ndarray(ti.i32, (rows,))
-        self.row_chunks = ti.ndarray(ti.i32, (rows // kernels.ROWS + 2,))
+        self.row_chunks = ti.ndarray(ti.i32, (rows // ROWS + 2,))
         self.difference = ti.ndarray(ti.f32, (paths, 3))
         self.cut_at = ti.ndarray(ti.i32, (paths, 2))
         self.path_chunks = ti.ndarray(ti.i32, (paths // CHUNK + 2, cache.steps))
@@ -254,17 +248,17 @@ class _Scratch:
 
 
 def grouped(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """At most BOXES boxes that hold all of the boxes [n, 6]: neighbours along the axis on which they are spread most.
+    """BOXES boxes that hold all of the boxes [n, 6]: neighbours along the axis on which they are spread most.
 
-    They are a little larger than what they hold, as float32 [m, 6]: what is near to them is looked at again.
+    They are a little larger than what they hold, as float32 [BOXES, 6]; those that are left over hold nothing.
     """
-    if not len(boxes):
-        return np.zeros((1, 6), np.float32)
-    centres = 0.5 * (boxes[:, :3] + boxes[:, 3:])
-    axis = int(np.argmax(np.ptp(centres, axis=0)))
-    order = np.argsort(centres[:, axis], kind="stable")
-    groups = np.array_split(order, min(BOXES, len(boxes)))
-    low = np.stack([boxes[group, :3].min(axis=0) for group in groups])
-    high = np.stack([boxes[group, 3:].max(axis=0) for group in groups])
-    margin = 1e-5 * np.abs(boxes).max() + 1e-6
-    return np.concatenate([low - margin, high + margin], axis=1).astype(np.float32)
+    result = np.repeat(np.array([[NOWHERE] * 3 + [-NOWHERE] * 3], np.float32), BOXES, axis=0)
+    if len(boxes):
+        centres = 0.5 * (boxes[:, :3] + boxes[:, 3:])
+        axis = int(np.argmax(np.ptp(centres, axis=0)))
+        order = np.argsort(centres[:, axis], kind="stable")
+        margin = 1e-5 * np.abs(boxes).max() + 1e-6
+        for row, group in enumerate(np.array_split(order, min(BOXES, len(boxes)))):
+            result[row, :3] = boxes[group, :3].min(axis=0) - margin
+            result[row, 3:] = boxes[group, 3:].max(axis=0) + margin
+    return result

@@ -16,6 +16,7 @@ from tiscene.render.integrators.path_state import (
     SEEN,
     THROUGHPUT,
 )
+from tiscene.render.integrators.replay_near import ROWS, add_up
 from tiscene.render.integrators.replay_record import (
     R_IOR2,
     R_PDF,
@@ -32,63 +33,7 @@ from tiscene.scene.placement import CURRENT
 vec3 = ti.math.vec3
 Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
-ROWS = 256  # rows that one thread looks at before it takes the next
 LOOKS = 4  # rays through a pixel, at fixed places, that tell how much of it the movers cover
-TINY = 1e-18
-
-
-@ti.func
-def near_a_box(boxes: ti.template(), box_count: ti.i32, rays: ti.template(), row: ti.i32) -> ti.i32:
-    """1 where the ray enters one of the boxes before its end."""
-    origin, direction, end = row3(rays, row), read3(rays, row, 4), rays[row, 7]
-    inverse = vec3(0.0)
-    for c in ti.static(range(3)):
-        inverse[c] = 1.0 / ti.select(ti.abs(direction[c]) < TINY, TINY, direction[c])
-    found = 0
-    for box in range(box_count):
-        low = (row3(boxes, box) - origin) * inverse
-        high = (read3(boxes, box, 3) - origin) * inverse
-        enters = ti.max(ti.min(low, high).max(), 0.0)
-        leaves = ti.min(ti.max(low, high).min(), end)
-        if enters <= leaves:
-            found = 1
-    return found
-
-
-@ti.func
-def add_up(chunks: ti.template(), count: ti.i32):
-    """Numbers of chunks to where each chunk begins, and the sum of all behind them. For one thread."""
-    total = 0
-    for chunk in range(count):
-        here = chunks[chunk]
-        chunks[chunk] = total
-        total += here
-    chunks[count] = total
-
-
-@ti.kernel
-def find_near(
-    rays: Floats2, count: ti.i32, boxes: Floats2, box_count: ti.i32, near: Ints1, candidates: Ints1, chunks: Ints1
-) -> ti.i32:
-    """Rows whose rays come near the movers, in order, to `candidates`; near[row] says so too. Returns how many."""
-    chunk_count = (count + ROWS - 1) // ROWS
-    for chunk in range(chunk_count):
-        found = 0
-        for row in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
-            near[row] = near_a_box(boxes, box_count, rays, row)
-            found += near[row]
-        chunks[chunk] = found
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        add_up(chunks, chunk_count)
-    for chunk in range(chunk_count):
-        at = chunks[chunk]
-        if chunks[chunk + 1] > at:
-            for row in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
-                if near[row] > 0:
-                    candidates[at] = row
-                    at += 1
-    return chunks[chunk_count]
 
 
 @ti.kernel
