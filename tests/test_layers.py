@@ -75,7 +75,8 @@ MAY_IMPORT = {
     },
     "tiscene.stream": STREAM,
     "tiscene.export": EXPORT,
-    "tiscene.commands": STREAM | EXPORT | {"tiscene.export"},
+    "tiscene.sailenv": STREAM | {"tiscene.stream"},
+    "tiscene.commands": STREAM | EXPORT | {"tiscene.export", "tiscene.sailenv"},
     "tiscene.cli": {"tiscene", "tiscene.commands", "tiscene.errors"},
     "tiscene.__main__": {"tiscene.cli"},
 }

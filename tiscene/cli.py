@@ -115,6 +115,24 @@ def parser() -> argparse.ArgumentParser:
     bench.add_argument("scene", metavar="SCENE", nargs="?", help="a scene's name or a USD file (default: the demo's)")
     bench.add_argument("--seconds", type=float, default=3.0, help="for each line of the table (default: %(default)g)")
     bench.add_argument("--arch", help="cpu or cuda (default: cpu)")
+
+    serve = commands.add_parser(
+        "serve",
+        help="speak SAILenv's protocol, for its unmodified clients",
+        description="Serve one world to SAILenv's clients (see docs/sailenv.md). Ends cleanly by Ctrl-C or SIGTERM.",
+    )
+    serve.add_argument("scene", metavar="SCENE", nargs="?", help="where the world begins (default: SAILenv's)")
+    serve.add_argument("--host", default="127.0.0.1", help="address to listen at (default: %(default)s, this machine)")
+    serve.add_argument("--port", type=int, default=8085, help="0: any that is free (default: %(default)s)")
+    serve.add_argument("--fps", type=float, default=25.0, help="frames are 1 / fps s apart (default: %(default)g)")
+    serve.add_argument("--quality", default="preview", help="preview, standard or photo (default: %(default)s)")
+    serve.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
+    serve.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
+    serve.add_argument(
+        "--wait", type=float, default=1.0, metavar="SECONDS", help="for a client that is behind (default: %(default)g)"
+    )
+    serve.add_argument("--arch", help="cpu or cuda (default: cpu)")
+    serve.add_argument("-v", "--verbose", action="count", default=0, help="a line for each event; -vv: for each frame")
     return top
 
 

@@ -1,0 +1,350 @@
+"""Environment: one world, one clock, and the agents that look at it. All that SAILenv's Unity program did.
+
+Agents share the scene, its objects and lights; each has its own place, size, background and views. The clock is in
+lock step: it goes on by one frame, 1 / fps seconds, when an agent asks for a frame and has had the current one; an
+agent that has not is shown the current one. So a lone agent sees every frame, several agents that ask in turn see the
+same frames, and one that is slow misses some, as it did when SAILenv ran in real time. What an agent does to the world
+shows in the frame after the current one, which is then its next.
+
+Everything here is in Unity's space, as `tiscene.sailenv.space` explains. Nothing here waits, or knows of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import tiscene.scenario as native
+from tiscene.camera import Camera, Vector3
+from tiscene.errors import ArgumentError, ScenarioError, TisceneError
+from tiscene.render.view import View
+from tiscene.sailenv import description, names, views
+from tiscene.sailenv.lights import Color8, Lights, clipped
+from tiscene.sailenv.place import Place
+from tiscene.sailenv.space import euler_of, mirrored, mirrored_euler, quaternion_of
+from tiscene.sailenv.uploads import Uploads
+from tiscene.sailenv.viewer import Viewer
+from tiscene.scene.description import Light
+from tiscene.stream import Stream
+
+MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
+FARTHEST = 1e6  # m, and degrees
+_SENT = "file:"
+
+
+class Environment:
+    """A world that agents share.
+
+    scene: its first scene, SAILenv's name or tiscene's. The others as of `Stream`.
+    clock: the number of the current frame, -1 before the first.
+    """
+
+    def __init__(
+        self,
+        scene: str | None = None,
+        *,
+        fps: float = 25.0,
+        quality: str = "preview",
+        spp: int | None = None,
+        max_depth: int | None = None,
+        denoise: bool | None = None,
+        seed: int = 0,
+        arch: str | None = None,
+    ) -> None:
+        self.fps = float(fps)
+        self.clock = -1
+        self.viewers: dict[int, Viewer] = {}
+        self._first_scene = scene or names.first_scene()
+        names.scene_of(self._first_scene)
+        self._settings: dict[str, Any] = {
+            "fps": fps,
+            "quality": quality,
+            "spp": spp,
+            "max_depth": max_depth,
+            "denoise": denoise,
+            "seed": seed,
+            "arch": arch,
+        }
+        self.uploads = Uploads()
+        self._stream: Stream | None = None
+        self._ambient: Color8 = (0, 0, 0)
+        self._seen: dict[Any, dict[str, NDArray[Any]]] = {}  # what was rendered of the current frame, by view
+        self._next_id = 0
+
+    # Agents.
+
+    def register(self, width: int, height: int) -> Viewer:
+        """A new agent, where those of the scene begin. Raises ArgumentError for a size out of bounds."""
+        if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
+            raise ArgumentError(
+                f"{width}x{height} px: a side must be from 1 to {MAX_SIDE}, and all at most {MAX_PIXELS} pixels"
+            )
+        viewer = Viewer(self._next_id, width, height)
+        self._next_id += 1
+        self.viewers[viewer.id] = viewer
+        if self._stream is not None:
+            self._put_at_start(viewer)
+        return viewer
+
+    def delete(self, viewer: Viewer) -> None:
+        """The agent is gone. What it spawned stays."""
+        self.viewers.pop(viewer.id, None)
+
+    def behind(self, viewer: Viewer) -> list[Viewer]:
+        """The other agents that take frames and have not had the current one, if this one's next is not that."""
+        if not self._next_is_new(viewer):
+            return []
+        others = (each for each in self.viewers.values() if each is not viewer and each.stepping)
+        return [each for each in others if not self._next_is_new(each)]
+
+    def frame(self, viewer: Viewer, wanted: Sequence[str]) -> tuple[dict[str, NDArray[Any]], float]:
+        """The views named (keys of `views.VIEWS`), and the seconds since the agent's last frame."""
+        stream = self._world()
+        if self._next_is_new(viewer):
+            self.clock += 1
+            stream.seek(self.clock + 1)
+            self._seen.clear()
+        steps = self.clock - viewer.taken if viewer.taken >= 0 else 1
+        camera = self._camera(viewer, self.clock)
+        view = View(viewer.last_camera or camera, camera, camera, viewer.width, viewer.height)
+        buffers = self._buffers(stream, view, viewer, wanted)
+        viewer.taken, viewer.acted, viewer.stepping, viewer.last_camera = self.clock, False, True, camera
+        numbers = np.array([self._place.number(name) for _, name in sorted(stream.categories.items())], np.uint8)
+        result = {name: views.VIEWS[name].of(buffers, numbers) for name in wanted}
+        if viewer.background is not None and "main" in result:
+            views.clear(result["main"], buffers["instance"], viewer.background)
+        return result, steps / self.fps
+
+    def position(self, viewer: Viewer) -> Vector3:
+        """m."""
+        self._world()
+        return self._pose(viewer)[0]
+
+    def rotation(self, viewer: Viewer) -> Vector3:
+        """Euler degrees: as they were set, or in 0..360."""
+        self._world()
+        return self._pose(viewer)[1]
+
+    def place(self, viewer: Viewer, position: Vector3 | None = None, rotation: Vector3 | None = None) -> None:
+        """Put an agent somewhere or turn it, from its next frame on. Raises ArgumentError."""
+        self._world()
+        here, turned = self._pose(viewer)
+        viewer.position = here if position is None else _checked(position)
+        viewer.rotation = turned if rotation is None else _checked(rotation)
+        viewer.placed = True
+        viewer.follows_since = None
+
+    def toggle_follow(self, viewer: Viewer) -> None:
+        """Join the scene's camera track at its beginning, or leave it and stay there."""
+        self._world()
+        if viewer.follows_since is None:
+            viewer.follows_since = self.clock + 1
+        else:
+            viewer.position, viewer.rotation = self._pose(viewer)
+            viewer.follows_since, viewer.placed = None, True
+
+    def clear(self, viewer: Viewer, color: Sequence[int]) -> None:
+        """What an agent sees where nothing is: an 8-bit colour; with a negative part, the sky."""
+        viewer.background = None if min(color) < 0 else clipped(color)
+
+    # The world.
+
+    def scenes(self) -> list[str]:
+        """The scenes there are."""
+        return names.scenes()
+
+    def spawnable(self) -> list[str]:
+        """What can be spawned."""
+        return names.spawnable()
+
+    def categories(self) -> dict[int, str]:
+        """Names by the numbers that `category` views hold: the scene's, then those of all else that can be spawned."""
+        for category in self._world().categories.values():
+            self._place.number(category)
+        return {number: name for name, number in self._place.numbers.items() if number != views.NO_CATEGORY}
+
+    @property
+    def lights(self) -> Lights:
+        """The scene's lights; changes show from the next frame on."""
+        self._world()
+        return self._lights
+
+    @property
+    def ambient(self) -> Color8:
+        """Light that comes from nowhere and reaches every surface alike, 8-bit sRGB; none at first."""
+        return self._ambient
+
+    def set_ambient(self, color: Sequence[int]) -> None:
+        """Values beyond 0..255 count as those."""
+        self._ambient = clipped(color)
+        self._seen.clear()
+
+    def change_scene(self, name: str) -> None:
+        """Begin anew in a scene; agents begin where those of the scene do. Raises SceneNotFound, StageError."""
+        self._enter(names.scene_of(name))
+        for viewer in self.viewers.values():
+            self._put_at_start(viewer)
+
+    def load(self, viewer: Viewer, content: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+        """Begin anew with a scenario: for each of its objects the id, "" if it cannot be; and what is wrong with those.
+
+        Agents that were put somewhere stay there. Raises a TisceneError, changing nothing, if all of it is wrong.
+        """
+        scene = names.scene_of(str(content.get("scene_name")))
+        contents = content.get("objects") or []
+        if not isinstance(contents, list) or not all(isinstance(each, dict) for each in contents):
+            raise ScenarioError("objects: must be a list of objects")
+        ids = description.object_ids(contents)
+        objects, problems = [], []
+        for id, each in zip(ids, contents, strict=True):
+            try:
+                made = description.object_of(each, id)
+                objects.append(replace(made, template=self._template(made.template)))
+            except TisceneError as error:
+                problems.append(f"object {id!r}: {error}")
+        timings = description.timings_of(content.get("timings"), ids, {each.id for each in objects})
+        frustum = description.frustum_of(content.get("frustum"))
+        scenario = native.Scenario(
+            scene, objects, timings, frustum
+        )  # finds what contradicts itself, before anything changes
+        self._enter(scene, scenario, viewer)
+        for each in self.viewers.values():
+            if not each.placed:
+                self._put_at_start(each)
+        numbers = {row.name: str(row.id) for row in self._world().world.objects(0) if row.template}
+        return [numbers.get(id, "") for id in ids], problems
+
+    def spawn(
+        self,
+        viewer: Viewer,
+        name: str,
+        position: Vector3,
+        rotation: Vector3,
+        *,
+        scale: Vector3 = (1.0, 1.0, 1.0),
+        frustum_limited: bool = True,
+        dynamic: tuple[str, Mapping[str, Any]] | None = None,
+    ) -> str:
+        """Let an object appear; its id. dynamic: type and description. Raises ScenarioError, TemplateNotFound."""
+        viewer.acted = True
+        return str(
+            self._world().world.spawn(
+                self._template(name),
+                mirrored(_checked(position)),
+                mirrored_euler(_checked(rotation)),
+                None if dynamic is None else description.dynamic_of(*dynamic),
+                scale=scale,
+                frustum_limited=frustum_limited,
+            )
+        )
+
+    def despawn(self, viewer: Viewer, number: int) -> None:
+        """Let an object be gone. Raises ObjectNotFound."""
+        self._world().world.despawn(number)
+        viewer.acted = True
+
+    def move(self, viewer: Viewer, number: int, position: Vector3, rotation: Vector3) -> None:
+        """Put an object elsewhere. Raises ObjectNotFound, ScenarioError."""
+        self._world().world.move(number, mirrored(_checked(position)), mirrored_euler(_checked(rotation)))
+        viewer.acted = True
+
+    def enclose(self, viewer: Viewer) -> None:
+        """Walls at the sides of an agent's view, up to its far plane."""
+        world = self._world().world
+        camera = self._camera(viewer, self.clock + 1)
+        world.enclose(native.Frustum(), camera, viewer.width / viewer.height)
+        viewer.acted = True
+
+    def close(self) -> None:
+        """Forget what was sent."""
+        self.uploads.close()
+
+    # How.
+
+    def _next_is_new(self, viewer: Viewer) -> bool:
+        return self.clock < 0 or viewer.acted or viewer.taken == self.clock
+
+    def _world(self) -> Stream:
+        """The stream, which is made when it is needed first."""
+        if self._stream is None:
+            self._enter(names.scene_of(self._first_scene))
+            for viewer in self.viewers.values():
+                self._put_at_start(viewer)
+        assert self._stream is not None
+        return self._stream
+
+    def _enter(self, scene: str, scenario: native.Scenario | None = None, viewer: Viewer | None = None) -> None:
+        """Begin anew in a scene, with what its author lets happen or with a scenario that an agent has loaded."""
+        stream = self._stream
+        if stream is None or stream.scenario.scene != scene:
+            stream = Stream(native.Scenario.load(scene), width=64, height=48, **self._settings)
+            self._place = Place.of(stream)
+        if scenario is None or viewer is None:
+            stream.restart(self._place.authored)
+        else:
+            camera = self._camera(viewer, 0) if viewer.placed else self._place.start
+            stream.restart(replace(scenario, camera=camera), width=viewer.width, height=viewer.height)
+        stream.seek(0)
+        listed = names.relied_on()["lights"].get(scene, ["Directional Light"])
+        self._lights = Lights(stream.world.stage.lights, listed, self._relight)
+        self._stream = stream
+        self._ambient = (0, 0, 0)
+        self._seen.clear()
+        self.clock = -1
+        for each in self.viewers.values():
+            each.taken, each.acted, each.last_camera = -1, False, None
+            each.follows_since = None if each.follows_since is None else 0
+
+    def _put_at_start(self, viewer: Viewer) -> None:
+        start = self._place.start
+        viewer.position, viewer.rotation = mirrored(start.position), euler_of(start.rotation)
+        viewer.placed, viewer.follows_since = False, None
+
+    def _pose(self, viewer: Viewer) -> tuple[Vector3, Vector3]:
+        """Position and Euler angles at the agent's frame."""
+        if viewer.follows_since is None:
+            return viewer.position, viewer.rotation
+        camera = self._camera(viewer, max(self.clock, viewer.follows_since))
+        return mirrored(camera.position), euler_of(camera.rotation)
+
+    def _camera(self, viewer: Viewer, frame: int) -> Camera:
+        """What an agent sees by, at a frame."""
+        if viewer.follows_since is None:
+            return self._place.start.posed(mirrored(viewer.position), quaternion_of(viewer.rotation))
+        since = (frame - viewer.follows_since) / Fraction(str(self.fps))
+        return self._place.start.posed(*self._place.track.pose(since))
+
+    def _buffers(self, stream: Stream, view: View, viewer: Viewer, wanted: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """The frame's buffers that views are made of; those of an equal view are not rendered again."""
+        needed = {buffer for name in wanted for buffer in views.VIEWS[name].buffers}
+        if viewer.background is not None and "main" in wanted:
+            needed.add("instance")
+        key = (view.cameras, view.width, view.height, viewer.background)
+        seen = self._seen.setdefault(key, {})
+        missing = sorted(needed - set(seen))
+        if missing:
+            seen.update(stream.look(self.clock, view, missing).buffers)
+        return seen
+
+    def _template(self, name: str) -> str:
+        """tiscene's name of what SAILenv calls `name`, or the file of what was sent to this world."""
+        if name.startswith(_SENT):
+            return self.uploads.template(name.removeprefix(_SENT))
+        return names.template_of(name)
+
+    def _relight(self, row: int, light: Light) -> None:
+        assert self._stream is not None
+        self._stream.relight(row, light)
+        self._seen.clear()
+
+
+def _checked(vector: Vector3) -> Vector3:
+    """Raises ArgumentError for numbers that are none, or farther than anything here."""
+    if not all(abs(component) <= FARTHEST for component in vector):
+        raise ArgumentError(f"{vector}: must be three numbers from -{FARTHEST:g} to {FARTHEST:g}")
+    return vector
