@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.usd.helpers import QUAD, STAGES, problems_of, read, read_with_warning
-from tiscene.usd import read_stage
+from tests.usd.helpers import QUAD, STAGES, problems_of, read, read_with_warning, write
+from tiscene.errors import UnknownName
+from tiscene.usd import read_stage, read_template
 
 
 def test_native_instances():
@@ -214,3 +215,172 @@ def test_an_instance_of_an_assembly_holds_several_things(tmp_path):
     """
     description = read(tmp_path, body)
     assert [thing.prim_path for thing in description.objects] == ["/A/Sofa", "/A/Lamp"]
+
+
+TWO_TAXONOMIES = """
+def Xform "A" (prepend apiSchemas = ["SemanticsLabelsAPI:wikidata", "SemanticsLabelsAPI:category"])
+{
+    token[] semantics:labels:wikidata = ["Q42177"]
+    token[] semantics:labels:category = ["furniture"]
+    def Cube "Bed" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])
+    {
+        token[] semantics:labels:class = ["bed", "sleep"]
+    }
+    def Cube "Shelf"
+    {
+    }
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("taxonomy", "expected"),
+    [(None, ["bed", "furniture"]), ("class", ["bed", ""]), ("wikidata", ["Q42177", "Q42177"])],
+)
+def test_a_chosen_taxonomy(tmp_path, taxonomy, expected):
+    path = write(tmp_path, TWO_TAXONOMIES)
+    assert [thing.category for thing in read_stage(path, taxonomy=taxonomy).objects] == expected
+
+
+def test_a_taxonomy_that_is_not_there(tmp_path):
+    path = write(tmp_path, TWO_TAXONOMIES)
+    with pytest.raises(UnknownName, match=r"no taxonomy 'klass' in stage.usda\. Did you mean 'class'\?"):
+        read_stage(path, taxonomy="klass")
+    with pytest.raises(UnknownName, match="Nothing on the stage has a semantic label"):
+        read_stage(write(tmp_path, 'def Cube "A"\n{\n}'), taxonomy="class")
+
+
+def test_names_stand_for_labels_where_there_are_none(tmp_path):
+    body = """
+def Xform "Chair_01" (kind = "component")
+{
+    def Cube "Seat"
+    {
+    }
+}
+def Xform "C2" (
+    kind = "component"
+    assetInfo = { string name = "Table-12" }
+)
+{
+    def Cube "Top"
+    {
+    }
+}
+def Cube "Floor"
+{
+}
+def Cube "_12"
+{
+}
+"""
+    assert [thing.category for thing in read(tmp_path, body).objects] == ["Chair", "Table", "Floor", "_12"]
+    some = body.replace('def Cube "Floor"', 'def Cube "Floor" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])')
+    some = some.replace('"]\n)', '"]\n)').replace(
+        'apiSchemas = ["SemanticsLabelsAPI:class"])\n{',
+        'apiSchemas = ["SemanticsLabelsAPI:class"])\n{\n    token[] semantics:labels:class = ["floor"]',
+    )
+    assert [thing.category for thing in read(tmp_path, some).objects] == ["", "", "floor", ""]
+    scattered = INSTANCER.replace('"Ball"', '"Ball_7"').replace("</P/Ball>", "</P/Ball_7>") % ""
+    assert [thing.category for thing in read(tmp_path, scattered).objects] == ["Ball", "Ball"]
+
+
+PARTS = """
+def Xform "Chair" (kind = "component")
+{
+    def Cube "Seat"
+    {
+    }
+    def Xform "Frame"
+    {
+        def Mesh "Legs"
+        {
+            uniform token subdivisionScheme = "none"
+            int[] faceVertexCounts = [3, 3, 3]
+            int[] faceVertexIndices = [0, 1, 2, 0, 2, 3, 0, 3, 1]
+            point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1)]
+            def GeomSubset "Left"
+            {
+                int[] indices = [2]
+            }
+            def GeomSubset "Right"
+            {
+                int[] indices = [0]
+            }
+        }
+    }
+}
+def Sphere "Ball"
+{
+}
+"""
+
+
+def test_parts(tmp_path):
+    """A part for each mesh, for each subset of one, and for its faces that are in none."""
+    description = read(tmp_path, PARTS)
+    chair, ball = description.objects
+    assert chair.parts == ("Seat", "Frame/Legs/Left", "Frame/Legs/Right", "Frame/Legs")
+    assert ball.parts == ()
+    assert [each.part for each in description.instances] == [0, 1, 0]
+    seat, legs, _ = (description.meshes[each.mesh] for each in description.instances)
+    assert seat.parts is None
+    np.testing.assert_array_equal(legs.parts, [1, 2, 0])
+
+
+def test_subsets_of_parts_come_before_those_of_materials(tmp_path):
+    body = PARTS.replace(
+        'def GeomSubset "Right"\n            {',
+        'def GeomSubset "Right"\n            {\n                uniform token familyName = "materialBind"',
+    )
+    assert read(tmp_path, body).objects[0].parts == ("Seat", "Frame/Legs/Left", "Frame/Legs")
+
+
+def test_a_template_is_one_thing_whose_parts_are_all(tmp_path):
+    body = 'def Xform "Set"\n{\n' + PARTS.replace('kind = "component"', 'kind = "subcomponent"') + "}\n"
+    template = read_template(write(tmp_path, body, more='defaultPrim = "Set"'))
+    (thing,) = template.description.objects
+    assert thing.parts == ("Seat", "Legs/Left", "Legs/Right", "Legs", "Ball")
+    assert [(each.object, each.part) for each in template.description.instances] == [(0, 0), (0, 1), (0, 4)]
+
+
+COLLIDERS = """
+def Xform "Chair" (kind = "component"%s)
+{
+    def Cube "Drawn"
+    {
+    }
+    def Cube "Proxy" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+    {
+        %s
+    }
+}
+def Cube "Wall"
+{
+}
+def Cube "Ghost" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+{
+    bool physics:collisionEnabled = 0
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "more", "expected"),
+    [
+        ("", "", [False, True, True, False]),
+        ("bool physics:collisionEnabled = 0", "", [True, False, True, False]),
+        ("", 'def PhysicsScene "Physics"\n{\n}\n', [False, True, False, False]),
+    ],
+)
+def test_what_collides(tmp_path, line, more, expected):
+    description = read(tmp_path, COLLIDERS % ("", line) + more)
+    assert [each.collides for each in description.instances] == expected
+
+
+def test_rigid_bodies_are_movable(tmp_path):
+    body = COLLIDERS % (', prepend apiSchemas = ["PhysicsRigidBodyAPI"]', "")
+    body = body.replace('(kind = "component", ', '(\nkind = "component"\n')
+    assert [thing.movable for thing in read(tmp_path, body).objects] == [True, False, False]
+    off = body.replace('def Cube "Drawn"', 'bool physics:rigidBodyEnabled = 0\ndef Cube "Drawn"')
+    assert not read(tmp_path, off).objects[0].movable

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Vector3
-from tiscene.scene.description import Matrix, SceneDescription
+from tiscene.scene.description import Matrix, SceneDescription, SceneObject
 
 # m: how thick a flat object's box counts, so that the way into it can be turned round.
 LEAST_EXTENT = 1e-4
@@ -75,3 +75,18 @@ def corners(box: Matrix) -> tuple[Vector3, Vector3]:
     """The lowest and the highest corner of a box [2, 3]."""
     (a, b, c), (d, e, f) = box.tolist()
     return (a, b, c), (d, e, f)
+
+
+def as_one(description: SceneDescription, name: str, prim_path: str, category: str) -> SceneDescription:
+    """The same with all its objects made one, whose parts are theirs, one after another."""
+    first, names = [], list[str]()
+    for each in description.objects:
+        first.append(len(names))
+        inner = [part if part.split("/")[0] == each.name else f"{each.name}/{part}" for part in each.parts]
+        names += inner or [each.name]
+    if len(description.objects) == 1:
+        names = list(description.objects[0].parts)
+    instances = tuple(replace(each, object=0, part=first[each.object] + each.part) for each in description.instances)
+    movable = any(each.movable for each in description.objects)
+    whole = SceneObject(name, prim_path, category, tuple(names) if len(names) > 1 else (), movable)
+    return replace(description, instances=instances, objects=(whole,) if description.objects else ())

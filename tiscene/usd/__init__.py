@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from tiscene.scene.description import SceneDescription
+from tiscene.usd.label import check_taxonomy
 from tiscene.usd.lifted import RemainingReader, lifted_templates
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import root_context
@@ -21,27 +22,34 @@ def read_stage(
     time_code: float | None = None,
     variants: Variants | None = None,
     lifted: Collection[str] = (),
+    taxonomy: str | None = None,
 ) -> SceneDescription:
     """Read a USD stage (.usd, .usda, .usdc, .usdz) as it is at one time code.
 
     time_code: None for the start of the stage's range, else the earliest value of everything.
     variants: what to select where, `{"/Room{lighting}": "night"}`; no file is changed.
+    taxonomy: of the semantic labels; None for "class", else "category", else any. On a stage without any label things
+    have those that their names say.
     lifted: paths of prims that are to move: each is left out, and becomes a template whose name is its path.
 
     The world keeps the stage's own axes (`up_axis` says which one is up); lengths become metres. A thing with an
     identity is the nearest enclosing prim of kind `component`, else a native instance, else the gprim itself; each
     point of a PointInstancer is one thing.
 
-    Raises MissingFile, StageError (with every problem found) and UnknownName or ArgumentError (variants, lifted). What
-    is left out or approximated is named in one StageWarning.
+    Raises MissingFile, StageError (with every problem found) and UnknownName or ArgumentError (variants, taxonomy,
+    lifted). What is left out or approximated is named in one StageWarning.
     """
     with quiet(), readable(path):
         stage = open_stage(path, variants)
         report = Report(str(path))
+        check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
-        reader = RemainingReader(stage, time, report, lifted)
+        reader = RemainingReader(stage, time, report, lifted, taxonomy)
         reader.walk(stage.GetPseudoRoot(), root_context(stage))
-        templates = (*stage_templates(stage, report), *lifted_templates(stage, lifted, time, report))
+        templates = (
+            *stage_templates(stage, report, taxonomy),
+            *lifted_templates(stage, lifted, time, report, taxonomy),
+        )
         report.raise_problems()
     report.warn()
     file = Path(path)

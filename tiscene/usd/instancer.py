@@ -17,11 +17,16 @@ from tiscene.usd.problems import Report
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A mesh of a prototype. matrix: from the mesh to the prototype's parent, metres. label: what is said of it."""
+    """A mesh of a prototype. matrix: from the mesh to the prototype's parent, metres. label: what is said of it.
+
+    names: of its parts. collides: whether it is a collider, None if nothing is said.
+    """
 
     mesh: int
     matrix: Matrix
     label: str
+    names: tuple[str, ...]
+    collides: bool | None
 
 
 @dataclass(frozen=True, eq=False)

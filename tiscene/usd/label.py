@@ -4,34 +4,62 @@ from __future__ import annotations
 
 from pxr import Kind, Usd, UsdSemantics
 
+from tiscene.errors import UnknownName
+
 PREFERRED_TAXONOMIES = ("class", "category")
 
 
-def direct_label(prim: Usd.Prim, time: Usd.TimeCode) -> str:
+def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
     """The label authored on this very prim by UsdSemanticsLabelsAPI, "" for none.
 
-    The first label of taxonomy `class`, else of `category`, else of the first other taxonomy by name.
+    The first label of `taxonomy`; for None of `class`, else of `category`, else of the first other taxonomy by name.
     """
     applied = UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim)
     if not applied:
         return ""
     taxonomies = sorted(str(name) for name in applied)
+    if taxonomy is not None:
+        taxonomies = [name for name in taxonomies if name == taxonomy]
     taxonomies.sort(key=lambda name: PREFERRED_TAXONOMIES.index(name) if name in PREFERRED_TAXONOMIES else 9)
-    for taxonomy in taxonomies:
-        labels = UsdSemantics.LabelsAPI(prim, taxonomy).GetLabelsAttr().Get(time)
+    for name in taxonomies:
+        labels = UsdSemantics.LabelsAPI(prim, name).GetLabelsAttr().Get(time)
         if labels:
             return str(labels[0])
     return ""
 
 
-def inherited_label(prim: Usd.Prim, time: Usd.TimeCode) -> str:
+def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
     """The label of the nearest ancestor that has one, "" for none."""
     while prim and not prim.IsPseudoRoot():
-        label = direct_label(prim, time)
+        label = direct_label(prim, time, taxonomy)
         if label:
             return label
         prim = prim.GetParent()
     return ""
+
+
+def taxonomies_of(stage: Usd.Stage) -> set[str]:
+    """The taxonomies in which anything on a stage is labelled, in what may be instanced or spawned too."""
+    found: set[str] = set()
+    roots = [stage.GetPseudoRoot(), *stage.GetPrototypes()]
+    for prim in (prim for root in roots for prim in Usd.PrimRange(root, Usd.PrimAllPrimsPredicate)):
+        if prim.HasAPI(UsdSemantics.LabelsAPI):
+            found.update(str(name) for name in UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim))
+    return found
+
+
+def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:
+    """Raises UnknownName for a taxonomy that nothing on the stage is labelled in."""
+    known = set() if taxonomy is None else taxonomies_of(stage)
+    if taxonomy is not None and taxonomy not in known:
+        hint = "" if known else "Nothing on the stage has a semantic label."
+        raise UnknownName("taxonomy", taxonomy, known, where=f" in {stage.GetRootLayer().GetDisplayName()}", hint=hint)
+
+
+def name_label(prim: Usd.Prim) -> str:
+    """What a prim's name says it is: the name of its asset, else its own, without a number at the end."""
+    name = str(Usd.ModelAPI(prim).GetAssetName() or prim.GetName())
+    return name.rstrip("0123456789").rstrip("_- ") or name
 
 
 def is_component(prim: Usd.Prim) -> bool:

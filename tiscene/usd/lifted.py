@@ -11,7 +11,8 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.errors import TemplateNotFound
 from tiscene.scene.description import Template
-from tiscene.usd.label import inherited_label
+from tiscene.scene.parts import as_one
+from tiscene.usd.label import inherited_label, name_label
 from tiscene.usd.pose import placed, read_pose
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import Context, StageReader
@@ -21,8 +22,15 @@ from tiscene.usd.units import Units
 class RemainingReader(StageReader):
     """Reads a stage without some of its prims and all below them."""
 
-    def __init__(self, stage: Usd.Stage, time: Usd.TimeCode, report: Report, lifted: Collection[str]) -> None:
-        super().__init__(stage, time, report)
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        time: Usd.TimeCode,
+        report: Report,
+        lifted: Collection[str],
+        taxonomy: str | None = None,
+    ) -> None:
+        super().__init__(stage, time, report, taxonomy)
         self._lifted = frozenset(lifted)
 
     def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
@@ -32,8 +40,8 @@ class RemainingReader(StageReader):
 class _LiftedReader(StageReader):
     """Reads one prim as if it were visible: when it is seen is a matter of its life span."""
 
-    def __init__(self, root: Usd.Prim, time: Usd.TimeCode, report: Report) -> None:
-        super().__init__(root.GetStage(), time, report)
+    def __init__(self, root: Usd.Prim, time: Usd.TimeCode, report: Report, taxonomy: str | None) -> None:
+        super().__init__(root.GetStage(), time, report, taxonomy)
         self._root = root.GetPath()
 
     def _enter(self, prim: Usd.Prim, above: Context) -> Context:
@@ -42,25 +50,26 @@ class _LiftedReader(StageReader):
 
 
 def lifted_templates(
-    stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: Report
+    stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: Report, taxonomy: str | None = None
 ) -> tuple[Template, ...]:
     """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps its scale.
 
     Raises TemplateNotFound for a path where no prim is that can be placed.
     """
-    return tuple(_template(stage, path, time, report) for path in sorted(set(lifted)))
+    return tuple(_template(stage, path, time, report, taxonomy) for path in sorted(set(lifted)))
 
 
-def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report) -> Template:
+def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report, taxonomy: str | None) -> Template:
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     if not prim or not prim.IsA(UsdGeom.Xformable):
         things = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdGeom.Xformable)]
         raise TemplateNotFound("prim", path, things, " to move on the stage")
     pose = read_pose(prim, time, Units.of(stage))
-    reader = _LiftedReader(prim, time, report)
+    reader = _LiftedReader(prim, time, report, taxonomy)
     above = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
     # Its label may be inherited.
-    reader.walk(prim, Context(above, label=inherited_label(prim, time)))
+    label = inherited_label(prim, time, taxonomy)
+    reader.walk(prim, Context(above, label=label))
     description = reader.description(path)
     if isinstance(pose, str):
         report.problem(path, "transform", pose)
@@ -73,4 +82,5 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report) -
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")
     category = next((thing.category for thing in description.objects if thing.category), "")
-    return Template(path, inherited_label(prim, time) or category, description)
+    category = name_label(prim) if reader.by_name else label or category
+    return Template(path, category, as_one(description, prim.GetName(), path, category))

@@ -19,6 +19,7 @@ from tiscene.usd.primvar import array_of
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import Surface
 
+Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]
 
 _CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
@@ -33,6 +34,7 @@ class MeshTable:
         self._time = time
         self._report = report
         self._meters = meters_per_unit
+        self._partitions: dict[Any, Partition] = {}
         self._surfaces: dict[Any, Surface | None] = {}
         self._rows: dict[Any, int | None] = {}
         self._rows_by_content: dict[bytes, int] = {}
@@ -49,8 +51,40 @@ class MeshTable:
         key = (source, bindings)
         if key not in self._rows:
             surface = self._surface(prim, source, bindings, subsets)
-            self._rows[key] = None if surface is None else self._add(prim.GetName(), surface, whole, subsets)
+            parts = self._parts(prim, source)
+            self._rows[key] = None if surface is None else self._add(prim.GetName(), surface, whole, subsets, parts)
         return self._rows[key]
+
+    def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
+        """The names of a gprim's parts: its subsets, then "" for the faces in none of them."""
+        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        return self._parts(prim, source)[0]
+
+    def _parts(self, prim: Usd.Prim, source: Any) -> Partition:
+        """The parts of a gprim by their names, and the part of each face (None: one part).
+
+        Subsets that bind no materials say more about parts than those that do; of overlapping ones the last counts.
+        """
+        if source not in self._partitions:
+            self._partitions[source] = self._read_parts(prim)
+        return self._partitions[source]
+
+    def _read_parts(self, prim: Usd.Prim) -> Partition:
+        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
+            return ("",), None
+        subsets = [UsdGeom.Subset(child) for child in prim.GetFilteredChildren(_CHILDREN) if child.IsA(UsdGeom.Subset)]
+        subsets = [each for each in subsets if each.GetElementTypeAttr().Get() == UsdGeom.Tokens.face]
+        material = UsdShade.Tokens.materialBind
+        subsets = [each for each in subsets if each.GetFamilyNameAttr().Get() != material] or subsets
+        faces = face_count(prim, self._time)
+        part_of_face = np.full(faces, len(subsets), dtype=np.int32)
+        for number, subset in enumerate(subsets):
+            indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
+            part_of_face[indices[(indices >= 0) & (indices < faces)]] = number
+        if not subsets:
+            return ("",), None
+        names = tuple(each.GetPrim().GetName() for each in subsets)
+        return (*names, "") if (part_of_face == len(subsets)).any() else names, part_of_face
 
     def area(self, prim: Usd.Prim, matrix: Matrix) -> float:
         """Of a gprim's triangles, each mapped by a matrix [3, 3] from its own space."""
@@ -97,7 +131,7 @@ class MeshTable:
                 self._surfaces[key] = read_gprim(prim, self._time, self._report)
         return self._surfaces[key]
 
-    def _add(self, name: str, surface: Surface, whole: Binding, subsets: Subsets) -> int:
+    def _add(self, name: str, surface: Surface, whole: Binding, subsets: Subsets, partition: Partition) -> int:
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
         if subsets:
             of_face = np.full(int(surface.face.max()) + 1, whole.row, dtype=np.int32)
@@ -105,12 +139,14 @@ class MeshTable:
                 of_face[indices[indices < len(of_face)]] = binding.row
             materials = of_face[surface.face]
         positions = surface.positions * np.float32(self._meters)
+        parts = None if partition[1] is None else partition[1][surface.face]
         digest = hashlib.blake2b(digest_size=16)
-        for array in (positions, surface.triangles, materials, surface.normals, surface.uv):
+        for array in (positions, surface.triangles, materials, surface.normals, surface.uv, parts):
             digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
             digest.update(b"|")
         content = digest.digest()
         if content not in self._rows_by_content:
             self._rows_by_content[content] = len(self.meshes)
-            self.meshes.append(Mesh(name, positions, surface.triangles, materials, surface.normals, surface.uv))
+            mesh = Mesh(name, positions, surface.triangles, materials, surface.normals, surface.uv, parts)
+            self.meshes.append(mesh)
         return self._rows_by_content[content]

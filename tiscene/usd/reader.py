@@ -3,41 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.camera import Camera
-from tiscene.scene.description import Instance, Matrix, SceneDescription, SceneObject, Template
+from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd import gprim
 from tiscene.usd.camera import read_camera
 from tiscene.usd.instancer import Placed, point_instances
-from tiscene.usd.label import direct_label, inherited_label, is_component, is_lone_instance
+from tiscene.usd.label import (
+    direct_label,
+    inherited_label,
+    is_component,
+    is_lone_instance,
+    name_label,
+    taxonomies_of,
+)
 from tiscene.usd.light import LightReader, is_light
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh_table import MeshTable
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import TextureTable
+from tiscene.usd.things import Thing, ThingTable, collides, is_rigid_body
 from tiscene.usd.transform import fault, to_matrix
 
 _DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 _LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
 DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 UNDEFINED_TOO = Usd.TraverseInstanceProxies(_LOADED)  # below a class or an over: prototypes and templates
-
-
-@dataclass
-class Thing:
-    """What becomes one SceneObject once something of it is drawn. labelled: `category` is its own, not inherited."""
-
-    name: str
-    path: str
-    category: str
-    labelled: bool
-    row: int | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,10 @@ class Context:
 class StageReader:
     """Collects a SceneDescription from the prims it is shown."""
 
-    def __init__(self, stage: Usd.Stage, time: Usd.TimeCode, report: Report) -> None:
+    def __init__(self, stage: Usd.Stage, time: Usd.TimeCode, report: Report, taxonomy: str | None = None) -> None:
+        """taxonomy: of the labels; None for the preferred ones."""
+        self.by_name = not taxonomies_of(stage)  # what nobody labelled is what its name says
+        self._taxonomy = taxonomy
         self.up_axis = cast(Literal["Y", "Z"], str(UsdGeom.GetStageUpAxis(stage)))
         self._stage = stage
         self._time = time
@@ -69,9 +69,9 @@ class StageReader:
         self._meshes = MeshTable(self._materials, time, report, self._meters)
         self._lights = LightReader(self._textures, time, report, self._meters, self.up_axis)
         self._cameras: list[Camera] = []
-        self._instances: list[Instance] = []
-        self._things: list[Thing] = []
+        self._things = ThingTable(stage)
         self._parts: list[Placed] | None = None  # where gprims go while they are parts of a prototype
+        self._root = Sdf.Path.absoluteRootPath  # of that prototype
         self._inside: list[Any] = []  # the instancers being read: a prototype may not hold its own instancer
 
     def description(self, name: str, templates: tuple[Template, ...] = ()) -> SceneDescription:
@@ -81,8 +81,8 @@ class StageReader:
             meshes=tuple(self._meshes.meshes),
             materials=tuple(self._materials.materials),
             textures=tuple(self._textures.textures),
-            instances=tuple(self._instances),
-            objects=tuple(SceneObject(thing.name, thing.path, thing.category) for thing in self._things),
+            instances=self._things.instances(),
+            objects=self._things.objects(self.by_name),
             lights=tuple(self._lights.lights),
             cameras=tuple(self._cameras),
             up_axis=self.up_axis,
@@ -114,13 +114,15 @@ class StageReader:
                 xformable = UsdGeom.Xformable(prim)
                 local = xformable.GetLocalTransformation(self._time)
                 world = local if xformable.GetResetXformStack() else local * above.world
-        direct = direct_label(prim, self._time)
+        direct = direct_label(prim, self._time, self._taxonomy)
         label, own = direct or above.label, bool(direct) or above.label_is_own
         thing = above.thing
         in_prototype = self._parts is not None  # where the point is the thing
         if not in_prototype and (is_component(prim) or (thing is None and is_lone_instance(prim))):
             own = bool(direct)
-            thing = Thing(prim.GetName(), str(prim.GetPath()), label, own)
+            thing = Thing.of(prim, label, own)
+        if thing is not None and is_rigid_body(prim):
+            thing.movable = True
         return Context(world, visible, purpose, label, own, thing)
 
     def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
@@ -176,18 +178,21 @@ class StageReader:
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
         elif self._parts is not None:
-            self._parts.append(Placed(mesh, matrix, here.label))
+            self._parts.append(Placed(mesh, matrix, here.label, self._part_names(prim, self._root), collides(prim)))
         else:
-            thing = here.thing or Thing(prim.GetName(), str(prim.GetPath()), here.label, True)
+            thing = here.thing or Thing.of(prim, here.label, True)
+            thing.movable = thing.movable or (here.thing is None and is_rigid_body(prim))
             if here.label_is_own and not thing.labelled:  # its first labelled part says what the whole is
                 thing.category, thing.labelled = here.label, True
-            self._instances.append(Instance(mesh, self._row_of(thing), matrix))
+            names = self._part_names(prim, Sdf.Path(thing.path))
+            self._things.add(thing, mesh, matrix, names, collides(prim))
 
-    def _row_of(self, thing: Thing) -> int:
-        if thing.row is None:
-            thing.row = len(self._things)
-            self._things.append(thing)
-        return thing.row
+    def _part_names(self, prim: Usd.Prim, root: Sdf.Path) -> tuple[str, ...]:
+        """What a gprim's parts are called within the thing or prototype at `root`."""
+        path = prim.GetPath()
+        within = prim.GetName() if path == root else str(path.MakeRelativePath(root))
+        subsets = self._meshes.subset_names(prim)
+        return tuple(f"{within}/{name}" if name else within for name in subsets)
 
     def _read_instancer(self, prim: Usd.Prim, here: Context) -> None:
         """Each point is one thing, made of all the meshes of its prototype."""
@@ -207,31 +212,41 @@ class StageReader:
             points = np.flatnonzero(found.prototype_of_point == number)
             parts = self._prototype(prim, root, here.purpose) if len(points) else []
             if parts and self._parts is not None:  # an instancer in a prototype: its points are parts of that one
-                self._parts += [Placed(p.mesh, m @ p.matrix, p.label) for m in matrices[points] for p in parts]
+                self._parts += [replace(p, matrix=m @ p.matrix) for m in matrices[points] for p in parts]
             elif parts:
-                labels = (direct_label(root, self._time), *(p.label for p in parts), inherited_label(root, self._time))
+                labels = (
+                    direct_label(root, self._time, self._taxonomy),
+                    *(p.label for p in parts),
+                    inherited_label(root, self._time, self._taxonomy),
+                )
                 category = next((label for label in labels if label), here.label)
-                self._place_points(prim, parts, matrices[points], found.ids[points], category)
+                self._place_points(prim, root, parts, matrices[points], found.ids[points], category)
 
     def _place_points(
-        self, prim: Usd.Prim, parts: Sequence[Placed], matrices: Matrix, ids: NDArray[np.int64], category: str
+        self,
+        prim: Usd.Prim,
+        root: Usd.Prim,
+        parts: Sequence[Placed],
+        matrices: Matrix,
+        ids: NDArray[np.int64],
+        category: str,
     ) -> None:
-        first = len(self._things)
-        name, path = prim.GetName(), str(prim.GetPath())
-        self._things += [Thing(f"{name}[{i}]", f"{path}[{i}]", category, True) for i in ids.tolist()]
+        name, path, by_name = prim.GetName(), str(prim.GetPath()), name_label(root)
         placed = [matrices @ part.matrix for part in parts]
-        for row in range(len(ids)):
+        movable = is_rigid_body(root)
+        for row, number in enumerate(ids.tolist()):
+            thing = Thing(f"{name}[{number}]", f"{path}[{number}]", category, True, by_name, movable=movable)
             for part, world in zip(parts, placed, strict=True):
-                self._instances.append(Instance(part.mesh, first + row, world[row]))
+                self._things.add(thing, part.mesh, world[row], part.names, part.collides)
 
     def _prototype(self, instancer: Usd.Prim, root: Usd.Prim, purpose: str) -> Sequence[Placed]:
         """A prototype's meshes in the space of its parent."""
-        outer, parts = self._parts, list[Placed]()
-        self._parts = parts
+        outer, parts = (self._parts, self._root), list[Placed]()
+        self._parts, self._root = parts, root.GetPath()
         self._inside.append(instancer.GetPath())
         self.walk(root, Context(Gf.Matrix4d(1.0), purpose=purpose), UNDEFINED_TOO)
         self._inside.pop()
-        self._parts = outer
+        self._parts, self._root = outer
         return parts
 
 

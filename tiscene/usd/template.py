@@ -8,7 +8,8 @@ from typing import Literal
 from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.description import Template
-from tiscene.usd.label import inherited_label
+from tiscene.scene.parts import as_one
+from tiscene.usd.label import inherited_label, name_label
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import UNDEFINED_TOO, Context, StageReader
 from tiscene.usd.stage import open_stage, quiet, readable, reading_time
@@ -16,12 +17,15 @@ from tiscene.usd.stage import open_stage, quiet, readable, reading_time
 TEMPLATES_PRIM = "/Templates"
 
 
-def read_template(path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None) -> Template:
+def read_template(
+    path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None, taxonomy: str | None = None
+) -> Template:
     """Read the default prim of a file (else its only root prim) as a template.
 
     Its origin is that of the default prim, wherever the file has placed it; rotation and scale stay. up_axis: turn
     the template so that its up is this axis; None leaves it in the axes of its file. The name is the prim's
-    displayName, else made from the file's name; the category is the prim's label, else its first labelled part's.
+    displayName, else made from the file's name; the category is the prim's label, else its first labelled part's, else
+    what its name says. taxonomy: of the labels; None for "class", else "category", else any.
 
     Raises MissingFile and StageError; what is left out is named in one StageWarning.
     """
@@ -32,7 +36,7 @@ def read_template(path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None)
         if not prim:
             report.problem("/", "template", "the file has no default prim, so that it is unclear what to spawn")
             report.raise_problems()
-        template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis)
+        template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
         report.raise_problems()
     report.warn()
     return template
@@ -46,20 +50,25 @@ def root_prim(stage: Usd.Stage) -> Usd.Prim | None:
     return roots[0] if len(roots) == 1 else None
 
 
-def stage_templates(stage: Usd.Stage, report: Report) -> tuple[Template, ...]:
+def stage_templates(stage: Usd.Stage, report: Report, taxonomy: str | None = None) -> tuple[Template, ...]:
     """The children of the class prim "Templates" at the root of a stage."""
     folder = stage.GetPrimAtPath(TEMPLATES_PRIM)
     if not folder or not folder.IsAbstract():
         return ()
     children = folder.GetFilteredChildren(UNDEFINED_TOO)
-    return tuple(template_of(child, display_name(child) or spaced(child.GetName()), report) for child in children)
+    return tuple(
+        template_of(child, display_name(child) or spaced(child.GetName()), report, taxonomy=taxonomy)
+        for child in children
+    )
 
 
-def template_of(prim: Usd.Prim, name: str, report: Report, up_axis: str | None = None) -> Template:
+def template_of(
+    prim: Usd.Prim, name: str, report: Report, up_axis: str | None = None, taxonomy: str | None = None
+) -> Template:
     """A prim and all below it as a template; a problem if nothing of it draws."""
     stage = prim.GetStage()
     time = reading_time(stage, None)
-    reader = StageReader(stage, time, report)
+    reader = StageReader(stage, time, report, taxonomy)
     world = Gf.Matrix4d(1.0)
     if prim.IsA(UsdGeom.Xformable):
         placed = UsdGeom.Xformable(prim).GetLocalTransformation(time).ExtractTranslation()
@@ -68,13 +77,13 @@ def template_of(prim: Usd.Prim, name: str, report: Report, up_axis: str | None =
         turn = Gf.Rotation(Gf.Vec3d(1, 0, 0), -90.0 if up_axis == "Y" else 90.0)
         world = world * Gf.Matrix4d(1.0).SetRotate(turn)
         reader.up_axis = "Y" if up_axis == "Y" else "Z"
-    label = inherited_label(prim, time)
+    label = name_label(prim) if reader.by_name else inherited_label(prim, time, taxonomy)
     reader.walk(prim, Context(world), UNDEFINED_TOO)
     description = reader.description(name)
     if not description.instances:
         report.problem(prim.GetPath(), "template", "it holds no geometry that would be drawn")
     category = label or next((thing.category for thing in description.objects if thing.category), "")
-    return Template(name, category, description)
+    return Template(name, category, as_one(description, prim.GetName(), str(prim.GetPath()), category))
 
 
 def display_name(prim: Usd.Prim) -> str:
