@@ -12,7 +12,15 @@ import tiscene as ts
 from tiscene.errors import ArgumentError, BufferNotFound, CameraNotFound, MissingFile, SceneNotFound, TemplateNotFound
 from tiscene.render.aovs import AOVS
 
-SETTINGS = {"width": 32, "height": 24, "spp": 2, "max_depth": 3, "seed": 5, "buffers": tuple(AOVS)}
+SETTINGS = {
+    "width": 32,
+    "height": 24,
+    "spp": 2,
+    "max_depth": 3,
+    "seed": 5,
+    "buffers": tuple(AOVS),
+    "differential": True,
+}
 
 DIGESTS = """
 import hashlib, json, sys

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from dynamics import check
+from dynamics import Still, check
 from tiscene.camera import Vector3
 
 if TYPE_CHECKING:
@@ -83,6 +83,17 @@ class Life:
         if self.despawned is not None and self.despawned <= known and frame >= self.despawned:
             return False
         return self.planned.alive(frame)
+
+    def rests(self, known: int) -> bool:
+        """Whether it is always there and never moves, as far as was known when frame `known` was made."""
+        planned = self.planned
+        edited = self.spawned, self.despawned, *(move.frame for move in self.moves)
+        return (
+            (planned.dynamic is None or isinstance(planned.dynamic, Still))
+            and planned.first_frame == 0
+            and planned.last_frame is None
+            and not any(frame is not None and frame <= known for frame in edited)
+        )
 
 
 def lives(objects: Sequence[Object], edits: Sequence[Edit]) -> list[Life]:

@@ -12,12 +12,14 @@ from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tiscene import catalog, device
 from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame import Frame, FrameCamera
 from tiscene.render.aovs import AOVS
+from tiscene.render.integrators.replay import CACHE_BYTES, Report
 from tiscene.render.measure import object_table
 from tiscene.render.renderer import Quality, Renderer, quality_named
 from tiscene.render.view import View
@@ -32,6 +34,8 @@ from tiscene.world import World
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 MAX_SIZE = 16384
+# An image of what never moves takes as long as some 20 frames.
+WORTHWHILE_FRAMES = 50
 
 
 class Stream(Iterator[Frame]):
@@ -45,6 +49,12 @@ class Stream(Iterator[Frame]):
     seed: of the rendering's random numbers (trajectories have their own).
     camera: a Camera, or the name of one on the stage, in the place of the scenario's.
     time_code: the stage's time code to read. variants: {"/Prim{set}": "variant"}. arch: "cpu" or "cuda".
+
+    differential: whether frames with the camera and the lights of frame 0 are made as differences to an image of what
+        never moves, which takes time once and then leaves little to trace (docs/differential.md). None: if there are
+        frames enough for that to pay.
+    cache_bytes: what that may keep in memory. report: is called with what is being made for it, and how much of that
+        is done, 0..1.
 
     A stream is an iterator with a position, as an open file is: a second `for` goes on where the first stopped, `seek`
     moves it, and `state_dict` saves it. `stream[k]` and `stream[a:b]` leave the position alone.
@@ -73,6 +83,9 @@ class Stream(Iterator[Frame]):
         time_code: float | None = None,
         variants: Mapping[str, str] | None = None,
         arch: str | None = None,
+        differential: bool | None = None,
+        cache_bytes: int = CACHE_BYTES,
+        report: Report | None = None,
     ) -> None:
         self.width = _integer("width", width, 1, MAX_SIZE)
         self.height = _integer("height", height, 1, MAX_SIZE)
@@ -86,6 +99,9 @@ class Stream(Iterator[Frame]):
         scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
         if camera is not None:
             scenario = replace(scenario, camera=camera)
+        self.differential = (frames is None or frames >= WORTHWHILE_FRAMES) if differential is None else differential
+        self._cache_bytes = _integer("cache_bytes", cache_bytes, 1, sys.maxsize)
+        self._report = report
         self.time_code = time_code
         self.variants = dict(variants or {})
 
@@ -114,6 +130,7 @@ class Stream(Iterator[Frame]):
         self.width, self.height = width, height
         self._scene = DeviceScene()
         self._loaded = 0  # how many of the world's descriptions are on the device
+        self._relit = False
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._exposure = self.world.camera.exposure
         self._position = 0
@@ -203,6 +220,7 @@ class Stream(Iterator[Frame]):
             "denoiser": self.quality.denoiser if self.quality.denoise else None,
             "time_code": self.time_code,
             "variants": self.variants,
+            "differential": [self.quality.base_spp, self._cache_bytes] if self.differential else None,
         }
 
     def layers(self) -> dict[str, str]:
@@ -246,7 +264,13 @@ class Stream(Iterator[Frame]):
             time=index / self.fps,
             camera=FrameCamera(view.current, view.width, view.height),
             buffers=self._renderer(view).render(
-                view, placement, buffers, frame_index=index, seed=self.seed, exposure=exposure
+                view,
+                placement,
+                buffers,
+                frame_index=index,
+                seed=self.seed,
+                exposure=exposure,
+                moving=self._moving(index, view, placement),
             ),
             objects=object_table(self._scene, placement, view, self.world.objects(index)),
             categories=self.categories,
@@ -256,10 +280,21 @@ class Stream(Iterator[Frame]):
     def _render(self, index: int) -> Frame:
         return self.look(index, View(*self.world.cameras(index), width=self.width, height=self.height), self.buffers)
 
+    def _moving(self, index: int, view: View, placement: Placement) -> NDArray[np.bool_] | None:
+        """The instances that a frame shows as differences to what never moves; None: it is traced from nothing."""
+        if not self.differential or self._relit or view.current != self.world.cameras(0)[1]:
+            return None
+        moving = self.world.moving(index)
+        if not moving.any() or placement.lights != self.world.placement(0).lights:
+            return None
+        return moving
+
     def _renderer(self, view: View) -> Renderer:
         size = view.width, view.height
         if size not in self._renderers:
-            self._renderers[size] = Renderer(self._scene, *size, self.quality)
+            self._renderers[size] = Renderer(
+                self._scene, *size, self.quality, cache_bytes=self._cache_bytes, report=self._report
+            )
         return self._renderers[size]
 
     def relight(self, row: int, light: Light) -> None:
@@ -267,6 +302,7 @@ class Stream(Iterator[Frame]):
 
         What `world` edits is replayed; this is not: it is no part of the scenario.
         """
+        self._relit = True
         self._placement(0)
         self._scene.lights.replace(row, light)
 

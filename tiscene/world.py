@@ -114,6 +114,15 @@ class World:
                 present[time, count:] = np.array(alive)[inventory.owner]
         return Placement(mesh.copy(), instance_id.copy(), category_id.copy(), world, box.copy(), present)
 
+    def moving(self, frame: int) -> NDArray[np.bool_]:
+        """Of every mesh of the placement at `frame`, whether it ever moves, comes or goes, as far as is known then."""
+        frame = _frame_number(frame)
+        still, mesh = self._inventory.columns[:2]
+        moving = np.zeros(len(mesh), bool)
+        restless = np.array([not life.rests(known=frame) for life in self._lives], bool)
+        moving[len(still) :] = restless[self._inventory.owner]
+        return moving
+
     def cameras(self, frame: int) -> tuple[Camera, Camera, Camera]:
         """The camera at the frames before, at and after `frame`."""
         frame = _frame_number(frame)

@@ -117,10 +117,16 @@ class BaseImages:
         """A digest of what a description adds to a scene; computed once."""
         known = self._digests.get(id(description))
         if known is None:
-            digest = hashlib.sha256()
-            _add(digest, [description.meshes, description.materials, description.textures])
-            known = self._digests[id(description)] = digest.digest()
+            known = digest_of([description.meshes, description.materials, description.textures])
+            self._digests[id(description)] = known
         return known
+
+
+def digest_of(value: Any) -> bytes:
+    """A digest of a dataclass, an array, a number, a text or a sequence of such."""
+    digest = hashlib.sha256()
+    _add(digest, value)
+    return digest.digest()
 
 
 def _add(digest: Any, value: Any) -> None:

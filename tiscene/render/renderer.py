@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
 from tiscene.render.aovs import COLORS, times_needed
+from tiscene.render.base_image import BaseImages
 from tiscene.render.denoise import denoise
 from tiscene.render.film import meter, tone_map
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.integrators.path import PathPass
+from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass, Report
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
@@ -28,12 +30,14 @@ class Quality:
     max_depth: edges of a path: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces.
     denoise: run Intel Open Image Denoise over the radiance; False never touches a pixel.
     denoiser: how well, one of `denoise.QUALITIES`; "high" takes some four times as long as "fast".
+    base_spp: paths per pixel of the base image of what stands still, where frames are differences to it.
     """
 
     spp: int = 16
     max_depth: int = 6
     denoise: bool = True
     denoiser: str = "balanced"
+    base_spp: int = 256
 
     def __post_init__(self) -> None:
         if self.spp < 1:
@@ -43,9 +47,9 @@ class Quality:
 
 
 QUALITIES = {
-    "preview": Quality(spp=4, max_depth=4, denoiser="fast"),
+    "preview": Quality(spp=4, max_depth=4, denoiser="fast", base_spp=64),
     "standard": Quality(spp=16, max_depth=6),
-    "photo": Quality(spp=256, max_depth=12, denoiser="high"),
+    "photo": Quality(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }
 
 
@@ -55,13 +59,26 @@ class Renderer:
     METER_SIZE = (64, 48)
     METER_SPP = 32
 
-    def __init__(self, scene: DeviceScene, width: int, height: int, quality: Quality) -> None:
+    def __init__(
+        self,
+        scene: DeviceScene,
+        width: int,
+        height: int,
+        quality: Quality,
+        *,
+        cache_bytes: int = CACHE_BYTES,
+        report: Report | None = None,
+    ) -> None:
+        """cache_bytes: what kept paths may take of memory. report: is told what is being made, and how much is done."""
         self.scene = scene
         self.width = width
         self.height = height
         self.quality = quality
         self._labels = LabelPass(scene)
         self._paths = PathPass(scene, width, height)
+        self._replay = ReplayPass(
+            scene, width, height, memory_limit=cache_bytes, images=BaseImages(), report=report, paths=self._paths
+        )
 
     def render(
         self,
@@ -72,27 +89,47 @@ class Renderer:
         frame_index: int,
         seed: int,
         exposure: float,
+        moving: NDArray[np.bool_] | None = None,
     ) -> dict[str, NDArray[Any]]:
-        """The buffers named, in that order, each a new array. exposure: stops, for `rgb`."""
+        """The buffers named, in that order, each a new array. exposure: stops, for `rgb`.
+
+        moving: bool [n], the instances that move before a camera and under lights that do not: colour is then a
+        difference to an image of the others. None: colour is traced from nothing.
+        """
+        if moving is not None and not COLORS.isdisjoint(buffers):
+            quality = self.quality
+            self._replay.prepare(
+                view, placement, moving,
+                seed=seed, spp=quality.spp, max_depth=quality.max_depth, base_spp=max(quality.base_spp, quality.spp),
+            )  # fmt: skip
         self.scene.place(placement, times=times_needed(buffers))
         labels = [name for name in buffers if name not in COLORS]
         result = self._labels.render(view, labels)
         if not COLORS.isdisjoint(buffers):
-            result |= self._color(view, frame_index, seed, exposure, buffers)
+            result |= self._color(view, frame_index, seed, exposure, buffers, moving)
         return {name: result[name] for name in buffers}
 
     def _color(
-        self, view: View, frame_index: int, seed: int, exposure: float, buffers: Sequence[str]
+        self,
+        view: View,
+        frame_index: int,
+        seed: int,
+        exposure: float,
+        buffers: Sequence[str],
+        moving: NDArray[np.bool_] | None,
     ) -> dict[str, NDArray[Any]]:
-        image = self._paths.render(
-            view, frame_index=frame_index, seed=seed, spp=self.quality.spp, max_depth=self.quality.max_depth
-        )
+        if moving is not None:
+            image = self._replay.render(moving)
+        else:
+            image = self._paths.render(
+                view, frame_index=frame_index, seed=seed, spp=self.quality.spp, max_depth=self.quality.max_depth
+            )
         result: dict[str, NDArray[Any]] = {"hdr": image.hdr}
         if "rgb" in buffers:
-            radiance = image.hdr
+            radiance = np.maximum(image.hdr, 0.0)  # a difference may overshoot
             if self.quality.denoise:
                 sharp = view.current.lens_radius == 0.0
-                radiance = denoise(image.hdr, image.albedo, image.normal, self.quality.denoiser, clean=sharp)
+                radiance = denoise(radiance, image.albedo, image.normal, self.quality.denoiser, clean=sharp)
             result["rgb"] = tone_map(radiance, exposure)
         return result
 

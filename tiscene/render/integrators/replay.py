@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tiscene import device
 from tiscene.errors import ArgumentError
-from tiscene.render.base_image import BaseImages
+from tiscene.render.base_image import BaseImages, digest_of
 from tiscene.render.integrators import replay_kernels as kernels
 from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK
@@ -37,7 +37,9 @@ BASE_FRAME, CACHE_FRAME, MOVERS_FRAME = -1, -2, -3
 ONE_PIXEL = 1 << 30  # as many samples a pixel: the row alone tells rays apart
 BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
 NOWHERE = 1e30
-MEMORY_LIMIT = 1 << 30
+CACHE_BYTES = 1 << 30
+
+Report = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
 
 
 class ReplayPass:
@@ -49,21 +51,22 @@ class ReplayPass:
         width: int,
         height: int,
         *,
-        memory_limit: int = MEMORY_LIMIT,
+        memory_limit: int = CACHE_BYTES,
         images: BaseImages | None = None,
-        report: Callable[[str, float], None] | None = None,
+        report: Report | None = None,
+        paths: PathPass | None = None,
     ) -> None:
         """memory_limit: bytes that the kept paths may take; where it is tight there are fewer a pixel.
 
         images: where base images are kept between runs; None: nowhere. report: called with what is being made and how
-        much of it is done, 0..1.
+        much of it is done, 0..1. paths: the path pass to use, of the same size.
         """
         self.scene = scene
         self.width, self.height = width, height
         self.memory_limit = memory_limit
         self._images = images
         self._report = report or (lambda doing, done: None)
-        self._paths = PathPass(scene, width, height)
+        self._paths = paths or PathPass(scene, width, height)
         self._key: tuple[Any, ...] = ()
         self._radius = 0.0
         self._base: NDArray[np.float32] = np.zeros((height, width, FILM_COLUMNS), np.float32)
@@ -104,7 +107,7 @@ class ReplayPass:
             np.flatnonzero(still).tobytes(),
             placement.mesh[still].tobytes(),
             placement.world_from_object[CURRENT, still].tobytes(),
-            tuple(self.scene.lights.lights),
+            digest_of(self.scene.lights.lights if placement.lights is None else placement.lights),
             materials.any_coverage,
             materials.any_emission,
             (seed, spp, max_depth, base_spp),
