@@ -29,6 +29,7 @@ from dynamics.closed_form import Composite, Keyframes, LookAt, Orbit, Still
 from dynamics.dynamic import ClosedForm, Dynamic
 from dynamics.movers import Contact, Moment, Move, Mover
 from dynamics.proxy import Shape, cover
+from dynamics.scripted import Stepped
 from dynamics.timings import (
     AllTogether,
     AllTogetherTimings,
@@ -64,6 +65,7 @@ __all__ = [
     "Orbit",
     "Shape",
     "Simulation",
+    "Stepped",
     "SteppedSimulation",
     "Still",
     "Timing",

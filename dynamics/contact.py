@@ -153,7 +153,7 @@ def first_within(corner, edge_1, edge_2, chord, radius: ti.f32, until: ti.f32) -
     time = FAR
     reached = 0.0
     searching = True
-    for step in range(ROUGHLY):
+    for _ in range(ROUGHLY):
         if searching:
             point = nearest_on_triangle(corner - reached * chord, edge_1, edge_2)
             distance = point.norm()
@@ -235,9 +235,13 @@ def look_around(
             if ti.static(what == NEAREST):
                 gap = (
                     ti.max(ti.max(entry - start[0], start[0] - planes(nodes, node, 3, wide)), 0.0) * metres[0],
-                    ti.max(ti.max(planes(nodes, node, 1, wide) - start[1], start[1] - planes(nodes, node, 4, wide)), 0.0)
+                    ti.max(
+                        ti.max(planes(nodes, node, 1, wide) - start[1], start[1] - planes(nodes, node, 4, wide)), 0.0
+                    )
                     * metres[1],
-                    ti.max(ti.max(planes(nodes, node, 2, wide) - start[2], start[2] - planes(nodes, node, 5, wide)), 0.0)
+                    ti.max(
+                        ti.max(planes(nodes, node, 2, wide) - start[2], start[2] - planes(nodes, node, 5, wide)), 0.0
+                    )
                     * metres[2],
                 )
                 entry = ti.sqrt(factor * (gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]))
@@ -310,10 +314,15 @@ def look_around(
                         best_normal = normal
                         best_instance = instance
                 elif ti.static(what == WITHIN):
-                    best = ti.min(best, first_within(corner, edge_1, edge_2, chord, radius, best))
+                    if best > 0.0:
+                        best = ti.min(best, first_within(corner, edge_1, edge_2, chord, radius, best))
                 else:
                     best = ti.min(best, nearest_on_triangle(corner, edge_1, edge_2).norm())
             pop = True
+            if ti.static(what == WITHIN):
+                if best <= 0.0:
+                    pop = False
+                    searching = False
         while pop:
             if waiting == floor:
                 floor = -1

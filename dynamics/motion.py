@@ -12,7 +12,6 @@ from dynamics.dynamic import LENGTH_STEPS, ROTATION
 
 Table = ti.types.ndarray(dtype=ti.f64, ndim=2)
 Integers = ti.types.ndarray(dtype=ti.i32, ndim=2)
-List = ti.types.ndarray(dtype=ti.f64, ndim=1)
 
 
 @ti.func
@@ -174,36 +173,41 @@ def evaluate(
     segments: Table,
     spans: Table,
     gauss: Table,
-    parameters: List,
+    parameters: Table,
     poses: Table,
 ):
-    """poses [n, 7] of n bodies, given `parameters` [t], the u of every track. The tables: `dynamics.bodies.Columns`."""
-    for body in range(poses.shape[0]):
+    """poses [s n, 7] of n bodies at s times, given `parameters` [s, t], the u of every track.
+
+    The tables are those of `dynamics.bodies.Columns`.
+    """
+    for row in range(poses.shape[0]):
+        time = row // bodies.shape[0]
+        body = row % bodies.shape[0]
         zero = ti.cast(0.0, ti.f64)
         one = ti.cast(1.0, ti.f64)
         position = ti.Vector([zero, zero, zero])
         rotation = ti.Vector([one, zero, zero, zero])
         for track in range(bodies[body, 0], bodies[body, 0] + bodies[body, 1]):
-            u = parameters[track]
+            u = parameters[time, track]
             axis = ti.Vector([axes[track, i] for i in ti.static(range(3))])
             if tracks[track, 0] == CURVE:
                 first = tracks[track, 1]
                 count = tracks[track, 2]
-                row = first
+                segment = first
                 t = u
                 if tracks[track, 3] == BY_COUNT:
-                    row = first + ti.min(ti.cast(u, ti.i32), count - 1)
-                    t = u - (row - first)
+                    segment = first + ti.min(ti.cast(u, ti.i32), count - 1)
+                    t = u - (segment - first)
                 elif tracks[track, 3] == BY_LENGTH:
                     length = u * spans[first + count - 1, LENGTH_STEPS]
-                    row = first + segment_at(spans, first, count, length)
-                    t = time_of_length(segments, spans, gauss, row, length)
+                    segment = first + segment_at(spans, first, count, length)
+                    t = time_of_length(segments, spans, gauss, segment, length)
                 else:
-                    row = first + segment_at(spans, first, count, u)
-                    begin = spans[row, 0]
-                    t = ti.min(ti.max((u - begin) / (spans[row, LENGTH_STEPS] - begin), 0.0), 1.0)
-                position += rotate(rotation, cubic_at(segments, row, 0, t))
-                rotation = multiply(rotation, rotation_at(segments, row, t, tracks[track, 4]))
+                    segment = first + segment_at(spans, first, count, u)
+                    begin = spans[segment, 0]
+                    t = ti.min(ti.max((u - begin) / (spans[segment, LENGTH_STEPS] - begin), 0.0), 1.0)
+                position += rotate(rotation, cubic_at(segments, segment, 0, t))
+                rotation = multiply(rotation, rotation_at(segments, segment, t, tracks[track, 4]))
             elif tracks[track, 0] == AIM:
                 up = ti.Vector([axes[track, 3 + i] for i in ti.static(range(3))])
                 rotation = facing(position, axis, up, rotation)
@@ -212,6 +216,6 @@ def evaluate(
                 rotation = multiply(rotation, ti.Vector([ti.cos(0.5 * u), turn[0], turn[1], turn[2]]))
         rotation = unit(rotation, rotation)
         for i in ti.static(range(3)):
-            poses[body, i] = position[i]
+            poses[row, i] = position[i]
         for i in ti.static(range(4)):
-            poses[body, 3 + i] = rotation[i]
+            poses[row, 3 + i] = rotation[i]

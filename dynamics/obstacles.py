@@ -22,7 +22,7 @@ class Trees(Protocol):
     any, in the mesh's own space.
     Wide: nodes vec8 [8 n], rows of a node are least x, y, z, greatest x, y, z, references, any, with a lane for each
     child. A reference is the first row of a node, or -1 - row of a leaf, of `packs` or above the meshes of an instance.
-    packs vec4 [10 m]: nine rows of vertex 0 and edges 1 and 2, then bits of int32, negative for a lane without triangle.
+    packs vec4 [10 m]: nine rows of vertex 0 and edges 1 and 2, then bits of int32, negative in a lane without any.
     The box of a child that does not exist is met by nothing.
     """
 

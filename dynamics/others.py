@@ -19,6 +19,7 @@ from dynamics.columns import (
     PULL,
     PULLED,
     RADIUS,
+    REST,
     STEP,
     TRIES,
     TURN,
@@ -32,6 +33,13 @@ CONTACT_GAP = 3.0 * SKIN  # m: movers nearer than this touch each other
 
 
 @ti.func
+def group_gap(bounding: ti.template(), frozen_groups: ti.template(), group: ti.i32, other: ti.i32) -> ti.f32:
+    """Between the spheres around two groups, where they were."""
+    away = vector_at(frozen_groups, group, 0) - vector_at(frozen_groups, other, 0)
+    return away.norm() - bounding[group, 3] - bounding[other, 3]
+
+
+@ti.func
 def sweep_others(
     bodies: ti.template(),
     integers: ti.template(),
@@ -40,9 +48,11 @@ def sweep_others(
     bounding: ti.template(),
     frozen: ti.template(),
     frozen_groups: ti.template(),
+    frozen_bodies: ti.template(),
     near: ti.template(),
     planes: ti.template(),
     touches: ti.template(),
+    gaps: ti.template(),
     counts: ti.template(),
     body: ti.i32,
     until: ti.f32,
@@ -79,9 +89,7 @@ def sweep_others(
                         gap = height + normal.dot(arm) - spheres[sphere, 3]
                         if gap < farthest:
                             chord = chord_of(turn, move, arm)
-                            counts[group] = record(
-                                touches, group * TOUCHES, counts[group], normal, arm, gap, WALL
-                            )
+                            counts[group] = record(touches, group * TOUCHES, counts[group], normal, arm, gap, WALL)
                             approach = -normal.dot(chord)
                             time = FAR
                             if approach > SLIDE:
@@ -96,42 +104,79 @@ def sweep_others(
                                 best_kind = WALL
                                 best_row = wall
     bound = ti.cast(bodies[body, BOUND], ti.f32)
+    reach = move.norm() + turn.norm() * ti.cast(bodies[body, RADIUS], ti.f32)
+    bouncing = integers[body, KIND] == BOUNCES
+    remembered = reach + band  # what is nearer is a touch
+    moved = bound  # at most, since the substep began
+    if bouncing:
+        remembered = SKIN
+        moved *= ti.cast(1.0 - bodies[body, REST] / bodies[body, ACTIVE], ti.f32)
     for i in range(near[body, 0]):
         other = near[body, 1 + i]
         theirs = ti.cast(bodies[other, BOUND], ti.f32)
         share = 0.5
         if bound + theirs > 0.0:
             share = bound / (bound + theirs)
-        within = bound + theirs + 4.0 * SKIN + band + REACHED
+        other_first = integers[other, FIRST_GROUP]
+        other_end = other_first + integers[other, GROUPS]
+        # The pair of groups that is nearest goes first: what it meets bounds the search of the others.
+        nearest = FAR
+        soonest = first
+        partner = other_first
         for group in range(first, end):
-            mine = vector_at(frozen_groups, group, 0)
-            size = bounding[group, 3]
-            for each in range(integers[other, FIRST_GROUP], integers[other, FIRST_GROUP] + integers[other, GROUPS]):
-                between = (vector_at(frozen_groups, each, 0) - mine).norm()
-                if between < size + bounding[each, 3] + within:
+            away = vector_at(frozen_groups, group, 0) - vector_at(frozen_bodies, other, 0)
+            least = away.norm() - bounding[group, 3] - ti.cast(bodies[other, RADIUS], ti.f32)
+            if least < nearest:
+                least = FAR
+                for each in range(other_first, other_end):
+                    gap = group_gap(bounding, frozen_groups, group, each)
+                    least = ti.min(least, gap)
+                    if gap < nearest:
+                        nearest = gap
+                        soonest = group
+                        partner = each
+            gaps[group] = least
+        for step in range(1 + end - first):
+            group = first + step - 1
+            begin = other_first
+            stop = other_end
+            if step == 0:
+                group = soonest
+                begin = partner
+                stop = partner + 1
+            farthest = ti.max(best * reach, remembered) + moved + band + REACHED
+            if share * (gaps[group] - SKIN) >= farthest:
+                stop = begin
+            for each in range(begin, stop):
+                gap_here = group_gap(bounding, frozen_groups, group, each)
+                done = step > 0 and group == soonest and each == partner
+                farthest = ti.max(best * reach, remembered) + moved + band + REACHED
+                if share * (gap_here - SKIN) < farthest and not done:
                     for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
                         here = vector_at(frozen, sphere, 0)
                         radius = spheres[sphere, 3]
-                        for b in range(groups[each, 1], groups[each, 1] + groups[each, 2]):
-                            away = here - vector_at(frozen, b, 0)
-                            distance = away.norm()
-                            gap = distance - radius - spheres[b, 3]
-                            if gap < within:
-                                normal = away / ti.max(distance, 1e-9)
-                                arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-                                chord = chord_of(turn, move, arm)
-                                # Each of the two may close its share of the gap of the beginning of the substep.
-                                closed = -normal.dot(origin + arm - here)
-                                left = share * (gap - SKIN)
-                                if gap > SKIN:
-                                    left -= closed
-                                kind = WAIT
-                                if gap < CONTACT_GAP:
-                                    kind = MOVER
-                                if left < chord.norm() + band:
-                                    counts[group] = record(
-                                        touches, group * TOUCHES, counts[group], normal, arm, left, kind
-                                    )
+                        from_group = (here - vector_at(frozen_groups, each, 0)).norm() - radius - bounding[each, 3]
+                        if share * (from_group - SKIN) < farthest:
+                            for b in range(groups[each, 1], groups[each, 1] + groups[each, 2]):
+                                away = here - vector_at(frozen, b, 0)
+                                distance = away.norm()
+                                gap = distance - radius - spheres[b, 3]
+                                if share * (gap - SKIN) < farthest:
+                                    normal = away / ti.max(distance, 1e-9)
+                                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                                    chord = chord_of(turn, move, arm)
+                                    # Each of the two may close its share of the gap of the beginning of the substep.
+                                    closed = -normal.dot(origin + arm - here)
+                                    left = share * (gap - SKIN)
+                                    if gap > SKIN:
+                                        left -= closed
+                                    kind = WAIT
+                                    if gap < CONTACT_GAP:
+                                        kind = MOVER
+                                    if left < remembered:
+                                        counts[group] = record(
+                                            touches, group * TOUCHES, counts[group], normal, arm, left, kind
+                                        )
                                     approach = -normal.dot(chord)
                                     time = FAR
                                     if left < TOLERANCE:

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from numbers import Rational
 
 import numpy as np
-import taichi as ti
 from numpy.typing import NDArray
 
 from dynamics import check
-from dynamics.bodies import Body, columns
-from dynamics.clocks import Clocks, Window, exact
-from dynamics.closed_form import check_closed_form
-from dynamics.motion import evaluate
-from dynamics.quadrature import GAUSS
-from dynamics.timings import ALWAYS, AllTogether, Timing
+from dynamics.bodies import Body
+from dynamics.bounce import UniformMovementRandomBounce
+from dynamics.clocks import exact
+from dynamics.paths import Paths
+from dynamics.timings import AllTogether, Timing
 
 
 class Simulation:
@@ -26,16 +24,16 @@ class Simulation:
     """
 
     def __init__(self, bodies: Sequence[Body], timings: Timing | None = None) -> None:
-        """timings: default AllTogether(0). Raises ValueError if they cannot work for these bodies."""
+        """timings: default AllTogether(0). Raises ValueError if they cannot work, TypeError for what bounces."""
         self.bodies = tuple(bodies)
         self.timings = AllTogether(0.0) if timings is None else timings
-        tracks = [
-            check_closed_form(body.dynamic, f"bodies[{row}] ({body.name!r}): dynamic").tracks(body.start)
-            for row, body in enumerate(self.bodies)
-        ]
-        self._clocks = Clocks(self._windows(), [exact(body.birth) for body in self.bodies], tracks)
-        self._host_columns = (*columns(tracks).arrays(), GAUSS)
-        self._columns: list[ti.Ndarray] = []
+        for row, body in enumerate(self.bodies):
+            if isinstance(body.dynamic, UniformMovementRandomBounce):
+                raise TypeError(
+                    f"bodies[{row}] ({body.name!r}): dynamic={body.dynamic!r}: must be a path, such as "
+                    "CatmullWaypoints; a SteppedSimulation moves what bounces"
+                )
+        self._paths = Paths(self.bodies, self.timings)
 
     def poses(self, time: float | Rational) -> NDArray[np.float64]:
         """Where every body is at `time`, s: float64 [n, 7], position (m) and unit quaternion (w, x, y, z).
@@ -44,23 +42,5 @@ class Simulation:
         birth a body is where it will appear; times before 0 show the world as it starts.
         """
         check.number(time, "time")
-        poses = np.zeros((len(self.bodies), 7))
-        if self.bodies:
-            # Only here, so that a simulation can be made, and its errors seen, before Taichi runs.
-            self._columns = self._columns or [_on_device(column) for column in self._host_columns]
-            evaluate(*self._columns, self._clocks.parameters(exact(time)), poses)
+        poses: NDArray[np.float64] = self._paths.poses([exact(time)])[0]
         return poses
-
-    def _windows(self) -> list[Window]:
-        timed = [row for row, body in enumerate(self.bodies) if body.timed]
-        windows = [ALWAYS] * len(self.bodies)
-        answer = self.timings.windows([(self.bodies[row].name, self.bodies[row].dynamic) for row in timed])
-        for row, window in zip(timed, answer, strict=True):
-            windows[row] = window
-        return windows
-
-
-def _on_device(column: NDArray[np.float64] | NDArray[np.int32]) -> ti.Ndarray:
-    array = ti.ndarray(ti.f64 if column.dtype == np.float64 else ti.i32, column.shape)
-    array.from_numpy(np.ascontiguousarray(column))
-    return array

@@ -43,10 +43,11 @@ class StepDevice:
             _uploaded(np.concatenate(spheres) if spheres else np.zeros((1, 4), np.float32)),
             _uploaded(np.concatenate(bounding) if bounding else np.zeros((1, 4), np.float32)),
         )
-        # Where the spheres and groups were, who is near whom; touches, times and counts of every group.
+        # Where the spheres, groups and bodies were, who is near whom; touches, times and counts of every group.
         self._frozen = (
             ti.ndarray(ti.f32, (max(1, first), 3)),
             ti.ndarray(ti.f32, (len(groups_array), 3)),
+            ti.ndarray(ti.f32, (rows, 3)),
             ti.ndarray(ti.i32, (rows, rows + 1)),
         )
         self._found = (

@@ -9,32 +9,26 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from numbers import Rational
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import check
 from dynamics import columns as at
-from dynamics.bodies import columns
 from dynamics.bounce import UniformMovementRandomBounce
-from dynamics.clocks import Clocks, exact
-from dynamics.closed_form import Still, check_closed_form
-from dynamics.dynamic import Track, fixed
-from dynamics.motion import evaluate
+from dynamics.clocks import exact
+from dynamics.closed_form import Still
 from dynamics.movers import Array, Moment, Mover
 from dynamics.obstacles import Obstacles, nothing
 from dynamics.others import WALLS
-from dynamics.quadrature import GAUSS
+from dynamics.paths import Paths
 from dynamics.step_device import StepDevice
-from dynamics.timings import ALWAYS, AllTogether, Timing
+from dynamics.timings import AllTogether, Timing
 
 SUBSTEP = Fraction(1, 200)  # s, at most: how long movers do not look at each other
 KEPT_FRAMES = 16  # results kept for asking again
 CHECKPOINT = 16  # frames between checkpoints, until there are too many
 MOST_CHECKPOINTS = 1024
-# A clock as a track whose parameter is its time in seconds; longer than any stream.
-CLOCK = Track(2.0**40, 2.0**40, False)
 
 
 class SteppedSimulation:
@@ -67,13 +61,7 @@ class SteppedSimulation:
         self._make_obstacles = obstacles
         self._obstacles: Obstacles | None = None
         self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
-        self._bounces = [isinstance(mover.body.dynamic, UniformMovementRandomBounce) for mover in self.movers]
-        tracks = [self._tracks(row) for row in range(len(self.movers))]
-        windows = self._windows()
-        births = [exact(mover.body.birth) for mover in self.movers]
-        self._path_clocks = Clocks(windows, births, tracks)
-        self._active_clocks = Clocks(windows, births, [[CLOCK]] * len(self.movers))
-        self._columns = (*columns(tracks).arrays(), GAUSS)
+        self._paths = Paths([mover.body for mover in self.movers], self.timings, "movers")
         self._device: StepDevice | None = None
         self._reached = -1  # the frame that the device stands at
         self._checkpoints: dict[int, tuple[Array, NDArray[np.int32]]] = {}
@@ -146,8 +134,8 @@ class SteppedSimulation:
     def _advance(self, device: StepDevice, frame: int) -> Moment:
         """From frame `frame` to the next."""
         times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
-        targets = [self._path(time, frame) for time in times]
-        clocks = [self._active_clocks.parameters(time) for time in times]
+        targets = self._path(times, frame)
+        clocks = [self._paths.seconds(time) for time in times]
         if self._obstacles is None:
             self._obstacles = self._make_obstacles()
         device.begin_frame(targets[0], [self._there(mover, frame) for mover in self.movers])
@@ -158,17 +146,15 @@ class SteppedSimulation:
             device.substep(targets[part + 1], active, planes, length, self._obstacles)
         return device.moment(float(1 / self.fps))
 
-    def _path(self, time: Fraction, frame: int) -> Array:
-        """Where the paths have the movers, whatever is in the way: float64 [n, 7]. What bounces stays at its start.
+    def _path(self, times: Sequence[Fraction], frame: int) -> Array:
+        """Where the paths have the movers, whatever is in the way: float64 [times, n, 7].
 
         frame: moves after it are not known yet.
         """
-        poses = np.zeros((len(self.movers), 7))
-        if self.movers:
-            evaluate(*self._columns, self._path_clocks.parameters(time), poses)
+        poses = self._paths.poses(times)
         for row, last in self._last_moves(frame, exactly=False):
             if isinstance(self.movers[row].body.dynamic, Still):
-                poses[row] = _pose(*last)
+                poses[:, row] = _pose(*last)
         return poses
 
     def continue_from(self, other: SteppedSimulation | None, frame: int) -> None:
@@ -193,26 +179,11 @@ class SteppedSimulation:
     def _there(mover: Mover, frame: int) -> bool:
         return mover.first_frame <= frame and (mover.last_frame is None or frame <= mover.last_frame)
 
-    def _tracks(self, row: int) -> tuple[Track, ...]:
-        body = self.movers[row].body
-        if self._bounces[row]:
-            return (fixed(body.start),)
-        return check_closed_form(body.dynamic, f"movers[{row}].body.dynamic").tracks(body.start)
-
-    def _windows(self) -> list[Any]:
-        timed = [row for row, mover in enumerate(self.movers) if mover.body.timed]
-        windows = [ALWAYS] * len(self.movers)
-        bodies = [self.movers[row].body for row in timed]
-        answer = self.timings.windows([(body.name, body.dynamic) for body in bodies])
-        for row, window in zip(timed, answer, strict=True):
-            windows[row] = window
-        return windows
-
     def _start(self, frame: int) -> tuple[Array, NDArray[np.int32]]:
         """The columns of bodies that met nothing before a frame; of what bounces, where it starts."""
         bodies = np.zeros((max(1, len(self.movers)), at.FLOATS))
         integers = np.zeros((max(1, len(self.movers)), at.INTEGERS), dtype=np.int32)
-        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = self._path(Fraction(frame) / self.fps, frame)
+        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = self._path([Fraction(frame) / self.fps], frame)[0]
         group = 0
         for row, mover in enumerate(self.movers):
             dynamic = mover.body.dynamic

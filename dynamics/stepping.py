@@ -162,10 +162,13 @@ def freeze(
     bounding: ti.template(),
     frozen: ti.template(),
     frozen_groups: ti.template(),
+    frozen_bodies: ti.template(),
     body: ti.i32,
 ):
     """Note where the spheres of a body are, for the others to look at."""
     origin = single(bodies, body, POSITION)
+    for i in ti.static(range(3)):
+        frozen_bodies[body, i] = origin[i]
     first = integers[body, FIRST_GROUP]
     for group in range(first, first + integers[body, GROUPS]):
         middle = origin + turned(bodies, body, vector_at(bounding, group, 0))
@@ -186,6 +189,7 @@ def substep(
     bounding: Floats,
     frozen: Floats,
     frozen_groups: Floats,
+    frozen_bodies: Floats,
     near: Ints,
     planes: Floats,
     targets: Bodies,
@@ -222,7 +226,7 @@ def substep(
             bodies[body, REST] = 0.0
             bodies[body, BOUND] = 0.0
         else:
-            freeze(bodies, integers, groups, spheres, bounding, frozen, frozen_groups, body)
+            freeze(bodies, integers, groups, spheres, bounding, frozen, frozen_groups, frozen_bodies, body)
             if integers[body, KIND] == BOUNCES:
                 begin_bouncing(bodies, integers, groups, spheres, planes, body)
             else:
@@ -296,9 +300,11 @@ def substep(
                 bounding,
                 frozen,
                 frozen_groups,
+                frozen_bodies,
                 near,
                 planes,
                 touches,
+                times,
                 counts,
                 body,
                 time,

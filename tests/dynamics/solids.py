@@ -26,7 +26,7 @@ def quad(centre, along, across) -> np.ndarray:
     return corners[np.array([(0, 1, 2), (0, 2, 3)])]
 
 
-def obstacles(*parts: np.ndarray, matrices=None):
+def obstacles(*parts: np.ndarray, matrices=None, layout=None):
     """What makes obstacles of triangles [n, 3, 3]: one mesh and instance of each part, placed by `matrices`."""
     meshes = [
         Mesh("part", part.reshape(-1, 3).astype(np.float32), np.arange(3 * len(part), dtype=np.int32).reshape(-1, 3),
@@ -36,7 +36,7 @@ def obstacles(*parts: np.ndarray, matrices=None):
     matrices = [np.eye(4)] * len(parts) if matrices is None else matrices
 
     def make() -> Obstacles:
-        trees = MeshTrees.built(meshes)
+        trees = MeshTrees.built(meshes, layout)
         tree = ObstacleTree(trees, [Instance(row, row, matrix) for row, matrix in enumerate(matrices)])
         return placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from dynamics.contact import SKIN, TOUCH_COLUMNS, TOUCHES, Column, Floats, look_around, vec3
+from dynamics.contact import CONTACT, NEAREST, SKIN, TOUCH_COLUMNS, TOUCHES, WITHIN, look_around
+from dynamics.tree import Column, Floats, Tree, vec3
 from tests.dynamics.solids import obstacles
 from tests.reference.distance import point_triangle
 
@@ -16,8 +17,9 @@ def look(
     limit: ti.f32,
     found: Floats,
     touches: Floats,
-    nodes: Floats,
-    triangles: Floats,
+    wide: ti.template(),
+    nodes: Tree,
+    packs: Tree,
     instances: Floats,
     roots: Column,
     root: ti.i32,
@@ -26,52 +28,39 @@ def look(
         centre = vec3(spheres[i, 0], spheres[i, 1], spheres[i, 2])
         chord = vec3(chords[i, 0], chords[i, 1], chords[i, 2])
         arm = vec3(0.0)
-        distance, _a, _b, _c = look_around(
-            nodes,
-            triangles,
-            instances,
-            roots,
-            root,
-            centre,
-            vec3(0.0),
-            0.0,
-            limit,
-            0.0,
-            0.0,
-            arm,
-            arm,
-            touches,
-            0,
-            0,
-            False,
-        )
-        time, normal, row, _count = look_around(
-            nodes,
-            triangles,
-            instances,
-            roots,
-            root,
-            centre,
-            chord,
-            spheres[i, 3],
-            1.0,
-            0.0,
-            0.0,
-            arm,
-            arm,
-            touches,
-            i * TOUCHES,
-            0,
-            True,
-        )
-        found[i, 0] = distance
-        found[i, 1] = time
-        found[i, 2] = normal.dot(chord)
-        found[i, 3] = row
+        for what in ti.static((NEAREST, WITHIN, CONTACT)):
+            until = 1.0
+            radius = spheres[i, 3]
+            if ti.static(what == NEAREST):
+                until = limit
+            number, normal, row, _count = look_around(
+                wide,
+                nodes,
+                packs,
+                instances,
+                roots,
+                root,
+                centre,
+                chord,
+                radius,
+                until,
+                0.0,
+                0.0,
+                arm,
+                arm,
+                touches,
+                i * TOUCHES,
+                0,
+                what,
+            )
+            found[i, what] = number
+            if ti.static(what == CONTACT):
+                found[i, 3] = normal.dot(chord)
+                found[i, 4] = row
 
 
-@pytest.fixture(scope="module")
-def scene():
+@pytest.fixture(scope="module", params=["wide", "binary"])
+def scene(request):
     """Clouds of triangles, among them slivers, in instances that stretch, turn, mirror and shear them."""
     random = np.random.default_rng(3)
     parts, matrices, world = [], [], []
@@ -87,14 +76,18 @@ def scene():
         parts.append(corners)
         matrices.append(matrix)
         world.append(corners.astype(np.float32) @ matrix[:3, :3].T + matrix[:3, 3])
-    return obstacles(*parts, matrices=matrices)(), np.concatenate(world), np.repeat(np.arange(6), 60)
+    return (
+        obstacles(*parts, matrices=matrices, layout=request.param)(),
+        np.concatenate(world),
+        np.repeat(np.arange(6), 60),
+    )
 
 
 def looked(tree, spheres, chords, limit):
-    found = np.zeros((len(spheres), 4), np.float32)
+    """Nearest distance, bound on the time, time of contact, speed along the normal there, instance."""
+    found = np.zeros((len(spheres), 5), np.float32)
     touches = np.zeros((len(spheres) * TOUCHES, TOUCH_COLUMNS), np.float32)
-    arrays = tree.nodes, tree.triangles, tree.instances, tree.roots, tree.root
-    look(spheres.astype(np.float32), chords.astype(np.float32), limit, found, touches, *arrays)
+    look(spheres.astype(np.float32), chords.astype(np.float32), limit, found, touches, *tree.arguments())
     return found
 
 
@@ -119,16 +112,19 @@ def test_time_of_first_contact(scene):
     free = point_triangle(spheres[:, :3], world).min(axis=1) > spheres[:, 3] + 2.0 * SKIN
     spheres, chords = spheres[free], chords[free]
     found = looked(tree, spheres, chords, 1.0)
-    hit = found[:, 1] < 1.0
+    hit = found[:, 2] < 1.0
     assert 0.2 < hit.mean() < 0.95
     for part in np.linspace(0.0, 1.0, 60):
-        here = spheres[:, :3] + (part * found[:, 1:2]) * chords
+        here = spheres[:, :3] + (part * found[:, 2:3]) * chords
         assert (point_triangle(here, world).min(axis=1) - spheres[:, 3]).min() > SKIN - 1e-5
-    distance = point_triangle(spheres[:, :3] + found[:, 1:2] * chords, world)
+    distance = point_triangle(spheres[:, :3] + found[:, 2:3] * chords, world)
     np.testing.assert_allclose(distance.min(axis=1)[hit] - spheres[hit, 3], SKIN, atol=2e-5)
-    assert (found[hit, 2] < 0.0).all(), "a contact's normal points against the motion"
-    assert (owner[distance.argmin(axis=1)][hit] == found[hit, 3]).mean() > 0.99
-    assert (found[~hit, 3] == -1).all()
+    assert (found[hit, 3] < 0.0).all(), "a contact's normal points against the motion"
+    assert (owner[distance.argmin(axis=1)][hit] == found[hit, 4]).mean() > 0.99
+    assert (found[~hit, 4] == -1).all()
+    # The bound on the time comes before anything is within the radius.
+    before = spheres[:, :3] + 0.999 * found[:, 1:2] * chords
+    assert (point_triangle(before, world).min(axis=1) > spheres[:, 3] - 1e-5).all()
 
 
 def test_a_long_way_through_a_thin_plate():
@@ -137,11 +133,11 @@ def test_a_long_way_through_a_thin_plate():
     tree = obstacles(plate)()
     spheres, chords = np.array([[-500.0, 0.0, 0.0, 0.01]]), np.array([[1000.0, 0.0, 0.0]])
     found = looked(tree, spheres, chords, 1.0)
-    np.testing.assert_allclose(found[0, 1] * 1000.0, 500.0 - 0.01 - SKIN, atol=1e-3)
+    np.testing.assert_allclose(found[0, 2] * 1000.0, 500.0 - 0.01 - SKIN, atol=1e-3)
 
 
 def test_no_obstacles():
     from dynamics.obstacles import nothing
 
     found = looked(nothing(), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
-    assert found[0].tolist() == [5.0, 1.0, 0.0, -1.0]
+    assert found[0].tolist() == [5.0, 1.0, 1.0, 0.0, -1.0]

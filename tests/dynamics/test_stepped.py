@@ -12,11 +12,11 @@ import pytest
 from dynamics import AllTogether, Body, CatmullWaypoints, DictTimings, LinearWaypoints, Simulation, Still, Waypoint
 from dynamics import stepped as module
 from dynamics.bounce import UniformMovementRandomBounce
+from dynamics.motion import evaluate
 from dynamics.movers import Move, Mover
 from dynamics.proxy import cover
 from dynamics.stepped import SteppedSimulation
-from dynamics.stepping import begin_frame, begin_substep, step
-from dynamics.sweep import measure
+from dynamics.stepping import substep
 from tests.dynamics.solids import ball, box, cube, obstacles, quad, spheres_at
 from tests.reference.distance import sphere_gap
 
@@ -336,7 +336,7 @@ def test_any_number_of_threads_in_any_process_gives_the_same_bits():
 
 def test_a_new_body_or_room_compiles_nothing(crowd):
     def compiled():
-        return [len(kernel._primal.compiled_kernels) for kernel in (begin_frame, begin_substep, measure, step)]
+        return [len(kernel._primal.compiled_kernels) for kernel in (evaluate, substep)]
 
     before = compiled()
     run(SteppedSimulation([bouncer(), bouncer("b", (0, 0.8, 0), ROD)], fps=30, obstacles=obstacles(ROOM, PILLAR)), 5)

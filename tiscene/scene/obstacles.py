@@ -25,9 +25,9 @@ class MeshTrees:
         return self.bvh.layout is WIDE
 
     @classmethod
-    def built(cls, meshes: Sequence[Mesh]) -> MeshTrees:
-        """Trees of their own, where nobody renders the meshes. Needs Taichi to run."""
-        bvh = Bvh("binary" if device.running() == "cuda" else "wide")
+    def built(cls, meshes: Sequence[Mesh], layout: str | None = None) -> MeshTrees:
+        """Trees of their own, where nobody renders the meshes. layout: None: what suits the device. Taichi must run."""
+        bvh = Bvh(layout or ("binary" if device.running() == "cuda" else "wide"))
         blas = [
             bvh.add_mesh(
                 np.ascontiguousarray(mesh.positions, np.float32), np.ascontiguousarray(mesh.triangles, np.int32), 0
