@@ -130,6 +130,9 @@ class Renderer:
             if self.quality.denoise:
                 sharp = view.current.lens_radius == 0.0
                 radiance = denoise(radiance, image.albedo, image.normal, self.quality.denoiser, clean=sharp)
+            if any(view.ambient):
+                surface = image.normal.any(axis=-1, keepdims=True)
+                radiance = radiance + np.where(surface, image.albedo, 0.0) * np.array(view.ambient, np.float32)
             result["rgb"] = tone_map(radiance, exposure)
         return result
 

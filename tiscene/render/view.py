@@ -20,13 +20,17 @@ POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE = 0, 3, 6, 9,
 
 @dataclass(frozen=True)
 class View:
-    """Three cameras, at the frames k-1, k and k+1, and the size of the picture in pixels."""
+    """Three cameras, at the frames k-1, k and k+1, and the size of the picture in pixels.
+
+    ambient: radiance that `rgb` shows of a white surface besides what is traced, for whoever wants light from nowhere.
+    """
 
     previous: Camera
     current: Camera
     next: Camera
     width: int
     height: int
+    ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
     _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
