@@ -255,8 +255,12 @@ class Stream(Iterator[Frame]):
             self._exposure = self._renderer(view).meter(view, self._placement(0), seed=self.seed)
         return self._exposure
 
-    def look(self, index: int, view: View, buffers: Sequence[str]) -> Frame:
-        """Frame `index` as other cameras see it, or in another size; in the exposure of the stream's own camera."""
+    def look(self, index: int, view: View, buffers: Sequence[str], differential: bool | None = None) -> Frame:
+        """Frame `index` as other cameras see it, or in another size; in the exposure of the stream's own camera.
+
+        differential: whether colour is a difference to an image that this view has of what never moves; None: as the
+        stream's own frames are, if the camera is that of its frame 0.
+        """
         placement = self._placement(index)
         exposure = self.exposure if "rgb" in buffers else 0.0
         return Frame(
@@ -270,7 +274,7 @@ class Stream(Iterator[Frame]):
                 frame_index=index,
                 seed=self.seed,
                 exposure=exposure,
-                moving=self._moving(index, view, placement),
+                moving=self._moving(index, view, placement, differential),
             ),
             objects=object_table(self._scene, placement, view, self.world.objects(index)),
             categories=self.categories,
@@ -280,9 +284,13 @@ class Stream(Iterator[Frame]):
     def _render(self, index: int) -> Frame:
         return self.look(index, View(*self.world.cameras(index), width=self.width, height=self.height), self.buffers)
 
-    def _moving(self, index: int, view: View, placement: Placement) -> NDArray[np.bool_] | None:
+    def _moving(
+        self, index: int, view: View, placement: Placement, differential: bool | None
+    ) -> NDArray[np.bool_] | None:
         """The instances that a frame shows as differences to what never moves; None: it is traced from nothing."""
-        if not self.differential or self._relit or view.current != self.world.cameras(0)[1]:
+        if differential is None:
+            differential = self.differential and view.current == self.world.cameras(0)[1]
+        if self._relit or not differential:
             return None
         moving = self.world.moving(index)
         if not moving.any() or placement.lights != self.world.placement(0).lights:

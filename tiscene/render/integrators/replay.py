@@ -9,7 +9,7 @@ no memory of others.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,8 @@ from tiscene.errors import ArgumentError
 from tiscene.render.base_image import BaseImages, digest_of
 from tiscene.render.integrators import replay_kernels as kernels
 from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
-from tiscene.render.integrators.path_state import CHUNK
-from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache
+from tiscene.render.integrators.path_state import CHUNK, PathState
+from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache, room_for
 from tiscene.render.integrators.replay_near import ROWS, find_near
 from tiscene.render.intersect import occluded
 from tiscene.render.sampler import frame_key, index_bits
@@ -67,21 +67,19 @@ class ReplayPass:
         self._images = images
         self._report = report or (lambda doing, done: None)
         self._paths = paths or PathPass(scene, width, height)
-        self._key: tuple[Any, ...] = ()
-        self._radius = 0.0
-        self._base: NDArray[np.float32] = np.zeros((height, width, FILM_COLUMNS), np.float32)
-        self._cache: PathCache | None = None
+        self._bases: dict[tuple[Any, ...], _Base] = {}  # the one used last at the end
         self._scratch: _Scratch | None = None
+        self._paths_on_way: PathState | None = None
 
     @property
     def cached_bytes(self) -> int:
-        """What the kept paths take of memory."""
-        return self._cache.bytes if self._cache else 0
+        """What all kept paths take of memory."""
+        return sum(base.cache.bytes for base in self._bases.values())
 
     @property
     def cached_spp(self) -> int:
-        """How many paths a pixel are kept."""
-        return self._cache.numbers[0] if self._cache else 0
+        """How many paths a pixel are kept of the base that was prepared last."""
+        return next(reversed(self._bases.values())).cache.numbers[0] if self._bases else 0
 
     def prepare(
         self,
@@ -94,7 +92,7 @@ class ReplayPass:
         max_depth: int,
         base_spp: int,
     ) -> None:
-        """Make the base image and the paths of what does not move, unless those at hand are of the same.
+        """Make the base image and the paths of what does not move, unless they are at hand.
 
         They depend on the arguments alone. Places what it needs: the frame's instances are to be placed afterwards.
         moving: bool [n], which instances are not in the base. spp: paths per pixel to keep; base_spp: to make the base
@@ -112,35 +110,39 @@ class ReplayPass:
             materials.any_emission,
             (seed, spp, max_depth, base_spp),
         )
-        if key == self._key:
-            return
-        self._key, self._cache = (), None
-        self.scene.place(replace(placement, present=placement.present & ~moving))
-        self._radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
-        self._base = self._base_image(view, still, seed, base_spp, max_depth)
-        self._report("paths", 0.0)
-        self._cache = self._kept_paths(view, seed, spp, max_depth)
-        self._scratch = _Scratch(self._cache)
-        self._report("paths", 1.0)
-        self._key = key
+        base = self._bases.pop(key, None)
+        if base is None:
+            self.scene.place(replace(placement, present=placement.present & ~moving))
+            radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
+            image = self._base_image(view, still, seed, base_spp, max_depth)
+            self._report("paths", 0.0)
+            base = _Base(radius, image, self._kept_paths(view, radius, seed, spp, max_depth))
+            self._report("paths", 1.0)
+            while self._bases and self.cached_bytes + base.cache.bytes > self.memory_limit:
+                self._bases.pop(next(iter(self._bases)))
+            if self._scratch is None or not self._scratch.fits(base.cache):
+                self._scratch = _Scratch(base.cache)
+        self._bases[key] = base
 
     def render(self, moving: NDArray[np.bool_]) -> PathImage:
         """The picture of what the scene has placed at CURRENT, which was prepared for.
 
         moving: bool [n], which instances are not in the base.
         """
-        cache, scratch = self._cache, self._scratch
-        if cache is None or scratch is None:
+        scratch = self._scratch
+        if scratch is None:
             raise ArgumentError("nothing is prepared; call prepare() first")
+        base = next(reversed(self._bases.values()))
+        cache = base.cache
         groups = ti.ndarray(vec8, 6)
         groups.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
-        scene = self._paths.scene_arrays(self._radius)
+        scene = self._paths.scene_arrays(base.radius)
         for block in cache.blocks:
             self._replay(scene, cache, block, scratch, groups)
         self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
         hdr, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(3))
         kernels.combine(
-            cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, self._base,
+            cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, base.image,
             hdr, albedo, normal,
         )  # fmt: skip
         return PathImage(hdr, albedo, normal)
@@ -216,14 +218,16 @@ class ReplayPass:
             self._images.save(key, base)
         return base
 
-    def _kept_paths(self, view: View, seed: int, spp: int, max_depth: int) -> PathCache:
+    def _kept_paths(self, view: View, radius: float, seed: int, spp: int, max_depth: int) -> PathCache:
         """As many paths a pixel as are asked for, or half of them and so on until they fit."""
-        scene = self._paths.scene_arrays(self._radius)
+        scene = self._paths.scene_arrays(radius)
         key, movers_key = frame_key(seed, CACHE_FRAME), frame_key(seed, MOVERS_FRAME)
 
         def cache(spp: int) -> PathCache:
             numbers = (spp, index_bits(spp), key)
-            return PathCache(self._paths, scene, view, numbers=numbers, movers_key=movers_key, max_depth=max_depth)
+            return PathCache(
+                self._paths, scene, view, self._state(spp), numbers=numbers, movers_key=movers_key, max_depth=max_depth
+            )
 
         most = 2 * scene.steps(max_depth) * 80 * self.width * self.height  # no path can take more
         if spp > 1 and spp * most > self.memory_limit:
@@ -232,12 +236,29 @@ class ReplayPass:
                 spp = -(-spp // 2)
         return cache(spp)
 
+    def _state(self, spp: int) -> PathState:
+        """Room for a block of paths on their way; all caches use the same."""
+        size = room_for(self.width * self.height, spp)
+        if self._paths_on_way is None or self._paths_on_way.size != size:
+            self._paths_on_way = PathState(size)
+        return self._paths_on_way
+
+
+@dataclass(frozen=True, eq=False)
+class _Base:
+    """What never moves. radius: about it, m. image: f32 [h, w, 9], radiance, albedo, normal."""
+
+    radius: float
+    image: NDArray[np.float32]
+    cache: PathCache
+
 
 class _Scratch:
     """Arrays of a frame, which all blocks use one after another."""
 
     def __init__(self, cache: PathCache) -> None:
-        rows = max(*(block.rows for block in cache.blocks), int(cache.looks.shape[0]))
+        rows = self.rows = cache.most_rows
+        self.steps, self.size = cache.steps, cache.state.size
         paths = cache.state.size
         self.cut = ti.ndarray(ti.i32, (rows,))
         self.candidates = ti.ndarray(ti.i32, (rows,))
@@ -248,6 +269,10 @@ class _Scratch:
         self.path_chunks = ti.ndarray(ti.i32, (paths // CHUNK + 2, cache.steps))
         self.entering = ti.ndarray(ti.i32, (paths,))
         self.change = upload(np.zeros((int(cache.mean.shape[0]), FILM_COLUMNS), np.float32))
+
+    def fits(self, cache: PathCache) -> bool:
+        """Whether there is room for the blocks of another cache of pictures of this size."""
+        return self.rows >= cache.most_rows and self.steps >= cache.steps and self.size >= cache.state.size
 
 
 def grouped(boxes: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -48,11 +48,21 @@ class Block:
         return sum(4 * int(np.prod(array.shape)) for array in arrays)
 
 
+def block_size(spp: int) -> int:
+    """Paths of a block: whole pixels."""
+    return max(1, BLOCK // spp) * spp
+
+
+def room_for(pixels: int, spp: int) -> int:
+    """How many paths must have room at a time to keep `spp` of each pixel."""
+    return -(-min(block_size(spp), pixels * spp) // CHUNK) * CHUNK
+
+
 class PathCache:
     """`spp` paths a pixel through what a DeviceScene has placed at CURRENT, which should be all but the movers.
 
     mean: f32 [pixels, 9], what the paths show. looks: f32 [pixels * LOOKS, 8], rays through fixed places of every pixel
-    up to the first surface. state: room for a block of paths on their way.
+    up to the first surface.
     """
 
     def __init__(
@@ -60,13 +70,14 @@ class PathCache:
         paths: PathPass,
         scene: SceneForPaths,
         view: View,
+        state: PathState,
         *,
         numbers: tuple[int, int, int],
         movers_key: int,
         max_depth: int,
     ) -> None:
         """numbers: paths per pixel, bits that count them, the key of their random numbers; movers_key: of those that
-        say whether a shadow ray passes through a mover."""
+        say whether a shadow ray passes through a mover. state: see `room_for`."""
         self.numbers = numbers
         self.movers_key = movers_key
         self.max_depth = max_depth
@@ -76,9 +87,9 @@ class PathCache:
         spp = numbers[0]
         pixel_count = view.width * view.height
         self.mean = ti.ndarray(ti.f32, (pixel_count, FILM_COLUMNS))
-        self._block_size = max(1, BLOCK // spp) * spp
+        self._block_size = block_size(spp)
         total = pixel_count * spp
-        self.state = PathState(-(-min(self._block_size, total) // CHUNK) * CHUNK)
+        self.state = state
         self.blocks = [
             self._trace(number, min(self._block_size, total - number * self._block_size))
             for number in range(-(-total // self._block_size))
@@ -89,6 +100,11 @@ class PathCache:
     def bytes(self) -> int:
         """What it takes of memory, but for what does not grow with the number of paths."""
         return sum(block.bytes for block in self.blocks)
+
+    @property
+    def most_rows(self) -> int:
+        """How many rows are ever tested together."""
+        return max(int(self.looks.shape[0]), *(block.rows for block in self.blocks))
 
     def _trace(self, number: int, count: int) -> Block:
         first = number * self._block_size
