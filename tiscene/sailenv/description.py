@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import dynamics
@@ -16,17 +17,15 @@ ALL_TOGETHER = {"type": "all_together", "description": {"wait_time": 0.0}}
 
 def vector(value: Any) -> Vector3:
     """Three numbers, whatever holds them. Raises ScenarioError."""
-    try:
+    with _said(f"{value!r}: must be three numbers x, y, z"):
         x, y, z = (value[axis] for axis in "xyz") if isinstance(value, Mapping) else (value[axis] for axis in range(3))
         return (float(x), float(y), float(z))
-    except (TypeError, ValueError, KeyError, IndexError):
-        raise ScenarioError(f"{value!r}: must be three numbers x, y, z") from None
 
 
 def dynamic_of(kind: str, description: Mapping[str, Any]) -> dynamics.Dynamic:
     """What moves an object, from its type and description. Raises ScenarioError."""
-    given = {key: value for key, value in description.items() if value is not None}
-    try:
+    with _said(f"dynamic of type {kind}"):
+        given = {key: value for key, value in description.items() if value is not None}
         match kind:
             case "linear_waypoints" | "catmull_waypoints":
                 loop = dynamics.LinearWaypoints if kind == "linear_waypoints" else dynamics.CatmullWaypoints
@@ -39,20 +38,15 @@ def dynamic_of(kind: str, description: Mapping[str, Any]) -> dynamics.Dynamic:
                     start_direction=mirrored(vector(given.get("start_direction", (0.0, 0.0, 1.0)))),
                     seed=int(given.get("seed", 42)),
                 )
-    except (TypeError, ValueError, KeyError) as error:
-        raise ScenarioError(f"{kind}: {error}") from error
-    raise ScenarioError(
-        f"dynamic of type {kind!r}: must be linear_waypoints, catmull_waypoints or uniform_movement_random_bounce"
-    )
+        raise ScenarioError("must be linear_waypoints, catmull_waypoints or uniform_movement_random_bounce")
 
 
 def timings_of(content: Any, ids: Sequence[str], there: Collection[str]) -> dynamics.Timing:
     """When objects move. ids: of the scenario's objects; there: those that could be made. Raises ScenarioError."""
-    content = content or ALL_TOGETHER
-    kind = content.get("type")
-    description = content.get("description") or {}
-    try:
-        match kind:
+    with _said("timings"):
+        content = content or ALL_TOGETHER
+        description = content.get("description") or {}
+        match content.get("type"):
             case "all_together":
                 return dynamics.AllTogether(float(description.get("wait_time", 1.0)))
             case "wait_until_complete":
@@ -61,9 +55,7 @@ def timings_of(content: Any, ids: Sequence[str], there: Collection[str]) -> dyna
                 # JSON has made texts of the indices.
                 turns = {_id(key, ids): float(seconds) for key, seconds in (description.get("times") or {}).items()}
                 return dynamics.DictTimings([(id, seconds) for id, seconds in turns.items() if id in there])
-    except (TypeError, ValueError, IndexError) as error:
-        raise ScenarioError(f"timings {kind}: {error}") from error
-    raise ScenarioError(f"timings of type {kind!r}: must be all_together, wait_until_complete or dict")
+        raise ScenarioError(f"type {content.get('type')!r}: must be all_together, wait_until_complete or dict")
 
 
 def frustum_of(content: Any) -> native.Frustum | None:
@@ -72,21 +64,23 @@ def frustum_of(content: Any) -> native.Frustum | None:
         return native.Frustum() if content else None
     if not content.get("spawn", True):
         return None
-    far = float(content.get("far_clip_plane", -1.0))
-    return native.Frustum(far if far > 0.0 else -1.0)
+    with _said("frustum"):
+        far = float(content.get("far_clip_plane", -1.0))
+        return native.Frustum(far if far > 0.0 else -1.0)
 
 
 def object_of(content: Mapping[str, Any], id: str) -> native.Object:
     """One object. id: its name, unique in the scenario. Raises ScenarioError."""
-    dynamic = content.get("dynamic")
-    return native.Object(
-        id,
-        str(content.get("prefab")),
-        mirrored(vector(content.get("position", (0.0, 0.0, 0.0)))),
-        mirrored_euler(vector(content.get("rotation", (0.0, 0.0, 0.0)))),
-        dynamic_of(str(dynamic.get("type")), dynamic.get("description") or {}) if dynamic else None,
-        frustum_limited=bool(content.get("frustum_limited", True)),
-    )
+    with _said(f"object {id!r}"):
+        dynamic = content.get("dynamic")
+        return native.Object(
+            id,
+            str(content.get("prefab")),
+            mirrored(vector(content.get("position", (0.0, 0.0, 0.0)))),
+            mirrored_euler(vector(content.get("rotation", (0.0, 0.0, 0.0)))),
+            dynamic_of(str(dynamic.get("type")), dynamic.get("description") or {}) if dynamic else None,
+            frustum_limited=bool(content.get("frustum_limited", True)),
+        )
 
 
 def object_ids(contents: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -109,3 +103,12 @@ def _waypoint(content: Mapping[str, Any]) -> dynamics.Waypoint:
 
 def _id(key: Any, ids: Sequence[str]) -> str:
     return str(key) if str(key) in ids else ids[int(key)]
+
+
+@contextmanager
+def _said(what: str) -> Iterator[None]:
+    """Whatever goes wrong with values of the wrong kind, as a ScenarioError that says what they were for."""
+    try:
+        yield
+    except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as error:
+        raise ScenarioError(f"{what}: {error}") from error

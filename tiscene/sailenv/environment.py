@@ -24,7 +24,7 @@ from tiscene.camera import Camera, Vector3
 from tiscene.errors import ArgumentError, ScenarioError, TisceneError
 from tiscene.render.view import View
 from tiscene.sailenv import description, names, views
-from tiscene.sailenv.lights import Color8, Lights, clipped
+from tiscene.sailenv.lights import Color8, Lights, clipped, linear
 from tiscene.sailenv.place import Place
 from tiscene.sailenv.space import euler_of, mirrored, mirrored_euler, quaternion_of
 from tiscene.sailenv.uploads import Uploads
@@ -33,6 +33,7 @@ from tiscene.scene.description import Light
 from tiscene.stream import Stream
 
 MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
+STILL_FRAMES = 25
 FARTHEST = 1e6  # m, and degrees
 _SENT = "file:"
 
@@ -73,6 +74,7 @@ class Environment:
         self.uploads = Uploads()
         self._stream: Stream | None = None
         self._ambient: Color8 = (0, 0, 0)
+        self._changed = 0  # the frame since which nothing was done to the world
         self._seen: dict[Any, dict[str, NDArray[Any]]] = {}  # what was rendered of the current frame, by view
         self._next_id = 0
 
@@ -111,7 +113,10 @@ class Environment:
             self._seen.clear()
         steps = self.clock - viewer.taken if viewer.taken >= 0 else 1
         camera = self._camera(viewer, self.clock)
-        view = View(viewer.last_camera or camera, camera, camera, viewer.width, viewer.height)
+        ambient = self._ambient_radiance()
+        view = View(viewer.last_camera or camera, camera, camera, viewer.width, viewer.height, ambient)
+        if camera != viewer.last_camera:
+            viewer.still_since = self.clock
         buffers = self._buffers(stream, view, viewer, wanted)
         viewer.taken, viewer.acted, viewer.stepping, viewer.last_camera = self.clock, False, True, camera
         numbers = np.array([self._place.number(name) for _, name in sorted(stream.categories.items())], np.uint8)
@@ -206,7 +211,7 @@ class Environment:
                 made = description.object_of(each, id)
                 objects.append(replace(made, template=self._template(made.template)))
             except TisceneError as error:
-                problems.append(f"object {id!r}: {error}")
+                problems.append(str(error))
         timings = description.timings_of(content.get("timings"), ids, {each.id for each in objects})
         frustum = description.frustum_of(content.get("frustum"))
         scenario = native.Scenario(
@@ -231,7 +236,7 @@ class Environment:
         dynamic: tuple[str, Mapping[str, Any]] | None = None,
     ) -> str:
         """Let an object appear; its id. dynamic: type and description. Raises ScenarioError, TemplateNotFound."""
-        viewer.acted = True
+        self._acted(viewer)
         return str(
             self._world().world.spawn(
                 self._template(name),
@@ -246,12 +251,12 @@ class Environment:
     def despawn(self, viewer: Viewer, number: int) -> None:
         """Let an object be gone. Raises ObjectNotFound."""
         self._world().world.despawn(number)
-        viewer.acted = True
+        self._acted(viewer)
 
     def move(self, viewer: Viewer, number: int, position: Vector3, rotation: Vector3) -> None:
         """Put an object elsewhere. Raises ObjectNotFound, ScenarioError."""
         self._world().world.move(number, mirrored(_checked(position)), mirrored_euler(_checked(rotation)))
-        viewer.acted = True
+        self._acted(viewer)
 
     def enclose(self, viewer: Viewer) -> None:
         """Walls at the sides of an agent's view, up to its far plane."""
@@ -265,6 +270,10 @@ class Environment:
         self.uploads.close()
 
     # How.
+
+    def _acted(self, viewer: Viewer) -> None:
+        """An agent has done something to the world: its next frame is a new one, which shows that."""
+        viewer.acted, self._changed = True, self.clock + 1
 
     def _next_is_new(self, viewer: Viewer) -> bool:
         return self.clock < 0 or viewer.acted or viewer.taken == self.clock
@@ -295,9 +304,9 @@ class Environment:
         self._stream = stream
         self._ambient = (0, 0, 0)
         self._seen.clear()
-        self.clock = -1
+        self.clock, self._changed = -1, 0
         for each in self.viewers.values():
-            each.taken, each.acted, each.last_camera = -1, False, None
+            each.taken, each.acted, each.last_camera, each.still_since = -1, False, None, 0
             each.follows_since = None if each.follows_since is None else 0
 
     def _put_at_start(self, viewer: Viewer) -> None:
@@ -324,11 +333,13 @@ class Environment:
         needed = {buffer for name in wanted for buffer in views.VIEWS[name].buffers}
         if viewer.background is not None and "main" in wanted:
             needed.add("instance")
-        key = (view.cameras, view.width, view.height, viewer.background)
+        # What stands still before a camera that does is worth a picture of its own; later frames differ little from it.
+        still = self.clock - max(viewer.still_since, self._changed) >= STILL_FRAMES
+        key = (view.cameras, view.width, view.height, viewer.background, still)
         seen = self._seen.setdefault(key, {})
         missing = sorted(needed - set(seen))
         if missing:
-            seen.update(stream.look(self.clock, view, missing).buffers)
+            seen.update(stream.look(self.clock, view, missing, differential=still).buffers)
         return seen
 
     def _template(self, name: str) -> str:
@@ -338,9 +349,16 @@ class Environment:
         return names.template_of(name)
 
     def _relight(self, row: int, light: Light) -> None:
-        assert self._stream is not None
-        self._stream.relight(row, light)
+        self._world().relight(row, light)
         self._seen.clear()
+        self._changed = self.clock + 1
+
+    def _ambient_radiance(self) -> tuple[float, float, float]:
+        """What makes a white surface as bright as the ambient colour, at the world's exposure."""
+        if not any(self._ambient):
+            return (0.0, 0.0, 0.0)
+        r, g, b = (part * 2.0 ** -self._world().exposure for part in linear(self._ambient))
+        return (r, g, b)
 
 
 def _checked(vector: Vector3) -> Vector3:

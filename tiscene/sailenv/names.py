@@ -9,7 +9,7 @@ from importlib import resources
 from typing import Any
 
 from tiscene import catalog
-from tiscene.errors import SceneNotFound, StageWarning
+from tiscene.errors import SceneNotFound, StageWarning, TemplateNotFound
 from tiscene.scene.description import Template
 from tiscene.usd import read_template
 
@@ -46,11 +46,16 @@ def scene_of(name: str) -> str:
 
 
 def template_of(name: str) -> str:
-    """tiscene's name of a template. "Cube Trail" is a cube, for its trail is a matter of display."""
+    """tiscene's name of a template. "Cube Trail" is a cube, for its trail is a matter of display.
+
+    Raises TemplateNotFound.
+    """
     plain = name.strip()
     known = catalog.templates()
-    if plain not in known and plain.removesuffix(_TRAIL) in known:
-        return plain.removesuffix(_TRAIL)
+    if plain not in known:
+        plain = plain.removesuffix(_TRAIL)
+    if plain not in known:
+        raise TemplateNotFound("template", name, known)
     return plain
 
 

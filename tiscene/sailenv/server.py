@@ -34,21 +34,21 @@ class Server:
         self.host, self.port, self.wait = host, port, wait
         self._world = ThreadPoolExecutor(1, "world")
         self._clients: set[asyncio.Task[None]] = set()
-        self._progress: asyncio.Event | None = None
+        self._progress = asyncio.Event()  # set, and replaced, when the clock or those who wait for it have gone on
+        self._stop = asyncio.Event()
+        self._loop: asyncio.AbstractEventLoop | None = None
 
     async def run(self, started: Callable[[str, int], None] = lambda host, port: None) -> None:
         """Serve until SIGINT or SIGTERM. started: is told the address. Raises OSError if it cannot be had."""
-        self._progress = asyncio.Event()
-        stop = asyncio.Event()
-        loop = asyncio.get_running_loop()
+        self._loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):  # not everywhere, not in threads
-                loop.add_signal_handler(number, stop.set)
+                self._loop.add_signal_handler(number, self._stop.set)
         server = await asyncio.start_server(self._serve, self.host, self.port)
         try:
             host, port = server.sockets[0].getsockname()[:2]
             started(host, port)
-            await stop.wait()
+            await self._stop.wait()
             log.info("stopping")
         finally:
             server.close()
@@ -57,6 +57,11 @@ class Server:
             await asyncio.gather(*self._clients, return_exceptions=True)
             self._world.shutdown()
             self.environment.close()
+
+    def stop(self) -> None:
+        """End `run`, from any thread."""
+        assert self._loop is not None
+        self._loop.call_soon_threadsafe(self._stop.set)
 
     async def _serve(self, stream: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
@@ -93,9 +98,11 @@ class Server:
         """An agent's next frame, when those that take frames have had the current one, or were given time for it."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + self.wait
-        while behind := await self.do(self.environment.behind, viewer):
-            assert self._progress is not None
-            progress = self._progress
+        while True:
+            progress = self._progress  # before looking who is behind, so that nothing is missed in between
+            behind = await self.do(self.environment.behind, viewer)
+            if not behind:
+                break
             try:
                 async with asyncio.timeout_at(deadline):
                     await progress.wait()
@@ -108,6 +115,5 @@ class Server:
 
     def went_on(self) -> None:
         """Wake those who wait for others."""
-        assert self._progress is not None
         self._progress.set()
         self._progress = asyncio.Event()

@@ -45,7 +45,7 @@ def euler_of(rotation: Quaternion) -> Vector3:
     else:
         y, z = math.atan2(-matrix[2, 0], matrix[0, 0]), 0.0
     a, b, c = mirrored_euler((math.degrees(x), math.degrees(y), math.degrees(z)))
-    return (a % 360.0, b % 360.0, c % 360.0)
+    return (a % 360.0 % 360.0, b % 360.0 % 360.0, c % 360.0 % 360.0)  # once is 360 for a little less than 0
 
 
 def flow_of(backward: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,0 +1,25 @@
+"""Small worlds in the object view, which is quick to read and to render."""
+
+import pytest
+
+from tiscene.sailenv import Agent
+
+SCENE = "object_view/scene"
+SETTINGS = {"scene": SCENE, "spp": 1, "max_depth": 2}
+
+
+@pytest.fixture
+def make_agent(request):
+    """Registers agents of one world, which ends with the test."""
+    agents = []
+
+    def make(**others):
+        named = {"port": abs(hash(request.node.nodeid)) % 60000, "width": 64, "height": 48} | SETTINGS | others
+        agent = Agent(**named)
+        agent.register()
+        agents.append(agent)
+        return agent
+
+    yield make
+    for agent in agents:
+        agent.delete()

@@ -1,0 +1,378 @@
+"""SAILenv's Agent in process."""
+
+import math
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tests.sailenv.conftest import SCENE
+from tiscene.errors import ArgumentError, SceneNotFound, TemplateNotFound
+from tiscene.sailenv import (
+    Agent,
+    AllTogetherTimings,
+    CatmullWaypoints,
+    DictTimings,
+    FrameFlags,
+    LinearWaypoints,
+    Object,
+    Scenario,
+    UniformMovementRandomBounce,
+    Vector3,
+    WaitUntilCompleteTimings,
+    Waypoint,
+)
+from tiscene.sailenv.space import mirrored
+
+HOME = (0.0, 1.0, 0.0)  # where agents of the object view begin, looking along +z
+ACTIVE = ("main", "category", "object", "flow", "depth")
+
+
+def path(*positions, seconds=4.0):
+    return LinearWaypoints([Waypoint(position) for position in positions], seconds)
+
+
+def centre(mask):
+    rows, columns = np.nonzero(mask)
+    return columns.mean(), rows.mean()
+
+
+def projected(x, y, z, width=64, height=48):
+    """Pixel coordinates of a point before a camera at HOME: x right, y up, z ahead, vertical field of view 60°."""
+    focal = 0.5 * height / math.tan(math.radians(30.0))
+    return 0.5 * (width - 1) + focal * x / z, 0.5 * (height - 1) - focal * (y - 1.0) / z
+
+
+def test_what_a_frame_holds(make_agent):
+    agent = make_agent()
+    frame = agent.get_frame()
+    assert set(frame) == {*ACTIVE, "sizes", "deltaTime"}
+    assert {name: (frame[name].dtype, frame[name].shape) for name in ACTIVE} == {
+        "main": (np.float32, (48, 64, 3)),
+        "category": (np.uint8, (48, 64)),
+        "object": (np.float32, (48, 64, 3)),
+        "flow": (np.float32, (48, 64, 2)),
+        "depth": (np.float32, (48, 64)),
+    }
+    assert frame["sizes"] == {"main": 9216, "category": 3072, "object": 9216, "flow": 24576, "depth": 3072}
+    assert frame["deltaTime"] == pytest.approx(1 / 25)
+    assert (frame["category"] == 255).all()
+    assert not frame["object"].any()
+    assert (frame["depth"] == 1.0).all()
+    assert not frame["flow"].any()
+    assert 0.0 < frame["main"].min() <= frame["main"].max() <= 1.0
+    frame["flow"][:] = 1.0  # writable
+
+
+def test_only_active_views_are_made(make_agent):
+    agent = make_agent(main_frame_active=False, object_frame_active=False, depth_frame_active=False)
+    assert agent.active_frames == {"main": False, "category": True, "object": False, "flow": True, "depth": False}
+    assert agent.flags == FrameFlags.CATEGORY | FrameFlags.OPTICAL == 20
+    frame = agent.get_frame()
+    assert [name for name in ACTIVE if frame[name] is not None] == ["category", "flow"]
+    assert frame["sizes"] == {"main": 0, "category": 3072, "object": 0, "flow": 24576, "depth": 0}
+
+
+def test_before_and_after_a_scene(make_agent):
+    agent = make_agent()
+    assert agent.id >= 0
+    assert SCENE in agent.scenes
+    assert agent.categories is agent.lights_names is agent.spawnable_objects_names is None
+    agent.change_scene(SCENE)
+    assert "cube" in agent.categories.values()
+    assert 255 not in agent.categories
+    assert agent.categories.keys() == agent.cat_colors.keys()
+    assert all(len(color) == 3 and 0 <= min(color) <= max(color) <= 255 for color in agent.cat_colors.values())
+    assert "Directional Light" in agent.lights_names
+    assert {"Cube", "Chair 01", "Cube Trail", "Dish 01 Trail"} <= set(agent.spawnable_objects_names)
+    assert agent.get_categories() == agent.categories
+    assert agent.get_position() == Vector3(*HOME)
+    assert agent.get_rotation() == Vector3(0, 0, 0)
+
+
+def test_an_object_is_where_unity_would_have_it(make_agent):
+    agent = make_agent()
+    agent.change_scene(SCENE)
+    id = agent.spawn_object("Cube", (0.8, 1.4, 3.0), scale=(0.5, 0.5, 0.5))
+    assert agent.spawned_objects_idstr_names_table == {id: "Cube"}
+    frame = agent.get_frame()
+    there = frame["object"].any(axis=-1)
+    np.testing.assert_allclose(centre(there), projected(0.8, 1.4, 3.0), atol=1.0)
+    assert len(np.unique(frame["object"][there], axis=0)) == 1
+    assert {agent.categories[number] for number in np.unique(frame["category"][there])} == {"cube"}
+    assert (frame["category"][~there] == 255).all()
+    steps = frame["depth"][there] * 255
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-4)
+    assert 2.6 < (frame["depth"][there] * 15).min() < 3.0
+
+
+def test_turning_right_moves_things_left_and_pitching_down_moves_them_up(make_agent):
+    agent = make_agent()
+    agent.spawn_object("Sphere", (0, 1, 3), scale=(0.5, 0.5, 0.5))
+    x, y = centre(agent.get_frame()["object"].any(axis=-1))
+    agent.set_rotation(Vector3(0, 10, 0))
+    assert centre(agent.get_frame()["object"].any(axis=-1))[0] < x - 3
+    agent.set_rotation([10, 0, 0])
+    assert centre(agent.get_frame()["object"].any(axis=-1))[1] < y - 3
+    assert agent.get_rotation() == Vector3(10, 0, 0)
+    agent.set_rotation((0, 0, 0))
+    agent.set_position(np.array([0.5, 1.0, 0.0]))
+    assert centre(agent.get_frame()["object"].any(axis=-1))[0] < x - 3
+
+
+def test_flow_points_back_in_x_and_forth_in_y(make_agent):
+    """Of a point that moves by (dx, dy) px, y down, since the frame before: (-dx, +dy)."""
+    agent = make_agent()
+    move = path((-0.4, 0.8, 3.0), (0.4, 1.6, 3.0))
+    agent.load_scenario(Scenario(SCENE, [Object("s", "Sphere", HOME, HOME, move)], AllTogetherTimings(0.0)))
+    for _ in range(10):
+        frame = agent.get_frame()
+    there = frame["object"].any(axis=-1)
+    at = [np.array(projected(-0.4 + 0.4 * k / 25, 0.8 + 0.4 * k / 25, 3.0)) for k in (8, 9)]
+    dx, dy = at[1] - at[0]
+    assert dx > 0.1
+    assert dy < -0.1
+    np.testing.assert_allclose(np.median(frame["flow"][there], axis=0), (-dx, dy), rtol=0.1)
+    assert not frame["flow"][~there].any()
+    empty = np.s_[:6, 40:]
+    agent.set_position((0.1, 1.0, 0.0))
+    assert not agent.get_frame()["flow"][empty].any()  # nothing, at infinity
+    agent.set_rotation((0, 1, 0))  # the picture goes left
+    assert (agent.get_frame()["flow"][empty][..., 0] > 0.1).all()
+
+
+def test_spawned_things_can_be_moved_and_taken_away(make_agent):
+    agent = make_agent(main_frame_active=False)
+    first = agent.spawn_object("Cube", (-0.8, 1, 3))
+    other = agent.spawn_object("Cube Trail", Vector3(0.8, 1, 3), dynamic=path((0.8, 1, 3), (0.8, 2, 3)))
+    colors = np.unique(agent.get_frame()["object"].reshape(-1, 3), axis=0)
+    assert len(colors) == 3
+    agent.move_object(first, (-0.8, 1.3, 3), (0, 0, 45))
+    moved = agent.get_frame()
+    left = moved["object"][:, :32].any(axis=-1)
+    assert centre(left)[1] == pytest.approx(projected(-0.8, 1.3, 3)[1], abs=1.0)
+    assert not moved["object"][0].any()
+    agent.despawn_object(first)
+    assert agent.spawned_objects_idstr_names_table == {other: "Cube Trail"}
+    assert not agent.get_frame()["object"][:, :32].any()
+
+
+def test_a_scenario_is_the_same_natively(make_agent):
+    """The views are the buffers of tiscene's own stream of the same scenario, seed and settings."""
+    agent = make_agent(seed=3)
+    bounce = UniformMovementRandomBounce((1, 0.5, 0), 0.5, 1.0, 9)
+    objects = [
+        Object("a", "Chair 01", Vector3(0.4, 0.8, 3), Vector3(0, 30, 0), bounce),
+        Object("b", "Dish 01", Vector3(0, 0, 0), Vector3(0, 0, 0), path((-0.5, 1, 2), (0, 1.3, 3))),
+    ]
+    ids = agent.load_scenario(Scenario(SCENE, objects, AllTogetherTimings(0.0)))
+    assert [name for _, name in ids] == ["a", "b"]
+    assert agent.spawned_objects_idstr_names_table == dict(ids)
+    start = ts.Stream("object_view", width=8, height=8).world.camera
+    native = ts.Scenario(
+        "object_view",
+        [
+            ts.Object(
+                "a",
+                "Chair 01",
+                (0.4, 0.8, -3),
+                (0, -30, 0),
+                ts.UniformMovementRandomBounce(speed=0.5, angular_speed=1.0, start_direction=(1, 0.5, 0), seed=9),
+            ),
+            ts.Object(
+                "b", "Dish 01", dynamic=ts.LinearWaypoints([ts.Waypoint((-0.5, 1, -2)), ts.Waypoint((0, 1.3, -3))], 4.0)
+            ),
+        ],
+        camera=ts.Camera(position=(0, 1, 0), exposure=start.exposure),
+    )
+    buffers = ("rgb", "instance", "depth", "backward_flow")
+    settings = {"quality": "preview", "spp": 1, "max_depth": 2, "differential": False}
+    stream = ts.Stream(native, width=64, height=48, seed=3, buffers=buffers, **settings)
+    for _, frame in zip(range(3), stream, strict=False):
+        seen = agent.get_frame()
+        np.testing.assert_array_equal(np.rint(seen["main"] * 255), frame.rgb)
+        np.testing.assert_array_equal(seen["object"].any(axis=-1), frame.instance > 0)
+        np.testing.assert_array_equal(seen["flow"], frame.backward_flow * (1, -1))
+        np.testing.assert_array_equal(np.rint(seen["depth"] * 255), np.rint(np.minimum(frame.depth / 15, 1) * 255))
+    assert {row.id for row in frame.objects} == {int(id) for id, _ in ids}
+
+
+def test_a_run_repeats_itself(make_agent):
+    def run(port):
+        agent = make_agent(port=port)
+        agent.load_scenario(Scenario(SCENE, [Object("a", "Cube", (0, 1, 3), HOME, UniformMovementRandomBounce())]))
+        frames = [agent.get_frame() for _ in range(2)]
+        agent.spawn_object("Sphere", (0.5, 1, 2))
+        agent.toggle_follow()
+        return frames + [agent.get_frame() for _ in range(3)]
+
+    for here, there in zip(run(1), run(2), strict=True):
+        for name in ACTIVE:
+            assert here[name].tobytes() == there[name].tobytes()
+
+
+def test_an_agent_that_was_put_somewhere_stays_there_when_a_scenario_begins(make_agent):
+    agent = make_agent()
+    agent.set_position((0.3, 1.2, 0.1))
+    agent.load_scenario(Scenario(SCENE, []))
+    assert agent.get_position() == Vector3(0.3, 1.2, 0.1)
+    agent.change_scene(SCENE)
+    assert agent.get_position() == Vector3(*HOME)
+
+
+def test_following_the_track(make_agent):
+    agent = make_agent(main_frame_active=False)
+    agent.set_position((0, 1, 0.5))
+    agent.toggle_follow()
+    places = []
+    for _ in range(26):
+        agent.get_frame()
+        places.append(np.array(tuple(agent.get_position())))
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    np.testing.assert_allclose(steps, 0.5 / 25, rtol=0.02)  # half a metre a second
+    assert agent.get_rotation() != Vector3(0, 0, 0)
+    agent.toggle_follow()
+    agent.get_frame()
+    np.testing.assert_array_equal(tuple(agent.get_position()), places[-1])
+
+
+def test_agents_share_one_world_and_one_clock(make_agent):
+    one, two = make_agent(main_frame_active=False), make_agent(main_frame_active=False, width=32, height=24)
+    assert one.id != two.id
+    one.spawn_object("Cube", (0, 1, 3))
+    one.load_scenario(
+        Scenario(SCENE, [Object("a", "Cube", HOME, HOME, path((0, 1, 3), (1, 1, 3)))], AllTogetherTimings(0.0))
+    )
+    for _ in range(3):
+        first, second = one.get_frame(), two.get_frame()
+        assert first["deltaTime"] == second["deltaTime"] == pytest.approx(0.04)
+        np.testing.assert_array_equal(np.unique(first["object"]), np.unique(second["object"]))
+    for _ in range(5):
+        one.get_frame()
+    late = two.get_frame()  # the current frame, not one that is over
+    assert late["deltaTime"] == pytest.approx(5 * 0.04)
+    two.spawn_object("Sphere", (0, 1, 2))
+    assert len(np.unique(two.get_frame()["object"].reshape(-1, 3), axis=0)) == 3
+    assert len(np.unique(one.get_frame()["object"].reshape(-1, 3), axis=0)) == 3
+    two.set_position((0, 1, -5))
+    assert one.get_position() == Vector3(*HOME)
+
+
+def test_failures_are_printed_and_raised_if_strict(make_agent, capsys):
+    agent = make_agent()
+    agent.change_scene("object_veiw/scene")
+    assert "Did you mean 'object_view/scene'?" in capsys.readouterr().out
+    assert agent.spawn_object("Chair 1") == ""
+    assert "Chair 01" in capsys.readouterr().out
+    agent.despawn_object("77")
+    agent.move_object("77", (0, 0, 0), (0, 0, 0))
+    agent.set_position((1, 2))
+    agent.set_rotation((float("nan"), 0, 0))
+    assert agent.get_light_color("No Light") is None
+    assert agent.get_light_type("No Light") is None
+    agent.set_light_intensity("No Light", 1.0)
+    assert agent.spawn_object("Cube", dynamic=CatmullWaypoints([])) == ""
+    assert len(capsys.readouterr().out.splitlines()) == 8
+    strict = make_agent(strict=True)
+    with pytest.raises(SceneNotFound):
+        strict.change_scene("nowhere")
+    with pytest.raises(TemplateNotFound):
+        strict.spawn_object("Nothing")
+    with pytest.raises(ArgumentError, match="register"):
+        Agent().get_frame()
+
+
+def test_of_a_scenario_what_can_be_is_made(make_agent, capsys):
+    agent = make_agent(main_frame_active=False)
+    objects = [
+        Object("a", "Nothing", (0, 1, 3), HOME),
+        Object("b", "Cube", (0, 1, 3), HOME, path((0, 1, 3), (1, 1, 3))),
+        Object("c", "Sphere", (0, 1, 3), HOME, path((1, 1, 3), (1, 2, 3))),
+    ]
+    (a, _), (b, _), (c, name) = agent.load_scenario(Scenario(SCENE, objects, DictTimings({0: 1.0, 1: 2.0, "c": 3.0})))
+    assert (a, name) == ("", "c")
+    assert "" not in (b, c)
+    assert "Nothing" in capsys.readouterr().out
+    before = agent.get_frame()["object"]
+    endless = Scenario(
+        SCENE, [Object("d", "Cube", HOME, HOME, UniformMovementRandomBounce())], WaitUntilCompleteTimings(1.0)
+    )
+    assert agent.load_scenario(endless) == [("", "d")]
+    assert "never returns" in capsys.readouterr().out
+    np.testing.assert_array_equal(agent.get_frame()["object"].any(), before.any())  # the old one goes on
+
+
+def test_clear_flags_color_what_is_empty_and_nothing_else(make_agent):
+    agent = make_agent()
+    agent.spawn_object("Cube", (0, 1, 2))
+    before = agent.get_frame()
+    agent.change_main_camera_clear_flags(127, 0, 255)
+    there = before["object"].any(axis=-1)
+    after = agent.get_frame()["main"]
+    np.testing.assert_array_equal(np.rint(after[0, 0] * 255), (127, 0, 255))
+    far = ~(np.pad(there, 2).astype(int)[2:-2, 2:-2] > 0)
+    assert (np.rint(after[:4] * 255) == (127, 0, 255)).all()
+    inner = there & np.roll(there, 2, 0) & np.roll(there, -2, 0) & np.roll(there, 2, 1) & np.roll(there, -2, 1)
+    assert inner.any()
+    assert far.any()
+    assert np.abs(after[inner] - before["main"][inner]).mean() < 0.1
+    agent.change_main_camera_clear_flags(-1, 0, 0)
+    np.testing.assert_allclose(agent.get_frame()["main"][0, 0], before["main"][0, 0], atol=2 / 255)
+
+
+def test_lights_change_the_picture(make_agent):
+    agent = make_agent(width=48, height=36, spp=4)
+    agent.change_scene(SCENE)
+    agent.spawn_object("Sphere", (0, 1, 1.2))
+    inside = agent.get_frame()["object"].any(axis=-1)
+
+    def mean():
+        return agent.get_frame()["main"][inside].mean(axis=0)
+
+    name = "Directional Light"
+    assert agent.get_light_type(name) == "Directional"
+    plain, color = mean(), agent.get_light_color(name)
+    agent.set_light_color(name, 255, 0, 0)
+    assert agent.get_light_color(name) == (255, 0, 0)
+    red = mean()
+    assert red[2] < plain[2] - 0.03
+    agent.set_light_color(name, *color)
+    assert agent.get_light_intensity("Main Light") == 1.0
+    agent.set_light_intensity(name, 0.0)
+    assert (mean() < plain - 0.03).all()
+    agent.set_light_intensity(name, 1.0)
+    np.testing.assert_allclose(mean(), plain, atol=0.02)
+    direction = agent.get_light_direction(name)
+    assert np.linalg.norm(direction) == pytest.approx(1.0)
+    agent.set_light_direction(name, (0, 0, -1))  # towards the camera: what is seen of the sphere is in its own shadow
+    np.testing.assert_allclose(agent.get_light_direction(name), (0, 0, -1), atol=1e-6)
+    assert (mean() < plain - 0.03).all()
+    agent.set_light_direction(name, (0, 0, 1))
+    assert mean().mean() > plain.mean()
+    agent.set_light_position(name, (1, 2, 3))
+    assert agent.get_light_position(name) == (1, 2, 3)
+    agent.set_light_indirect_multiplier(name, 0.5)
+    assert agent.get_light_indirect_multiplier(name) == 0.5
+
+
+def test_ambient_light_reaches_everything(make_agent):
+    agent = make_agent(width=48, height=36)
+    agent.spawn_object("Sphere", (0, 1, 1.2))
+    before = agent.get_frame()
+    inside = before["object"].any(axis=-1)
+    assert agent.get_ambient_light_color() == (0, 0, 0)
+    agent.set_ambient_light_color(0, 0, 255)
+    assert agent.get_ambient_light_color() == (0, 0, 255)
+    after = agent.get_frame()["main"]
+    more = after[inside] - before["main"][inside]
+    assert more[:, 2].mean() > 0.05
+    assert more[:, 2].mean() > 2 * more[:, 0].mean()
+    np.testing.assert_allclose(after[0, 0], before["main"][0, 0], atol=2 / 255)
+
+
+def test_the_space_of_the_world_is_tiscenes(make_agent):
+    agent = make_agent()
+    agent.spawn_object("Cube", (1, 2, 3), (10, 20, 30))
+    world = agent._environment._stream.world
+    (row,) = [row for row in world.objects(0) if row.template]
+    assert row.position == mirrored((1, 2, 3))
