@@ -13,6 +13,12 @@ import usd_scenes
 PACKAGE = Path(usd_scenes.__file__).parent
 TEMPLATES = sorted(path.parent.name for path in PACKAGE.glob("templates/*/template.usda"))
 SCENES = sorted(path.parent.name for path in PACKAGE.glob("*/scene.usda"))
+PROMISED = """
+    chair_01 chair_02 armchair_01 sofa_01 pillow_01 pouf_01 dish_01 bowl_01 cup_01 ewer_01 fork_01 spoon_01 candle_01
+    book_01 laptop_01 cellphone_01 remote_controller_01 pen_01 box_01 recycle_bin_02 statue_01 painting_01 lamp_floor_01
+    alarm_clock_01 towel_01 toilet_paper_01 soap_01 plunger_01 pot_01 tennis_racket_01 ball_01 teddy_bear_01 plant_01
+    cube sphere cylinder capsule cone torus
+"""
 SIZES = {  # m; what the real thing measures
     "chair_01": (0.45, 0.90, 0.50),
     "laptop_01": (0.33, 0.22, 0.30),
@@ -21,6 +27,17 @@ SIZES = {  # m; what the real thing measures
     "tennis_racket_01": (0.26, 0.69, 0.034),
     "cup_01": (0.12, 0.095, 0.085),
     "book_01": (0.15, 0.034, 0.22),
+    "chair_02": (0.47, 0.82, 0.50),
+    "sofa_01": (1.80, 0.92, 0.97),
+    "cellphone_01": (0.073, 0.011, 0.147),
+    "pen_01": (0.011, 0.014, 0.142),
+    "box_01": (0.41, 0.27, 0.31),
+    "recycle_bin_02": (0.276, 0.32, 0.213),
+    "lamp_floor_01": (0.55, 1.51, 0.54),
+    "toilet_paper_01": (0.131, 0.10, 0.116),
+    "soap_01": (0.09, 0.029, 0.058),
+    "plunger_01": (0.14, 0.52, 0.14),
+    "teddy_bear_01": (0.33, 0.367, 0.265),
     "cube": (0.4, 0.4, 0.4),
     "sphere": (0.4, 0.4, 0.4),
     "cylinder": (0.3, 0.5, 0.3),
@@ -48,6 +65,15 @@ def world_bounds(stage: Usd.Stage) -> np.ndarray:
     return np.array([aligned.GetMin(), aligned.GetMax()])
 
 
+def parts(root: Usd.Prim) -> list[Usd.Prim]:
+    """What a template is made of."""
+    return [prim for prim in root.GetChildren() if prim.GetName() != "Looks"]
+
+
+def bound_material(prim: Usd.Prim) -> UsdShade.Material:
+    return UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+
+
 def stages() -> list[Path]:
     return [PACKAGE / name / "scene.usda" for name in SCENES] + [
         PACKAGE / "templates" / name / "template.usda" for name in TEMPLATES
@@ -56,13 +82,12 @@ def stages() -> list[Path]:
 
 def test_what_the_command_promises_is_there() -> None:
     assert {"object_view", "room_02"} <= set(SCENES)
-    promised = "cylinder cube sphere chair_01 pillow_01 dish_01 tennis_racket_01 laptop_01"
-    assert set(promised.split()) <= set(TEMPLATES)
+    assert set(PROMISED.split()) <= set(TEMPLATES)
 
 
 def test_the_package_stays_small() -> None:
     files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
-    assert sum(path.stat().st_size for path in files) < 20e6
+    assert sum(path.stat().st_size for path in files) < 60e6
 
 
 @pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
@@ -101,6 +126,39 @@ def test_a_template_is_centred_and_light(name: str) -> None:
     assert all(mesh.GetPrim().HasAPI(UsdPhysics.CollisionAPI) for mesh in meshes(stage))
     if name in SIZES:
         np.testing.assert_allclose(high - low, SIZES[name], rtol=0.12)
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_a_template_comes_in_three_colours_at_least_and_three_appearances(name: str) -> None:
+    stage = open_stage(PACKAGE / "templates" / name / "template.usda")
+    root = stage.GetDefaultPrim()
+    colors, appearances = (root.GetVariantSet(each) for each in ("color", "appearance"))
+    assert set(appearances.GetVariantNames()) == {"photoreal", "untextured", "primitives"}
+    assert appearances.GetVariantSelection() == "photoreal"
+    seen = set()
+    for color in colors.GetVariantNames():
+        colors.SetVariantSelection(color)
+        seen.add(tuple(str(bound_material(prim).GetPath()) for prim in parts(root)))
+    assert len(seen) == len(colors.GetVariantNames()) >= 3
+
+
+@pytest.mark.parametrize("appearance", ["untextured", "primitives"])
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_an_elementary_appearance_has_the_same_parts_in_plain_colours(name: str, appearance: str) -> None:
+    stage = open_stage(PACKAGE / "templates" / name / "template.usda")
+    root = stage.GetDefaultPrim()
+    detailed, bounds = [prim.GetName() for prim in parts(root)], world_bounds(stage)
+    root.GetVariantSet("appearance").SetVariantSelection(appearance)
+    assert not stage.GetCompositionErrors()
+    assert [prim.GetName() for prim in parts(root)] == detailed
+    gprims = [UsdGeom.Gprim(prim) for prim in Usd.PrimRange(root) if prim.IsA(UsdGeom.Gprim)]
+    assert 0 < len(gprims) <= 120
+    assert all(gprim.GetPrim().HasAPI(UsdPhysics.CollisionAPI) for gprim in gprims)
+    for gprim in gprims:
+        surface, _, _ = bound_material(gprim.GetPrim()).ComputeSurfaceSource()
+        assert not any(entry.HasConnectedSource() for entry in surface.GetInputs()), gprim.GetPath()
+    size = bounds[1] - bounds[0]
+    np.testing.assert_allclose(world_bounds(stage), bounds, atol=0.12 * size.max())
 
 
 @pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)

@@ -33,8 +33,10 @@ def fit(mesh: Mesh) -> list[Gprim]:
     used = np.zeros(len(mesh.points), dtype=bool)
     used[mesh.indices] = True
     if count > MOST_PIECES:
-        return [_fitted(mesh.points[used])]
-    return [_fitted(mesh.points[used & (pieces == piece)]) for piece in range(count) if (used & (pieces == piece)).any()]
+        return [_fitted(mesh.points[used], turned=False)]
+    return [
+        _fitted(mesh.points[used & (pieces == piece)]) for piece in range(count) if (used & (pieces == piece)).any()
+    ]
 
 
 def _pieces(mesh: Mesh) -> Indices:
@@ -56,14 +58,14 @@ def _pieces(mesh: Mesh) -> Indices:
         label = following
 
 
-def _fitted(points: Array) -> Gprim:
-    """In a box along the axes, or along the piece's own where that is much the smaller one."""
+def _fitted(points: Array, turned: bool = True) -> Gprim:
+    """In a box along the axes, or (turned) along the piece's own where that is much the smaller one."""
     axes = np.eye(3)
     spread = points - points.mean(axis=0)
     _, vectors = np.linalg.eigh(spread.T @ spread)
     own = _ordered(vectors)
     volumes = [np.prod(np.ptp(points @ a, axis=0) + 1e-4) for a in (axes, own)]
-    if volumes[1] < 0.7 * volumes[0]:
+    if turned and volumes[1] < 0.7 * volumes[0]:
         axes = own
     local = points @ axes
     low, high = local.min(axis=0), local.max(axis=0)

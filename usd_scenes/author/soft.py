@@ -58,9 +58,20 @@ def pillow(width: float, height: float, thickness: float, seed: int, cells: int 
     return merged(panels)
 
 
-def cushion(width: float, height: float, depth: float, seed: int, crown: float = 0.02, radius: float = 0.035) -> Mesh:
-    """An upholstery cushion about the origin: a filled box, higher in the middle, with welted seams."""
-    divisions = (max(4, round(width / 0.045)), 3, max(4, round(depth / 0.045)))
+def cushion(
+    width: float,
+    height: float,
+    depth: float,
+    seed: int,
+    crown: float = 0.02,
+    radius: float = 0.035,
+    pitch: float = 0.045,
+) -> Mesh:
+    """An upholstery cushion about the origin: a filled box, higher in the middle, with welted seams.
+
+    pitch: about how long its quads are, m.
+    """
+    divisions = (max(4, round(width / pitch)), 3, max(4, round(depth / pitch)))
     box = rounded_box((width, height, depth), radius, 3, divisions)
     half = np.array([width, height, depth]) / 2.0
 

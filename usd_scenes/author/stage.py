@@ -41,7 +41,7 @@ def save(stage: Usd.Stage, path: Path, arcs: Iterable[Arc] = ()) -> None:
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
     layer.TransferContent(stage.GetRootLayer())
     for arc in arcs:
-        spec = layer.GetPrimAtPath(arc.prim)
+        spec = layer.GetPrimAtPath(arc.prim) or Sdf.CreatePrimInLayer(layer, arc.prim)
         if arc.payload:
             spec.payloadList.prependedItems = [Sdf.Payload(arc.asset, arc.target or Sdf.Path.emptyPath)]
         else:
@@ -102,7 +102,7 @@ def write_primitives(path: Path, things: Iterable[Thing]) -> None:
         UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}")
         for part in thing.parts:
             UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}/{part.name}")
-            for index, gprim in enumerate(primitives.fit(part.mesh)):
+            for index, gprim in enumerate(primitives.fit(part.stand_in or part.mesh)):
                 _define_gprim(stage, f"/Geometry/{thing.name}/{part.name}/{gprim.kind}{index}", gprim)
     save(stage, path)
 
@@ -198,9 +198,7 @@ def _define_look(stage: Usd.Stage, path: str, look: Look, textures: str) -> None
             if any(look.shift):
                 shifted = UsdShade.Shader.Define(stage, f"{path}/Shift")
                 shifted.CreateIdAttr("UsdTransform2d")
-                shifted.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(
-                    reader.ConnectableAPI(), "result"
-                )
+                shifted.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
                 shifted.CreateInput("translation", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*look.shift))
                 shifted.CreateOutput("result", Sdf.ValueTypeNames.Float2)
                 reader = shifted

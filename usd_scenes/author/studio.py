@@ -10,10 +10,10 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
 from usd_scenes.author import stage as usd
-from usd_scenes.author.mesh import grid
+from usd_scenes.author.mesh import Array, grid
 from usd_scenes.author.shapes import fillet
 
-PAPER = (0.62, 0.61, 0.59)
+PAPER = (0.70, 0.69, 0.67)
 
 
 def write(template: Path, path: Path, *, yaw: float = 28.0, variants: Mapping[str, str] | None = None) -> None:
@@ -39,7 +39,7 @@ def write(template: Path, path: Path, *, yaw: float = 28.0, variants: Mapping[st
     radius = 0.5 * float(np.linalg.norm(size))
     _cove(stage, radius)
     _lights(stage, radius)
-    _camera(stage, radius, float(size[1]) / 2.0)
+    _camera(stage, size)
     usd.save(stage, path)
 
 
@@ -84,15 +84,16 @@ def _lights(stage: Usd.Stage, radius: float) -> None:
     dome.CreateIntensityAttr(0.32)
 
 
-def _camera(stage: Usd.Stage, radius: float, middle: float) -> None:
-    """An 85 mm lens on a 24 mm sensor, from a little above, so that the object's sphere just fits."""
+def _camera(stage: Usd.Stage, size: Array) -> None:
+    """An 85 mm lens on a 24 mm sensor, from higher the flatter the object is, so near that it just fits."""
+    width, height, depth = map(float, size)
+    pitch = math.radians(16.0 + 24.0 * max(0.0, 1.0 - 2.5 * height / max(width, depth)))
+    tall = height * math.cos(pitch) + depth * math.sin(pitch)
+    distance = 0.56 * max(width, tall) * 0.85 / 0.12 + depth / 2.0
     camera = UsdGeom.Camera.Define(stage, "/Studio/Main")
     camera.CreateHorizontalApertureAttr(0.24)
     camera.CreateVerticalApertureAttr(0.24)
     camera.CreateFocalLengthAttr(0.85)
-    camera.CreateExposureAttr(0.55)
-    distance = radius * 1.04 / math.sin(math.atan(0.12 / 0.85))
-    pitch = 17.0
-    height, back = distance * math.sin(math.radians(pitch)), distance * math.cos(math.radians(pitch))
-    camera.AddTranslateOp().Set(Gf.Vec3d(0.0, middle + height, back))
-    camera.AddRotateXOp().Set(-pitch)
+    camera.CreateExposureAttr(0.35)
+    camera.AddTranslateOp().Set(Gf.Vec3d(0.0, height / 2.0 + distance * math.sin(pitch), distance * math.cos(pitch)))
+    camera.AddRotateXOp().Set(-math.degrees(pitch))

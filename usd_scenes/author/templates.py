@@ -17,8 +17,7 @@ from usd_scenes.author.mesh import Mesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
 from usd_scenes.author.soft import pillow
 from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things import cutlery, seating, small, tableware
-
+from usd_scenes.author.things import bath, cutlery, desk, kitchen, lamps, plants, seating, small, tableware, toys
 
 MATTE_COLORS = ("red", "orange", "yellow", "green", "teal", "blue", "white")
 APPEARANCES = ("photoreal", "untextured", "primitives")
@@ -80,6 +79,7 @@ def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
     return {color: {}} | {each: {first: look} for each, look in glazes.items() if each != color}
 
 
+ENAMELS = {each: {"EnamelRed": f"Enamel{each.title()}"} for each in ("red", "blue", "mint", "cream")}
 CUTLERY = {"steel": {}, "gold": {"Steel": "Brass"}, "black": {"Steel": "BlackSteel"}}
 
 TEMPLATES: dict[str, Template] = {
@@ -91,7 +91,12 @@ TEMPLATES: dict[str, Template] = {
     "torus": _primitive("Torus", "teal", _torus),
     "chair_01": Template(
         lambda: seating.chair("Chair01"),
-        {"chestnut": {}, "oak": {"Chestnut": "Oak"}, "walnut": {"Chestnut": "Walnut"}, "white": {"Chestnut": "TrimPaint"}},
+        {
+            "chestnut": {},
+            "oak": {"Chestnut": "Oak"},
+            "walnut": {"Chestnut": "Walnut"},
+            "white": {"Chestnut": "TrimPaint"},
+        },
     ),
     "pillow_01": Template(
         _painted_pillow,
@@ -115,7 +120,7 @@ TEMPLATES: dict[str, Template] = {
     "ewer_01": Template(lambda: tableware.ewer("Ewer01"), _glazes("CreamGlaze", "cream")),
     "book_01": Template(
         lambda: small.book("Book01", 0, 0.15, 0.22, 0.034),
-        {"red": {}, "blue": {"Spines": "SpinesBlue"}, "green": {"Spines": "SpinesGreen"}, "cream": {"Spines": "SpinesCream"}},
+        {each: {"Spines": f"Spines{each.title()}"} for each in ("red", "blue", "green", "cream")},
     ),
     "candle_01": Template(
         lambda: small.candle("Candle01"),
@@ -154,6 +159,7 @@ TEMPLATES: dict[str, Template] = {
             "pastel": {"BallRed": "BallPink", "BallBlue": "BallMint", "BallYellow": "BallSky"},
             "red": {"BallBlue": "BallRed", "BallYellow": "BallRed"},
         },
+        elementary=True,
     ),
     "tennis_racket_01": Template(
         lambda: small.tennis_racket("TennisRacket01"),
@@ -173,6 +179,88 @@ TEMPLATES: dict[str, Template] = {
     ),
     "pouf_01": Template(
         lambda: seating.pouf("Pouf01"), {"rust": {}, "mustard": {"Rust": "Mustard"}, "cream": {"Rust": "Cream"}}
+    ),
+    "chair_02": Template(
+        lambda: seating.shell_chair("Chair02"),
+        {each: {"ShellWhite": f"Shell{each.title()}"} for each in ("white", "teal", "mustard", "black")},
+    ),
+    "sofa_01": Template(
+        lambda: seating.settee("Sofa01"),
+        {
+            "grey": {},
+            "mustard": {"SofaWool": "Mustard", "Mustard": "Cream"},
+            "rust": {"SofaWool": "Rust", "Mustard": "Cream"},
+            "slate": {"SofaWool": "ThrowWool"},
+        },
+    ),
+    "cellphone_01": Template(
+        lambda: desk.cellphone("Cellphone01"),
+        {
+            "graphite": {},
+            "rose": {"PhoneCase": "PhoneRose", "Aluminium": "PhoneRose"},
+            "silver": {"PhoneCase": "PhoneSilver"},
+        },
+    ),
+    "pen_01": Template(
+        lambda: desk.pen("Pen01"), {each: {"PenBlue": f"Pen{each.title()}"} for each in ("blue", "red", "green")}
+    ),
+    "alarm_clock_01": Template(lambda: desk.alarm_clock("AlarmClock01"), ENAMELS),
+    "box_01": Template(
+        lambda: desk.cardboard_box("Box01"),
+        {
+            "brown": {},
+            "white": {"Cardboard": "CardboardWhite"},
+            "blue": {"Cardboard": "CardboardBlue", "BlackPlastic": "WhitePlastic"},
+        },
+    ),
+    "recycle_bin_02": Template(
+        lambda: desk.recycle_bin("RecycleBin02"),
+        {each: {"BinBlue": f"Bin{each.title()}"} for each in ("blue", "green", "grey")},
+    ),
+    "painting_01": Template(
+        lambda: small.hanging_picture("Painting01"),
+        {
+            "landscape": {},
+            "coast": {"Landscape": "Coast", "Oak": "BlackMetal"},
+            "abstract": {"Landscape": "AbstractWarm", "Oak": "Walnut"},
+        },
+    ),
+    "lamp_floor_01": Template(
+        lambda: lamps.tripod_lamp("LampFloor01"),
+        {
+            "linen": {},
+            "red": {"LampShade": "ShadeRed", "Oak": "Walnut"},
+            "blue": {"LampShade": "ShadeBlue", "Oak": "BlackMetal"},
+        },
+    ),
+    "towel_01": Template(
+        lambda: bath.towel("Towel01"),
+        {each: {"TowelBlue": f"Towel{each.title()}"} for each in ("blue", "white", "rose", "sage")},
+    ),
+    "toilet_paper_01": Template(
+        lambda: bath.toilet_paper("ToiletPaper01"),
+        {"white": {}, "peach": {"Tissue": "TissuePeach"}, "blue": {"Tissue": "TissueBlue"}},
+    ),
+    "soap_01": Template(
+        lambda: bath.soap("Soap01"),
+        {each: {"SoapGreen": f"Soap{each.title()}"} for each in ("green", "pink", "ivory")},
+    ),
+    "plunger_01": Template(
+        lambda: bath.plunger("Plunger01"),
+        {each: {"RubberRed": f"Rubber{each.title()}"} for each in ("red", "black", "green")},
+    ),
+    "pot_01": Template(lambda: kitchen.pot("Pot01"), ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
+    "teddy_bear_01": Template(
+        lambda: toys.teddy_bear("TeddyBear01"),
+        {
+            "brown": {},
+            "cream": {"PlushBrown": "PlushCream", "RibbonRed": "RibbonBlue"},
+            "grey": {"PlushBrown": "PlushGrey", "PlushTan": "PlushCream"},
+        },
+    ),
+    "plant_01": Template(
+        lambda: plants.snake_plant("Plant01"),
+        {"clay": {}, "white": {"Terracotta": "Porcelain"}, "blue": {"Terracotta": "BlueGlaze"}},
     ),
 }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,16 @@ from usd_scenes.author.mesh import Array, Mesh, merged
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A mesh with one material. look: a name in `looks.LOOKS`."""
+    """A mesh with one material. look: a name in `looks.LOOKS`. stand_in: what its primitives are fitted to."""
 
     name: str
     mesh: Mesh
     look: str
+    stand_in: Mesh | None = None
+
+    def changed(self, change: Callable[[Mesh], Mesh]) -> Part:
+        stand_in = None if self.stand_in is None else change(self.stand_in)
+        return replace(self, mesh=change(self.mesh), stand_in=stand_in)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +43,15 @@ class Thing:
         return sum(part.mesh.triangles for part in self.parts)
 
     def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Thing:
-        return replace(self, parts=tuple(replace(part, mesh=part.mesh.moved(x, y, z)) for part in self.parts))
+        return replace(self, parts=tuple(part.changed(lambda mesh: mesh.moved(x, y, z)) for part in self.parts))
 
     def turned(self, axis: str, degrees: float) -> Thing:
-        return replace(self, parts=tuple(replace(part, mesh=part.mesh.turned(axis, degrees)) for part in self.parts))
+        return replace(self, parts=tuple(part.changed(lambda mesh: mesh.turned(axis, degrees)) for part in self.parts))
+
+    def simplified(self, **stand_ins: Mesh | Iterable[Mesh]) -> Thing:
+        """With meshes, by part, that its primitives are fitted to: where a part in one piece is like several."""
+        meshes = {part: mesh if isinstance(mesh, Mesh) else merged(mesh) for part, mesh in stand_ins.items()}
+        return replace(self, parts=tuple(replace(part, stand_in=meshes.get(part.name)) for part in self.parts))
 
     def centred(self) -> Thing:
         """With the centre of its bounding box at the origin."""

@@ -35,6 +35,30 @@ def weave(size: int, seed: int, tile: float, threads: int, color: object, contra
     )
 
 
+def ticking(size: int, ground: object, stripe: object) -> Array:
+    """Colours [1, size, 3] of warp threads for `weave`: pairs of fine stripes, two to a tile."""
+    at = (np.arange(size) + 0.5) / size * 2.0 % 1.0
+    lines = np.maximum(np.abs(at - 0.46) < 0.011, np.abs(at - 0.54) < 0.011)
+    return mix(np.broadcast_to(np.asarray(ground), (1, size, 3)), stripe, lines[None] * 0.85)
+
+
+def berber(width: int, height: int, seed: int) -> Surface:
+    """A shaggy wool rug, 2.3 x 1.6 m, whole: a hand-drawn lattice of dark lines on undyed wool."""
+    shape = (height, width)
+    y, x = np.mgrid[0:height, 0:width]
+    wobble = 0.012 * spectral(shape, seed, 0.10, slope=1.8) + 0.004 * spectral(shape, seed + 1, 0.012, slope=1.0)
+    u = (x + 0.5) / width * 2.3 / 0.46 + wobble / 0.46
+    v = (y + 0.5) / height * 1.6 / 0.64 + np.roll(wobble, 31, axis=1) / 0.64
+    lines = np.minimum(np.abs((u + v) % 1.0 - 0.5), np.abs((u - v) % 1.0 - 0.5))
+    color = mix(
+        np.broadcast_to((0.60, 0.555, 0.475), (*shape, 3)), (0.085, 0.075, 0.068), smoothstep(0.034, 0.022, lines)
+    )
+    tufts = spectral(shape, seed + 2, 0.0055, slope=1.1)
+    clouds = spectral(shape, seed + 3, 0.22, slope=1.6)
+    color = color * np.exp(0.10 * tufts + 0.05 * clouds)[..., None]
+    return Surface(color, np.full(shape, 0.95), normals_from_height(1.5e-3 * tufts, width / 2.3))
+
+
 def leather(size: int, seed: int, tile: float, color: object) -> Surface:
     """Aniline leather: a net of fine creases, cloudy dye, worn highs."""
     shape = (size, size)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usd_scenes.author.textures import cloth, images, pictures, sky, wood
+from usd_scenes.author.textures import cloth, images, pictures, props, sky, tiles, wood
 from usd_scenes.author.textures.noise import normals_from_height, spectral
 
 Maker = Callable[[Path], None]
@@ -29,6 +29,10 @@ def _surface(name: str, make: Callable[[], wood.Surface], roughness: bool = True
 
 def _color(name: str, make: Callable[[], np.ndarray]) -> Maker:
     return lambda folder: images.save_color(folder / f"{name}_color.png", make())
+
+
+def _normal(name: str, make: Callable[[], np.ndarray]) -> Maker:
+    return lambda folder: images.save_normal(folder / f"{name}_normal.png", make())
 
 
 def _cloth(
@@ -67,6 +71,21 @@ def _sky(folder: Path) -> None:
     images.save_hdr(folder / "afternoon_sky.hdr", sky.afternoon(1024, 512, 7, sun / np.linalg.norm(sun)))
 
 
+def _dusk(folder: Path) -> None:
+    """It has set where the afternoon's sun stands."""
+    images.save_hdr(folder / "dusk_sky.hdr", sky.dusk(768, 384, 8, np.array([-0.92, 0.05, 0.38])))
+
+
+def _ticking(folder: Path) -> None:
+    threads = cloth.ticking(512, (0.74, 0.725, 0.69), (0.16, 0.20, 0.27))
+    images.save_color(folder / "ticking_color.png", cloth.weave(512, 51, 0.24, 96, threads, 0.12).color)
+
+
+def _berber(folder: Path) -> None:
+    images.save_color(folder / "berber_color.png", cloth.berber(1024, 712, 111).color)
+    images.save_normal(folder / "berber_normal.png", cloth.berber(512, 356, 111).normal)
+
+
 MAKERS: dict[str, Maker] = {
     "afternoon_sky": _sky,
     "plaster": _plaster,
@@ -89,5 +108,19 @@ MAKERS: dict[str, Maker] = {
     "spines": _color("spines", lambda: pictures.spines(1024, 93, 16)),
     "pages": _color("pages", lambda: pictures.pages(128, 94)),
     "screen": _color("screen", lambda: pictures.screen(512, 320, 95)),
+    "dusk_sky": _dusk,
+    "ticking": _ticking,
+    "berber": _berber,
+    "zellige": _surface("zellige", lambda: tiles.glaze(512, 121, 1.0, (0.36, 0.47, 0.45), (0.16, 0.25, 0.245))),
+    "terrazzo": _color("terrazzo", lambda: tiles.terrazzo(1024, 122)),
+    "frosted": _color("frosted", lambda: tiles.frosted(256, 256, 123)),
+    "oatmeal": _cloth("oatmeal", (0.47, 0.42, 0.35), contrast=0.28),
+    "blue_linen": _cloth("blue_linen", (0.22, 0.28, 0.325), threads=96),
+    "phone": _color("phone", lambda: props.phone_screen(288, 592, 120)),
+    "plush": _surface("plush", lambda: props.plush(256, 121, 0.12, (0.235, 0.12, 0.05)), roughness=False),
+    "cardboard": _color("cardboard", lambda: props.cardboard(384, 122)),
+    "terry": _normal("terry", lambda: props.terry(256, 123, 0.09)),
+    "quilted": _normal("quilted", lambda: props.quilted(128, 0.06)),
+    "snake_leaf": _color("snake_leaf", lambda: props.snake_leaf(64, 512, 124)),
     "scribble": _color("scribble", lambda: pictures.scribble(512, 96)),
 }

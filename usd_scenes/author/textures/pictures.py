@@ -140,7 +140,7 @@ def screen(width: int, height: int, seed: int) -> Array:
 def scribble(size: int, seed: int) -> Array:
     """A child's painting on white cotton: a yellow disc and brush lines in red, blue and green."""
     y, x = np.mgrid[0:size, 0:size]
-    wobble = 0.012 * spectral((size, size), seed, 0.08, slope=1.6)
+    wobble = 0.012 * spectral((size, size), seed, 0.30, slope=3.0)
     u, v = (x + 0.5) / size + wobble, (y + 0.5) / size + np.roll(wobble, 9, axis=0)
     picture = np.broadcast_to((0.70, 0.68, 0.63), (size, size, 3))
     picture = mix(picture, (0.74, 0.55, 0.03), smoothstep(0.19, 0.18, np.hypot(u - 0.42, v - 0.67)))

@@ -40,6 +40,25 @@ def afternoon(width: int, height: int, seed: int, sun: Array) -> Array:
     return _trees(view, elevation, seed + 30, 0.015, 0.028, (0.032, 0.055, 0.016), haze=0.0)
 
 
+def dusk(width: int, height: int, seed: int, sun: Array) -> Array:
+    """Radiance [h, w, 3] as the sun sets at `sun`: an orange horizon under deepening blue, trees as silhouettes."""
+    d = directions(width, height)
+    elevation = np.arcsin(d[..., 1])
+    toward = np.clip(d @ sun, -1.0, 1.0)
+    up = np.clip(d[..., 1], 0.0, 1.0)
+    near = (0.5 + 0.5 * toward)[..., None] ** 2
+    horizon = np.array((0.62, 0.50, 0.52)) * (1.0 - near) + np.array((1.75, 0.92, 0.42)) * near
+    sky = horizon + (np.array((0.13, 0.21, 0.46)) - horizon) * (1.0 - np.exp(-up / 0.22))[..., None]
+    sky = sky + (1.6 * np.exp((toward - 1.0) / 0.03))[..., None] * (1.0, 0.62, 0.28)
+    clouds = spectral((height, width), seed, (0.03, 0.09), slope=1.5)
+    veil = smoothstep(0.2, 1.8, clouds) * smoothstep(0.02, 0.2, up) * smoothstep(0.8, 0.3, up)
+    sky = mix(sky, np.array((0.95, 0.50, 0.36)) * (0.35 + 0.9 * near), 0.6 * veil)
+    lawn = np.broadcast_to((0.030, 0.038, 0.022), d.shape)
+    view = np.where((elevation < 0.0)[..., None], lawn, sky)
+    view = _trees(view, elevation, seed + 10, 0.16, 0.040, (0.055, 0.055, 0.055), haze=0.25)
+    return _trees(view, elevation, seed + 20, 0.085, 0.045, (0.018, 0.022, 0.014), haze=0.0)
+
+
 def _trees(view: Array, elevation: Array, seed: int, top: float, relief: float, leaf: object, haze: float) -> Array:
     """A row of trees in front of `view`, up to about `top` rad: lobed crowns, lit from above, in thin haze."""
     height, width = elevation.shape

@@ -1,11 +1,12 @@
-"""A rubber plant in a pot."""
+"""Plants in pots and twigs in a vase."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh, grid, merged, normalized, rotation
-from usd_scenes.author.shapes import circle, curve, lathe, sweep
+from usd_scenes.author.shapes import circle, curve, fillet, lathe, sweep
+from usd_scenes.author.sheets import shell as solid_sheet
 from usd_scenes.author.thing import Thing, thing
 from usd_scenes.author.things.tableware import shell
 
@@ -26,8 +27,9 @@ def leaf(length: float, width: float, droop: float, fold: float) -> Mesh:
     return merged([top, thickness])
 
 
-def rubber_plant(name: str, height: float = 1.55, seed: int = 5) -> Thing:
-    """Three stems with large glossy leaves in a ceramic pot."""
+def rubber_plant(name: str, height: float = 1.55, seed: int = 5, size: float = 1.0) -> Thing:
+    """Three stems with large glossy leaves in a ceramic pot. size: of pot and leaves, for a cutting on a sill."""
+    height = height / size
     rng = np.random.default_rng(seed)
     pot = shell(
         curve(
@@ -60,14 +62,15 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5) -> Thing:
             turn_matrix: Array = rotation("y", yaw) @ rotation("x", pitch)
             (young if t > 0.8 else old).append(blade.moved(0.0, 0.0, 0.06).mapped(turn_matrix).moved(*at))
             stems.append(stalk.mapped(turn_matrix).moved(*at))
-    return thing(
-        name,
-        "plant",
-        ("Pot", "Stoneware", pot),
-        ("Soil", "Soil", soil),
+    parts: tuple[tuple[str, str, list[Mesh]], ...] = (
+        ("Pot", "Stoneware", [pot]),
+        ("Soil", "Soil", [soil]),
         ("Stems", "Bark", stems),
         ("Leaves", "Leaf", old),
         ("YoungLeaves", "LeafPale", young),
+    )
+    return thing(
+        name, "plant", *((part, look, merged(meshes).scaled(size, size, size)) for part, look, meshes in parts)
     )
 
 
@@ -95,3 +98,54 @@ def branches(name: str, seed: int = 9) -> Thing:
             yaw = np.degrees(np.arctan2(side[0], side[2]))
             leaves.append(leaf(0.055, 0.026, 0.2, 0.3).turned("x", -25.0).turned("y", yaw).moved(*line[n]))
     return thing(name, "plant", ("Twigs", "Bark", twigs), ("Leaves", "LeafPale", leaves))
+
+
+def snake_plant(name: str) -> Thing:
+    """Swords of banded green with yellow edges in a clay pot on its saucer, 0.42 m."""
+    rng = np.random.default_rng(12)
+    profile = [
+        [0.0, 0.010],
+        [0.052, 0.010],
+        [0.056, 0.008],
+        [0.076, 0.108],
+        [0.086, 0.109],
+        [0.088, 0.112],
+        [0.088, 0.138],
+        [0.086, 0.141],
+    ]
+    pot = shell(fillet(profile, 0.002, 2), 0.007, 64)
+    saucer = shell(
+        fillet([[0.0, 0.002], [0.070, 0.002], [0.072, 0.0], [0.076, 0.002], [0.090, 0.020]], 0.003, 3), 0.004, 64
+    )
+    soil = lathe([[0.0765, 0.120], [0.040, 0.126], [0.0, 0.127]], 32)
+    swords = []
+    for index in range(11):
+        ring = 0.020 if index < 4 else 0.046
+        turn = 2.4 * index + rng.uniform(-0.3, 0.3)
+        length = rng.uniform(0.24, 0.30) if index < 4 else rng.uniform(0.13, 0.23)
+        lean = (4.0 if index < 4 else 12.0) + rng.uniform(-3.0, 4.0)
+        blade = _sword(length, rng.uniform(0.034, 0.042), rng.uniform(-25.0, 25.0))
+        yaw = np.degrees(turn)
+        foot = (ring * np.sin(turn), 0.118, ring * np.cos(turn))
+        swords.append(blade.turned("y", rng.uniform(-70.0, 70.0)).turned("x", lean).turned("y", yaw).moved(*foot))
+    return thing(
+        name,
+        "plant",
+        ("Pot", "Terracotta", [pot, saucer]),
+        ("Soil", "Soil", soil),
+        ("Leaves", "SnakeLeaf", swords),
+    )
+
+
+def _sword(length: float, width: float, twist: float) -> Mesh:
+    """A thick upright leaf, hollow in front; uv 0..1 across and along."""
+    t = np.linspace(0.0, 1.0, 19)[:, None]
+    s = np.linspace(-1.0, 1.0, 9)[None, :]
+    half = 0.5 * width * np.interp(t, [0.0, 0.45, 0.8, 0.95, 1.0], [0.62, 1.0, 0.80, 0.30, 0.02])
+    angle = np.radians(twist) * t
+    x, z = s * half, 0.45 * half * s**2 + 0.02 * length * np.sin(2.6 * t)
+    points = np.stack(
+        np.broadcast_arrays(x * np.cos(angle) + z * np.sin(angle), length * t, z * np.cos(angle) - x * np.sin(angle)),
+        -1,
+    )
+    return solid_sheet(points, np.stack(np.broadcast_arrays((s + 1.0) / 2.0, t), -1), 0.0035)

@@ -1,11 +1,12 @@
-"""Chair, sofa, armchair."""
+"""Chairs, sofa, armchair, pouf."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh
-from usd_scenes.author.shapes import curve, cylinder, lathe, rectangle, rounded_box, sphere, sweep
+from usd_scenes.author.shapes import circle, curve, cylinder, lathe, rectangle, rounded_box, sphere, sweep
+from usd_scenes.author.sheets import shell
 from usd_scenes.author.soft import cushion, pillow, throw, wrinkles
 from usd_scenes.author.thing import Thing, thing
 
@@ -82,8 +83,77 @@ def _slat(height: float, depth: float, tall: float) -> Mesh:
     return slat.deformed(bow).turned("x", 10.0).moved(0.0, height, depth)
 
 
-def sofa(name: str, width: float = 2.30) -> Thing:
-    """A three-seat sofa, 0.95 m deep: loose seat and back cushions between upholstered arms, on oak legs."""
+def shell_chair(name: str) -> Thing:
+    """A chair of one moulded shell, 0.82 m, on four splayed dowels braced with wire."""
+    rows = [  # height, depth, half width, how far its sides rise or come forward
+        (0.425, 0.225, 0.195, 0.000),
+        (0.446, 0.200, 0.205, 0.006),
+        (0.445, 0.120, 0.222, 0.026),
+        (0.430, 0.020, 0.232, 0.046),
+        (0.425, -0.080, 0.232, 0.062),
+        (0.448, -0.152, 0.228, 0.078),
+        (0.510, -0.196, 0.224, 0.074),
+        (0.600, -0.218, 0.215, 0.056),
+        (0.700, -0.238, 0.202, 0.042),
+        (0.775, -0.256, 0.178, 0.032),
+        (0.815, -0.268, 0.135, 0.022),
+    ]
+    line = curve(rows, 44)
+    s = np.linspace(-1.0, 1.0, 29)
+    tangent = np.gradient(line[:, :2], axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    rise, forward = -tangent[:, 1], tangent[:, 0]  # towards whoever sits in it
+    lift = line[:, 3:] * np.abs(s)[None] ** 2.4
+    points = np.zeros((44, 29, 3))
+    points[..., 0] = line[:, 2:3] * np.sin(s * 1.25)[None] / np.sin(1.25)
+    points[..., 1] = line[:, :1] + lift * rise[:, None]
+    points[..., 2] = line[:, 1:2] + lift * forward[:, None]
+    seat = shell(points, points[..., :2], 0.006)
+    legs, feet = [], []
+    for x in (-1.0, 1.0):
+        for z, back in ((1.0, 0.165), (-1.0, -0.195)):
+            line_ = [[0.135 * x, 0.405, 0.12 * z - 0.02], [0.225 * x, 0.006, back + 0.045 * z]]
+            legs.append(sweep(line_, circle(0.0145, 16), [1.0, 0.68], up=(0.0, 0.0, 1.0)))
+            foot = np.array(line_[1])
+            feet.append(cylinder(0.0105, 0.010, 0.002, 16).moved(foot[0], 0.005, foot[2]))
+    wires = []
+    for z in (0.11, -0.13):
+        wires.append(sweep([[-0.150, 0.398, z], [0.150, 0.398, z]], circle(0.005, 10)))
+        wires.append(sweep([[-0.158, 0.330, 1.25 * z], [0.0, 0.392, z]], circle(0.0035, 8)))
+        wires.append(sweep([[0.158, 0.330, 1.25 * z], [0.0, 0.392, z]], circle(0.0035, 8)))
+    for x in (-0.140, 0.140):
+        wires.append(sweep([[x, 0.398, 0.12], [x, 0.398, -0.14]], circle(0.005, 10)))
+        wires.append(cylinder(0.018, 0.026, 0.003, 20).moved(0.75 * x, 0.412, 0.06))
+        wires.append(cylinder(0.018, 0.030, 0.003, 20).moved(0.75 * x, 0.412, -0.09))
+    return thing(
+        name,
+        "chair",
+        ("Shell", "ShellWhite", seat),
+        ("Legs", "Oak", legs),
+        ("Braces", "BlackMetal", [*wires, *feet]),
+    ).simplified(
+        Shell=[
+            rounded_box((0.45, 0.03, 0.44)).moved(0.0, 0.435, 0.02),
+            rounded_box((0.42, 0.38, 0.03)).turned("x", -9.0).moved(0.0, 0.62, -0.225),
+        ]
+    )
+
+
+def settee(name: str) -> Thing:
+    """A two-seat sofa, 1.78 m, with a pillow in either corner."""
+    base = sofa(name, 1.78, 2)
+    pillows = [
+        pillow(0.44, 0.44, 0.15, 71 + index, 18)
+        .turned("x", -20.0)
+        .turned("y", -15.0 * side)
+        .moved(0.50 * side, 0.715, 0.075)
+        for index, side in enumerate((-1.0, 1.0))
+    ]
+    return thing(name, "sofa", *((p.name, p.look, p.mesh) for p in base.parts), ("Pillows", "Mustard", pillows))
+
+
+def sofa(name: str, width: float = 2.30, seats: int = 3) -> Thing:
+    """A sofa, 0.95 m deep: loose seat and back cushions between upholstered arms, on walnut legs."""
     arm, depth, seat_height = 0.19, 0.95, 0.43
     inner = width - 2.0 * arm
     body = [_upholstered((width - 0.02, 0.20, depth - 0.04), 1).moved(0.0, 0.235, 0.0)]
@@ -91,17 +161,19 @@ def sofa(name: str, width: float = 2.30) -> Thing:
         _upholstered((arm, 0.47, depth), 2 + side).moved((width - arm) / 2.0 * side, 0.370, 0.0) for side in (-1, 1)
     ]
     body.append(_upholstered((inner + 0.02, 0.60, 0.20), 5).turned("x", -6.0).moved(0.0, 0.47, -depth / 2.0 + 0.115))
-    third = inner / 3.0
-    seats = [
-        cushion(third - 0.008, 0.15, 0.70, 10 + i, 0.022).moved((i - 1) * third, seat_height - 0.015, 0.115)
-        for i in range(3)
+    share, middle = inner / seats, (seats - 1) / 2.0
+    cushions = [
+        cushion(share - 0.008, 0.15, 0.70, 10 + i, 0.022, pitch=0.06).moved(
+            (i - middle) * share, seat_height - 0.015, 0.115
+        )
+        for i in range(seats)
     ]
     backs = [
-        cushion(third - 0.014, 0.17, 0.46, 20 + i, 0.040, 0.05)
+        cushion(share - 0.014, 0.17, 0.46, 20 + i, 0.040, 0.05, 0.06)
         .turned("x", 90.0)
-        .turned("x", -13.0 + 1.5 * (i - 1))
-        .moved((i - 1) * third, 0.685, -0.185)
-        for i in range(3)
+        .turned("x", -13.0 + 1.5 * (i - middle))
+        .moved((i - middle) * share, 0.685, -0.185)
+        for i in range(seats)
     ]
     legs = [
         cylinder(0.022, 0.14, 0.004, 20).moved(x * (width / 2.0 - 0.10), 0.07, z * (depth / 2.0 - 0.09))
@@ -112,7 +184,7 @@ def sofa(name: str, width: float = 2.30) -> Thing:
         name,
         "sofa",
         ("Body", "SofaWool", body),
-        ("Seats", "SofaWool", seats),
+        ("Seats", "SofaWool", cushions),
         ("Backs", "SofaWool", backs),
         ("Legs", "Walnut", legs),
     )

@@ -144,6 +144,31 @@ def picture(name: str, look: str, width: float, height: float, frame: str = "Oak
     return thing(name, "painting", *parts)
 
 
+def hanging_picture(name: str) -> Thing:
+    """A landscape of 0.72 × 0.48 m in its frame, with its canvas, stretcher and wire behind."""
+    front = picture(name, "Landscape", 0.72, 0.48, "Oak")
+    canvas = rounded_box((0.735, 0.495, 0.004), 0.001).moved(0.0, 0.0, 0.008)
+    bars = [rounded_box((0.735, 0.040, 0.014), 0.002).moved(0.0, 0.2275 * side, 0.004) for side in (-1.0, 1.0)]
+    bars += [rounded_box((0.040, 0.415, 0.014), 0.002).moved(0.3475 * side, 0.0, 0.004) for side in (-1.0, 1.0)]
+    wire = sweep(
+        curve([[-0.34, 0.09, -0.004], [-0.1, 0.125, -0.005], [0.1, 0.125, -0.005], [0.34, 0.09, -0.004]], 16),
+        circle(0.0012, 6),
+    )
+    return thing(
+        name,
+        "painting",
+        *((part.name, part.look, part.mesh) for part in front.parts),
+        ("Canvas", "Linen", canvas),
+        ("Stretcher", "PineWood", bars),
+        ("Wire", "Steel", wire),
+    ).simplified(
+        Frame=[
+            *(rounded_box((0.764, 0.022, 0.030)).moved(0.0, 0.251 * side, 0.015) for side in (-1.0, 1.0)),
+            *(rounded_box((0.022, 0.48, 0.030)).moved(0.371 * side, 0.0, 0.015) for side in (-1.0, 1.0)),
+        ]
+    )
+
+
 def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -> Mesh:
     points = np.array(
         [
