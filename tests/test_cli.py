@@ -73,14 +73,23 @@ def test_render_hands_on_every_option(tmp_path, fake):
     variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
     assert render("-o", tmp_path, *options, *variants) == 0
     assert fake.made[0].source == "somewhere"
+    assert fake.made[0].others.pop("report") is not None
     assert fake.made[0].others == {
         "quality": "photo",
         "spp": 64,
         "camera": "Front",
         "fps": 12.5,
         "arch": "cpu",
+        "differential": False,
         "variants": {"/Room{lighting}": "evening", "/Room{appearance}": "primitives"},
     }
+
+
+def test_render_is_differential_where_it_pays_or_as_it_is_told(tmp_path, fake):
+    for number, options in enumerate([[], ["--frames", ":60"], ["--frames", ":60", "--no-differential"]]):
+        render("-o", tmp_path / str(number), *options)
+    render("-o", tmp_path / "told", "--differential")
+    assert [stream.others["differential"] for stream in fake.made] == [False, True, False, True]
 
 
 def test_render_all_buffers_and_the_default_ones(tmp_path, fake):
@@ -221,8 +230,8 @@ def test_bench_prints_a_line_for_each_size_and_kind(fake, capsys):
     assert cli.main(["bench", "somewhere", "--seconds", "0"]) == 0
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split()[-1] == "frames/s"
-    assert len(rows) == len(fake.made) == 6
-    assert [stream.rendered for stream in fake.made] == [[0, 1]] * 6
+    assert len(rows) == len(fake.made) == 8
+    assert [stream.rendered for stream in fake.made] == [[0, 1]] * 8
     assert " 640x480 " in rows[-1]
 
 

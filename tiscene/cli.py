@@ -89,6 +89,11 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
     )
+    render.add_argument(
+        "--differential",
+        action=argparse.BooleanOptionalAction,
+        help="trace only what moves before a camera that does not (default: if there are frames enough for it to pay)",
+    )
     render.add_argument("--arch", help="cpu or cuda (default: cpu)")
 
     commands.add_parser("list", help="list scenes and object templates")

@@ -99,7 +99,7 @@ class Stream(Iterator[Frame]):
         scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
         if camera is not None:
             scenario = replace(scenario, camera=camera)
-        self.differential = (frames is None or frames >= WORTHWHILE_FRAMES) if differential is None else differential
+        self.differential = pays(self.frames) if differential is None else differential
         self._cache_bytes = _integer("cache_bytes", cache_bytes, 1, sys.maxsize)
         self._report = report
         self.time_code = time_code
@@ -346,6 +346,11 @@ class FrameRange(Sequence[Frame]):
         if isinstance(index, slice):
             return FrameRange(self.stream, self.indices[index])
         return self.stream[self.indices[index]]
+
+
+def pays(frames: int | None) -> bool:
+    """Whether so many frames (None: without end) are worth an image of what never moves."""
+    return frames is None or frames >= WORTHWHILE_FRAMES
 
 
 def _integer(name: str, value: Any, low: int, high: int) -> int:

@@ -12,10 +12,12 @@ from tiscene.scenario import Scenario
 from tiscene.stream import DEFAULT_BUFFERS, Stream
 
 SIZES = ((256, 192), (640, 480))
+# name, buffers, quality, differential
 KINDS = (
-    ("labels", tuple(name for name in DEFAULT_BUFFERS if name != "rgb"), "preview"),
-    ("labels, rgb preview", DEFAULT_BUFFERS, "preview"),
-    ("labels, rgb standard", DEFAULT_BUFFERS, "standard"),
+    ("labels", tuple(name for name in DEFAULT_BUFFERS if name != "rgb"), "preview", False),
+    ("labels, rgb preview", DEFAULT_BUFFERS, "preview", False),
+    ("same, differential", DEFAULT_BUFFERS, "preview", True),
+    ("labels, rgb standard", DEFAULT_BUFFERS, "standard", False),
 )
 
 
@@ -30,8 +32,16 @@ def print_table(source: str | Scenario, *, seconds: float, arch: str | None = No
     """One line for each size and kind of frame, as soon as it is measured."""
     print(f"{'buffers':<22} {'size':>9} {'spp':>4} {'first frame':>12} {'frame':>10} {'frames/s':>9}")
     for width, height in SIZES:
-        for kind, buffers, quality in KINDS:
-            stream = Stream(source, width=width, height=height, buffers=buffers, quality=quality, arch=arch)
+        for kind, buffers, quality, differential in KINDS:
+            stream = Stream(
+                source,
+                width=width,
+                height=height,
+                buffers=buffers,
+                quality=quality,
+                arch=arch,
+                differential=differential,
+            )
             first, each = measure(stream, seconds)
             spp = stream.quality.spp if "rgb" in buffers else 0
             row = (

@@ -67,7 +67,16 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.output)
     what = scenario()
     with progress(f"reading {what.scene}", args.frames) as step:
-        stream = Stream(what, width=args.width, height=args.height, fps=FPS, buffers=tuple(AOVS), quality=args.quality)
+        stream = Stream(
+            what,
+            width=args.width,
+            height=args.height,
+            fps=FPS,
+            frames=args.frames,
+            buffers=tuple(AOVS),
+            quality=args.quality,
+            report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
+        )
         _make(folder)
         what.save(folder / "scenario.json")
         step(0, doing="compiling, the first time only")

@@ -8,7 +8,7 @@ from tiscene.commands.progress import note, progress
 from tiscene.export import export
 from tiscene.frame import Frame
 from tiscene.render.aovs import AOVS
-from tiscene.stream import DEFAULT_BUFFERS, Stream
+from tiscene.stream import DEFAULT_BUFFERS, Stream, pays
 
 
 def run(args: argparse.Namespace) -> None:
@@ -29,6 +29,8 @@ def run(args: argparse.Namespace) -> None:
                 camera=args.camera,
                 variants=dict(args.variant),
                 arch=args.arch,
+                differential=pays(len(args.frames)) if args.differential is None else args.differential,
+                report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
             )
             step(0, doing="first frame")
 
