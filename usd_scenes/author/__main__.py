@@ -9,11 +9,17 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from usd_scenes.author import object_view, room_02, templates
+from usd_scenes.author import object_view, room_01, room_02, room_03, solid_benchmark, templates
 from usd_scenes.author.textures.library import MAKERS
 
 PACKAGE = Path(__file__).resolve().parents[1]
-SCENES = {"object_view": object_view.build, "room_02": room_02.build}
+SCENES = {
+    "object_view": object_view.build,
+    "room_01": room_01.build,
+    "room_02": room_02.build,
+    "room_03": room_03.build,
+    "solid_benchmark": solid_benchmark.build,
+}
 
 
 def jobs(output: Path) -> dict[str, Callable[[], None]]:

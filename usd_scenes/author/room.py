@@ -1,9 +1,11 @@
-"""A room in the making: things put in their places, lights, cameras; then one scene.usda and one crate of meshes."""
+"""A room in the making: things put in their places, lights, cameras; then one scene.usda and its crates of shapes."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, UsdPhysics
@@ -15,6 +17,16 @@ from usd_scenes.author.thing import Thing
 
 Vector3 = tuple[float, float, float]
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
+LIGHTING = ("day", "evening", "night")
+WARM_WHITE: Vector3 = (1.0, 0.68, 0.40)  # about 3000 K
+ELEMENTARY = ("wall", "ceiling", "cornice", "skirting")  # made of planes already: `primitives` keeps their meshes
+T = TypeVar("T")
+Varied: TypeAlias = T | Mapping[str, T]
+"""One value, or one for each of LIGHTING."""
+
+
+def by_lighting(value: Varied[T]) -> dict[str, T]:
+    return {name: value[name] if isinstance(value, Mapping) else value for name in LIGHTING}
 
 
 class Room:
@@ -27,6 +39,9 @@ class Room:
         self._things: dict[str, Thing] = {}
         self._bindings: list[tuple[Thing, str]] = []
         self._arcs: list[usd.Arc] = []
+        self._templates: list[str] = []
+        self._glows: dict[str, Varied[float]] = {}
+        self._varied: list[tuple[Usd.Attribute, dict[str, Any]]] = []
 
     def put(
         self, where: str, thing: Thing, at: Vector3 = ORIGIN, turn: Vector3 = ORIGIN, name: str | None = None
@@ -35,7 +50,6 @@ class Room:
         self._things[thing.name] = thing
         prim = self._component(where, name or thing.name, at, turn)
         usd.label(prim, thing.label)
-        self._arcs.append(usd.Arc(str(prim.GetPath()), "./geometry.usdc", f"/Geometry/{thing.name}"))
         self._bindings.append((thing, str(prim.GetPath())))
 
     def put_template(self, where: str, name: str, folder: str, at: Vector3, turn: Vector3 = ORIGIN) -> None:
@@ -46,6 +60,7 @@ class Room:
         prim = self._component(where, name, (at[0], at[1] - lowest, at[2]), turn)
         asset = f"../templates/{folder}/template.usda"
         self._arcs.append(usd.Arc(str(prim.GetPath()), asset, payload=False))
+        self._templates.append(str(prim.GetPath()))
         prim.SetInstanceable(True)
 
     def _component(self, where: str, name: str, at: Vector3, turn: Vector3) -> Usd.Prim:
@@ -60,14 +75,23 @@ class Room:
         _place(xform, at, turn)
         return xform.GetPrim()
 
-    def dome(self, name: str, intensity: float, texture: str | None = None, color: Vector3 = (1.0, 1.0, 1.0)) -> None:
-        """The surroundings; texture: a latlong picture in `usd_scenes/textures`."""
+    def dome(
+        self,
+        name: str,
+        intensity: Varied[float],
+        texture: Varied[str] | None = None,
+        color: Varied[Vector3] = (1.0, 1.0, 1.0),
+        turn: float = 0.0,
+    ) -> None:
+        """The surroundings; texture: a latlong picture in `usd_scenes/textures`; turn: degrees about y."""
         light = UsdLux.DomeLight.Define(self.stage, self._light(name))
-        light.CreateIntensityAttr(intensity)
-        light.CreateColorAttr(Gf.Vec3f(*color))
+        self._set(light.CreateIntensityAttr(), intensity)
+        self._set_color(light.CreateColorAttr(), color)
         if texture is not None:
-            light.CreateTextureFileAttr(f"../textures/{texture}")
+            files = {key: f"../textures/{file}" for key, file in by_lighting(texture).items()}
+            self._set(light.CreateTextureFileAttr(), files if isinstance(texture, Mapping) else files["day"])
             light.CreateTextureFormatAttr(UsdLux.Tokens.latlong)
+        _place(UsdGeom.Xformable(light), ORIGIN, (0.0, turn, 0.0))
 
     def portal(self, dome: str, name: str, width: float, height: float, at: Vector3, turn: Vector3) -> None:
         """An opening by which a dome's light enters along the portal's -z; `at` is its middle."""
@@ -78,25 +102,74 @@ class Room:
         _place(UsdGeom.Xformable(portal), at, turn)
         UsdLux.DomeLight.Get(self.stage, self._light(dome)).CreatePortalsRel().AddTarget(portal.GetPath())
 
-    def sun(self, name: str, towards: Vector3, irradiance: float, color: Vector3, angle: float) -> None:
+    def sun(
+        self,
+        name: str,
+        towards: Varied[Vector3],
+        irradiance: Varied[float],
+        color: Varied[Vector3],
+        angle: Varied[float],
+    ) -> None:
         """A distant light; towards: where it is; angle: of its disc, degrees."""
         light = UsdLux.DistantLight.Define(self.stage, self._light(name))
-        light.CreateIntensityAttr(irradiance)
+        self._set(light.CreateIntensityAttr(), irradiance)
         light.CreateNormalizeAttr(True)
-        light.CreateAngleAttr(angle)
-        light.CreateColorAttr(Gf.Vec3f(*color))
-        x, y, z = towards
-        pitch, yaw = math.degrees(math.atan2(y, math.hypot(x, z))), math.degrees(math.atan2(x, z))
-        _place(UsdGeom.Xformable(light), ORIGIN, (-pitch, yaw, 0.0))
+        self._set(light.CreateAngleAttr(), angle)
+        self._set_color(light.CreateColorAttr(), color)
+        turns = {key: _sun_turn(place) for key, place in by_lighting(towards).items()}
+        _place(UsdGeom.Xformable(light), ORIGIN, turns["day"])
+        if isinstance(towards, Mapping):
+            values = {key: Gf.Vec3f(*(round(angle, 4) + 0.0 for angle in turn)) for key, turn in turns.items()}
+            self._set(light.GetPrim().GetAttribute("xformOp:rotateXYZ"), values)
 
-    def bulb(self, name: str, at: Vector3, radius: float, radiance: float, color: Vector3) -> None:
+    def bulb(
+        self, name: str, at: Vector3, radius: float, radiance: Varied[float], color: Varied[Vector3] = WARM_WHITE
+    ) -> None:
         """A small sphere of light."""
         light = UsdLux.SphereLight.Define(self.stage, self._light(name))
         light.CreateRadiusAttr(radius)
-        light.CreateIntensityAttr(radiance)
-        light.CreateColorAttr(Gf.Vec3f(*color))
+        self._set(light.CreateIntensityAttr(), radiance)
+        self._set_color(light.CreateColorAttr(), color)
         light.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
         _place(UsdGeom.Xformable(light), at, ORIGIN)
+
+    def panel(
+        self,
+        name: str,
+        width: float,
+        height: float,
+        at: Vector3,
+        turn: Vector3,
+        radiance: Varied[float],
+        color: Varied[Vector3] = (1.0, 1.0, 1.0),
+        texture: str | None = None,
+    ) -> None:
+        """A rectangle of light that shines along its -z; texture: a picture of it in `usd_scenes/textures`."""
+        light = UsdLux.RectLight.Define(self.stage, self._light(name))
+        light.CreateWidthAttr(width)
+        light.CreateHeightAttr(height)
+        self._set(light.CreateIntensityAttr(), radiance)
+        self._set_color(light.CreateColorAttr(), color)
+        if texture is not None:
+            light.CreateTextureFileAttr(f"../textures/{texture}")
+        light.CreateExtentAttr([Gf.Vec3f(-width / 2.0, -height / 2.0, 0.0), Gf.Vec3f(width / 2.0, height / 2.0, 0.0)])
+        _place(UsdGeom.Xformable(light), at, turn)
+
+    def glow(self, look: str, strength: Varied[float]) -> None:
+        """How much of its emission a look has in this room: a lamp's shade, with its bulb."""
+        self._glows[look] = strength
+
+    def _set(self, attribute: Usd.Attribute, value: Any) -> None:
+        """A value now, or one for each lighting when variants are written: a local one would win over them."""
+        if isinstance(value, Mapping):
+            attribute.Clear()
+            self._varied.append((attribute, by_lighting(value)))
+        else:
+            attribute.Set(value)
+
+    def _set_color(self, attribute: Usd.Attribute, color: Varied[Vector3]) -> None:
+        colors = {key: Gf.Vec3f(*value) for key, value in by_lighting(color).items()}
+        self._set(attribute, colors if isinstance(color, Mapping) else colors["day"])
 
     def _light(self, name: str) -> str:
         parent = f"/{self.name}/Lights"
@@ -112,7 +185,7 @@ class Room:
         *,
         turn: Vector3 | None = None,
         fov: float = 60.0,
-        exposure: float = 0.0,
+        exposure: Varied[float] = 0.0,
         f_stop: float = 0.0,
         focus: float | None = None,
     ) -> None:
@@ -128,7 +201,7 @@ class Room:
         camera.CreateVerticalApertureAttr(0.24)
         camera.CreateFocalLengthAttr(0.12 / math.tan(math.radians(fov) / 2.0))
         camera.CreateClippingRangeAttr(Gf.Vec2f(0.1, 100.0))
-        camera.CreateExposureAttr(exposure)
+        self._set(camera.CreateExposureAttr(), exposure)
         if f_stop > 0.0:
             camera.CreateFStopAttr(f_stop)
         if target is not None:
@@ -138,16 +211,46 @@ class Room:
         _place(camera, at, turn or ORIGIN)
 
     def write(self, packages: Path) -> None:
-        """scene.usda and geometry.usdc below `packages`/`folder`."""
+        """scene.usda, geometry.usdc and primitives.usdc below `packages`/`folder`."""
         target = packages / self.folder
+        looks = f"/{self.name}/Looks"
+        names = {part.look for thing in self._things.values() for part in thing.parts}
         if self._things:
             usd.write_geometry(target / "geometry.usdc", self._things.values(), UsdPhysics.Tokens.none)
-            looks = f"/{self.name}/Looks"
-            names = (part.look for thing in self._things.values() for part in thing.parts)
+            simple = [thing for thing in self._things.values() if thing.label not in ELEMENTARY]
+            usd.write_primitives(target / "primitives.usdc", simple)
             usd.define_looks(self.stage, looks, names, "../textures")
             for thing, path in self._bindings:
                 usd.bind(self.stage, thing, path, looks)
-        usd.save(self.stage, target / "scene.usda", self._arcs)
+            self._apply_glows(looks)
+        for lighting in usd.variants(self.root, "lighting", LIGHTING):
+            for attribute, values in self._varied:
+                prim = self.stage.GetPrimAtPath(attribute.GetPrimPath())
+                prim.GetAttribute(attribute.GetName()).Set(values[lighting])
+        arcs = list(self._arcs)
+        for appearance in usd.variants(self.root, "appearance", templates.APPEARANCES):
+            usd.connect_looks(self.stage, looks, names, "Surface" if appearance == "photoreal" else "Plain")
+            for path in self._templates:
+                self.stage.GetPrimAtPath(path).GetVariantSets().SetSelection("appearance", appearance)
+            for thing, path in self._bindings:
+                keeps = appearance != "primitives" or thing.label in ELEMENTARY
+                file = "./geometry.usdc" if keeps else "./primitives.usdc"
+                inside = path.replace(f"/{self.name}/", f"/{self.name}{{appearance={appearance}}}", 1)
+                arcs.append(usd.Arc(inside, file, f"/Geometry/{thing.name}"))
+        usd.save(self.stage, target / "scene.usda", arcs)
+
+    def _apply_glows(self, looks: str) -> None:
+        for look, strength in self._glows.items():
+            for shader in ("Surface", "Plain"):
+                attribute = self.stage.GetPrimAtPath(f"{looks}/{look}/{shader}").GetAttribute("inputs:emissiveColor")
+                full = attribute.Get()
+                values = {key: Gf.Vec3f(*(full * value)) for key, value in by_lighting(strength).items()}
+                self._set(attribute, values)
+
+
+def _sun_turn(towards: Vector3) -> Vector3:
+    x, y, z = towards
+    return (-math.degrees(math.atan2(y, math.hypot(x, z))), math.degrees(math.atan2(x, z)), 0.0)
 
 
 def _look(at: Vector3, target: Vector3) -> Vector3:

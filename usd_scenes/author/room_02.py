@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.room import ORIGIN, Room
-from usd_scenes.author.things import building, cutlery, plants, seating, small, tables, tableware
+from usd_scenes.author.things import bedroom, building, cutlery, plants, seating, small, tables, tableware
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
 WALL = 0.32
@@ -17,6 +17,7 @@ SUN = (-0.80, 0.50, 0.33)
 WINDOWS = (-4.25, -1.55)  # centres along z, in the -x wall
 GARDEN_WINDOW = 1.75  # centre along x, in the wall behind the camera
 WINDOW_WIDTH, SILL, HEAD = 1.70, 0.42, 2.52
+SIDE_LAMP = (-2.12, 0.83, NEAR - 0.20)
 
 
 def build() -> Room:
@@ -199,6 +200,7 @@ def _television(room: Room) -> None:
     top = 0.5
     room.put("Ornaments", small.set_top_box("MediaBox"), (-1.55, top, NEAR - 0.16), (0.0, 180.0, 0.0))
     room.put_template("Ornaments", "Statue", "statue_01", (-0.78, top, NEAR - 0.24), (0.0, 160.0, 0.0))
+    room.put("Furniture", bedroom.table_lamp("TableLamp"), (SIDE_LAMP[0], top, SIDE_LAMP[2]))
     for index, (x, z, height) in enumerate(((-2.34, 0.80, 0.16), (-2.25, 0.72, 0.11), (-2.38, 0.68, 0.07))):
         room.put("Ornaments", small.candle(f"Candle{index + 1}", height), (x, top, z))
     room.put(
@@ -218,22 +220,42 @@ def _television(room: Room) -> None:
 
 
 def _light(room: Room) -> None:
-    room.dome("Sky", 2.6, "afternoon_sky.hdr")
+    room.dome(
+        "Sky",
+        {"day": 2.6, "evening": 1.1, "night": 0.10},
+        {"day": "afternoon_sky.hdr", "evening": "dusk_sky.hdr", "night": "dusk_sky.hdr"},
+        {"day": (1.0, 1.0, 1.0), "evening": (1.0, 1.0, 1.0), "night": (0.16, 0.34, 1.0)},
+    )
     # At the outer face of the walls, so that reveals and frames are lit through them too.
     size, middle = (WINDOW_WIDTH, round(HEAD - SILL, 3)), (SILL + HEAD) / 2.0
     for index, z in enumerate(WINDOWS):
         room.portal("Sky", f"Portal{index + 1}", *size, (LEFT - WALL, middle, z), (0.0, -90.0, 0.0))
     room.portal("Sky", "Portal3", *size, (GARDEN_WINDOW, middle, NEAR + WALL), ORIGIN)
-    room.sun("Sun", SUN, 5.5, (1.0, 0.86, 0.68), 0.8)
-    room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, 16.0, (1.0, 0.60, 0.28))
-    room.bulb("PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, 14.0, (1.0, 0.62, 0.30))
+    room.sun(
+        "Sun",
+        {"day": SUN, "evening": (-0.92, 0.17, 0.36), "night": (-0.55, 0.75, 0.30)},
+        {"day": 5.5, "evening": 1.6, "night": 0.012},
+        {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.50, 0.20), "night": (0.45, 0.62, 1.0)},
+        {"day": 0.8, "evening": 1.2, "night": 0.8},
+    )
+    room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, {"day": 16.0, "evening": 60.0, "night": 60.0})
+    room.bulb(
+        "PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, {"day": 14.0, "evening": 50.0, "night": 60.0}
+    )
+    room.bulb("SideLampLight", SIDE_LAMP, 0.03, {"day": 0.0, "evening": 40.0, "night": 40.0})
+    room.glow("LampShade", {"day": 1.0, "evening": 2.6, "night": 2.6})
+    room.glow("BedsideShade", {"day": 0.0, "evening": 0.9, "night": 0.9})
+
+
+def _exposure(day: float) -> dict[str, float]:
+    return {"day": day, "evening": day + 0.7, "night": day + 0.8}
 
 
 def _cameras(room: Room) -> None:
-    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=2.2)
-    room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=2.3)
+    room.camera("Main", (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), fov=46.0, exposure=_exposure(2.2))
+    room.camera("Dining", (3.3, 1.45, 0.75), (-0.7, 0.80, -4.2), fov=50.0, exposure=_exposure(2.3))
     # SAILenv's published pose: Unity (-1.5, 2.0, 0.5), pitch 18 down, yaw 12 to the left.
-    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=2.0, focus=3.6)
-    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=2.0)
-    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=2.3)
-    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=2.3, f_stop=2.8)
+    room.camera("SAILenv", (-1.5, 2.0, -0.5), turn=(-18.0, 12.0, 0.0), fov=60.0, exposure=_exposure(2.0), focus=3.6)
+    room.camera("Agent", (-1.0, 2.5, -1.8), turn=(-20.0, 0.0, 0.0), fov=60.0, exposure=_exposure(2.0))
+    room.camera("Sofa", (-3.55, 1.45, -5.45), (1.4, 0.85, -1.2), fov=56.0, exposure=_exposure(2.3))
+    room.camera("Table", (-0.55, 0.78, -2.75), (-1.50, 0.47, -3.98), fov=36.0, exposure=_exposure(2.3), f_stop=2.8)

@@ -242,7 +242,7 @@ def switch(name: str) -> Thing:
     return thing(name, "light switch", ("Plate", "WhitePlastic", [plate, rocker]))
 
 
-def rug(name: str, width: float = 3.2, depth: float = 2.3) -> Thing:
+def rug(name: str, width: float = 3.2, depth: float = 2.3, look: str = "Rug") -> Thing:
     """A wool rug, 11 mm thick, with a fringe at its short ends."""
     rng = np.random.default_rng(3)
     pile = rounded_box((width, 0.011, depth), 0.005, 2, (40, 1, 30), grain=0).moved(0.0, 0.0056, 0.0)
@@ -258,7 +258,7 @@ def rug(name: str, width: float = 3.2, depth: float = 2.3) -> Thing:
                 bevel=0.0,
             )
             strands.append(tassel)
-    return thing(name, "rug", ("Pile", "Rug", pile), ("Fringe", "Cream", strands))
+    return thing(name, "rug", ("Pile", look, pile), ("Fringe", "Cream", strands))
 
 
 def socket(name: str) -> Thing:
