@@ -87,14 +87,61 @@ def test_the_mesh_carries_the_primvar_its_material_reads(description):
 def test_display_color(description):
     assert materials_of(description)["Bare"] == Material("displayColor")
     assert materials_of(description)["Colored"] == Material(
-        "displayColor", diffuse_color=(0.25, 0.5, 0.75), opacity=0.5
+        "displayColor", diffuse_color=(0.25, 0.5, 0.75), opacity=0.5, opacity_mode="presence"
     )
 
 
-def test_display_color_that_varies_is_averaged(tmp_path):
+def test_display_color_that_varies_within_faces_is_averaged_there(tmp_path):
     line = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 0), (0, 0, 1)] (interpolation = "vertex")'
-    description = read_with_warning(tmp_path, f'def Mesh "M"\n{{\n{QUAD}\n{line}\n}}', "'displayColor' varies.*</M>")
-    assert description.materials[0].diffuse_color == (0.25, 0.25, 0.25)
+    body = f'def Mesh "M"\n{{\n{QUAD}\n{line}\n}}'
+    description = read_with_warning(tmp_path, body, "'displayColor' varies within faces.*</M>")
+    (mesh,) = description.meshes
+    assert {description.materials[row].diffuse_color for row in mesh.materials} == {(0.25, 0.25, 0.25)}
+
+
+TWO_FACES = """
+def Mesh "M"
+{
+    uniform token subdivisionScheme = "%s"
+    int[] faceVertexCounts = [4, 3]
+    int[] faceVertexIndices = [0, 1, 2, 3, 1, 4, 2]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0.5, 0)]
+    %s
+}
+"""
+
+
+@pytest.mark.parametrize("scheme", ["none", "catmullClark"])
+@pytest.mark.parametrize(
+    "lines",
+    [
+        'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "uniform")',
+        'color3f[] primvars:displayColor = [(0, 0, 1), (1, 0, 0)] (interpolation = "uniform")\n'
+        "int[] primvars:displayColor:indices = [1, 0]",
+        f"color3f[] primvars:displayColor = [{'(1, 0, 0), ' * 4}{'(0, 0, 1), ' * 3}]"
+        ' (interpolation = "faceVarying")',
+    ],
+)
+def test_display_color_of_faces(tmp_path, scheme, lines):
+    opacity = 'float[] primvars:displayOpacity = [1, 0.5] (interpolation = "uniform")'
+    description = read(tmp_path, TWO_FACES % (scheme, f"{lines}\n{opacity}"))
+    (mesh,) = description.meshes
+    middle = mesh.positions[mesh.triangles].mean(axis=1)
+    for x, material in zip(middle[:, 0], (description.materials[row] for row in mesh.materials), strict=True):
+        left = x < 1.0
+        assert material.diffuse_color == ((1.0, 0.0, 0.0) if left else (0.0, 0.0, 1.0))
+        assert (material.opacity, material.opacity_mode) == ((1.0, "transparent") if left else (0.5, "presence"))
+
+
+def test_many_colours_become_fewer_materials(tmp_path):
+    from tiscene.usd.display_color import quantized
+
+    values = np.random.default_rng(3).random((20000, 4))
+    colors, groups = quantized(values)
+    assert len(colors) <= 4096
+    assert sorted(np.concatenate(groups).tolist()) == list(range(20000))
+    worst = max(np.abs(values[group] - color).max() for color, group in zip(colors, groups, strict=True))
+    assert worst < 0.2
 
 
 def test_display_color_is_inherited(tmp_path):

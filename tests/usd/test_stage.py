@@ -329,13 +329,13 @@ def test_only_active_defined_prims_are_drawn(tmp_path):
 
 def test_what_is_not_drawn_is_named_once(tmp_path):
     body = """
-    def BasisCurves "Hair"
+    def NurbsCurves "Hair"
     {
     }
-    def BasisCurves "Fur"
+    def NurbsCurves "Fur"
     {
     }
-    def Points "Dust"
+    def HermiteCurves "Dust"
     {
     }
     def NurbsPatch "Patch"
@@ -363,8 +363,8 @@ def test_what_is_not_drawn_is_named_once(tmp_path):
     (warning,) = caught
     assert str(warning.message) == (
         f"{path} is not drawn quite as authored:\n"
-        "  prims of type BasisCurves are not drawn: </Hair>, </Fur>\n"
-        "  prims of type Points are not drawn: </Dust>\n"
+        "  prims of type NurbsCurves are not drawn: </Hair>, </Fur>\n"
+        "  prims of type HermiteCurves are not drawn: </Dust>\n"
         "  prims of type NurbsPatch are not drawn: </Patch>\n"
         "  prims of type TetMesh are not drawn: </Jelly>\n"
         "  prims of type Volume are not drawn: </Smoke>\n"
@@ -373,7 +373,7 @@ def test_what_is_not_drawn_is_named_once(tmp_path):
 
 
 def test_long_lists_are_cut(tmp_path):
-    body = "".join(f'def Points "P{i}"\n{{\n}}\n' for i in range(9))
+    body = "".join(f'def Volume "P{i}"\n{{\n}}\n' for i in range(9))
     read_with_warning(tmp_path, body, r"<\/P4> and 4 more$")
 
 

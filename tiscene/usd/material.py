@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, UsdShade
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdShade
 
 from tiscene.scene.description import Color, ColorInput, FloatInput, Material, TextureLookup
+from tiscene.usd.display_color import constant_primvar, quantized, varying_display
 from tiscene.usd.network import Connection, Source, connections_of, shader_id
+from tiscene.usd.primvar import Topology
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import Affine, TextureTable
 
@@ -20,10 +23,14 @@ _IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 @dataclass(frozen=True)
 class Binding:
-    """A material as a gprim or subset uses it. row: of the table. uv: the primvar its textures read, "" for any."""
+    """A material as a gprim or subset uses it. row: of the table. uv: the primvar its textures read, "" for any.
+
+    is_display_color: it stands in for a material that is not there.
+    """
 
     row: int
     uv: str = ""
+    is_display_color: bool = False
 
 
 class MaterialTable:
@@ -70,41 +77,38 @@ class MaterialTable:
         lit = replace(self.materials[bound.row], emissive_color=emissive)
         return self._row(("emitter", bound, mode, radiance), lit, bound.uv)
 
-    def _row(self, key: Any, material: Material, uv: str = "") -> Binding:
+    def by_element(self, gprim: Usd.Prim, topology: Topology) -> list[tuple[Binding, NDArray[np.int64]]]:
+        """Materials for the elements of a gprim whose displayColor or displayOpacity varies; none if neither does."""
+        values = varying_display(gprim, topology, self._time, self._report)
+        if values is None:
+            return []
+        colors, groups = quantized(values)
+        return [
+            (self._display_color((r, g, b), opacity), group)
+            for (r, g, b, opacity), group in zip(colors, groups, strict=True)
+        ]
+
+    def _row(self, key: Any, material: Material, uv: str = "", is_display_color: bool = False) -> Binding:
         if key not in self._bindings:
-            self._bindings[key] = Binding(len(self.materials), uv)
+            self._bindings[key] = Binding(len(self.materials), uv, is_display_color)
             self.materials.append(material)
         return cast(Binding, self._bindings[key])
 
     def _of_display_color(self, gprim: Usd.Prim) -> Binding:
-        color = self._constant_primvar(gprim, "displayColor", 3)
-        opacity = self._constant_primvar(gprim, "displayOpacity", 1)
-        key = ("displayColor", color, opacity)
-        material = Material(
-            "displayColor",
-            diffuse_color=cast(Any, color) or _DEFAULT.diffuse_color,
-            opacity=1.0 if opacity is None else opacity[0],
-        )
-        return self._row(key, material)
+        color = self._constant_primvar(gprim, "displayColor", 3, report=False)
+        opacity = self._constant_primvar(gprim, "displayOpacity", 1, report=False)
+        return self._display_color(cast(Any, color or _DEFAULT.diffuse_color), 1.0 if opacity is None else opacity[0])
 
-    def _constant_primvar(self, gprim: Usd.Prim, name: str, width: int) -> tuple[float, ...] | None:
-        """One value for the whole gprim: its constant primvar, or the mean of one that varies; None if unauthored."""
-        primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
-        value = primvar.Get(self._time) if primvar else None
-        if value is None:
-            return None
-        values = np.asarray(value, dtype=np.float64)
-        if values.size == 0 or values.size % width:
-            return None
-        values = values.reshape(-1, width)
-        if primvar.IsIndexed() and (indices := np.asarray(primvar.GetIndices(self._time))).size:
-            values = values[np.clip(indices, 0, len(values) - 1)]
-        if not np.isfinite(values).all():
-            self._report.problem(gprim.GetPath(), name, "is not a finite number")
-            return None
-        if len(values) > 1 and (values != values[0]).any():
-            self._report.omission(gprim.GetPath(), f"primvar {name!r} varies over the surface, its mean is used")
-        return tuple(round(v, 7) for v in values.mean(axis=0).tolist())
+    def _display_color(self, color: Color, opacity: float) -> Binding:
+        """What Hydra shows for prims without a material; partial opacity is coverage, as there."""
+        mode: Literal["transparent", "presence"] = "transparent" if opacity == 1.0 else "presence"
+        material = Material("displayColor", diffuse_color=color, opacity=opacity, opacity_mode=mode)
+        return self._row(("displayColor", color, opacity), material, is_display_color=True)
+
+    def _constant_primvar(
+        self, gprim: Usd.Prim, name: str, width: int, report: bool = True
+    ) -> tuple[float, ...] | None:
+        return constant_primvar(gprim, name, width, self._time, self._report, tell_if_it_varies=report)
 
     def _of_material(self, material: UsdShade.Material, gprim: Usd.Prim) -> Binding | None:
         """The row of a material; None, with the reason reported, if none of its shaders is known."""

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import Matrix, Mesh
+from tiscene.usd import gprim
+from tiscene.usd.curves import read_curves, read_points
 from tiscene.usd.gprim import read_gprim
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh import face_count, read_mesh
 from tiscene.usd.polygons import cross
-from tiscene.usd.primvar import array_of
+from tiscene.usd.primvar import array_of, elements_of
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import Surface
 
@@ -23,6 +25,19 @@ Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]
 
 _CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+
+
+_READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {"BasisCurves": read_curves, "Points": read_points}
+# Attributes that say what shape a gprim has.
+_SHAPE = (
+    *("points", "normals", "primvars:normals", "faceVertexCounts", "faceVertexIndices", "holeIndices", "widths"),
+    *("curveVertexCounts", "size", "radius", "height", "width", "length", "radiusTop", "radiusBottom", "primvars:st"),
+)
+
+
+def is_drawable(prim: Usd.Prim) -> bool:
+    """Whether a prim is of a type that a MeshTable reads."""
+    return bool(prim.IsA(UsdGeom.Mesh)) or str(prim.GetTypeName()) in _READERS
 
 
 class MeshTable:
@@ -46,7 +61,7 @@ class MeshTable:
         """
         source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
         whole = emitter or self._materials.binding(prim, prim)
-        subsets = [] if emitter else self._subsets(prim)
+        subsets = [] if emitter else self._subsets(prim, whole)
         bindings = (whole, *(binding for binding, _ in subsets))
         key = (source, bindings)
         if key not in self._rows:
@@ -95,11 +110,13 @@ class MeshTable:
         a, b, c = (surface.positions[surface.triangles[:, corner]].astype(np.float64) @ matrix.T for corner in range(3))
         return float(np.linalg.norm(cross(b - a, c - a), axis=1).sum() / 2.0)
 
-    def _subsets(self, prim: Usd.Prim) -> Subsets:
-        """The faces of a mesh that have a material of their own: the subsets of the family materialBind."""
+    def _subsets(self, prim: Usd.Prim, whole: Binding) -> Subsets:
+        """The faces that have a material of their own: by displayColor, or the subsets of the family materialBind."""
+        found: list[tuple[Binding, NDArray[np.int64]]] = []
+        if whole.is_display_color:
+            found += self._materials.by_element(prim, elements_of(prim, self._time))
         if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
-            return []
-        found = []
+            return found
         faces = face_count(prim, self._time)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
@@ -125,10 +142,13 @@ class MeshTable:
             for binding, indices in subsets:
                 uv_of_face[indices] = uv_names.index(binding.uv)
         if key not in self._surfaces:
+            changing = [name for name in _SHAPE if prim.GetAttribute(name).ValueMightBeTimeVarying()]
+            if changing:
+                self._report.frozen(prim.GetPath(), f"{', '.join(changing)} of a {prim.GetTypeName()}")
             if prim.IsA(UsdGeom.Mesh):
                 self._surfaces[key] = read_mesh(prim, self._time, self._report, uv_names, uv_of_face)
             else:
-                self._surfaces[key] = read_gprim(prim, self._time, self._report)
+                self._surfaces[key] = _READERS[str(prim.GetTypeName())](prim, self._time, self._report)
         return self._surfaces[key]
 
     def _add(self, name: str, surface: Surface, whole: Binding, subsets: Subsets, partition: Partition) -> int:

@@ -95,6 +95,8 @@ def read_primvar(
         return None
     indices = np.asarray(primvar.GetIndices(time)) if primvar.IsIndexed() else None
     name = attribute.GetName()
+    if width == 1 and values.ndim == 1:
+        values = values[:, None]
     return _checked(attribute.GetPrim(), name, values, indices, primvar.GetInterpolation(), width, topology, report)
 
 
@@ -142,3 +144,19 @@ def _fault(
     if not np.isfinite(values).all():
         return f"{int((~np.isfinite(values).all(axis=1)).sum())} values are not finite numbers"
     return ""
+
+
+def elements_of(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
+    """What primvars of a gprim belong to: the faces of a mesh; each of some points, or each of some curves, as one."""
+    if prim.IsA(UsdGeom.Mesh):
+        mesh = UsdGeom.Mesh(prim)
+        counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)
+        indices = array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32)
+        return Topology(len(array_of(mesh.GetPointsAttr(), time, None, width=3)), counts, indices)
+    if prim.IsA(UsdGeom.Points):
+        points = len(array_of(UsdGeom.Points(prim).GetPointsAttr(), time, None, width=3))
+        return Topology(points, np.ones(points, np.int32), np.arange(points, dtype=np.int32))
+    if prim.IsA(UsdGeom.BasisCurves):
+        counts = array_of(UsdGeom.BasisCurves(prim).GetCurveVertexCountsAttr(), time, np.int32)
+        return Topology(int(counts.sum()), counts, np.arange(counts.sum(), dtype=np.int32))
+    return Topology(0, np.zeros(0, np.int32), np.zeros(0, np.int32))

@@ -33,9 +33,10 @@ def one_line(error: Any) -> str:
 class Report:
     """Problems (the stage cannot be rendered) and omissions (it can, but not as its author meant it)."""
 
-    def __init__(self, stage: str) -> None:
-        """stage: how messages call the file."""
+    def __init__(self, stage: str, plays: bool = True) -> None:
+        """stage: how messages call the file. plays: whether it is read to be played, not for one moment."""
         self.stage = stage
+        self._plays = plays
         self._problems: dict[str, None] = {}  # ordered, and each line once: instances share their prototype's faults
         self._omissions: dict[str, dict[str, None]] = {}
 
@@ -57,6 +58,11 @@ class Report:
     def omission(self, path: Any, text: str) -> None:
         """Something that is not drawn, or not quite as authored. Prims with the same text share a line."""
         self._omissions.setdefault(text, {})[str(path)] = None
+
+    def frozen(self, path: Any, what: str) -> None:
+        """Something that changes over time, and is drawn as it is at the time that is read."""
+        if self._plays:
+            self.omission(path, f"{what} has time samples, and is drawn as it is at the time read")
 
     def raise_problems(self) -> None:
         """Raise StageError if there is any problem."""

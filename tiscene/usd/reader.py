@@ -12,7 +12,6 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
-from tiscene.usd import gprim
 from tiscene.usd.camera import read_camera
 from tiscene.usd.instancer import Placed, point_instances
 from tiscene.usd.label import (
@@ -25,7 +24,7 @@ from tiscene.usd.label import (
 )
 from tiscene.usd.light import LightReader, is_light
 from tiscene.usd.material import Binding, MaterialTable
-from tiscene.usd.mesh_table import MeshTable
+from tiscene.usd.mesh_table import MeshTable, is_drawable
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import TextureTable
 from tiscene.usd.things import Thing, ThingTable, collides, is_rigid_body
@@ -142,7 +141,7 @@ class StageReader:
             return True
         if is_light(prim):
             self._read_light(prim, here)
-        elif prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in gprim.TYPES:
+        elif is_drawable(prim):
             self._read_gprim(prim, here)
         elif not prim.IsA(UsdLux.PortalLight):  # those are read with the domes that name them
             self._report_undrawn(prim)

@@ -1,0 +1,158 @@
+"""Curves as tubes and ribbons, points as balls."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import area, facing, problems_of, read, read_with_warning, volume
+
+STRAIGHT = """
+def BasisCurves "C"
+{
+    uniform token type = "linear"
+    int[] curveVertexCounts = [2, 3]
+    point3f[] points = [(0, 0, 0), (0, 0, 4), (5, 0, 0), (6, 0, 0), (7, 0, 0)]
+    float[] widths = %s
+    %s
+}
+"""
+OCTAGON = 2.0 * math.sqrt(2.0)  # area over radius squared
+
+
+def test_straight_tubes(tmp_path):
+    """Closed octagonal prisms, one as wide as 2 and one as 1."""
+    (mesh,) = read(tmp_path, STRAIGHT % ('[2, 1] (interpolation = "uniform")', ""), meters=0.5).meshes
+    assert volume(mesh.positions, mesh.triangles) == pytest.approx(OCTAGON * (4.0 + 0.25 * 2.0) / 8.0, rel=1e-5)
+    low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+    assert low[2] == pytest.approx(-0.25, abs=0.02)
+    assert high == pytest.approx((3.5, 0.5, 2.0), abs=0.04)
+    outward = np.einsum("ij,ij->i", facing(mesh.positions, mesh.triangles), mesh.normals[mesh.triangles].mean(axis=1))
+    assert (outward > 0.8).all()
+
+
+@pytest.mark.parametrize(
+    "widths", ["[2, 2, 1, 1, 1]", '[2, 2, 1, 1, 1] (interpolation = "varying")', '[2, 1] (interpolation = "uniform")']
+)
+def test_widths_of_points_and_of_curves(tmp_path, widths):
+    (mesh,) = read(tmp_path, STRAIGHT % (widths, "")).meshes
+    assert volume(mesh.positions, mesh.triangles) == pytest.approx(OCTAGON * (4.0 + 0.25 * 2.0), rel=1e-5)
+
+
+def test_ribbons_face_their_normals(tmp_path):
+    normals = "normal3f[] normals = [(0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 0, 1)]"
+    (mesh,) = read(tmp_path, STRAIGHT % ("[0.5]", normals)).meshes
+    assert area(mesh.positions, mesh.triangles) == pytest.approx(0.5 * (4.0 + 2.0))
+    turned = facing(mesh.positions, mesh.triangles)
+    np.testing.assert_allclose(turned[:2], [(0, 1, 0)] * 2, atol=1e-6)
+    np.testing.assert_allclose(turned[2:], [(0, 0, 1)] * 4, atol=1e-6)
+
+
+CUBIC = """
+def BasisCurves "C"
+{
+    uniform token type = "cubic"
+    uniform token basis = "%s"
+    uniform token wrap = "%s"
+    int[] curveVertexCounts = [%d]
+    point3f[] points = %s
+    float[] widths = [0.01]
+}
+"""
+# The middle of a tube's first and last ring, by the bases' definitions.
+ENDS = [
+    ("bezier", "nonperiodic", [(0, 0, 0), (1, 3, 0), (3, 3, 0), (4, 0, 0)], (0, 0, 0), (4, 0, 0)),
+    ("bspline", "nonperiodic", [(0, 0, 0), (6, 0, 0), (6, 6, 0), (0, 6, 0)], (5, 1, 0), (5, 5, 0)),
+    ("bspline", "pinned", [(0, 0, 0), (6, 0, 0), (6, 6, 0), (0, 6, 0)], (0, 0, 0), (0, 6, 0)),
+    ("catmullRom", "nonperiodic", [(0, 0, 0), (6, 0, 0), (6, 6, 0), (0, 6, 0)], (6, 0, 0), (6, 6, 0)),
+    ("catmullRom", "pinned", [(0, 0, 0), (6, 0, 0), (6, 6, 0), (0, 6, 0)], (0, 0, 0), (0, 6, 0)),
+]
+
+
+@pytest.mark.parametrize(("basis", "wrap", "points", "first", "last"), ENDS)
+def test_where_cubic_curves_begin_and_end(tmp_path, basis, wrap, points, first, last):
+    (mesh,) = read(tmp_path, CUBIC % (basis, wrap, len(points), points)).meshes
+    caps = mesh.positions[-16:]
+    np.testing.assert_allclose(caps[:8].mean(axis=0), first, atol=1e-5)
+    np.testing.assert_allclose(caps[8:].mean(axis=0), last, atol=1e-5)
+
+
+def test_a_bezier_passes_through_its_middle(tmp_path):
+    basis, wrap, points, *_ = ENDS[0]
+    (mesh,) = read(tmp_path, CUBIC % (basis, wrap, 4, points)).meshes
+    rings = mesh.positions[:-16].reshape(-1, 8, 3).mean(axis=1)
+    np.testing.assert_allclose(rings[3], (2, 2.25, 0), atol=1e-5)  # t = 1/2 of six steps
+
+
+@pytest.mark.parametrize(("basis", "segments"), [("bezier", 2), ("bspline", 6), ("catmullRom", 6)])
+def test_periodic_curves_are_closed(tmp_path, basis, segments):
+    points = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(6) * math.pi / 3.0]
+    (mesh,) = read(tmp_path, CUBIC % (basis, "periodic", 6, points)).meshes
+    rings = mesh.positions.reshape(-1, 8, 3)
+    assert len(rings) == segments * 6 + 1
+    np.testing.assert_allclose(rings[0].mean(axis=0), rings[-1].mean(axis=0), atol=1e-6)
+
+
+POINTS = """
+def Points "P"
+{
+    point3f[] points = [(0, 0, 0), (5, 0, 0), (9, 9, 9)]
+    float[] widths = [2, 4, 0]
+    color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1), (0, 1, 0)] (interpolation = "vertex")
+}
+"""
+
+
+def test_points_are_balls_of_their_colours(tmp_path):
+    description = read(tmp_path, POINTS)
+    (mesh,) = description.meshes
+    centre = mesh.positions[mesh.triangles].mean(axis=1)
+    big = centre[:, 0] > 2.0
+    assert len(mesh.triangles) == 2 * 80
+    colors = np.array([description.materials[row].diffuse_color for row in mesh.materials])
+    np.testing.assert_array_equal(colors, np.where(big[:, None], (0, 0, 1), (1, 0, 0)))
+    assert volume(mesh.positions, mesh.triangles[~big]) == pytest.approx(4.0 / 3.0 * math.pi, rel=0.15)
+    np.testing.assert_allclose(np.linalg.norm(mesh.positions[mesh.triangles[big]] - (5, 0, 0), axis=-1), 2.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        (
+            STRAIGHT.replace("[2, 3]", "[2, 4]") % ("[1]", ""),
+            "</C> curves: curveVertexCounts add up to 6, but there are 5",
+        ),
+        (STRAIGHT.replace("[2, 3]", "[-2, 7]") % ("[1]", ""), "</C> curves: curveVertexCounts holds -2"),
+        (STRAIGHT % ("[1, 2, 3]", ""), "</C> curves: 3 widths fit neither 2 curves nor their points"),
+        (STRAIGHT.replace("(7, 0, 0)", "(nan, 0, 0)") % ("[1]", ""), "</C> curves: a point is not a finite number"),
+        (POINTS.replace("[2, 4, 0]", "[2, 4]"), "</P> points: 2 widths, but 3 points"),
+        (POINTS.replace("(9, 9, 9)", "(9, 9, inf)"), "</P> points: a point or width is not a finite number"),
+    ],
+)
+def test_problems(tmp_path, body, expected):
+    (problem,) = problems_of(tmp_path, body)
+    assert problem.startswith(expected)
+
+
+def test_what_is_approximated_is_named(tmp_path):
+    thin = read_with_warning(tmp_path, STRAIGHT.replace("float[] widths = %s", "") % "", "curves without widths.*</C>")
+    assert len(thin.instances) == 1
+    read_with_warning(tmp_path, POINTS.replace("float[] widths = [2, 4, 0]", ""), "points without widths.*</P>")
+    read_with_warning(
+        tmp_path, CUBIC % ("bspline", "nonperiodic", 2, [(0, 0, 0), (1, 0, 0)]), "too short for their basis"
+    )
+    read_with_warning(tmp_path, 'def Points "P"\n{\n}', "Points without anything to draw: </P>")
+
+
+@pytest.mark.parametrize("line", ["point3f[] points", "float[] widths"])
+def test_shapes_that_change_are_named(tmp_path, line):
+    kind = line.split(" ")[1]
+    value = "[(0, 0, 0), (1, 0, 0), (2, 0, 0)]" if kind == "points" else "[1, 1, 1]"
+    body = POINTS.replace(
+        "    color3f", f"    {line}.timeSamples = {{ 0: {value}, 9: {value.replace('1', '3')} }}\n    color3f"
+    )
+    read_with_warning(
+        tmp_path, body, f"{kind} of a Points has time samples, and is drawn as it is at the time read: </P>"
+    )
