@@ -8,6 +8,7 @@ no memory of others.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -149,7 +150,7 @@ class ReplayPass:
 
     def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
         """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
-        with device.vector_mode():
+        with device.vector_mode() if self.scene.traversal == "wide" else contextlib.nullcontext():
             near = find_near(rays, count, groups, scratch.cut, scratch.candidates, scratch.row_chunks)
         if near:
             occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.cut)

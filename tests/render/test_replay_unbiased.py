@@ -1,0 +1,109 @@
+"""No bias: replayed frames of whole scenarios against path tracing, by z-tests over independent bases. Minutes each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import tiscene as ts
+from tiscene.commands import demo
+
+pytestmark = pytest.mark.slow
+
+SIZE = (128, 96)
+SEEDS = 8
+TILE = 16
+
+
+def living_room(count: int = 3, *others: ts.Object) -> ts.Scenario:
+    """`count` of the demo's things on their loops, and others."""
+    scenario = demo.scenario()
+    return replace(scenario, objects=[*scenario.objects[:count], *others])
+
+
+def crowd() -> ts.Scenario:
+    """Ten things that bounce through the living room."""
+    names = ("Ball 01", "Pillow 01", "Dish 01", "Cube", "Sphere", "Torus", "Cone")
+    others = [
+        ts.Object(
+            f"mover_{row}",
+            name,
+            (-1.5 + 0.35 * row, 0.6 + 0.15 * row, -2.4 - 0.2 * (row % 3)),
+            dynamic=ts.UniformMovementRandomBounce(0.6, seed=row),
+            scale=0.3,
+            collide=False,
+        )
+        for row, name in enumerate(names)
+    ]
+    return living_room(3, *others)
+
+
+def near_the_lamp() -> ts.Scenario:
+    """A ball before the shade of the floor lamp, and one in the light of the window."""
+    before = ts.Object(
+        "lamp_ball", "Ball 01", (0.75, 1.2, -3.6), dynamic=ts.Orbit((0.75, 1.2, -3.8), 2.0), collide=False
+    )
+    window = ts.Object(
+        "sun_ball", "Ball 01", (-1.9, 1.2, -2.2), dynamic=ts.Orbit((-1.9, 1.2, -2.4), 3.0), collide=False
+    )
+    return living_room(0, before, window)
+
+
+def in_a_room(scene: str) -> ts.Scenario:
+    """Three things on circles about the middle of what the scene's own camera sees."""
+    camera = ts.Stream(scene, width=8, height=6, buffers=("depth",)).world.camera
+    ahead = np.asarray(camera.position) - 2.0 * camera.axes()[:, 2]
+    objects = []
+    for row, name in enumerate(("Chair 01", "Ball 01", "Pillow 01")):
+        x, y, z = (ahead + np.array((0.5 * (row - 1), 0.2 * (row - 1), 0.0))).tolist()
+        objects.append(
+            ts.Object(f"mover_{row}", name, (x + 0.3, y, z), dynamic=ts.Orbit((x, y, z), 2.0 + row), collide=False)
+        )
+    return ts.Scenario(scene, objects)
+
+
+SCENARIOS = {
+    "three in the living room": living_room,
+    "three in the bedroom": lambda: in_a_room("room_01"),
+    "three in the bathroom": lambda: in_a_room("room_03"),
+    "ten": crowd,
+    "near the lamp": near_the_lamp,
+    "three solids": lambda: in_a_room("object_view"),
+}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_replayed_frame_has_the_expectation_of_path_tracing(name: str) -> None:
+    """Globally and by tiles of 16x16 pixels; every seed has its own base image and its own paths."""
+    scenario = SCENARIOS[name]()
+
+    def pictures(differential: bool, spp: int) -> NDArray[np.float64]:
+        settings = {"quality": "preview", "spp": spp, "max_depth": 5, "buffers": ("hdr",), "differential": differential}
+        stream = ts.Stream(scenario, width=SIZE[0], height=SIZE[1], **settings)
+        images = []
+        for stream.seed in range(SEEDS):
+            images.append(stream[9].hdr.mean(axis=-1, dtype=float))
+        return np.stack(images)
+
+    replayed, traced = pictures(True, 4), pictures(False, 32)
+    for z in (z_of(replayed, traced, SIZE[::-1]), z_of(replayed, traced, (TILE, TILE))):
+        print(name, "largest z", float(np.abs(z).max()), "rms z", float(np.sqrt((z**2).mean())))
+        assert np.abs(z).max() < 5.0
+        assert np.sqrt((z**2).mean()) < 1.0 + 3.0 / np.sqrt(2.0 * z.size)
+
+
+def z_of(a: NDArray[np.float64], b: NDArray[np.float64], tile: tuple[int, int]) -> NDArray[np.float64]:
+    """Welch's z of the means of tiles over pictures [n, h, w], on the scale of a normal distribution."""
+    tiles = [
+        images.reshape(len(images), images.shape[1] // tile[0], tile[0], images.shape[2] // tile[1], tile[1])
+        .mean(axis=(2, 4))
+        .reshape(len(images), -1)
+        for images in (a, b)
+    ]
+    variance = sum(each.var(axis=0, ddof=1) / len(each) for each in tiles)
+    t = (tiles[0].mean(axis=0) - tiles[1].mean(axis=0)) / np.sqrt(variance + 1e-12)
+    degrees = 2.0 * (len(a) - 1)
+    return t * np.sqrt((degrees - 2.0) / degrees)

@@ -1,0 +1,91 @@
+"""Streams that show differences to what never moves: when they do, and that it changes no more than the noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import tiscene as ts
+from tests.render.test_replay import check_equal_means
+from tests.test_stream import moving_scenario
+from tiscene.render.integrators.replay import ReplayPass
+
+SMALL = {"width": 32, "height": 24, "spp": 2, "max_depth": 3, "buffers": ("hdr",)}
+
+
+@pytest.fixture
+def prepared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many instances moved, of every frame that was a difference."""
+    seen: list[int] = []
+    prepare = ReplayPass.prepare
+
+    def noted(self, view, placement, moving, **others):  # type: ignore[no-untyped-def]
+        seen.append(int((placement.present[1] & moving).sum()))
+        return prepare(self, view, placement, moving, **others)
+
+    monkeypatch.setattr(ReplayPass, "prepare", noted)
+    return seen
+
+
+def test_short_streams_are_not_worth_it(prepared: list[int]) -> None:
+    for frames, wanted in ((None, True), (50, True), (49, False)):
+        assert ts.Stream(moving_scenario(), frames=frames, **SMALL).differential == wanted
+    ts.Stream(moving_scenario(), frames=3, **SMALL)[1]
+    assert prepared == []
+    ts.Stream(moving_scenario(), frames=3, differential=True, **SMALL)[1]
+    assert len(prepared) == 1
+
+
+def test_what_rests_is_in_the_base_until_it_is_touched(prepared: list[int]) -> None:
+    """An edit that touches it takes it out from its own frame on, whatever is asked for first."""
+    scenario = moving_scenario()
+    resting = ts.Object("rests", "Sphere", (0.5, 0.0, -0.5))
+    stream = ts.Stream(replace(scenario, objects=[scenario.objects[0], resting]), **SMALL)
+    before = stream[5].hdr
+    stream.seek(4)
+    stream.world.move("rests", (0.4, 0.3, 0.0))
+    after = stream[5].hdr
+    assert (before != after).any()
+    assert (stream[3].hdr == ts.Stream(stream.scenario, **SMALL)[3].hdr).all()
+    assert (stream[5].hdr == after).all()
+    parts = np.diff(prepared)
+    assert prepared[0] == prepared[2] < prepared[1] == prepared[-1]
+    assert parts.any()
+
+
+def test_no_difference_where_nothing_moves_or_the_camera_does(prepared: list[int]) -> None:
+    scenario = moving_scenario()
+    still = ts.Stream(replace(scenario, objects=[ts.Object("rests", "Sphere")]), **SMALL)
+    assert (still[0].hdr != still[1].hdr).any()
+    turning = replace(scenario.camera, dynamic=ts.Orbit(period=4.0))
+    ts.Stream(replace(scenario, camera=turning), **SMALL)[4]
+    assert prepared == []
+
+
+def test_settings_tell_differential_streams_apart() -> None:
+    plain, differential = (ts.Stream(moving_scenario(), differential=way, **SMALL) for way in (False, True))
+    with pytest.raises(ts.TisceneError, match="differential"):
+        plain.load_state_dict(differential.state_dict())
+
+
+def test_same_expectation_as_path_tracing() -> None:
+    """Over independent seeds, of all pixels and of tiles; textures, glass and metal of real templates."""
+
+    def pictures(way: bool, spp: int) -> list[NDArray[np.float32]]:
+        settings = {**SMALL, "spp": spp, "differential": way}
+        return [ts.Stream(moving_scenario(), **settings, seed=seed)[6].hdr for seed in range(6)]
+
+    check_equal_means(np.stack(pictures(True, 4)), np.stack(pictures(False, 32)))
+
+
+def test_what_is_made_is_reported() -> None:
+    said: list[tuple[str, float]] = []
+    stream = ts.Stream(moving_scenario(), **SMALL, seed=99, report=lambda doing, done: said.append((doing, done)))
+    stream[0]
+    assert [doing for doing, _ in said] == ["base image", "paths", "paths"]
+    assert said[-1][1] == 1.0
+    stream[1]
+    assert len(said) == 3
