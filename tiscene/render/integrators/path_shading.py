@@ -36,7 +36,7 @@ vec3 = ti.math.vec3
 # Lights are not in the tree of surfaces: rays are tested against each of them, shadow rays too, so that a light hides
 # what is behind it however a path gets there. One that lies on a surface wins over it, by this part of the distance.
 LIGHT_FRONT = 1e-4
-RUSSIAN_ROULETTE_DEPTH = 3
+RUSSIAN_ROULETTE_DEPTH = 2
 # Directions less dense than this, 1/sr, read textures without detail: a cosine's is 0.3, that of a gloss 3 and more.
 DETAIL_DENSITY = 1.0
 LARGEST_SURVIVAL = 0.95
@@ -279,7 +279,8 @@ def shade(
                             state[i, RELATIVE_IOR2] = ior2
                         survival = 1.0
                         if depth >= RUSSIAN_ROULETTE_DEPTH:
-                            survival = ti.min(throughput_onward.max() * ior2, LARGEST_SURVIVAL)
+                            # The root: least cost times error, as what a path yet brings varies more than its weight.
+                            survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), LARGEST_SURVIVAL)
                         if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
                             goes_on = True
                             write3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
