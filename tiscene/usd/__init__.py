@@ -10,6 +10,7 @@ from tiscene.usd.label import check_taxonomy
 from tiscene.usd.lifted import RemainingReader, lifted_templates
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import root_context
+from tiscene.usd.skinning import bake_skinning
 from tiscene.usd.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.template import read_template, stage_templates
 
@@ -41,9 +42,10 @@ def read_stage(
     """
     with quiet(), readable(path):
         stage = open_stage(path, variants)
-        report = Report(str(path))
+        report = Report(str(path), plays=time_code is None)
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
+        bake_skinning(stage, time, report)
         reader = RemainingReader(stage, time, report, lifted, taxonomy)
         reader.walk(stage.GetPseudoRoot(), root_context(stage))
         templates = (

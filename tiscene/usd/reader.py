@@ -26,6 +26,7 @@ from tiscene.usd.light import LightReader, is_light
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh_table import MeshTable, is_drawable
 from tiscene.usd.problems import Report
+from tiscene.usd.skinning import is_unskinned
 from tiscene.usd.texture import TextureTable
 from tiscene.usd.things import Thing, ThingTable, collides, is_rigid_body
 from tiscene.usd.transform import fault, to_matrix
@@ -170,7 +171,7 @@ class StageReader:
         mesh = self._meshes.row(prim, emitter)
         if mesh is None:
             return
-        if UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasAuthoredValue():
+        if is_unskinned(prim):
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
         wrong = fault(matrix)

@@ -12,6 +12,7 @@ from tiscene.scene.parts import as_one
 from tiscene.usd.label import inherited_label, name_label
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import UNDEFINED_TOO, Context, StageReader
+from tiscene.usd.skinning import bake_skinning
 from tiscene.usd.stage import open_stage, quiet, readable, reading_time
 
 TEMPLATES_PRIM = "/Templates"
@@ -32,6 +33,7 @@ def read_template(
     with quiet(), readable(path):
         stage = open_stage(path)
         report = Report(str(path))
+        bake_skinning(stage, reading_time(stage, None), report)
         prim = root_prim(stage)
         if not prim:
             report.problem("/", "template", "the file has no default prim, so that it is unclear what to spawn")

@@ -1,0 +1,87 @@
+"""Meshes that skeletons pose."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import STAGES, write
+from tiscene.errors import StageWarning
+from tiscene.usd import read_stage, read_template
+
+BENT = [(0, 0, 0), (1, 0, 0), (-1, 2, 0), (-1, 1, 0)]  # the upper joint, at (0, 1), turned by a quarter about z
+
+
+def posed(path, **options):
+    """The only mesh's points in the world."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)
+        description = read_stage(path, **options)
+    (instance,) = description.instances
+    points = description.meshes[instance.mesh].positions
+    return points @ instance.world_from_object[:3, :3].T + instance.world_from_object[:3, 3]
+
+
+@pytest.mark.parametrize(
+    ("time", "expected"),
+    [
+        (10.0, BENT),
+        (0.0, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)]),
+        (None, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)]),
+    ],
+)
+def test_linear_blend_skinning(time, expected):
+    """A mesh that stands 5 to the right of its skeleton follows it all the same: it is bound in the skeleton's space."""
+    np.testing.assert_allclose(posed(STAGES / "skinned.usda", time_code=time), expected, atol=1e-6)
+
+
+def test_halfway_between_poses():
+    """The joint turned by 45 degrees; USD interpolates quaternions on the sphere."""
+    root = np.sqrt(0.5)
+    expected = [(0, 0, 0), (1, 0, 0), (0, 1 + 2 * root, 0), (-root, 1 + root, 0)]
+    np.testing.assert_allclose(posed(STAGES / "skinned.usda", time_code=5.0), expected, atol=1e-6)
+
+
+def test_what_is_animated_is_named_unless_a_moment_is_asked_for():
+    with pytest.warns(StageWarning, match="the pose of a skeleton has time samples.*</Arm>"):
+        read_stage(STAGES / "skinned.usda")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_stage(STAGES / "skinned.usda", time_code=10.0)
+
+
+def test_instances_are_posed(tmp_path):
+    body = f"""
+def "A" (instanceable = true
+    prepend references = @{STAGES / "skinned.usda"}@</Arm>)
+{{
+}}
+def "B" (instanceable = true
+    prepend references = @{STAGES / "skinned.usda"}@</Arm>)
+{{
+    double3 xformOp:translate = (0, 0, 7)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+"""
+    path = write(
+        tmp_path, body.replace("(instanceable = true\n", "(\n    instanceable = true\n").replace("</Arm>)", "</Arm>\n)")
+    )
+    a, b = (each for each in read_stage(path, time_code=10.0).instances)
+    np.testing.assert_allclose(b.world_from_object[:3, 3] - a.world_from_object[:3, 3], (0, 0, 7))
+    assert a.mesh == b.mesh
+
+
+def test_templates_are_posed(tmp_path):
+    text = (STAGES / "skinned.usda").read_text().replace("startTimeCode = 0", "startTimeCode = 10")
+    (tmp_path / "arm.usda").write_text(text)
+    with pytest.warns(StageWarning, match="the pose of a skeleton"):
+        template = read_template(tmp_path / "arm.usda")
+    np.testing.assert_allclose(template.description.bounds(), [(-1, 0, 0), (1, 2, 0)], atol=1e-6)
+
+
+def test_no_file_is_changed():
+    before = (STAGES / "skinned.usda").read_bytes()
+    posed(STAGES / "skinned.usda", time_code=10.0)
+    assert (STAGES / "skinned.usda").read_bytes() == before
