@@ -34,6 +34,7 @@ EXPORT = {"tiscene", "tiscene.errors", "tiscene.frame", "tiscene.stream"}
 MAY_IMPORT = {
     "dynamics": set(),
     "usd_scenes": set(),
+    "usd_scenes.sheet": {"usd_scenes", "tiscene", "tiscene.catalog", "tiscene.commands"},
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
     "tiscene.device": {"tiscene.errors"},
@@ -48,6 +49,7 @@ MAY_IMPORT = {
     "tiscene.edits": {"tiscene.camera", "dynamics"},
     "tiscene.scenario": {
         "tiscene.edits",
+        "tiscene.light_motion",
         "tiscene.errors",
         "tiscene.camera",
         "tiscene.scenario_json",
@@ -60,14 +62,21 @@ MAY_IMPORT = {
     "tiscene.difficulty": {"tiscene.errors", "dynamics"},
     "tiscene.sampling": SCENE
     | {"tiscene.difficulty", "tiscene.free_space", "tiscene.usd", "tiscene.catalog", "dynamics"},
-    "tiscene.inventory": SCENE | {"tiscene.edits", "tiscene.scenario"},
+    "tiscene.in_view": {"tiscene.camera"},
+    "tiscene.light_motion": {"dynamics"},
+    "tiscene.lighting": SCENE | {"tiscene.light_motion"},
+    "tiscene.inventory": SCENE | {"tiscene.edits", "tiscene.lighting", "tiscene.scenario"},
+    "tiscene.stage_things": SCENE | {"dynamics", "tiscene.edits", "tiscene.inventory"},
     "tiscene.motion": SCENE | {"dynamics", "tiscene.edits", "tiscene.scenario"},
     "tiscene.world": SCENE
     | {
         "tiscene.edits",
         "tiscene.events",
+        "tiscene.in_view",
         "tiscene.inventory",
+        "tiscene.lighting",
         "tiscene.motion",
+        "tiscene.stage_things",
         "dynamics",
         "tiscene.scenario",
         "tiscene.catalog",
@@ -86,7 +95,7 @@ ONLY_IN = {
     "pxr": ("tiscene/usd/", "usd_scenes/author/"),
     "pyoidn": ("tiscene/render/",),
     "OpenEXR": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/"),
-    "PIL": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/"),
+    "PIL": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/", "usd_scenes/sheet.py"),
     "rich": ("tiscene/commands/",),
     "trimesh": ("tiscene/usd/", "usd_scenes/author/"),
 }

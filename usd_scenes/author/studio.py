@@ -67,9 +67,9 @@ def _cove(stage: Usd.Stage, radius: float) -> None:
 
 def _lights(stage: Usd.Stage, radius: float) -> None:
     for name, at, size, radiance, color in (
-        ("Key", (-3.2, 3.6, 2.6), 2.6, 9.0, (1.0, 0.95, 0.89)),
-        ("Fill", (4.2, 1.8, 2.4), 2.4, 1.6, (0.90, 0.95, 1.0)),
-        ("Rim", (2.0, 4.0, -3.4), 1.6, 8.0, (1.0, 0.98, 0.95)),
+        ("Key", (-3.2, 3.6, 2.6), 2.4, 12.0, (1.0, 0.95, 0.89)),
+        ("Fill", (4.2, 1.8, 2.4), 2.4, 0.9, (0.90, 0.95, 1.0)),
+        ("Rim", (2.0, 4.0, -3.4), 1.6, 9.0, (1.0, 0.98, 0.95)),
     ):
         light = UsdLux.RectLight.Define(stage, f"/Studio/{name}")
         light.CreateWidthAttr(size * radius)
@@ -81,7 +81,7 @@ def _lights(stage: Usd.Stage, radius: float) -> None:
         pitch = math.degrees(math.atan2(-y + 0.5, math.hypot(x, z)))
         light.AddRotateXYZOp().Set(Gf.Vec3f(pitch, math.degrees(math.atan2(x, z)), 0.0))
     dome = UsdLux.DomeLight.Define(stage, "/Studio/Room")
-    dome.CreateIntensityAttr(0.32)
+    dome.CreateIntensityAttr(0.24)
 
 
 def _camera(stage: Usd.Stage, size: Array) -> None:

@@ -73,6 +73,21 @@ def _painted_pillow() -> Thing:
     return thing("Pillow01", "pillow", ("Cover", "ScribbleCotton", cover))
 
 
+def _novel() -> Thing:
+    """A hardback with a gilt frame and title on its front."""
+    book = small.book("Book01", 0, 0.15, 0.22, 0.034)
+    lines = [
+        (0.118, 0.0012, 0.0, 0.094),
+        (0.118, 0.0012, 0.0, -0.094),
+        (0.0012, 0.188, 0.0585, 0.0),
+        (0.0012, 0.188, -0.0585, 0.0),
+    ]
+    lines += [(0.074, 0.0085, 0.0, -0.055), (0.052, 0.0085, 0.0, -0.040), (0.034, 0.0045, 0.0, 0.072)]
+    gilt = [rounded_box((width, 0.0003, depth), 0.0001).moved(x, 0.0341, z) for width, depth, x, z in lines]
+    gilt.append(lathe(fillet([[0.016, 0.0], [0.020, 0.0003], [0.024, 0.0]], 0.0), 40).moved(0.0, 0.0340, 0.016))
+    return thing("Book01", "book", *((part.name, part.look, part.mesh) for part in book.parts), ("Gilt", "Brass", gilt))
+
+
 def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
     """Colours of pottery, the first of them given."""
     glazes = {"stoneware": "Stoneware", "blue": "BlueGlaze", "cream": "CreamGlaze", "green": "GreenGlaze"}
@@ -83,12 +98,6 @@ ENAMELS = {each: {"EnamelRed": f"Enamel{each.title()}"} for each in ("red", "blu
 CUTLERY = {"steel": {}, "gold": {"Steel": "Brass"}, "black": {"Steel": "BlackSteel"}}
 
 TEMPLATES: dict[str, Template] = {
-    "cylinder": _primitive("Cylinder", "blue", lambda: cylinder(0.15, 0.5, 0.006, 64)),
-    "cube": _primitive("Cube", "red", lambda: rounded_box((0.4, 0.4, 0.4), 0.008, 3)),
-    "sphere": _primitive("Sphere", "yellow", lambda: sphere(0.2, 64)),
-    "capsule": _primitive("Capsule", "green", _capsule),
-    "cone": _primitive("Cone", "orange", _cone),
-    "torus": _primitive("Torus", "teal", _torus),
     "chair_01": Template(
         lambda: seating.chair("Chair01"),
         {
@@ -96,6 +105,27 @@ TEMPLATES: dict[str, Template] = {
             "oak": {"Chestnut": "Oak"},
             "walnut": {"Chestnut": "Walnut"},
             "white": {"Chestnut": "TrimPaint"},
+        },
+    ),
+    "chair_02": Template(
+        lambda: seating.shell_chair("Chair02"),
+        {each: {"ShellWhite": f"Shell{each.title()}"} for each in ("white", "teal", "mustard", "black")},
+    ),
+    "armchair_01": Template(
+        lambda: seating.armchair("Armchair01"),
+        {
+            "cognac": {},
+            "black": {"Leather": "LeatherBlack"},
+            "green": {"Leather": "LeatherGreen", "Walnut": "Oak"},
+        },
+    ),
+    "sofa_01": Template(
+        lambda: seating.settee("Sofa01"),
+        {
+            "grey": {},
+            "mustard": {"SofaWool": "Mustard", "Mustard": "Cream"},
+            "rust": {"SofaWool": "Rust", "Mustard": "Cream"},
+            "slate": {"SofaWool": "ThrowWool"},
         },
     ),
     "pillow_01": Template(
@@ -106,6 +136,37 @@ TEMPLATES: dict[str, Template] = {
             "teal": {"ScribbleCotton": "PillowTeal"},
             "rust": {"ScribbleCotton": "PillowRust"},
         },
+    ),
+    "pouf_01": Template(
+        lambda: seating.pouf("Pouf01"), {"rust": {}, "mustard": {"Rust": "Mustard"}, "cream": {"Rust": "Cream"}}
+    ),
+    "lamp_floor_01": Template(
+        lambda: lamps.tripod_lamp("LampFloor01"),
+        {
+            "linen": {},
+            "red": {"LampShade": "ShadeRed", "Oak": "Walnut"},
+            "blue": {"LampShade": "ShadeBlue", "Oak": "BlackMetal"},
+        },
+    ),
+    "painting_01": Template(
+        lambda: small.hanging_picture("Painting01"),
+        {
+            "landscape": {},
+            "coast": {"Landscape": "Coast", "Oak": "BlackMetal"},
+            "abstract": {"Landscape": "AbstractWarm", "Oak": "Walnut"},
+        },
+    ),
+    "statue_01": Template(
+        lambda: small.sculpture("Statue01"),
+        {
+            "stone": {},
+            "bronze": {"PaleStone": "Bronze"},
+            "black": {"PaleStone": "BlackMetal", "BlackMetal": "PaleStone"},
+        },
+    ),
+    "plant_01": Template(
+        lambda: plants.snake_plant("Plant01"),
+        {"clay": {}, "white": {"Terracotta": "Porcelain"}, "blue": {"Terracotta": "BlueGlaze"}},
     ),
     "dish_01": Template(
         lambda: tableware.dish("Dish01"),
@@ -118,23 +179,16 @@ TEMPLATES: dict[str, Template] = {
     "bowl_01": Template(lambda: tableware.bowl("Bowl01"), _glazes("Stoneware", "stoneware")),
     "cup_01": Template(lambda: tableware.cup("Cup01"), _glazes("BlueGlaze", "blue")),
     "ewer_01": Template(lambda: tableware.ewer("Ewer01"), _glazes("CreamGlaze", "cream")),
-    "book_01": Template(
-        lambda: small.book("Book01", 0, 0.15, 0.22, 0.034),
-        {each: {"Spines": f"Spines{each.title()}"} for each in ("red", "blue", "green", "cream")},
-    ),
+    "fork_01": Template(lambda: cutlery.fork("Fork01"), CUTLERY),
+    "spoon_01": Template(lambda: cutlery.spoon("Spoon01"), CUTLERY),
+    "pot_01": Template(lambda: kitchen.pot("Pot01"), ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
     "candle_01": Template(
         lambda: small.candle("Candle01"),
         {"ivory": {}, "red": {"Candle": "CandleRed"}, "green": {"Candle": "CandleGreen"}},
     ),
-    "fork_01": Template(lambda: cutlery.fork("Fork01"), CUTLERY),
-    "spoon_01": Template(lambda: cutlery.spoon("Spoon01"), CUTLERY),
-    "statue_01": Template(
-        lambda: small.sculpture("Statue01"),
-        {
-            "stone": {},
-            "bronze": {"PaleStone": "Bronze"},
-            "black": {"PaleStone": "BlackMetal", "BlackMetal": "PaleStone"},
-        },
+    "book_01": Template(
+        _novel,
+        {each: {"Spines": f"Spines{each.title()}"} for each in ("red", "blue", "green", "cream")},
     ),
     "laptop_01": Template(
         lambda: small.laptop("Laptop01"),
@@ -144,61 +198,20 @@ TEMPLATES: dict[str, Template] = {
             "gold": {"Aluminium": "RoseGold", "Steel": "RoseGold"},
         },
     ),
-    "remote_controller_01": Template(
-        lambda: small.remote("RemoteController01"),
-        {
-            "black": {},
-            "white": {"BlackPlastic": "WhitePlastic"},
-            "grey": {"BlackPlastic": "GreyPlastic", "GreyPlastic": "BlackPlastic"},
-        },
-    ),
-    "ball_01": Template(
-        lambda: small.beach_ball("Ball01"),
-        {
-            "primary": {},
-            "pastel": {"BallRed": "BallPink", "BallBlue": "BallMint", "BallYellow": "BallSky"},
-            "red": {"BallBlue": "BallRed", "BallYellow": "BallRed"},
-        },
-        elementary=True,
-    ),
-    "tennis_racket_01": Template(
-        lambda: small.tennis_racket("TennisRacket01"),
-        {
-            "red": {},
-            "blue": {"RacketFrame": "RacketBlue"},
-            "black": {"RacketFrame": "RacketBlack", "RacketWhite": "RacketLime"},
-        },
-    ),
-    "armchair_01": Template(
-        lambda: seating.armchair("Armchair01"),
-        {
-            "cognac": {},
-            "black": {"Leather": "LeatherBlack"},
-            "green": {"Leather": "LeatherGreen", "Walnut": "Oak"},
-        },
-    ),
-    "pouf_01": Template(
-        lambda: seating.pouf("Pouf01"), {"rust": {}, "mustard": {"Rust": "Mustard"}, "cream": {"Rust": "Cream"}}
-    ),
-    "chair_02": Template(
-        lambda: seating.shell_chair("Chair02"),
-        {each: {"ShellWhite": f"Shell{each.title()}"} for each in ("white", "teal", "mustard", "black")},
-    ),
-    "sofa_01": Template(
-        lambda: seating.settee("Sofa01"),
-        {
-            "grey": {},
-            "mustard": {"SofaWool": "Mustard", "Mustard": "Cream"},
-            "rust": {"SofaWool": "Rust", "Mustard": "Cream"},
-            "slate": {"SofaWool": "ThrowWool"},
-        },
-    ),
     "cellphone_01": Template(
         lambda: desk.cellphone("Cellphone01"),
         {
             "graphite": {},
             "rose": {"PhoneCase": "PhoneRose", "Aluminium": "PhoneRose"},
             "silver": {"PhoneCase": "PhoneSilver"},
+        },
+    ),
+    "remote_controller_01": Template(
+        lambda: small.remote("RemoteController01"),
+        {
+            "black": {},
+            "white": {"BlackPlastic": "WhitePlastic"},
+            "grey": {"BlackPlastic": "GreyPlastic", "GreyPlastic": "BlackPlastic"},
         },
     ),
     "pen_01": Template(
@@ -217,22 +230,6 @@ TEMPLATES: dict[str, Template] = {
         lambda: desk.recycle_bin("RecycleBin02"),
         {each: {"BinBlue": f"Bin{each.title()}"} for each in ("blue", "green", "grey")},
     ),
-    "painting_01": Template(
-        lambda: small.hanging_picture("Painting01"),
-        {
-            "landscape": {},
-            "coast": {"Landscape": "Coast", "Oak": "BlackMetal"},
-            "abstract": {"Landscape": "AbstractWarm", "Oak": "Walnut"},
-        },
-    ),
-    "lamp_floor_01": Template(
-        lambda: lamps.tripod_lamp("LampFloor01"),
-        {
-            "linen": {},
-            "red": {"LampShade": "ShadeRed", "Oak": "Walnut"},
-            "blue": {"LampShade": "ShadeBlue", "Oak": "BlackMetal"},
-        },
-    ),
     "towel_01": Template(
         lambda: bath.towel("Towel01"),
         {each: {"TowelBlue": f"Towel{each.title()}"} for each in ("blue", "white", "rose", "sage")},
@@ -249,7 +246,23 @@ TEMPLATES: dict[str, Template] = {
         lambda: bath.plunger("Plunger01"),
         {each: {"RubberRed": f"Rubber{each.title()}"} for each in ("red", "black", "green")},
     ),
-    "pot_01": Template(lambda: kitchen.pot("Pot01"), ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
+    "tennis_racket_01": Template(
+        lambda: small.tennis_racket("TennisRacket01"),
+        {
+            "red": {},
+            "blue": {"RacketFrame": "RacketBlue"},
+            "black": {"RacketFrame": "RacketBlack", "RacketWhite": "RacketLime"},
+        },
+    ),
+    "ball_01": Template(
+        lambda: small.beach_ball("Ball01"),
+        {
+            "primary": {},
+            "pastel": {"BallRed": "BallPink", "BallBlue": "BallMint", "BallYellow": "BallSky"},
+            "red": {"BallBlue": "BallRed", "BallYellow": "BallRed"},
+        },
+        elementary=True,
+    ),
     "teddy_bear_01": Template(
         lambda: toys.teddy_bear("TeddyBear01"),
         {
@@ -258,10 +271,12 @@ TEMPLATES: dict[str, Template] = {
             "grey": {"PlushBrown": "PlushGrey", "PlushTan": "PlushCream"},
         },
     ),
-    "plant_01": Template(
-        lambda: plants.snake_plant("Plant01"),
-        {"clay": {}, "white": {"Terracotta": "Porcelain"}, "blue": {"Terracotta": "BlueGlaze"}},
-    ),
+    "cube": _primitive("Cube", "red", lambda: rounded_box((0.4, 0.4, 0.4), 0.008, 3)),
+    "sphere": _primitive("Sphere", "yellow", lambda: sphere(0.2, 64)),
+    "cylinder": _primitive("Cylinder", "blue", lambda: cylinder(0.15, 0.5, 0.006, 64)),
+    "capsule": _primitive("Capsule", "green", _capsule),
+    "cone": _primitive("Cone", "orange", _cone),
+    "torus": _primitive("Torus", "teal", _torus),
 }
 
 

@@ -150,7 +150,7 @@ def scribble(size: int, seed: int) -> Array:
         start, end = rng.uniform(0.05, 0.95, 2), rng.uniform(0.05, 0.95, 2)
         bend, width = rng.normal(0.0, 0.25, 2), rng.uniform(0.012, 0.024)
         nearest = np.full((size, size), 9.0)
-        for t in np.linspace(0.0, 1.0, 48):
+        for t in np.linspace(0.0, 1.0, 160):
             point = start + t * (end - start) + np.sin(np.pi * t) * bend
             nearest = np.minimum(nearest, np.hypot(u - point[0], v - point[1]))
         picture = mix(picture, color, 0.92 * smoothstep(width + 0.004, width - 0.004, nearest))

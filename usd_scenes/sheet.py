@@ -1,0 +1,86 @@
+"""Pictures of all templates on one sheet, and of some in their colours and appearances.
+
+`python -m usd_scenes.sheet [FILE ...]` writes docs/images/templates.jpg and template_variants.jpg, or what is named.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+import tiscene as ts
+from tiscene.catalog import find_template, template_name
+from tiscene.commands.progress import progress
+from usd_scenes.author import studio
+from usd_scenes.author.templates import APPEARANCES, TEMPLATES
+
+IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
+VARIED = ("chair_01", "armchair_01", "book_01", "alarm_clock_01", "teddy_bear_01", "plant_01")
+PAPER, INK = (16, 17, 21), (236, 236, 230)
+GAP = 4  # px between tiles
+Picture = NDArray[np.uint8]
+
+
+def photograph(
+    template: str, size: int, *, yaw: float = 28.0, spp: int = 64, variants: Mapping[str, str] | None = None
+) -> Picture:
+    """The template of that folder in the studio, [size, size, 3]. yaw, variants: as of `studio.write`."""
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Path(folder) / "studio.usda"
+        studio.write(find_template(template_name(template)), stage, yaw=yaw, variants=variants)
+        stream = ts.Stream(str(stage), width=size, height=size, quality="photo", spp=spp, buffers=("rgb",))
+        picture: Picture = stream[0].rgb
+    return picture
+
+
+def all_templates(size: int = 232, columns: int = 8) -> Picture:
+    """Every template under its name."""
+    tiles = []
+    with progress("templates", len(TEMPLATES)) as step:
+        for folder in TEMPLATES:
+            tiles.append((template_name(folder), photograph(folder, size)))
+            step()
+    return _sheet(tiles, columns)
+
+
+def template_variants(size: int = 232) -> Picture:
+    """A row for each of some templates: the first three colours, then untextured and of primitives."""
+    tiles = []
+    with progress("variants", 5 * len(VARIED)) as step:
+        for folder in VARIED:
+            choices = [("color", color) for color in list(TEMPLATES[folder].colors)[:3]]
+            choices += [("appearance", appearance) for appearance in APPEARANCES[1:]]
+            for name, choice in choices:
+                caption = f"{template_name(folder)}: {choice}"
+                tiles.append((caption, photograph(folder, size, variants={name: choice})))
+                step()
+    return _sheet(tiles, 5)
+
+
+def _sheet(tiles: list[tuple[str, Picture]], columns: int) -> Picture:
+    """Pictures of one size side by side, each with its caption below."""
+    size, line = tiles[0][1].shape[0], 20
+    rows = -(-len(tiles) // columns)
+    sheet = Image.new("RGB", (columns * (size + GAP) + GAP, rows * (size + line + GAP) + GAP), PAPER)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
+    for place, (caption, picture) in enumerate(tiles):
+        x, y = GAP + place % columns * (size + GAP), GAP + place // columns * (size + line + GAP)
+        sheet.paste(Image.fromarray(picture), (x, y))
+        draw.text((x + 4, y + size + 2), caption, INK, font)
+    return np.asarray(sheet)
+
+
+SHEETS: dict[str, Callable[[], Picture]] = {
+    "templates.jpg": all_templates,
+    "template_variants.jpg": template_variants,
+}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or SHEETS:
+        Image.fromarray(SHEETS[name]()).save(IMAGES / name, quality=88)
