@@ -115,6 +115,19 @@ def test_a_textured_floor_shows_its_texture() -> None:
     assert image.normal[32, 32] == pytest.approx([0.0, 0.0, 1.0], abs=1e-5)
 
 
+def test_detail_finer_than_a_pixel_does_not_shimmer() -> None:
+    """A chequered floor seen from afar is grey with one sample a pixel."""
+    pixels = np.zeros((512, 512, 4), np.uint8)
+    pixels[np.indices((512, 512)).sum(axis=0) % 2 == 0] = 255
+    plate = quad((-20.0, 0.0, 20.0), (20.0, 0.0, 20.0), (20.0, 0.0, -20.0), (-20.0, 0.0, -20.0))
+    floor = matte("floor", TextureLookup(0, uv_transform=(8.0, 0.0, 0.0, 0.0, 8.0, 0.0)))
+    camera = Camera.look_at((0.0, 6.0, 0.0), (0.0, 0.0, -9.0), vertical_fov=0.4)
+    scene = described([plate], [floor], [SKY], [Texture("t", pixels, "raw")])
+    albedo = render(scene, camera, (64, 48), spp=1, max_depth=2).albedo[..., 0]
+    assert albedo.mean() == pytest.approx(0.5, abs=0.01)
+    assert albedo.std() < 0.1  # of single pixels of the image it would be 0.5
+
+
 @pytest.mark.parametrize(
     "partly",
     [

@@ -1,12 +1,12 @@
-"""Bilinear lookups: values, wraps, encodings, the direction of v."""
+"""Lookups: values, wraps, encodings, the direction of v; smaller copies, and one pixel at random."""
 
 import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene.render.textures import Textures, lookup, lookup_coarse
+from tiscene.render.textures import Textures, level_of, lookup, lookup_one
 from tiscene.scene.description import Texture
-from tiscene.scene.texture_atlas import COARSE, HEIGHT, WIDTH, TextureAtlas, coarse_copy, linear_pixels
+from tiscene.scene.texture_atlas import COARSER, HEIGHT, LEVELS, WIDTH, TextureAtlas, coarser_copies, linear_pixels
 
 Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -86,42 +86,85 @@ def test_far_outside_still_repeats() -> None:
 
 
 @ti.kernel
-def look_up_coarse(info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, uv: Floats2, values: Floats2):
+def look_up_one(
+    info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, area: ti.f32, uv: Floats2, u: Floats2, values: Floats2
+):
     textures = ti.static(Textures(info, words, floats))
     for i in range(uv.shape[0]):
-        value = lookup_coarse(textures, row, ti.math.vec2(uv[i, 0], uv[i, 1]))
+        numbers = ti.math.vec3(u[i, 0], u[i, 1], u[i, 2])
+        value = lookup_one(textures, row, ti.math.vec2(uv[i, 0], uv[i, 1]), area, numbers)
         for c in ti.static(range(4)):
             values[i, c] = value[c]
 
 
-@pytest.mark.parametrize("encoding", ["srgb", "raw"])
-@pytest.mark.parametrize("size", [(256, 128), (200, 90), (3, 5)])
-def test_coarse_lookups_are_means_of_what_is_there(size: tuple[int, int], encoding: str) -> None:
+def looked_up_one(atlas: TextureAtlas, row: int, uv: np.ndarray, area: float, seed: int = 1) -> np.ndarray:
+    values = np.empty((len(uv), 4), np.float32)
+    u = np.random.default_rng(seed).random((len(uv), 3), np.float32)
+    look_up_one(*atlas.arrays(), row, area, np.ascontiguousarray(uv, np.float32), u, values)
+    return values
+
+
+@pytest.mark.parametrize("kind", ["srgb", "raw", "float"])
+def test_the_mean_of_single_pixels_is_the_interpolated_value(kind: str) -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (5, 7, 4)).astype(np.uint8)
+    values = pixels.astype(np.float32) / 255.0 if kind == "float" else pixels
+    texture = Texture("t", values, encoding="raw" if kind == "float" else kind, wrap_s="mirror")
+    atlas = TextureAtlas()
+    atlas.append([texture])
+    for place in ((0.31, 0.62), (0.02, 0.99), (-1.3, 2.2)):
+        uv = np.tile([place], (40_000, 1))
+        mean = looked_up_one(atlas, 0, uv, 0.0).mean(axis=0)
+        assert mean == pytest.approx(reference(texture, uv[:1])[0], abs=0.01)
+
+
+def painted(size: tuple[int, int], encoding: str) -> Texture:
+    """A slope and noise."""
     height, width = size
     smooth = np.linspace(0, 200, height)[:, None, None] + np.linspace(0, 50, width)[None, :, None]
     noise = np.random.default_rng(5).integers(-5, 5, (height, width, 4))
-    texture = Texture("t", np.clip(smooth + noise, 0, 255).astype(np.uint8), encoding=encoding, wrap_s="repeat")
+    return Texture("t", np.clip(smooth + noise, 0, 255).astype(np.uint8), encoding=encoding)
+
+
+@pytest.mark.parametrize("encoding", ["srgb", "raw"])
+@pytest.mark.parametrize("size", [(256, 128), (200, 90), (3, 5)])
+def test_large_areas_are_looked_up_in_small_copies(size: tuple[int, int], encoding: str) -> None:
+    texture = painted(size, encoding)
     atlas = TextureAtlas()
     atlas.append([texture, Texture("other", np.zeros((70, 5, 4), np.uint8))])
     u, v = np.meshgrid((np.arange(320) + 0.5) / 320, (np.arange(320) + 0.5) / 320)
-    uv = np.stack([u.ravel() + 3.0, v.ravel()], axis=-1).astype(np.float32)
-    values = np.empty((len(uv), 4), np.float32)
-    look_up_coarse(*atlas.arrays(), 0, uv, values)
-    assert values.mean(axis=0) == pytest.approx(linear_pixels(texture).mean(axis=(0, 1)), rel=4e-3)
-    exact = linear_pixels(texture)[((1.0 - uv[:, 1]) * height).astype(int), (u.ravel() * width).astype(int)]
-    assert np.abs(values - exact).max() < 0.1  # neighbours differ by the noise and a pixel's step
-    assert len(np.unique(values[:, 0])) > min(height * width, 100) // 2
+    uv = np.stack([u.ravel() + 3.0, v.ravel()], axis=-1)
+    exact = linear_pixels(texture)[((1.0 - v) * size[0]).astype(int).ravel(), (u * size[1]).astype(int).ravel()]
+    for area in (0.0, 3.0, 40.0, 1e9):
+        values = looked_up_one(atlas, 0, uv, area)
+        assert values.mean(axis=0) == pytest.approx(linear_pixels(texture).mean(axis=(0, 1)), rel=8e-3)
+        inside = (np.abs(v - 0.5) < 0.45).ravel() & (np.abs(u - 0.5) < 0.45).ravel()
+        if min(size) > 5:
+            assert np.abs(values - exact)[inside].max() < 0.1  # neighbours differ by the noise and a pixel's step
 
 
-def test_a_coarse_copy_is_small_and_small_images_are_their_own() -> None:
+def test_copies_halve_and_small_images_have_none() -> None:
     large = Texture("large", np.full((1024, 66, 4), (10, 200, 90, 255), np.uint8))
-    copy = coarse_copy(large)
-    assert copy.pixels.shape == (64, 33, 4)
-    assert (copy.pixels == (10, 200, 90, 255)).all()
-    for texture in (copy, Texture("floats", np.zeros((100, 100, 4), np.float32))):
-        assert coarse_copy(texture) is texture
+    copies = coarser_copies(large)
+    assert [copy.pixels.shape[:2] for copy in copies] == [(512, 33), (256, 17), (128, 9), (64, 5)]
+    assert all((copy.pixels == (10, 200, 90, 255)).all() for copy in copies)
+    floats = Texture("floats", np.zeros((100, 100, 4), np.float32))
+    assert coarser_copies(copies[-1]) == coarser_copies(floats) == []
     atlas = TextureAtlas()
-    atlas.append([copy, large, copy])
+    atlas.append([floats, large, copies[-2]])
     info = atlas.arrays().info.to_numpy()
-    assert info[:, COARSE].tolist() == [0, 3, 2, 3]
-    assert info[3, [WIDTH, HEIGHT]].tolist() == [33, 64]
+    assert info[:3, LEVELS].tolist() == [0, 4, 1]
+    assert info[1:3, COARSER].tolist() == [3, 7]
+    assert info[3:, [WIDTH, HEIGHT]].tolist() == [[33, 512], [17, 256], [9, 128], [5, 64], [5, 64]]
+
+
+@ti.kernel
+def levels_of(areas: Floats1, levels: Floats1):
+    for i in range(areas.shape[0]):
+        levels[i] = level_of(areas[i])
+
+
+def test_a_level_is_half_a_binary_logarithm() -> None:
+    areas = np.geomspace(0.01, 1e6, 500).astype(np.float32)
+    levels = np.empty_like(areas)
+    levels_of(areas, levels)
+    assert levels == pytest.approx(0.5 * np.log2(areas), abs=0.05)

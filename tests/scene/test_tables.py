@@ -9,16 +9,21 @@ from tiscene.scene.light_table import CHANCE, CUMULATIVE, DOME, KIND, POINT, REC
 from tiscene.scene.material_table import (
     COVERAGE,
     DIFFUSE,
+    FIRST_LOOKUP,
     FLAGS,
     GLASS,
     GLASS_INDEX,
     IOR,
     LOOKUP_CHANNEL,
-    LOOKUP_OF,
+    LOOKUP_COUNT,
+    LOOKUP_INPUT,
+    LOOKUP_SCALED_AREA,
     LOOKUP_TEXTURE,
     LOOKUP_TRANSFORM,
+    NORMAL,
     ROUGHNESS,
     TEXTURED,
+    UNIT_NORMAL,
     MaterialTable,
 )
 from tiscene.scene.texture_atlas import HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDTH, WRAP_S, TextureAtlas, linear_pixels
@@ -41,11 +46,13 @@ def test_materials_append_and_find_their_textures() -> None:
     assert values[0, DIFFUSE : DIFFUSE + 3] == pytest.approx([0.1, 0.2, 0.3])
     assert values[0, ROUGHNESS] == 0.5
     assert values[2, IOR] == pytest.approx(1.3)
-    row = info[1, LOOKUP_OF["roughness"]]
+    assert info[:, LOOKUP_COUNT].tolist() == [0, 1, 0]
+    row = info[1, FIRST_LOOKUP]
+    assert lookups[row, LOOKUP_INPUT] == ROUGHNESS
+    assert lookups[row, LOOKUP_SCALED_AREA] == 6.0
     assert lookups[row, LOOKUP_TEXTURE] == 8
     assert lookups[row, LOOKUP_CHANNEL] == 2
     assert lookups[row, LOOKUP_TRANSFORM : LOOKUP_TRANSFORM + 6] == pytest.approx([2.0, 0.0, 0.25, 0.0, 3.0, 0.5])
-    assert info[1, LOOKUP_OF["diffuse_color"]] == -1
     assert info[:, FLAGS].tolist() == [0, TEXTURED, GLASS]
     assert info[2, GLASS_INDEX] == 0
     assert table.glass_iors == [1.3]
@@ -53,6 +60,16 @@ def test_materials_append_and_find_their_textures() -> None:
     table.append([Material("d", opacity=TextureLookup(0, "a"))], first_texture=0)
     assert table.any_coverage
     assert table.flags[3] == TEXTURED | COVERAGE
+
+
+def test_normals_of_length_1_are_known() -> None:
+    table = MaterialTable()
+    signed = TextureLookup(0, scale=(2.0, -2.0, 2.0, 1.0), bias=(-1.0, 1.0, -1.0, 0.0))
+    weak = TextureLookup(0, scale=(0.5, 0.5, 1.0, 1.0), bias=(-0.25, -0.25, 0.0, 0.0))
+    table.append([Material("a", normal=signed), Material("b", normal=weak)], first_texture=0)
+    lookups = table.arrays().lookups.to_numpy()
+    assert lookups[:, LOOKUP_INPUT].tolist() == [NORMAL, NORMAL]
+    assert lookups[:, LOOKUP_CHANNEL].tolist() == [UNIT_NORMAL, 0]
 
 
 def test_textures_are_packed_one_word_a_pixel_or_four_floats() -> None:

@@ -1,12 +1,13 @@
-"""Bilinear lookups in the texture atlas."""
+"""Lookups in the texture atlas: interpolated, or one pixel at random whose mean is that."""
 
 from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tiscene.scene.texture_atlas import COARSE, HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDTH, WRAP_S, WRAP_T, WRAPS
+from tiscene.scene.texture_atlas import COARSER, HEIGHT, IS_FLOAT, IS_SRGB, LEVELS, OFFSET, WIDTH, WRAP_S, WRAP_T, WRAPS
 
 vec2 = ti.math.vec2
+vec3 = ti.math.vec3
 vec4 = ti.math.vec4
 
 REPEAT, CLAMP, MIRROR, BLACK = range(len(WRAPS))
@@ -93,12 +94,27 @@ def lookup(textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
 
 
 @ti.func
-def lookup_coarse(textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
-    """About the image's mean around uv: the pixel there of its coarse copy."""
+def level_of(area: ti.f32) -> ti.f32:
+    """Which copy has pixels as large as so many of the image's own: half the logarithm to base 2, to a tenth."""
+    # A float's bits, read as an integer, are its logarithm but for the curve between powers of two.
+    return ti.cast(ti.bit_cast(area, ti.i32) - 0x3F800000, ti.f32) * (0.5 / (1 << 23))
+
+
+@ti.func
+def lookup_one(textures: ti.template(), row: ti.i32, uv: vec2, area: ti.f32, u: vec3) -> vec4:
+    """One pixel of the image near uv. The mean over u, uniform in [0, 1)^3, is what interpolation between pixels and
+    between copies would give (Pharr et al., "Filtering After Shading with Stochastic Texture Filtering", 2024).
+
+    area: how much of the image is meant, in pixels.
+    """
     info = ti.static(textures.info)
-    copy, wrap_s, wrap_t = info[row, COARSE], info[row, WRAP_S], info[row, WRAP_T]
+    copy, wrap_s, wrap_t = row, info[row, WRAP_S], info[row, WRAP_T]
+    if area > 0.5:
+        level = ti.min(ti.cast(ti.floor(level_of(area) + u.z), ti.i32), info[row, LEVELS])
+        if level > 0:
+            copy = info[row, COARSER] + level - 1
     width, height = info[copy, WIDTH], info[copy, HEIGHT]
-    p = pixel_coordinates(uv, width, height, wrap_s, wrap_t)
+    p = pixel_coordinates(uv, width, height, wrap_s, wrap_t) + u.xy - 0.5
     x = wrapped(ti.cast(ti.floor(p.x), ti.i32), width, wrap_s)
     y = wrapped(ti.cast(ti.floor(p.y), ti.i32), height, wrap_t)
     result = vec4(0.0)

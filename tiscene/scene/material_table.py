@@ -15,9 +15,9 @@ VALUE_COLUMNS = 20
 DIFFUSE, EMISSIVE, SPECULAR, METALLIC, ROUGHNESS, CLEARCOAT, CLEARCOAT_ROUGHNESS, OPACITY = 0, 3, 6, 9, 10, 11, 12, 13
 THRESHOLD, IOR = 14, 15
 
-# Columns of `info`: flags, then the row of `lookups` of each textured input (-1 for none), then the glass index.
-INFO_COLUMNS = 12
-FLAGS = 0
+# Columns of `info`: flags; which of the glass energy tables; the first of the material's rows of `lookups`, how many.
+INFO_COLUMNS = 4
+FLAGS, GLASS_INDEX, FIRST_LOOKUP, LOOKUP_COUNT = range(INFO_COLUMNS)
 INPUTS = (
     ("diffuse_color", DIFFUSE),
     ("emissive_color", EMISSIVE),
@@ -28,13 +28,15 @@ INPUTS = (
     ("clearcoat_roughness", CLEARCOAT_ROUGHNESS),
     ("opacity", OPACITY),
 )
-LOOKUP_OF = {name: 1 + position for position, (name, _) in enumerate(INPUTS)} | {"normal": 1 + len(INPUTS)}
-GLASS_INDEX = 2 + len(INPUTS)
+NORMAL = VALUE_COLUMNS  # stands for the input without a constant
 
-# Columns of `lookups`.
-LOOKUP_COLUMNS = 16
-LOOKUP_TEXTURE, LOOKUP_CHANNEL, LOOKUP_SCALE, LOOKUP_BIAS, LOOKUP_TRANSFORM = 0, 1, 2, 6, 10
+# Columns of `lookups`. LOOKUP_INPUT: the column of `values` that it replaces, or NORMAL. LOOKUP_SCALED_AREA: by how
+# much the transform scales areas. A UNIT_NORMAL is an rgb whose length, with this scale and bias, is 1 in every pixel.
+LOOKUP_COLUMNS = 20
+LOOKUP_TEXTURE, LOOKUP_CHANNEL, LOOKUP_SCALE, LOOKUP_BIAS, LOOKUP_TRANSFORM, LOOKUP_INPUT = 0, 1, 2, 6, 10, 16
+LOOKUP_SCALED_AREA = 17
 CHANNELS = ("rgb", "r", "g", "b", "a")
+UNIT_NORMAL = len(CHANNELS)
 
 # Bits of the flags.
 SPECULAR_WORKFLOW = 1
@@ -48,7 +50,7 @@ PLAIN = 128  # matte, of constant colours and wholly there: nothing else of it n
 
 
 class MaterialArrays(NamedTuple):
-    """values: f32 [n, 20]; info: i32 [n, 12]; lookups: f32 [k, 16]; columns as named above."""
+    """values: f32 [n, 20]; info: i32 [n, 4]; lookups: f32 [k, 20]; columns as named above."""
 
     values: Any
     info: Any
@@ -133,22 +135,21 @@ class MaterialTable:
 
     def _upload(self) -> MaterialArrays:
         values = np.zeros((len(self.materials), VALUE_COLUMNS), np.float32)
-        info = np.full((len(self.materials), INFO_COLUMNS), -1, np.int32)
+        info = np.zeros((len(self.materials), INFO_COLUMNS), np.int32)
         lookups: list[list[float]] = []
         for row, material in enumerate(self.materials):
             flags = self.flags[row]
-            info[row, FLAGS] = flags
+            info[row, FLAGS], info[row, FIRST_LOOKUP] = flags, len(lookups)
             for name, column in INPUTS:
                 value = getattr(material, name)
                 if isinstance(value, TextureLookup):
-                    info[row, LOOKUP_OF[name]] = len(lookups)
-                    lookups.append(_lookup_row(value, self._first_texture[row]))
+                    lookups.append(_lookup_row(value, column, self._first_texture[row]))
                 else:
                     constant = np.atleast_1d(np.asarray(value, np.float32))
                     values[row, column : column + len(constant)] = constant
             if material.normal is not None:
-                info[row, LOOKUP_OF["normal"]] = len(lookups)
-                lookups.append(_lookup_row(material.normal, self._first_texture[row]))
+                lookups.append(_lookup_row(material.normal, NORMAL, self._first_texture[row]))
+            info[row, LOOKUP_COUNT] = len(lookups) - info[row, FIRST_LOOKUP]
             values[row, THRESHOLD] = material.opacity_threshold
             values[row, IOR] = material.ior
             if flags & GLASS:
@@ -158,11 +159,11 @@ class MaterialTable:
         )
 
 
-def _lookup_row(lookup: TextureLookup, first_texture: int) -> list[float]:
-    return [
-        first_texture + lookup.texture,
-        CHANNELS.index(lookup.channel),
-        *lookup.scale,
-        *lookup.bias,
-        *lookup.uv_transform,
-    ]
+def _lookup_row(lookup: TextureLookup, column: int, first_texture: int) -> list[float]:
+    a, b, _, c, d, _ = lookup.uv_transform
+    channel = CHANNELS.index(lookup.channel)
+    pairs = zip(lookup.scale[:3], lookup.bias[:3], strict=True)
+    if column == NORMAL and all(abs(scale) == 2.0 and scale == -2.0 * bias for scale, bias in pairs):
+        channel = UNIT_NORMAL
+    row = [first_texture + lookup.texture, channel, *lookup.scale, *lookup.bias, *lookup.uv_transform]
+    return [*row, column, abs(a * d - b * c), 0.0, 0.0]

@@ -3,7 +3,8 @@
 8-bit images stay 8-bit (one word a pixel); only float images take floats. Kernels read them through
 `tiscene.render.textures`.
 
-An image has a coarse copy, of means, for whoever could not tell single pixels apart: small enough to stay in a cache.
+An 8-bit image has copies of half, a quarter, ... of its size, of means, for whoever could not tell its single pixels
+apart (Williams, "Pyramidal Parametrics", 1983). Float images, which are skies, have none.
 """
 
 from __future__ import annotations
@@ -19,15 +20,15 @@ from numpy.typing import NDArray
 from tiscene.scene.description import Texture
 from tiscene.scene.device_array import upload
 
-INFO_COLUMNS = 8
-OFFSET, WIDTH, HEIGHT, IS_FLOAT, IS_SRGB, WRAP_S, WRAP_T, COARSE = range(8)
+INFO_COLUMNS = 9
+OFFSET, WIDTH, HEIGHT, IS_FLOAT, IS_SRGB, WRAP_S, WRAP_T, COARSER, LEVELS = range(INFO_COLUMNS)
 WRAPS = ("repeat", "clamp", "mirror", "black")
-COARSE_SIZE = 64
+SMALLEST_SIZE = 64  # what is smaller stays in a cache as it is
 
 
 class TextureArrays(NamedTuple):
-    """info: i32 [n + coarse copies, 8], columns as named above; OFFSET counts pixels within the image's own array,
-    COARSE is the row of the coarse copy (its own where there is none).
+    """info: i32 [n + copies, 9], columns as named above; OFFSET counts pixels within the image's own array, COARSER is
+    the row of the copy of half the size, LEVELS says how many copies follow each other there.
     words: i32 [p], one RGBA pixel each, red in the lowest byte.
     floats: f32 [256 + 4 q]: first the sRGB decoding table, then RGBA pixels of the float images.
     """
@@ -55,27 +56,32 @@ def linear_pixels(texture: Texture) -> NDArray[np.float32]:
     return pixels
 
 
-def coarse_copy(texture: Texture) -> Texture:
-    """An 8-bit image of at most COARSE_SIZE pixels each way, the means (of linear values) over equal parts of another.
+def coarser_copies(texture: Texture) -> list[Texture]:
+    """An 8-bit image at half its size each way, at a quarter and so on, until it is at most SMALLEST_SIZE pixels long:
+    the means of linear values over four pixels of the copy before."""
+    pixels = texture.pixels
+    if pixels.dtype != np.uint8 or max(pixels.shape[:2]) <= SMALLEST_SIZE:
+        return []
+    linear, code = _wide_codes(texture.encoding == "srgb")
+    wide = linear[pixels]
+    wide[..., 3] = pixels[..., 3] * np.uint16(257)
+    copies = []
+    while max(wide.shape[:2]) > SMALLEST_SIZE:
+        wide = np.pad(wide, ((0, wide.shape[0] % 2), (0, wide.shape[1] % 2), (0, 0)), mode="edge")
+        rows = wide[0::2].astype(np.uint32) + wide[1::2]
+        wide = ((rows[:, 0::2] + rows[:, 1::2] + 2) >> 2).astype(np.uint16)
+        copy = code[wide]
+        copy[..., 3] = (wide[..., 3] + np.uint32(128)) // 257
+        copies.append(replace(texture, pixels=copy))
+    return copies
 
-    Small images and float images are their own.
-    """
-    height, width, _ = texture.pixels.shape
-    if texture.pixels.dtype != np.uint8 or max(height, width) <= COARSE_SIZE:
-        return texture
-    levels = 65535.0 * (srgb_decoding() if texture.encoding == "srgb" else np.arange(256) / 255.0)
-    sums = np.rint(levels).astype(np.uint16)[texture.pixels]
-    sums[..., 3] = texture.pixels[..., 3] * np.uint16(257)
-    area = np.ones((1, 1, 1))
-    for axis, length in enumerate((height, width)):
-        count = -(-length // -(-length // COARSE_SIZE))  # parts of as many pixels each, if that can be
-        starts = np.arange(count) * length // count
-        sums = np.add.reduceat(sums, starts, axis=axis, dtype=np.uint32)
-        area = area * np.expand_dims(np.diff(starts, append=length), (1 - axis, 2))
-    means = sums / area
-    pixels = np.searchsorted(0.5 * (levels[1:] + levels[:-1]), means)
-    pixels[..., 3] = np.rint(means[..., 3] / 257.0)
-    return replace(texture, pixels=pixels.astype(np.uint8))
+
+@cache
+def _wide_codes(is_srgb: bool) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """The linear value, 0..65535, of every 8-bit code, and the nearest code of every such value."""
+    levels = 65535.0 * (srgb_decoding().astype(np.float64) if is_srgb else np.arange(256) / 255.0)
+    codes = np.searchsorted(0.5 * (levels[1:] + levels[:-1]), np.arange(65536))
+    return np.rint(levels).astype(np.uint16), codes.astype(np.uint8)
 
 
 class TextureAtlas:
@@ -102,14 +108,16 @@ class TextureAtlas:
         return self._arrays
 
     def _upload(self) -> TextureArrays:
-        coarse = [coarse_copy(texture) for texture in self.textures]
-        copies = [copy for copy, texture in zip(coarse, self.textures, strict=True) if copy is not texture]
-        info = np.zeros((len(self.textures) + len(copies), INFO_COLUMNS), np.int32)
-        next_copy = len(self.textures)
+        copies = [coarser_copies(texture) for texture in self.textures]
+        images = [*self.textures, *(image for chain in copies for image in chain)]
+        info = np.zeros((len(images), INFO_COLUMNS), np.int32)
+        levels = np.array([len(chain) for chain in copies], np.int32)
+        info[: len(copies), LEVELS] = levels
+        info[: len(copies), COARSER] = len(copies) + np.cumsum(levels) - levels
         words: list[NDArray[np.int32]] = []
         floats: list[NDArray[np.float32]] = [srgb_decoding()]
         words_used = floats_used = 0
-        for row, texture in enumerate([*self.textures, *copies]):
+        for row, texture in enumerate(images):
             height, width, _ = texture.pixels.shape
             is_float = texture.pixels.dtype != np.uint8
             info[row, OFFSET] = floats_used if is_float else words_used
@@ -118,10 +126,6 @@ class TextureAtlas:
             info[row, IS_SRGB] = texture.encoding == "srgb" and not is_float
             info[row, WRAP_S] = WRAPS.index(texture.wrap_s)
             info[row, WRAP_T] = WRAPS.index(texture.wrap_t)
-            info[row, COARSE] = row
-            if row < len(self.textures) and coarse[row] is not texture:
-                info[row, COARSE] = next_copy
-                next_copy += 1
             if is_float:
                 floats.append(np.asarray(texture.pixels, np.float32).reshape(-1))
                 floats_used += width * height

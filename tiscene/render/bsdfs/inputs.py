@@ -4,22 +4,25 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tiscene.render.textures import lookup, lookup_coarse
+from tiscene.render.sampler import mix
+from tiscene.render.textures import lookup, lookup_one
 from tiscene.scene.material_table import (
     CLEARCOAT,
     CLEARCOAT_ROUGHNESS,
     DIFFUSE,
     EMISSIVE,
     EMITS,
+    FIRST_LOOKUP,
     FLAGS,
     GLASS,
     GLASS_INDEX,
-    INPUTS,
     IOR,
     LOOKUP_BIAS,
     LOOKUP_CHANNEL,
-    LOOKUP_OF,
+    LOOKUP_COUNT,
+    LOOKUP_INPUT,
     LOOKUP_SCALE,
+    LOOKUP_SCALED_AREA,
     LOOKUP_TEXTURE,
     LOOKUP_TRANSFORM,
     METALLIC,
@@ -30,13 +33,16 @@ from tiscene.scene.material_table import (
     SPECULAR_WORKFLOW,
     TEXTURED,
     THRESHOLD,
+    UNIT_NORMAL,
 )
+from tiscene.scene.texture_atlas import HEIGHT, WIDTH
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 vec4 = ti.math.vec4
 
-_LOOKUP_COLUMN_OF = {column: LOOKUP_OF[name] for name, column in INPUTS}
+# A mean of unit normals this little short of 1 says nothing: it is of 8-bit codes.
+_CODE_ERROR = 6e-3
 
 
 class Materials(NamedTuple):
@@ -65,24 +71,53 @@ class MaterialPoint:
     glass: ti.i32  # which of the glass energy tables
 
 
+@ti.dataclass
+class Footprint:
+    """How much of a surface a path can tell apart."""
+
+    uv_area: ti.f32  # 0: a point
+    u: vec3  # uniform numbers that choose among the pixels meant
+
+
 @ti.func
-def texture_value(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32) -> vec4:
-    """A row of the lookups at uv: rgb as it is, or one channel four times; scaled and biased. coarse: 1 for the mean of
-    the texture thereabouts."""
+def footprint_at(surface: ti.template(), direction: vec3, width: ti.f32, key: ti.u32):
+    """The Footprint of a cone that is `width` metres wide where it meets the surface."""
+    world_per_uv = surface.dp_du.cross(surface.dp_dv).norm()
+    cosine = ti.max(ti.abs(surface.normal.dot(direction)), 0.01)
+    bits = mix(key)
+    u = vec3(ti.cast(bits & 2047, ti.f32), ti.cast((bits >> 11) & 2047, ti.f32), ti.cast(bits >> 22, ti.f32))
+    return Footprint(
+        uv_area=width * width / ti.max(cosine * world_per_uv, 1e-30),
+        u=(u + 0.5) * vec3(1.0 / 2048.0, 1.0 / 2048.0, 1.0 / 1024.0),
+    )
+
+
+@ti.func
+def lookup_value(
+    materials: ti.template(),
+    textures: ti.template(),
+    row: ti.i32,
+    uv: vec2,
+    exact: ti.template(),
+    footprint: ti.template(),
+):
+    """A row of the lookups at uv: rgb as it is, or one channel four times; scaled and biased. exact: 1 for the
+    interpolated value, 0 for one of the footprint's pixels."""
     transform = LOOKUP_TRANSFORM
     lookups = ti.static(materials.lookups)
     u = lookups[row, transform] * uv.x + lookups[row, transform + 1] * uv.y + lookups[row, transform + 2]
     v = lookups[row, transform + 3] * uv.x + lookups[row, transform + 4] * uv.y + lookups[row, transform + 5]
     texture = ti.cast(lookups[row, LOOKUP_TEXTURE], ti.i32)
     value = vec4(0.0)
-    if coarse != 0:
-        value = lookup_coarse(textures, texture, vec2(u, v))
-    else:
+    if ti.static(exact):
         value = lookup(textures, texture, vec2(u, v))
+    else:
+        pixels = textures.info[texture, WIDTH] * textures.info[texture, HEIGHT] * lookups[row, LOOKUP_SCALED_AREA]
+        value = lookup_one(textures, texture, vec2(u, v), footprint.uv_area * pixels, footprint.u)
     for channel in ti.static(range(4)):
         value[channel] = value[channel] * lookups[row, LOOKUP_SCALE + channel] + lookups[row, LOOKUP_BIAS + channel]
     channel = ti.cast(lookups[row, LOOKUP_CHANNEL], ti.i32)
-    if channel > 0:
+    if channel > 0 and channel < UNIT_NORMAL:
         value = vec4(value.x if channel == 1 else (value.y if channel == 2 else (value.z if channel == 3 else value.w)))
     return value
 
@@ -90,13 +125,19 @@ def texture_value(materials: ti.template(), textures: ti.template(), row: ti.i32
 @ti.func
 def material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2):
     """Every input of the material at uv: a MaterialPoint."""
-    return material_about(materials, textures, row, uv, 0)
+    return material_about(materials, textures, row, uv, 1, Footprint())
 
 
 @ti.func
-def material_about(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32):
-    """`material_at`, or where coarse is 1, about what it is on the mean near uv. Opacity and bumps stay exact: a mean
-    of normals would be a smoother, brighter surface."""
+def material_about(
+    materials: ti.template(),
+    textures: ti.template(),
+    row: ti.i32,
+    uv: vec2,
+    exact: ti.template(),
+    footprint: ti.template(),
+):
+    """`material_at`, or where exact is 0, what one path sees of the footprint: the mean over paths is right."""
     values = ti.static(materials.values)
     point = MaterialPoint(
         diffuse_color=vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2]),
@@ -110,32 +151,41 @@ def material_about(materials: ti.template(), textures: ti.template(), row: ti.i3
         ior=values[row, IOR],
         normal=vec3(0.0, 0.0, 1.0),
         flags=materials.info[row, FLAGS],
-        glass=ti.max(materials.info[row, GLASS_INDEX], 0),
+        glass=materials.info[row, GLASS_INDEX],
     )
     if point.flags & TEXTURED:
-        for column in range(LOOKUP_OF["diffuse_color"], LOOKUP_OF["normal"] + 1):  # one lookup in the code, not nine
-            lookup_row = materials.info[row, column]
-            if lookup_row >= 0:
-                rough = coarse if column < ti.static(LOOKUP_OF["opacity"]) else 0
-                value = texture_value(materials, textures, lookup_row, uv, rough)
-                if column == ti.static(_LOOKUP_COLUMN_OF[DIFFUSE]):
-                    point.diffuse_color = value.xyz
-                elif column == ti.static(_LOOKUP_COLUMN_OF[EMISSIVE]):
-                    point.emissive_color = value.xyz
-                elif column == ti.static(_LOOKUP_COLUMN_OF[SPECULAR]):
-                    point.specular_color = value.xyz
-                elif column == ti.static(_LOOKUP_COLUMN_OF[METALLIC]):
-                    point.metallic = value.x
-                elif column == ti.static(_LOOKUP_COLUMN_OF[ROUGHNESS]):
-                    point.roughness = value.x
-                elif column == ti.static(_LOOKUP_COLUMN_OF[CLEARCOAT]):
-                    point.clearcoat = value.x
-                elif column == ti.static(_LOOKUP_COLUMN_OF[CLEARCOAT_ROUGHNESS]):
-                    point.clearcoat_roughness = value.x
-                elif column == ti.static(_LOOKUP_COLUMN_OF[OPACITY]):
-                    point.opacity = value.x
-                elif value.xyz.dot(value.xyz) > 1e-8:
-                    point.normal = value.xyz.normalized()
+        first = materials.info[row, FIRST_LOOKUP]
+        shortness = 0.0
+        for lookup_row in range(first, first + materials.info[row, LOOKUP_COUNT]):
+            column = ti.cast(materials.lookups[lookup_row, LOOKUP_INPUT], ti.i32)
+            value = lookup_value(materials, textures, lookup_row, uv, exact, footprint)
+            if column == DIFFUSE:
+                point.diffuse_color = value.xyz
+            elif column == ROUGHNESS:
+                point.roughness = value.x
+            elif column == METALLIC:
+                point.metallic = value.x
+            elif column == EMISSIVE:
+                point.emissive_color = value.xyz
+            elif column == SPECULAR:
+                point.specular_color = value.xyz
+            elif column == CLEARCOAT:
+                point.clearcoat = value.x
+            elif column == CLEARCOAT_ROUGHNESS:
+                point.clearcoat_roughness = value.x
+            elif column == OPACITY:
+                point.opacity = value.x
+            elif value.xyz.dot(value.xyz) > 1e-8:
+                length = value.xyz.norm()
+                point.normal = value.xyz / length
+                if ti.cast(materials.lookups[lookup_row, LOOKUP_CHANNEL], ti.i32) == UNIT_NORMAL:
+                    shortness = ti.max(1.0 - length - _CODE_ERROR, 0.0)
+        if shortness > 0.0:
+            # The mean of different normals is short. Their spread makes a gloss rougher (Toksvig 2005; the variance of
+            # the slopes adds to alpha squared), and takes from the cosine with the light.
+            alpha = point.roughness * point.roughness
+            point.roughness = ti.sqrt(ti.sqrt(alpha * alpha + 2.0 * shortness / (1.0 - shortness)))
+            point.diffuse_color *= 1.0 - shortness
     point.diffuse_color = ti.math.clamp(point.diffuse_color, 0.0, 1.0)
     point.emissive_color = ti.max(point.emissive_color, 0.0)
     point.specular_color = ti.math.clamp(point.specular_color, 0.0, 1.0)
@@ -151,9 +201,18 @@ def material_about(materials: ti.template(), textures: ti.template(), row: ti.i3
 
 
 @ti.func
-def shaded_material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2, coarse: ti.i32):
-    """`material_about`, as far as light is concerned: of a plain material only the colours are read."""
+def shaded_material_at(
+    materials: ti.template(),
+    textures: ti.template(),
+    surface: ti.template(),
+    direction: vec3,
+    width: ti.f32,
+    key: ti.u32,
+):
+    """The material of a surface as far as light is concerned, for a path that comes as a cone `width` metres wide: of a
+    plain material only the colours are read. key: of numbers that choose among pixels."""
     values = ti.static(materials.values)
+    row = surface.material
     point = MaterialPoint(normal=vec3(0.0, 0.0, 1.0), flags=materials.info[row, FLAGS])
     if point.flags & PLAIN:
         point.diffuse_color = vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2])
@@ -162,7 +221,8 @@ def shaded_material_at(materials: ti.template(), textures: ti.template(), row: t
             point.emissive_color = vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2])
             point.emissive_color = ti.max(point.emissive_color, 0.0)
     else:
-        point = material_about(materials, textures, row, uv, coarse)
+        footprint = footprint_at(surface, direction, width, key)
+        point = material_about(materials, textures, row, surface.uv, 0, footprint)
     return point
 
 

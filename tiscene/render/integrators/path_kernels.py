@@ -17,11 +17,12 @@ from tiscene.render.integrators.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SPREAD,
     THROUGHPUT,
 )
 from tiscene.render.ray_arrays import write_ray
 from tiscene.render.sampler import combine, first_two, last_two, pixel_key, shuffled_index
-from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, UP, camera_ray, view_vector
+from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
 vec3 = ti.math.vec3
@@ -58,6 +59,8 @@ def start_paths(
     queue: Ints1,
 ):
     """Send the paths first .. first + count - 1 of the frame through their pixels."""
+    # A pixel's paths share it; no pixel is looked at closer than this.
+    spread = 2.0 * view[CURRENT, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(spp, ti.f32)), 0.25)
     for i in range(count):
         path = first + i
         pixel = pixels[path // spp]
@@ -80,6 +83,7 @@ def start_paths(
             state[i, RADIANCE + c] = 0.0
         state[i, PDF] = 0.0
         state[i, RELATIVE_IOR2] = 1.0
+        state[i, SPREAD] = spread
         for c in ti.static(range(FEATURE_COLUMNS)):
             features[i, c] = 0.0
         status[i] = LIVE

@@ -18,6 +18,7 @@ from tiscene.render.integrators.path_state import (
     RADIANCE,
     RELATIVE_IOR2,
     SEEN,
+    SPREAD,
     THROUGHPUT,
 )
 from tiscene.render.lights import all_lights
@@ -37,8 +38,8 @@ vec3 = ti.math.vec3
 # what is behind it however a path gets there. One that lies on a surface wins over it, by this part of the distance.
 LIGHT_FRONT = 1e-4
 RUSSIAN_ROULETTE_DEPTH = 2
-# Directions less dense than this, 1/sr, read textures without detail: a cosine's is 0.3, that of a gloss 3 and more.
-DETAIL_DENSITY = 1.0
+# How much a path widens by a scattering of density 1/sr: its neighbours go apart, and make out no detail together.
+SCATTERED_SPREAD = 0.25
 LARGEST_SURVIVAL = 0.95
 
 
@@ -209,13 +210,14 @@ def shade(
                 seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, mis)
         elif not last:
             surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
-            # A path that came by a scattering has neighbours far apart, which make out no detail together.
-            coarse = ti.cast(pdf > 0.0 and pdf < DETAIL_DENSITY, ti.i32)
-            point = shaded_material_at(materials, textures, surface.material, surface.uv, coarse)
             key = path_key(pixels, frame_key, first + i, spp)
             sample = (first + i) % spp
             # Choices and directions have a set of four dimensions each; many a path needs only the directions.
             choice_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
+            width = hits[i, 0] * state[i, SPREAD]
+            point = shaded_material_at(
+                materials, textures, surface, direction, width, choice_key + ti.cast(sample, ti.u32)
+            )
             light_choice = vec2(0.0)
             if light_total > 1 or (point.flags & COVERAGE) != 0:
                 light_choice = first_two(choice_key, shuffled_index(choice_key, sample), bits)
@@ -285,6 +287,8 @@ def shade(
                             goes_on = True
                             write3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
                             state[i, PDF] = scattering.onward.w
+                            spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
+                            state[i, SPREAD] = ti.max(state[i, SPREAD], spread)
                             write3(state, i, ORIGIN, surface.position)
                             start = offset_origin(surface.position, surface.geometric_normal, scattering.direction)
                             write_ray(rays, i, start, scattering.direction, ti.math.inf)

@@ -14,12 +14,14 @@ from tiscene.render.integrators.path_state import (
     RADIANCE,
     RELATIVE_IOR2,
     SEEN,
+    SPREAD,
     THROUGHPUT,
 )
 from tiscene.render.integrators.replay_near import ROWS, add_up
 from tiscene.render.integrators.replay_record import (
     R_IOR2,
     R_PDF,
+    R_SPREAD,
     R_STATUS,
     R_THROUGHPUT,
     R_VERTEX,
@@ -89,6 +91,7 @@ def settle(
                 write3(state, i, RADIANCE, vec3(0.0))
                 state[i, PDF] = restore[at, R_PDF]
                 state[i, RELATIVE_IOR2] = restore[at, R_IOR2]
+                state[i, SPREAD] = restore[at, R_SPREAD]
                 write3(state, i, ORIGIN, read3(restore, at, R_VERTEX))
                 status[i] = ti.cast(restore[at, R_STATUS], ti.i32)
                 shadow_rays[i, 7] = 0.0

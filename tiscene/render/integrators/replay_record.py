@@ -17,6 +17,7 @@ from tiscene.render.integrators.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SPREAD,
     THROUGHPUT,
 )
 from tiscene.render.lights.light_sample import Lights
@@ -28,8 +29,8 @@ SEGMENT = 3  # column of a row
 SHADOW = -1.0
 
 # Columns of `restore`: what a path needs to be traced again from the beginning of a segment.
-RESTORE_COLUMNS = 9
-R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS = 0, 3, 4, 5, 8
+RESTORE_COLUMNS = 10
+R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS, R_SPREAD = 0, 3, 4, 5, 8, 9
 
 
 @ti.kernel
@@ -54,6 +55,7 @@ def begin_segments(
         restore[k, R_IOR2] = state[i, RELATIVE_IOR2]
         write3(restore, k, R_VERTEX, read3(state, i, ORIGIN))
         restore[k, R_STATUS] = ti.cast(status[i], ti.f32)
+        restore[k, R_SPREAD] = state[i, SPREAD]
         write3(state, i, RADIANCE, vec3(0.0))
 
 
