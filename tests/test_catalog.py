@@ -49,6 +49,23 @@ def test_template_names_come_from_their_folders(shelf):
     ]
 
 
+def test_variants_are_chosen_after_a_template_name(shelf):
+    assert catalog.template_variants("Chair 77") == ("Chair 77", {})
+    assert catalog.template_variants("Chair 77{color=red}") == ("Chair 77", {"color": "red"})
+    two = catalog.template_variants("a/b.usda{color=red}{appearance=primitives}")
+    assert two == ("a/b.usda", {"color": "red", "appearance": "primitives"})
+    assert catalog.find_template("Chair 77{color=red}") == catalog.find_template("Chair 77")
+    assert not catalog.is_prim_path("/a/b.usda{color=red}")
+
+
+@pytest.mark.parametrize(
+    "name", ["Chair 77{", "Chair 77{color}", "Chair 77{=red}", "Chair 77{a=b}}", "Chair 77{a=b} c"]
+)
+def test_braces_that_choose_nothing_are_refused(shelf, name):
+    with pytest.raises(ArgumentError, match="color=walnut"):
+        catalog.find_template(name)
+
+
 def test_the_package_is_searched_without_any_setting(monkeypatch):
     monkeypatch.delenv("TISCENE_PATH", raising=False)
     assert [folder.name for folder in catalog.search_path()] == ["usd_scenes"]

@@ -59,11 +59,12 @@ def find_scene(scene: str | os.PathLike[str]) -> Path:
 
 
 def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
-    """The file of an object template, given by name or as the path of a USD file.
+    """The file of an object template, given by name or as the path of a USD file, with or without variants.
 
     scene: where it is to be spawned, only for the message.
     Raises TemplateNotFound for an unknown name, MissingFile for a path where no file is.
     """
+    template = template_variants(os.fspath(template))[0]
     path = _as_path(template, STAGE_SUFFIXES)
     if path is not None:
         return path
@@ -76,9 +77,27 @@ def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
     return known[str(template)]
 
 
+def template_variants(template: str) -> tuple[str, dict[str, str]]:
+    """A template and the variants that are chosen after it: "Chair 01{color=walnut}" is "Chair 01" in that colour.
+
+    As in a USD path, each set has braces of its own: "Cup 01{color=green}{appearance=untextured}".
+    Raises ArgumentError for braces that hold anything else.
+    """
+    name, brace, rest = template.partition("{")
+    if not brace:
+        return template, {}
+    chosen: dict[str, str] = {}
+    for choice in rest.removesuffix("}").split("}{"):
+        variant_set, equals, variant = choice.partition("=")
+        if not (rest.endswith("}") and variant_set and equals and variant) or set(choice) & set("{}"):
+            raise ArgumentError(f"template {template!r}: variants are chosen as in 'Chair 01{{color=walnut}}'")
+        chosen[variant_set] = variant
+    return name, chosen
+
+
 def is_prim_path(template: str) -> bool:
     """Whether a template's name means a prim on the scene's own stage ("/World/Chair"), which then moves."""
-    return template.startswith("/") and Path(template).suffix.lower() not in STAGE_SUFFIXES
+    return template.startswith("/") and Path(template.partition("{")[0]).suffix.lower() not in STAGE_SUFFIXES
 
 
 def _stages(pattern: str, stem: str) -> dict[str, Path]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.usd.helpers import read, write
-from tiscene.errors import MissingFile, StageError
+from tiscene.errors import MissingFile, StageError, UnknownName
 from tiscene.usd import read_template
 
 CHAIR = """
@@ -87,6 +87,48 @@ def test_a_part_may_say_what_the_template_is(tmp_path):
     assert read_template(write(tmp_path, body, more=DEFAULT)).category == "backrest"
     by_name = read_template(write(tmp_path, 'def Cube "Box_01"\n{\n}', name="box.usda"))
     assert by_name.category == "Box"  # nothing in the file has a label
+
+
+VARIED = """
+def Xform "Lamp" (
+    kind = "component"
+    variants = {
+        string size = "small"
+    }
+    prepend variantSets = "size"
+)
+{
+    variantSet "size" = {
+        "small" {
+            def Cube "Shade"
+            {
+                double size = 0.1
+            }
+        }
+        "large" {
+            def Cube "Shade"
+            {
+                double size = 0.4
+            }
+        }
+    }
+}
+"""
+
+
+def test_variants_of_a_template_can_be_chosen(tmp_path):
+    path = write(tmp_path, VARIED)
+
+    def width(**options):
+        (mesh,) = read_template(path, **options).description.meshes
+        return np.ptp(mesh.positions[:, 0])
+
+    assert width() == pytest.approx(0.1)
+    assert width(variants={"size": "large"}) == pytest.approx(0.4)
+    with pytest.raises(UnknownName, match="huge"):
+        read_template(path, variants={"size": "huge"})
+    with pytest.raises(UnknownName, match="colour"):
+        read_template(path, variants={"colour": "red"})
 
 
 def test_errors(tmp_path):

@@ -98,6 +98,8 @@ class OverLayer:
             if root is None:
                 raise ArgumentError(f"template {template!r}: {file.name} has no default prim to refer to")
             references.AddReference(str(file), root.GetPath())
+            for variant_set, variant in catalog.template_variants(template)[1].items():
+                prim.GetVariantSets().SetSelection(variant_set, variant)
             stretch = self._own_stretch(root)
         if not prim.IsA(UsdGeom.Xformable):  # a template may be one mesh, or have no type at all
             prim.SetTypeName("Xform")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -13,31 +14,38 @@ from tiscene.usd.label import inherited_label, name_label
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import UNDEFINED_TOO, Context, StageReader
 from tiscene.usd.skinning import bake_skinning
-from tiscene.usd.stage import open_stage, quiet, readable, reading_time
+from tiscene.usd.stage import open_stage, quiet, readable, reading_time, select_variants
 
 TEMPLATES_PRIM = "/Templates"
 
 
 def read_template(
-    path: str | Path, *, up_axis: Literal["Y", "Z"] | None = None, taxonomy: str | None = None
+    path: str | Path,
+    *,
+    up_axis: Literal["Y", "Z"] | None = None,
+    variants: Mapping[str, str] | None = None,
+    taxonomy: str | None = None,
 ) -> Template:
     """Read the default prim of a file (else its only root prim) as a template.
 
     Its origin is that of the default prim, wherever the file has placed it; rotation and scale stay. up_axis: turn
     the template so that its up is this axis; None leaves it in the axes of its file. The name is the prim's
     displayName, else made from the file's name; the category is the prim's label, else its first labelled part's, else
-    what its name says. taxonomy: of the labels; None for "class", else "category", else any.
+    what its name says. taxonomy: of the labels; None for "class", else "category", else any. variants: what to select
+    of the prim's variant sets, `{"color": "walnut"}`.
 
-    Raises MissingFile and StageError; what is left out is named in one StageWarning.
+    Raises MissingFile, StageError and UnknownName (variants); what is left out is named in one StageWarning.
     """
     with quiet(), readable(path):
         stage = open_stage(path)
         report = Report(str(path))
-        bake_skinning(stage, reading_time(stage, None), report)
         prim = root_prim(stage)
         if not prim:
             report.problem("/", "template", "the file has no default prim, so that it is unclear what to spawn")
             report.raise_problems()
+        if variants:
+            select_variants(stage, {str(prim.GetPath()): variants})
+        bake_skinning(stage, reading_time(stage, None), report)
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
         report.raise_problems()
     report.warn()
