@@ -45,10 +45,12 @@ class SteppedSimulation:
         timings: Timing | None = None,
         *,
         fps: float | Rational,
-        obstacles: Callable[[], Obstacles] = nothing,
+        obstacles: Callable[[int], Obstacles] | None = None,
         walls: Callable[[Fraction], Array] | None = None,
     ) -> None:
-        """timings: default AllTogether(0). obstacles: called once, when Taichi is needed first.
+        """timings: default AllTogether(0).
+
+        obstacles: what is in the way from a frame to the next, one object as long as nothing changes. None: nothing.
 
         walls: planes [6, 4] at a time, s: inside where n . x + d >= 0, n a unit vector. None: there are none.
         Raises ValueError if the timings cannot work, TypeError for a dynamic that is neither a bounce nor closed form.
@@ -58,8 +60,7 @@ class SteppedSimulation:
         check.positive(fps, "fps")
         self.fps = exact(fps)
         self._walls = walls
-        self._make_obstacles = obstacles
-        self._obstacles: Obstacles | None = None
+        self._obstacles = obstacles or _Nothing()
         self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
         self._paths = Paths([mover.body for mover in self.movers], self.timings, "movers")
         self._device: StepDevice | None = None
@@ -136,14 +137,15 @@ class SteppedSimulation:
         times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
         targets = self._path(times, frame)
         clocks = [self._paths.seconds(time) for time in times]
-        if self._obstacles is None:
-            self._obstacles = self._make_obstacles()
+        obstacles = self._obstacles(frame)
+        if frame > 0 and self._obstacles(frame - 1) is not obstacles:
+            device.forget_obstacles()
         device.begin_frame(targets[0], [self._there(mover, frame) for mover in self.movers])
         for part in range(self.substeps):
             planes = np.zeros((WALLS, 4)) if self._walls is None else self._walls(times[part + 1])
             active = clocks[part + 1] - clocks[part]
             length = float(times[part + 1] - times[part])
-            device.substep(targets[part + 1], active, planes, length, self._obstacles)
+            device.substep(targets[part + 1], active, planes, length, obstacles)
         return device.moment(float(1 / self.fps))
 
     def _path(self, times: Sequence[Fraction], frame: int) -> Array:
@@ -212,3 +214,14 @@ class SteppedSimulation:
 
 def _pose(position: Sequence[float], rotation: Sequence[float]) -> Array:
     return np.array([*position, *rotation], dtype=np.float64)
+
+
+class _Nothing:
+    """No obstacles at any frame."""
+
+    def __init__(self) -> None:
+        self._made: Obstacles | None = None
+
+    def __call__(self, _frame: int) -> Obstacles:
+        self._made = self._made or nothing()
+        return self._made

@@ -102,8 +102,8 @@ def test_edits_are_effective_on_the_next_frame_and_not_anticipated():
     assert x[19] == [[-1, 0, 0]] * 3
     assert x[20] == [[-1, 0, 0], [0, 1, 0], [0, 1, 0]]
     assert [row.velocity for row in made.objects(19) if row.name == "a"] == [(0, 0, 0)]
-    assert made.events(10) == [Event("spawn", 4)]
-    assert made.events(20) == [Event("despawn", 4)]
+    assert made.events(10) == [Event("spawn", 4), Event("enter", 4)]
+    assert made.events(20) == [Event("despawn", 4), Event("leave", 4)]
 
 
 def test_ids_are_never_reused():
@@ -150,7 +150,8 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
     ("edit", "error", "match"),
     [
         (lambda made: made.despawn("nobody"), ObjectNotFound, "no object 'nobody'"),
-        (lambda made: made.despawn(1), ObjectNotFound, "no object '1'"),
+        (lambda made: made.despawn("/Nothing"), ObjectNotFound, "no object '/Nothing'"),
+        (lambda made: made.despawn(99), ObjectNotFound, "no object '99'"),
         (lambda made: made.despawn(True), ObjectNotFound, "no object 'True'"),
         (lambda made: made.move("a", (0, float("nan"), 0)), ScenarioError, "position"),
         (lambda made: made.move(99, (0, 0, 0)), ObjectNotFound, "'99'"),
@@ -175,7 +176,7 @@ def test_what_cannot_be_done_changes_nothing(edit, error, match):
         ([Despawn(3, "x")], r"edits\[0\]: no object 'x' was there before it"),
         ([Despawn(3, "a"), Move(3, "a", (0, 0, 0))], r"edits\[1\]: the object 'a' is not there at frame 3"),
         ([Spawn(2, ts.Object("a", "Cube", first_frame=2))], "never reused"),
-        (["spawn"], "must be a Spawn, a Despawn or a Move"),
+        (["spawn"], "must be a Spawn, a Despawn, a Move or an Enclose"),
         (3, "edits=3"),
     ],
 )

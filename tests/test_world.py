@@ -178,7 +178,7 @@ def test_timings_hold_objects_but_not_the_camera():
     camera = ts.Camera(dynamic=GO)
     made = world(ts.Object("a", "Ball", dynamic=GO), timings=ts.AllTogether(1.0), camera=camera)
     assert made.placement(15).world_from_object[1, -1, 0, 3] == 0.5
-    assert made.cameras(15)[1].position == (1.5, 0.0, 0.0)
+    assert made.view(15)[1].position == (1.5, 0.0, 0.0)
 
 
 def test_boxes_are_around_all_parts_in_the_objects_own_axes():
@@ -236,17 +236,17 @@ def test_mirrored_things_of_the_stage_have_a_proper_rotation():
 
 
 def test_the_camera_moves_by_its_dynamic():
-    still = world().cameras(7)
+    still = world().view(7)
     assert still[0] is still[1] is still[2]
     assert still[1].name == "Door"
     moving = ts.Camera((3, 1, 0), vertical_fov=0.5, dynamic=LookAt((0, 1, 0), Orbit((0, 0, 0), period=4.0)))
-    before, now, after = world(fps=1.0, camera=moving).cameras(1)
+    before, now, after = world(fps=1.0, camera=moving).view(1)
     np.testing.assert_allclose(
         [before.position, now.position, after.position], [(3, 1, 0), (0, 1, -3), (-3, 1, 0)], atol=1e-14
     )
     np.testing.assert_allclose(-now.axes()[:, 2], (0, 0, 1), atol=1e-14)
     assert now.vertical_fov == 0.5
-    start = world(fps=1.0, camera=moving).cameras(0)
+    start = world(fps=1.0, camera=moving).view(0)
     assert start[0] == start[1]
 
 
@@ -265,7 +265,8 @@ def test_what_is_handed_out_may_be_changed():
     first = made.placement(3)
     before = first.world_from_object.tobytes()
     for array in vars(first).values():
-        array[...] = 0
+        if array is not None:
+            array[...] = 0
     again = made.placement(3)
     assert again.world_from_object.tobytes() == before
     assert again.mesh.tolist() == [0, 1, 1, 2]
@@ -302,8 +303,8 @@ def digest() -> str:
     result = hashlib.sha256()
     for frame in (0, 1, 2, 17, 5, 99999):
         for array in vars(made.placement(frame)).values():
-            result.update(array.tobytes())
-        result.update(repr((made.cameras(frame), made.objects(frame))).encode())
+            result.update(b"" if array is None else array.tobytes())
+        result.update(repr((made.view(frame), made.objects(frame))).encode())
     return result.hexdigest()
 
 

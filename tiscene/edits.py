@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from dynamics import Still, check
-from tiscene.camera import Vector3
+from tiscene.camera import Camera, Vector3
 
 if TYPE_CHECKING:
-    from tiscene.scenario import Object
+    from tiscene.scenario import Frustum, Object
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Spawn:
 
 @dataclass(frozen=True)
 class Despawn:
-    """An object is gone from a frame on. id: its name in the scenario."""
+    """Something is gone from a frame on. id: of an object of the scenario, or the prim path of a thing of the stage."""
 
     frame: int
     id: str
@@ -39,8 +39,9 @@ class Despawn:
 
 @dataclass(frozen=True)
 class Move:
-    """An object is put elsewhere at a frame. What follows a path returns to it, what bounces goes on from there.
+    """Something is put elsewhere at a frame. What follows a path returns to it, what bounces goes on from there.
 
+    id: of an object of the scenario, or the prim path of a thing of the stage, which stands there from then on.
     position: m. rotation: Euler degrees or a quaternion.
     """
 
@@ -55,7 +56,28 @@ class Move:
         object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
 
 
-Edit = Spawn | Despawn | Move
+@dataclass(frozen=True)
+class Enclose:
+    """The walls that hold objects are those of another view from a frame on; they stand still.
+
+    frustum: None: there are no walls. camera: whose view it is. aspect: its width / height.
+    """
+
+    frame: int
+    frustum: Frustum | None
+    camera: Camera
+    aspect: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame", _frame(self.frame))
+        if not isinstance(self.camera, Camera) or self.camera.dynamic is not None:
+            raise TypeError(
+                f"camera={self.camera!r}: must be a Camera without a dynamic: enclose again to move the walls"
+            )
+        object.__setattr__(self, "aspect", check.positive(self.aspect, "aspect"))
+
+
+Edit = Spawn | Despawn | Move | Enclose
 
 
 @dataclass(frozen=True)
@@ -96,6 +118,44 @@ class Life:
         )
 
 
+@dataclass(frozen=True)
+class StageLife:
+    """What was done to a thing of the stage. despawned: at which frame, or None. moves: in the order of frames."""
+
+    despawned: int | None = None
+    moves: tuple[Move, ...] = ()
+
+    def alive(self, frame: int, known: int) -> bool:
+        """Whether it is there at a frame, as it was known when frame `known` was made."""
+        return self.despawned is None or self.despawned > min(frame, known)
+
+    def move(self, frame: int, known: int) -> Move | None:
+        """The move that put it where it is at a frame, as known at `known`; None: it is where it always was."""
+        done = [move for move in self.moves if move.frame <= min(frame, known)]
+        return done[-1] if done else None
+
+
+def stage_lives(objects: Sequence[Object], edits: Sequence[Edit]) -> dict[str, StageLife]:
+    """What was done to things of the stage, by their prim paths. Raises ValueError for an edit that cannot be."""
+    own = {each.id for each in objects} | {edit.object.id for edit in edits if isinstance(edit, Spawn)}
+    result: dict[str, StageLife] = {}
+    for row, edit in enumerate(edits):
+        if not isinstance(edit, Move | Despawn) or edit.id in own:
+            continue
+        life = result.get(edit.id, StageLife())
+        if not life.alive(edit.frame, edit.frame):
+            raise ValueError(f"edits[{row}]: {edit.id!r} is not there at frame {edit.frame}")
+        if isinstance(edit, Despawn):
+            result[edit.id] = replace(life, despawned=edit.frame)
+        else:
+            result[edit.id] = replace(life, moves=_in_order((*life.moves, edit)))
+    return result
+
+
+def _in_order(moves: Sequence[Move]) -> tuple[Move, ...]:
+    return tuple(sorted(moves, key=lambda move: move.frame))
+
+
 def lives(objects: Sequence[Object], edits: Sequence[Edit]) -> list[Life]:
     """All objects that ever are, the spawned ones after the others. Raises ValueError for an edit that cannot be.
 
@@ -108,15 +168,19 @@ def lives(objects: Sequence[Object], edits: Sequence[Edit]) -> list[Life]:
                 raise ValueError(f"edits[{row}]: there is an object {edit.object.id!r} already; ids are never reused")
             result[edit.object.id] = Life(edit.object, spawned=edit.frame)
             continue
+        if isinstance(edit, Enclose):
+            continue
         life = result.get(edit.id)
         if life is None:
+            if edit.id.startswith("/"):
+                continue  # a thing of the stage
             raise ValueError(f"edits[{row}]: no object {edit.id!r} was there before it")
         if not life.alive(edit.frame, edit.frame):
             raise ValueError(f"edits[{row}]: the object {edit.id!r} is not there at frame {edit.frame}")
         if isinstance(edit, Despawn):
             result[edit.id] = replace(life, despawned=edit.frame)
         else:
-            result[edit.id] = replace(life, moves=tuple(sorted((*life.moves, edit), key=lambda move: move.frame)))
+            result[edit.id] = replace(life, moves=_in_order((*life.moves, edit)))
     return list(result.values())
 
 

@@ -8,6 +8,7 @@
     │   ├── TemplateNotFound              no such object template
     │   ├── ObjectNotFound                no live object of that name or id
     │   ├── CameraNotFound                no such camera on the stage
+    │   ├── LightNotFound                 no such light on the stage
     │   └── BufferNotFound (AttributeError)  no such buffer
     ├── MissingFile (FileNotFoundError)   a file that the user named is not there
     ├── StageError (ValueError)           a USD stage that cannot be rendered; lists every problem with its prim path
@@ -65,6 +66,10 @@ class ObjectNotFound(UnknownName):
 
 class CameraNotFound(UnknownName):
     """The stage holds no camera of that name."""
+
+
+class LightNotFound(UnknownName):
+    """The stage holds no light of that name or path."""
 
 
 class BufferNotFound(UnknownName, AttributeError):  # type: ignore[misc]  # a `name` that is never None is fine

@@ -11,10 +11,11 @@ class Event:
     """Something that happened to an object at a frame.
 
     kind: "spawn": it is there for the first time. "despawn": it is not there any more. "contact": it met something.
+    "enter", "leave": it came into the view of the frame's camera, or left it; `World.events` says what that means.
     object: its id. other: of a contact the id of the object that it met, 0 for a wall. wall: its name, such as "left".
     """
 
-    kind: Literal["spawn", "despawn", "contact"]
+    kind: Literal["spawn", "despawn", "contact", "enter", "leave"]
     object: int
     other: int = 0
     wall: str = ""

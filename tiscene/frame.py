@@ -73,7 +73,8 @@ class Frame:
     index: its number, from 0. time: s. camera: what took it. buffers: numpy arrays by name, [height, width, ...]; also
     attributes, so that `frame.rgb` is `frame.buffers["rgb"]`. Nobody else holds the arrays: they may be written to.
     objects: one row for each live object, computed when first looked at. categories: what the ids of `semantic` mean.
-    events: what was spawned, was despawned or met something since the frame before.
+    events: what was spawned, was despawned, met something, came into view or left it since the frame before.
+    others: the same moment as the stream's other cameras see it; `views` has all by name.
     """
 
     index: int
@@ -83,6 +84,12 @@ class Frame:
     objects: ObjectTable = field(default_factory=ObjectTable)
     categories: Mapping[int, str] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
+    others: tuple[Frame, ...] = ()
+
+    @property
+    def views(self) -> dict[str, Frame]:
+        """What each of the stream's cameras sees at this moment, by the camera's name; this frame comes first."""
+        return {each.camera.camera.name: each for each in (self, *self.others)}
 
     def __getattr__(self, name: str) -> NDArray[Any]:
         """The buffer of that name. Raises BufferNotFound (an AttributeError) with what to do about it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from tiscene.camera import Quaternion, Vector3, quaternion_from_matrix
 from tiscene.edits import Life
 from tiscene.errors import ScenarioError
+from tiscene.lighting import Carried
 from tiscene.scenario import Object
-from tiscene.scene.description import SceneDescription, Template
+from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.parts import Parts, bounding_box, box_matrices, corners, joined, rigid
 
 Array = NDArray[np.float64]
@@ -52,7 +53,9 @@ class Inventory:
     descriptions: the stage, then each template's, in the order of need; rows of meshes count on through them.
     categories: their names by id. templates: by name. stage_rows, object_rows: who is who, posed as placed.
     columns: of all parts, the stage's first: the matrices of the stage's, and of all the mesh, ids and box.
+    stage_owner: of every part of the stage, its thing's row.
     owner, matrix: of every part of an object, the object's row, and the part's place in the object's own axes.
+    carried: the lights of the objects' templates.
     """
 
     def __init__(self, stage: SceneDescription, load_template: Callable[[str], Template]) -> None:
@@ -69,6 +72,8 @@ class Inventory:
         for category in (*(thing.category for thing in stage.objects), *(each.category for each in stage.templates)):
             self._category_id(category)
         self.stage_rows, self._stage_parts = self._settle_stage()
+        self.stage_owner = self._stage_parts.owner
+        self.carried: list[Carried] = []
         self.object_rows: list[WorldObject] = []
         self._object_parts: list[Parts] = []
         self.settle([])
@@ -135,6 +140,10 @@ class Inventory:
             row, parts = self._settle_object(number, lives[number].planned)
             self.object_rows.append(row)
             self._object_parts.append(parts)
+            description = self.template(lives[number].planned).description
+            lights_scale = np.broadcast_to(lives[number].planned.scale, 3)
+            place = next(at for at, each in enumerate(self.descriptions) if each is description)
+            self.carried += [Carried(number, place, _scaled(light, lights_scale)) for light in description.lights]
         objects = joined(self._object_parts)
         self.owner = objects.owner
         self.matrix = objects.matrix
@@ -193,3 +202,10 @@ class Inventory:
             np.array([row.category_id for row in rows], dtype=np.int32),
             np.concatenate([stage.box_from_mesh, objects.box_from_mesh]),
         )
+
+
+def _scaled(light: Light, scale: Array) -> Light:
+    """A light of a template that is stretched about its origin: it keeps its own size."""
+    matrix = light.world_from_light.copy()
+    matrix[:3, 3] *= scale
+    return replace(light, world_from_light=matrix)

@@ -1,4 +1,4 @@
-"""Motion: where a scenario's objects and camera are at each frame, and what they meet on the way.
+"""Motion: where a scenario's objects, cameras and lights are at each frame, and what the objects meet on the way.
 
 Where nothing can be met every pose is a formula of time. Otherwise the objects are stepped, frame by frame; those that
 follow paths have the same poses as by the formula, to the bit, as long as nothing is in their way.
@@ -6,7 +6,8 @@ follow paths have the same poses as by the formula, to the bit, as long as nothi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import bisect
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
@@ -14,17 +15,27 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, Mover, Shape, Simulation, SteppedSimulation, Still, UniformMovementRandomBounce, cover
+from dynamics import (
+    Body,
+    Dynamic,
+    Mover,
+    Shape,
+    Simulation,
+    SteppedSimulation,
+    Still,
+    UniformMovementRandomBounce,
+    cover,
+)
 from dynamics import Move as Teleport
 from dynamics.clocks import exact
 from dynamics.free_paths import all_free
 from dynamics.obstacles import Obstacles, placed
 from dynamics.rotation import quaternion
 from tiscene.camera import Camera
-from tiscene.edits import Life
+from tiscene.edits import Enclose, Life
 from tiscene.errors import ScenarioError
 from tiscene.scenario import Scenario
-from tiscene.scene.description import SceneDescription
+from tiscene.scene.description import Instance, SceneDescription
 from tiscene.scene.obstacles import MeshTrees, ObstacleTree
 
 Array = NDArray[np.float64]
@@ -46,43 +57,63 @@ class Meeting:
     other: int
 
 
+@dataclass(frozen=True)
+class Setting:
+    """What the objects of a scenario move in.
+
+    cameras: the first is the one whose view the frustum encloses. aspect: width / height of that view.
+    lights: (dynamic, position, quaternion) of those that have motions.
+    surface: an object's triangles [m, 3, 3] in its own axes, by its row.
+    trees: those over the stage's meshes. instances: the stage's at a frame, and which of them are there then.
+    """
+
+    stage: SceneDescription
+    cameras: Sequence[Camera]
+    fps: float
+    aspect: float
+    lights: Sequence[tuple[Dynamic | None, tuple[float, ...], tuple[float, ...]]]
+    surface: Callable[[int], Array]
+    trees: Callable[[], MeshTrees]
+    instances: Callable[[int], tuple[Sequence[Instance], Sequence[bool]]]
+
+
 class Motion:
-    """The poses of a scenario's objects, then of the camera, as float64 [n, 7]: position, m, and unit quaternion."""
+    """The poses of a scenario's objects, cameras and lights as float64 [n, 7]: position, m, and unit quaternion."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        stage: SceneDescription,
-        camera: Camera,
-        fps: float,
-        aspect: float,
-        surface: Callable[[int], Array],
-        before: tuple[Motion, int] | None = None,
-    ) -> None:
-        """surface: an object's triangles [m, 3, 3] in its own axes, by its row. aspect: width / height of the view.
+    def __init__(self, scenario: Scenario, setting: Setting, before: tuple[Motion, int] | None = None) -> None:
+        """before: the motion that this one replaces, and the first frame from which on the scenario has other edits.
 
-        before: the motion that this one replaces, and the first frame from which on the scenario has other edits.
         Raises ScenarioError if the timings or dynamics cannot work. Nothing is computed before a frame is asked for.
         """
         self._scenario = scenario
-        self._stage = stage
-        self._camera = camera
-        self._aspect = aspect
-        self._surface = surface
-        self._fps = exact(fps)
+        self._setting = setting
+        self._fps = exact(setting.fps)
         self._lives = scenario.lives()
         self._count = len(self._lives)
         # What bounces has no formula: for this simulation it stands, which also tells where it starts.
         bodies = [self._body(life, bounces=False) for life in self._lives]
-        if camera.dynamic is not None:
-            bodies.append(Body(camera.dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
+        for camera in setting.cameras:
+            dynamic = camera.dynamic or Still()
+            bodies.append(Body(dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
+        for motion, position, rotation in setting.lights:
+            bodies.append(Body(motion or Still(), position, rotation, name="light", timed=False))  # type: ignore[arg-type]
         try:
             self._formulas = Simulation(bodies, scenario.timings)
         except TypeError as error:
             raise ScenarioError(str(error)) from error
+        # Frames from which on the stage is another one: first as it was read.
+        lives = scenario.stage_lives().values()
+        moved = [move.frame for life in lives for move in life.moves]
+        self._changes = sorted({*moved, *(life.despawned for life in lives if life.despawned is not None)})
         self._before = before
         self._shapes: dict[tuple[object, ...], Shape | None] = before[0]._shapes if before else {}
-        self._obstacles: tuple[Obstacles, NDArray[np.int64]] | None = before[0]._obstacles if before else None
+        # By the number of changes of the stage so far; those before the frame of the new edits stay what they were.
+        self._obstacles: dict[int, Obstacles] = {}
+        self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
+        if before:
+            kept = bisect.bisect_left(self._changes, before[1])
+            self._obstacles = {epoch: each for epoch, each in before[0]._obstacles.items() if epoch <= kept}
+            self._obstacle_rows = before[0]._obstacle_rows
         self._stepped: SteppedSimulation | None = None
         self._free_until = 0  # before this frame nothing could be met
         self._is_stepped: bool | None = None
@@ -121,7 +152,7 @@ class Motion:
         result = []
         for contact in () if stepped is None else stepped.frame(frame).contacts:
             if contact.kind == "obstacle":
-                instance = self._stage.instances[self._placed_obstacles()[1][contact.other]]
+                instance = self._setting.stage.instances[self._obstacle_rows[contact.other]]
                 result.append(Meeting(contact.mover, "stage", instance.object))
             elif contact.kind == "mover":
                 result.append(Meeting(contact.mover, "object", contact.other))
@@ -140,20 +171,20 @@ class Motion:
         dynamics = [life.planned.dynamic for life in self._lives]
         moving = [not isinstance(dynamic, Still | None) for dynamic in dynamics]
         bouncing = any(isinstance(dynamic, UniformMovementRandomBounce) for dynamic in dynamics)
-        put_elsewhere = any(life.moves for life in self._lives)
-        walled = self._scenario.frustum is not None
+        put_elsewhere = any(life.moves for life in self._lives) or bool(self._changes)
+        enclosures = [edit.frustum for edit in self._scenario.edits if isinstance(edit, Enclose)]
+        walled = any(frustum is not None for frustum in (self._scenario.frustum, *enclosures))
         solid = any(life.planned.collide and (moves or walled) for life, moves in zip(self._lives, moving, strict=True))
-        if not bouncing and not solid and not put_elsewhere:
+        if not bouncing and not solid and not any(life.moves for life in self._lives):
             return False
         movers = [self._mover(row, life) for row, life in enumerate(self._lives)]
-        obstacles, _ = self._placed_obstacles()
-        if not bouncing and not put_elsewhere and all_free(movers, obstacles, walled):
+        if not bouncing and not put_elsewhere and all_free(movers, self._obstacles_at(0), walled):
             return False
         self._stepped = SteppedSimulation(
             movers,
             self._scenario.timings,
             fps=self._fps,
-            obstacles=lambda: obstacles,
+            obstacles=self._obstacles_at,
             walls=self._walls if walled else None,
         )
         if self._before is not None:
@@ -176,13 +207,16 @@ class Motion:
             tuple(moves),
         )
 
-    def _placed_obstacles(self) -> tuple[Obstacles, NDArray[np.int64]]:
-        """The stage as obstacles, and the row of the stage's instance for each of theirs."""
-        if self._obstacles is None:
-            trees = MeshTrees.built(self._stage.meshes)
-            tree = ObstacleTree(trees, self._stage.instances)
-            self._obstacles = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root), tree.rows
-        return self._obstacles
+    def _obstacles_at(self, frame: int) -> Obstacles:
+        """The stage as obstacles, from one frame to the next."""
+        epoch = bisect.bisect_right(self._changes, frame)
+        if epoch not in self._obstacles:
+            trees = self._setting.trees()
+            instances, there = self._setting.instances(frame)
+            tree = ObstacleTree(trees, instances, there)
+            self._obstacles[epoch] = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
+            self._obstacle_rows = tree.rows
+        return self._obstacles[epoch]
 
     def _body(self, life: Life, bounces: bool) -> Body:
         each = life.planned
@@ -196,16 +230,20 @@ class Motion:
         """The proxy spheres of an object; None without any surface. Objects of one template and scale share them."""
         key = (life.planned.template, life.planned.scale)
         if key not in self._shapes:
-            surface = self._surface(row)
+            surface = self._setting.surface(row)
             self._shapes[key] = cover(surface) if len(surface) else None
         return self._shapes[key]
 
     def _walls(self, time: Fraction) -> Array:
-        """The frustum's planes at a time, s."""
-        frustum = self._scenario.frustum
-        far = None if frustum is None or frustum.far == -1.0 else frustum.far
-        camera = self._camera
-        if camera.dynamic is not None:
-            x, y, z, a, b, c, d = self._formulas.poses(time)[-1].tolist()
+        """The planes that hold objects on the way to a time, s."""
+        frustum, camera, aspect = self._scenario.frustum, self._setting.cameras[0], self._setting.aspect
+        enclosed = False
+        for edit in self._scenario.edits:
+            if isinstance(edit, Enclose) and edit.frame < time * self._fps:
+                frustum, camera, aspect, enclosed = edit.frustum, edit.camera, edit.aspect, True
+        if frustum is None:
+            return np.tile([0.0, 0.0, 0.0, 1e9], (len(WALLS), 1))
+        if camera.dynamic is not None and not enclosed:
+            x, y, z, a, b, c, d = self._formulas.poses(time)[self._count].tolist()
             camera = camera.posed((x, y, z), (a, b, c, d))
-        return camera.frustum_planes(self._aspect, far)
+        return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)

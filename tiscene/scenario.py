@@ -18,7 +18,7 @@ import contextlib
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,9 @@ import dynamics
 from dynamics import AllTogether, Dynamic, Still, Timing, check
 from tiscene import catalog, scenario_json
 from tiscene.camera import Camera, Vector3
-from tiscene.edits import Despawn, Edit, Life, Move, Spawn, lives
+from tiscene.edits import Despawn, Edit, Enclose, Life, Move, Spawn, StageLife, lives, stage_lives
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError
+from tiscene.light_motion import LightMotion
 
 FORMAT, VERSION = "tiscene.scenario", 1
 
@@ -103,7 +104,9 @@ class Scenario:
 
     scene: its name or file. objects: besides what stands in the scene. timings: when the objects move.
     frustum: walls at the edges of the view, None for none.
-    camera: a Camera (which may have a dynamic), the name of one on the stage, or None for the stage's own.
+    camera: a Camera (which may have a dynamic), the name of one on the stage, or None for the stage's own; several
+        of them watch the same world, the first is the one that the frustum belongs to.
+    lights: how lights of the stage move and shine.
     edits: what was done to the stream while it ran, in the order in which it was done; see `tiscene.edits`.
     Raises ScenarioError if it contradicts itself, such as by timings that cannot work for a dynamic.
     """
@@ -112,8 +115,9 @@ class Scenario:
     objects: Sequence[Object] = ()
     timings: Timing = field(default_factory=lambda: AllTogether(0.0))
     frustum: Frustum | None = None
-    camera: Camera | str | None = None
+    camera: Camera | str | Sequence[Camera | str] | None = None
     edits: Sequence[Edit] = ()
+    lights: Sequence[LightMotion] = ()
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
@@ -124,20 +128,28 @@ class Scenario:
                 raise ScenarioError(f"timings={self.timings!r}: must be a timing, such as AllTogether(0.75)")
             if not isinstance(self.frustum, Frustum | None):
                 raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
-            if not isinstance(self.camera, Camera | str | None):
-                raise ScenarioError(f"camera={self.camera!r}: must be a Camera, the name of one on the stage, or None")
-            if isinstance(self.camera, Camera):
-                _check_dynamic(self.camera.dynamic, "camera.dynamic")
+            object.__setattr__(self, "camera", _check_cameras(self.camera))
             try:
                 self.timings.windows([(each.id, each.dynamic or Still()) for each in self.objects])
             except ValueError as error:
                 raise ScenarioError(f"timings: {error}") from error
             object.__setattr__(self, "edits", _check_edits(self.edits))
+            object.__setattr__(self, "lights", _check_lights(self.lights))
             self.lives()
+            self.stage_lives()
 
     def lives(self) -> list[Life]:
         """All objects that ever are, with what the edits do to them; spawned ones after the others, in their order."""
         return lives(self.objects, self.edits)
+
+    def stage_lives(self) -> dict[str, StageLife]:
+        """What the edits do to things of the stage, by their prim paths."""
+        return stage_lives(self.objects, self.edits)
+
+    @property
+    def cameras(self) -> tuple[Camera | str | None, ...]:
+        """The cameras that watch, the main one first; None stands for the stage's own."""
+        return self.camera if isinstance(self.camera, tuple) else (self.camera,)
 
     @classmethod
     def sample(
@@ -233,23 +245,47 @@ def _classes(*classes: type) -> dict[str, type]:
     return {cls.__name__: cls for cls in classes}
 
 
-_DYNAMICS = _classes(
-    dynamics.CatmullWaypoints,
-    dynamics.Composite,
-    dynamics.Keyframes,
-    dynamics.LinearWaypoints,
-    dynamics.LookAt,
-    dynamics.Orbit,
-    dynamics.Still,
-    dynamics.UniformMovementRandomBounce,
-)
+class _Dynamics(Mapping[str, type]):
+    """The dynamics by name: those of the library, and every `Stepped` that somebody has defined by now."""
+
+    _OWN = _classes(
+        dynamics.CatmullWaypoints,
+        dynamics.Composite,
+        dynamics.Keyframes,
+        dynamics.LinearWaypoints,
+        dynamics.LookAt,
+        dynamics.Orbit,
+        dynamics.Still,
+        dynamics.UniformMovementRandomBounce,
+    )
+
+    def _all(self) -> dict[str, type]:
+        found, pending = dict[str, type](), [dynamics.Stepped]
+        while pending:
+            below = pending.pop().__subclasses__()
+            found |= {cls.__name__: cls for cls in below if is_dataclass(cls)}
+            pending += below
+        return found | self._OWN
+
+    def __getitem__(self, name: str) -> type:
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+
+_DYNAMICS = _Dynamics()
 SCENARIOS = _classes(Scenario)
 # Which classes a field holds, by its name; see `scenario_json`.
-FIELDS: dict[str, dict[str, type]] = {
+FIELDS: dict[str, Mapping[str, type]] = {
     "camera": _classes(Camera),
     "dynamic": _DYNAMICS,
-    "edits": _classes(Despawn, Move, Spawn),
+    "edits": _classes(Despawn, Enclose, Move, Spawn),
     "frustum": _classes(Frustum),
+    "lights": _classes(LightMotion),
     "motion": _DYNAMICS,
     "object": _classes(Object),
     "objects": _classes(Object),
@@ -314,10 +350,40 @@ def _check_objects(value: Any) -> tuple[Object, ...]:
 
 def _check_edits(value: Any) -> tuple[Edit, ...]:
     if not isinstance(value, Sequence) or isinstance(value, str):
-        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn and Move")
+        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn, Move and Enclose")
     for row, each in enumerate(value):
         if not isinstance(each, Edit):
-            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn or a Move")
+            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn, a Move or an Enclose")
+        if isinstance(each, Enclose) and not isinstance(each.frustum, Frustum | None):
+            raise ScenarioError(f"edits[{row}].frustum={each.frustum!r}: must be a Frustum or None")
         if isinstance(each, Spawn) and not isinstance(each.object, Object):
             raise ScenarioError(f"edits[{row}].object={each.object!r}: must be an Object(id, template, ...)")
     return tuple(value)
+
+
+def _check_lights(value: Any) -> tuple[LightMotion, ...]:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise ScenarioError(f"lights={value!r}: must be a sequence of LightMotion")
+    for row, each in enumerate(value):
+        if not isinstance(each, LightMotion):
+            raise ScenarioError(f"lights[{row}]={each!r}: must be a LightMotion")
+        if each.light in [other.light for other in value[:row]]:
+            raise ScenarioError(f"lights[{row}].light={each.light!r}: it has a motion already")
+    return tuple(value)
+
+
+def _check_cameras(value: Any) -> Any:
+    """One camera, as it is, or several as a tuple, whose names differ."""
+    several = isinstance(value, Sequence) and not isinstance(value, str)
+    cameras = tuple(value) if several else (value,)
+    if several and (not cameras or not all(isinstance(each, Camera | str) for each in cameras)):
+        raise ScenarioError(f"camera={value!r}: of several each must be a Camera or the name of one on the stage")
+    names = [each.name if isinstance(each, Camera) else each for each in cameras]
+    for row, each in enumerate(cameras):
+        if not isinstance(each, Camera | str | None):
+            raise ScenarioError(f"camera={each!r}: must be a Camera, the name of one on the stage, or None")
+        if isinstance(each, Camera):
+            _check_dynamic(each.dynamic, f"camera[{row}].dynamic" if several else "camera.dynamic")
+        if names[row] in names[:row]:
+            raise ScenarioError(f"camera[{row}]: another one is called {names[row]!r} already")
+    return cameras if several else value

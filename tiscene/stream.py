@@ -19,6 +19,7 @@ from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame import Frame, FrameCamera
 from tiscene.render.aovs import AOVS
+from tiscene.render.base_image import digest_of
 from tiscene.render.integrators.replay import CACHE_BYTES, Report
 from tiscene.render.measure import object_table
 from tiscene.render.renderer import Quality, Renderer, quality_named
@@ -26,6 +27,7 @@ from tiscene.render.view import View
 from tiscene.scenario import Scenario
 from tiscene.scene.description import Light, Template
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import Placement
 from tiscene.usd import read_stage, read_template
 from tiscene.usd.layers import layer_digests
@@ -47,7 +49,8 @@ class Stream(Iterator[Frame]):
     buffers: which of `tiscene.render.aovs.AOVS` each frame holds; the others cost nothing.
     quality: "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
     seed: of the rendering's random numbers (trajectories have their own).
-    camera: a Camera, or the name of one on the stage, in the place of the scenario's.
+    camera: a Camera, or the name of one on the stage, in the place of the scenario's. Several: one simulation that all
+        of them watch; `frame` is what the first sees, `frame.views` has a frame of each by the camera's name.
     time_code: the stage's time code to read. variants: {"/Prim{set}": "variant"}. arch: "cpu" or "cuda".
 
     differential: whether frames with the camera and the lights of frame 0 are made as differences to an image of what
@@ -79,7 +82,7 @@ class Stream(Iterator[Frame]):
         max_depth: int | None = None,
         denoise: bool | None = None,
         seed: int = 0,
-        camera: Camera | str | None = None,
+        camera: Camera | str | Sequence[Camera | str] | None = None,
         time_code: float | None = None,
         variants: Mapping[str, str] | None = None,
         arch: str | None = None,
@@ -124,9 +127,10 @@ class Stream(Iterator[Frame]):
         width, height = width or self.width, height or self.height
 
         def load_template(name: str) -> Template:
-            return read_template(catalog.find_template(name, scene=scenario.scene), up_axis=self._stage.up_axis)
+            file, variants = catalog.find_template(name, scene=scenario.scene), catalog.template_variants(name)[1]
+            return read_template(file, up_axis=self._stage.up_axis, variants=variants)
 
-        self.world = World(scenario, self._stage, load_template, self.fps, aspect=width / height)
+        self.world = World(scenario, self._stage, load_template, self.fps, width / height, self._mesh_trees)
         self.width, self.height = width, height
         self._scene = DeviceScene()
         self._loaded = 0  # how many of the world's descriptions are on the device
@@ -251,7 +255,7 @@ class Stream(Iterator[Frame]):
         """Stops by which `rgb` is exposed: the camera's, else metered once by what the stream's own camera sees."""
         if self._exposure is None:
             # At frame 0 whatever frame is asked for first, so that a seek changes no pixel.
-            view = View(*self.world.cameras(0), width=self.width, height=self.height)
+            view = View(*self.world.view(0), width=self.width, height=self.height)
             self._exposure = self._renderer(view).meter(view, self._placement(0), seed=self.seed)
         return self._exposure
 
@@ -262,7 +266,9 @@ class Stream(Iterator[Frame]):
         stream's own frames are, if the camera is that of its frame 0.
         """
         placement = self._placement(index)
-        exposure = self.exposure if "rgb" in buffers else 0.0
+        exposure = view.current.exposure
+        if exposure is None:
+            exposure = self.exposure if "rgb" in buffers else 0.0
         return Frame(
             index=index,
             time=index / self.fps,
@@ -278,24 +284,28 @@ class Stream(Iterator[Frame]):
             ),
             objects=object_table(self._scene, placement, view, self.world.objects(index)),
             categories=self.categories,
-            events=tuple(self.world.events(index)),
+            events=tuple(self.world.events(index, (view.previous, view.current, view.next), view.width / view.height)),
         )
 
     def _render(self, index: int) -> Frame:
-        return self.look(index, View(*self.world.cameras(index), width=self.width, height=self.height), self.buffers)
+        first, *others = [
+            self.look(index, View(*self.world.view(index, row), width=self.width, height=self.height), self.buffers)
+            for row in range(len(self.world.cameras))
+        ]
+        return replace(first, others=tuple(others)) if others else first
 
     def _moving(
         self, index: int, view: View, placement: Placement, differential: bool | None
     ) -> NDArray[np.bool_] | None:
         """The instances that a frame shows as differences to what never moves; None: it is traced from nothing."""
         if differential is None:
-            differential = self.differential and view.current == self.world.cameras(0)[1]
+            cameras = [self.world.view(0, row)[1] for row in range(len(self.world.cameras))]
+            differential = self.differential and view.current in cameras
         if self._relit or not differential:
             return None
         moving = self.world.moving(index)
-        if not moving.any() or placement.lights != self.world.placement(0).lights:
-            return None
-        return moving
+        relit = placement.lights is not None and digest_of(self.world.lights(index)) != digest_of(self.world.lights(0))
+        return None if relit or not moving.any() else moving
 
     def _renderer(self, view: View) -> Renderer:
         size = view.width, view.height
@@ -317,10 +327,18 @@ class Stream(Iterator[Frame]):
     def _placement(self, index: int) -> Placement:
         """Where everything is; what the world has loaded since the last time goes to the device first."""
         placement = self.world.placement(index)
+        self._load()
+        return placement
+
+    def _load(self) -> None:
         for description in self.world.descriptions[self._loaded :]:
             self._scene.add(description)
             self._loaded += 1
-        return placement
+
+    def _mesh_trees(self) -> MeshTrees:
+        """What rays walk through serves for collisions too."""
+        self._load()
+        return self._scene.trees
 
 
 class FrameRange(Sequence[Frame]):

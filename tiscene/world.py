@@ -6,6 +6,7 @@ before.
 
 from __future__ import annotations
 
+import functools
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -17,14 +18,18 @@ from numpy.typing import NDArray
 from dynamics import Dynamic
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.camera import Camera
-from tiscene.edits import Despawn, Edit, Move, Spawn
+from tiscene.edits import Despawn, Edit, Enclose, Move, Spawn
 from tiscene.errors import ArgumentError, CameraNotFound, ObjectNotFound, ScenarioError
 from tiscene.events import Event
+from tiscene.in_view import in_view
 from tiscene.inventory import Inventory, WorldObject
-from tiscene.motion import WALLS, Motion
-from tiscene.scenario import Object, Scenario
-from tiscene.scene.description import SceneDescription, Template
+from tiscene.lighting import Lighting
+from tiscene.motion import KEPT_FRAMES, WALLS, Motion, Setting
+from tiscene.scenario import Frustum, Object, Scenario
+from tiscene.scene.description import Light, SceneDescription, Template
+from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import Placement
+from tiscene.stage_things import StageThings, matrix
 
 Array = NDArray[np.float64]
 
@@ -39,7 +44,8 @@ class World:
     A stream that runs may be edited: `spawn`, `despawn`, `move` take effect at its next frame and are kept in
     `scenario.edits`, so that a world made of that scenario does the same at the same frames.
 
-    scenario: what was asked for, and the edits. next_frame: the one that the stream gives next.
+    scenario: what was asked for, and the edits. next_frame: the one that the stream gives next. cameras: all that
+    watch, as the scenario has them.
     """
 
     def __init__(
@@ -49,25 +55,51 @@ class World:
         load_template: Callable[[str], Template],
         fps: float,
         aspect: float = 4.0 / 3.0,
+        trees: Callable[[], MeshTrees] | None = None,
     ) -> None:
         """load_template: finds what the stage does not hold, or raises TemplateNotFound. fps: frame k is at k / fps.
 
-        aspect: width / height of the view, which a frustum's walls enclose.
+        aspect: width / height of the view, which a frustum's walls enclose. trees: those over the stage's meshes, where
+        somebody renders them; asked for if objects collide.
         The camera is the scenario's, else the stage's first, else one that sees the whole stage.
-        Raises ScenarioError, CameraNotFound, ArgumentError, and what `load_template` raises.
+        Raises ScenarioError, CameraNotFound, LightNotFound, ArgumentError, and what `load_template` raises.
         """
         if isinstance(fps, bool) or not np.isfinite(fps) or fps <= 0:
             raise ArgumentError(f"fps={fps!r}: must be a positive number of frames per second")
         self.scenario = scenario
         self.stage = stage
         self.fps = fps
-        self.camera = _chosen_camera(scenario, stage)
+        self.cameras = tuple(_chosen_camera(camera, stage) for camera in scenario.cameras)
+        names = [camera.name for camera in self.cameras]
+        if len(set(names)) < len(names):
+            raise ScenarioError(f"camera: {', '.join(names)}: two of them have one name")
         self.next_frame = 0
+        self._seen_by_view: dict[tuple[int, Camera, float], set[int]] = {}
         self._aspect = aspect
         self._inventory = Inventory(stage, load_template)
         self._lives = scenario.lives()
+        self._things = StageThings(stage, self._inventory.stage_rows, self._inventory.stage_owner)
+        self._things.settle(scenario.stage_lives())
         self._inventory.settle(self._lives)
-        self._motion = Motion(scenario, stage, self.camera, fps, aspect, self._inventory.surface)
+        self._lighting = Lighting(stage, scenario.lights)
+        self._setting = Setting(
+            stage=stage,
+            cameras=self.cameras,
+            fps=fps,
+            aspect=aspect,
+            lights=[
+                (motion.dynamic, *pose) for motion, pose in zip(scenario.lights, self._lighting.poses(), strict=True)
+            ],
+            surface=self._inventory.surface,
+            trees=functools.cache(trees or (lambda: MeshTrees.built(stage.meshes))),
+            instances=self._things.instances,
+        )
+        self._motion = Motion(scenario, self._setting)
+
+    @property
+    def camera(self) -> Camera:
+        """The main camera."""
+        return self.cameras[0]
 
     @property
     def templates(self) -> list[str]:
@@ -97,6 +129,7 @@ class World:
         world = np.empty((3, len(mesh), 3, 4))
         present = np.ones((3, len(mesh)), dtype=np.bool_)
         world[:, :count] = still
+        self._things.place(frame, still, world, present)
         if count < len(mesh):
             # What comes is shown as it is planned now: edits are not anticipated.
             before, now, after = (
@@ -112,7 +145,30 @@ class World:
             for time, step in enumerate((-1, 0, 1)):
                 alive = [life.alive(max(frame + step, 0), known=frame) for life in self._lives]
                 present[time, count:] = np.array(alive)[inventory.owner]
-        return Placement(mesh.copy(), instance_id.copy(), category_id.copy(), world, box.copy(), present)
+        return Placement(
+            mesh.copy(), instance_id.copy(), category_id.copy(), world, box.copy(), present, self._lights(frame)
+        )
+
+    def lights(self, frame: int) -> list[Light]:
+        """The lights at `frame`: where they are, and how they shine."""
+        lights = self._lights(_frame_number(frame))
+        return list(self.stage.lights) if lights is None else [light for _, light in lights]
+
+    def _lights(self, frame: int) -> tuple[tuple[int, Light], ...] | None:
+        """Each with the row of its description; None if they are the stage's as it was read, always."""
+        carried = self._inventory.carried
+        if not (self.scenario.lights or carried or self._things.lives):
+            return None
+        poses = self._motion.poses(frame)
+        first = len(self._lives) + len(self.cameras)
+        objects: list[Array | None] = [None] * len(self._lives)
+        for row in {each.object for each in carried}:
+            if self._lives[row].alive(frame, known=frame):
+                objects[row] = matrix(poses[row])
+        matrices = np.array([matrix(pose) for pose in poses[first:]]).reshape(-1, 4, 4)
+        return self._lighting.at(
+            frame / self.fps, matrices, lambda path: self._things.carries(path, frame), carried, objects
+        )
 
     def moving(self, frame: int) -> NDArray[np.bool_]:
         """Of every mesh of the placement at `frame`, whether it ever moves, comes or goes, as far as is known then."""
@@ -121,24 +177,27 @@ class World:
         moving = np.zeros(len(mesh), bool)
         restless = np.array([not life.rests(known=frame) for life in self._lives], bool)
         moving[len(still) :] = restless[self._inventory.owner]
+        moving[: len(still)] = self._things.restless(frame)
         return moving
 
-    def cameras(self, frame: int) -> tuple[Camera, Camera, Camera]:
-        """The camera at the frames before, at and after `frame`."""
+    def view(self, frame: int, camera: int = 0) -> tuple[Camera, Camera, Camera]:
+        """A camera, by its row in `cameras`, at the frames before, at and after `frame`."""
         frame = _frame_number(frame)
-        if self.camera.dynamic is None:
-            return (self.camera, self.camera, self.camera)
-        before, now, after = (self._motion.poses(frame + step)[-1].tolist() for step in (-1, 0, 1))
+        chosen = self.cameras[camera]
+        if chosen.dynamic is None:
+            return (chosen, chosen, chosen)
+        row = len(self._lives) + camera
+        before, now, after = (self._motion.poses(frame + step)[row].tolist() for step in (-1, 0, 1))
         return (
-            self.camera.posed(tuple(before[:3]), tuple(before[3:])),
-            self.camera.posed(tuple(now[:3]), tuple(now[3:])),
-            self.camera.posed(tuple(after[:3]), tuple(after[3:])),
+            chosen.posed(tuple(before[:3]), tuple(before[3:])),
+            chosen.posed(tuple(now[:3]), tuple(now[3:])),
+            chosen.posed(tuple(after[:3]), tuple(after[3:])),
         )
 
     def objects(self, frame: int) -> list[WorldObject]:
         """Everything that is alive at `frame`, in the order of ids."""
         frame = _frame_number(frame)
-        rows = list(self._inventory.stage_rows)
+        rows = self._things.rows(frame)
         if self._inventory.object_rows:
             now, after = self._motion.poses(frame), self._motion.arrivals(frame + 1)
             velocities = ((after[:, :3] - now[:, :3]) * self.fps).tolist()
@@ -158,23 +217,55 @@ class World:
                     )
         return rows
 
-    def events(self, frame: int) -> list[Event]:
-        """What has happened since the frame before: spawns and despawns, then what met what, each in order of ids."""
+    def events(
+        self, frame: int, view: tuple[Camera, Camera, Camera] | None = None, aspect: float | None = None
+    ) -> list[Event]:
+        """What has happened since the frame before: spawns and despawns, what met what, what came into view and left.
+
+        view: the camera before, at and after the frame that "enter" and "leave" are for, and its width / height; by
+        default the main camera's. Something is in view while any of the box around it, in its own axes, lies within
+        the sides of the picture in front of the camera, hidden or not. It enters when it is there and in view, and was
+        not at the frame before; things of the stage that are in view at frame 0 do not.
+        """
         frame = _frame_number(frame)
         first = len(self.stage.objects) + 1
         events = []
+        for number, stage_life in self._things.lives.items():
+            if stage_life.despawned == frame:
+                events.append(Event("despawn", number + 1))
         for number, life in enumerate(self._lives):
             if life.planned.first_frame == frame:
                 events.append(Event("spawn", first + number))
             elif life.last_frame is not None and life.last_frame + 1 == frame:
                 events.append(Event("despawn", first + number))
+        events.sort(key=lambda event: event.object)
         for meeting in self._motion.meetings(frame):
             if meeting.kind == "wall":
                 events.append(Event("contact", first + meeting.number, wall=WALLS[meeting.other]))
             else:
                 start = 1 if meeting.kind == "stage" else first
                 events.append(Event("contact", first + meeting.number, start + meeting.other))
+        before, now, _ = view or self.view(frame)
+        aspect = aspect or self._aspect
+        seen = self._seen(frame, now, aspect)
+        earlier = self._seen(frame - 1, before, aspect) if frame else {id for id in seen if id < first}
+        events += [Event("enter", id) for id in sorted(seen - earlier)]
+        events += [Event("leave", id) for id in sorted(earlier - seen)]
         return events
+
+    def _seen(self, frame: int, camera: Camera, aspect: float) -> set[int]:
+        """Ids of what is in a camera's view at a frame."""
+        key = frame, camera, aspect
+        if key not in self._seen_by_view:
+            while len(self._seen_by_view) >= KEPT_FRAMES:
+                self._seen_by_view.pop(next(iter(self._seen_by_view)))
+            rows = self.objects(frame)
+            poses = np.array([[*row.position, *row.rotation] for row in rows]).reshape(-1, 7)
+            placed = np.concatenate([matrix_from_quaternion(poses[:, 3:]), poses[:, :3, None]], axis=2)
+            boxes = np.array([row.box for row in rows]).reshape(-1, 2, 3)
+            visible = in_view(camera, aspect, boxes, placed)
+            self._seen_by_view[key] = {row.id for row, there in zip(rows, visible.tolist(), strict=True) if there}
+        return self._seen_by_view[key]
 
     def spawn(
         self,
@@ -199,65 +290,86 @@ class World:
         return self._inventory.object_rows[-1].id
 
     def despawn(self, object: int | str) -> None:
-        """Let an object of the scenario, by its instance id or name, be gone from the next frame on.
+        """Let something be gone from the next frame on: by its instance id, an object's name or a thing's prim path.
 
         Raises ObjectNotFound if it is not there then.
         """
         self._edit(Despawn(self.next_frame, self._live_name(object)))
 
     def move(self, object: int | str, position: Sequence[float], rotation: Sequence[float] | None = None) -> None:
-        """Put an object of the scenario, by its instance id or name, elsewhere at the next frame.
+        """Put something elsewhere at the next frame: by its instance id, an object's name or a thing's prim path.
 
         rotation: Euler degrees or a quaternion; None: as it is now. What follows a path returns to it from there, what
-        bounces goes on in its direction. Raises ObjectNotFound if it is not there then, ScenarioError.
+        bounces goes on in its direction, things of the stage stand. Position and rotation are those that
+        `frame.objects` tells. Raises ObjectNotFound if it is not there then, ScenarioError.
         """
         name = self._live_name(object)
         if rotation is None:
-            row = next(row for row, life in enumerate(self._lives) if life.planned.id == name)
-            rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
+            rotation = next(row.rotation for row in self.objects(self.next_frame) if name in (row.name, row.prim_path))
+            for row, life in enumerate(self._lives):
+                if life.planned.id == name:
+                    rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
         try:
             edit = Move(self.next_frame, name, position, rotation)  # type: ignore[arg-type]
         except (TypeError, ValueError) as error:
             raise ScenarioError(f"move: {error}") from error
         self._edit(edit)
 
+    def enclose(self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None) -> None:
+        """Let the walls that hold objects be those of another view from the next frame on.
+
+        frustum: None: there are no walls. camera, aspect: whose view, and its width / height; by default what the main
+        camera sees then. Raises ScenarioError.
+        """
+        camera = replace(camera or self.view(self.next_frame)[1], dynamic=None)
+        try:
+            edit = Enclose(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect)
+        except (TypeError, ValueError) as error:
+            raise ScenarioError(f"enclose: {error}") from error
+        self._edit(edit)
+
     def _live_name(self, object: int | str) -> str:
-        """The name of an object that is there at the next frame."""
+        """The scenario's name, or the stage's prim path, of something that is there at the next frame."""
         frame = self.next_frame
         there = {
             row.id: life.planned.id
             for row, life in zip(self._inventory.object_rows, self._lives, strict=True)
             if life.alive(frame, known=frame)
         }
-        if object in there.values():
+        things = {
+            row.id: row.prim_path
+            for number, row in enumerate(self._inventory.stage_rows)
+            if self._things.there(number, frame)
+        }
+        if object in there.values() or object in things.values():
             return str(object)
-        if isinstance(object, bool) or object not in there:
-            known = [f"{name} ({number})" for number, name in there.items()]
-            raise ObjectNotFound("object", str(object), known, f" of the scenario at frame {frame}")
-        return there[int(object)]
+        if isinstance(object, bool) or object not in (there | things):
+            known = [f"{name} ({number})" for number, name in (there if len(things) > 20 else there | things).items()]
+            raise ObjectNotFound("object", str(object), known, f" at frame {frame}")
+        return (there | things)[int(object)]
 
     def _edit(self, edit: Edit) -> None:
-        self.scenario = replace(self.scenario, edits=(*self.scenario.edits, edit))
+        scenario = replace(self.scenario, edits=(*self.scenario.edits, edit))
+        self._things.settle(scenario.stage_lives())
+        self.scenario = scenario
         self._lives = self.scenario.lives()
         self._inventory.settle(self._lives)
-        before = self._motion, edit.frame
-        self._motion = Motion(
-            self.scenario, self.stage, self.camera, self.fps, self._aspect, self._inventory.surface, before
-        )
+        self._seen_by_view.clear()
+        self._motion = Motion(self.scenario, self._setting, (self._motion, edit.frame))
 
 
-def _chosen_camera(scenario: Scenario, stage: SceneDescription) -> Camera:
-    if isinstance(scenario.camera, Camera):
-        return scenario.camera
-    if scenario.camera is None and stage.cameras:
+def _chosen_camera(wanted: Camera | str | None, stage: SceneDescription) -> Camera:
+    if isinstance(wanted, Camera):
+        return wanted
+    if wanted is None and stage.cameras:
         return stage.cameras[0]
-    if scenario.camera is None:
+    if wanted is None:
         (a, b, c), (d, e, f) = stage.bounds().tolist()
         return Camera.seeing((a, b, c), (d, e, f), (0.0, 1.0, 0.0) if stage.up_axis == "Y" else (0.0, 0.0, 1.0))
     for camera in stage.cameras:
-        if camera.name == scenario.camera:
+        if camera.name == wanted:
             return camera
-    raise CameraNotFound("camera", scenario.camera, [each.name for each in stage.cameras], f" in scene {stage.name!r}")
+    raise CameraNotFound("camera", wanted, [each.name for each in stage.cameras], f" in scene {stage.name!r}")
 
 
 def _frame_number(frame: int) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from dynamics.obstacles import Obstacles, placed
@@ -35,12 +37,13 @@ def obstacles(*parts: np.ndarray, matrices=None, layout=None):
     ]  # fmt: skip
     matrices = [np.eye(4)] * len(parts) if matrices is None else matrices
 
+    @functools.cache
     def make() -> Obstacles:
         trees = MeshTrees.built(meshes, layout)
         tree = ObstacleTree(trees, [Instance(row, row, matrix) for row, matrix in enumerate(matrices)])
         return placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
 
-    return make
+    return lambda _frame=0: make()
 
 
 def spheres_at(shape: Shape, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,7 @@ class Arena:
         trees = MeshTrees.built(self.stage.meshes)
         tree = ObstacleTree(trees, self.stage.instances)
         self.tree = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
-        self.simulation = SteppedSimulation(movers, fps=FPS, obstacles=lambda: self.tree)
+        self.simulation = SteppedSimulation(movers, fps=FPS, obstacles=lambda _frame: self.tree)
 
     def gap(self, poses: np.ndarray) -> float:
         """Between all proxy spheres and the room, as far as 0.1 m."""

@@ -421,7 +421,7 @@ def test_time_samples_play_as_they_are(tmp_path):
     for frame in range(21):
         rows = {each.name: each for each in stream.world.objects(frame)}
         assert ("Box" in rows) == (3 <= frame <= 7)
-        assert stream.world.cameras(frame)[1].position == pytest.approx((frame / 10, 0, 9))
+        assert stream.world.view(frame)[1].position == pytest.approx((frame / 10, 0, 9))
         assert rows["Floor"].position == pytest.approx((0, -5 - min(frame, 10) / 10, 0))
         if "Box" in rows:
             assert rows["Box"].position == pytest.approx((min(frame, 5), 0, frame))

@@ -99,7 +99,7 @@ def test_every_time_code_has_the_poses_of_its_frame(stream, tmp_path):
         np.testing.assert_allclose(have, want, rtol=0, atol=1e-6 if scaled else 1e-12)
         counts.add(len(have))
         camera = read_stage(tmp_path / "motion.usda", time_code=frame).cameras[-1]
-        expected = stream.world.cameras(frame)[1]
+        expected = stream.world.view(frame)[1]
         np.testing.assert_allclose(camera.position, expected.position, atol=1e-12)
         assert abs(np.dot(camera.rotation, expected.rotation)) == pytest.approx(1, abs=1e-12)
         assert camera.vertical_fov == pytest.approx(expected.vertical_fov, rel=1e-6)
@@ -183,3 +183,17 @@ def test_a_scene_whose_author_moves_things_is_written_as_it_played(tmp_path):
         assert ("Ball" in have) == (frame >= 2)
         for name in have:
             assert have[name] == pytest.approx(want[name], abs=1e-12)
+
+
+def test_the_variants_of_a_template_are_chosen_in_the_file_too(tmp_path):
+    objects = [ts.Object(color, f"Cube{{color={color}}}", (0, 1, -2)) for color in ("teal", "white")]
+    stream = ts.Stream(ts.Scenario("object_view", objects), width=16, height=12, frames=1)
+    stream.to_usd(tmp_path / "motion.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "motion.usda"))
+    chosen = {
+        prim.GetName(): prim.GetVariantSet("color").GetVariantSelection()
+        for prim in stage.Traverse()
+        if prim.HasVariantSets() and prim.GetName() in ("teal", "white")
+    }
+    assert chosen == {"teal": "teal", "white": "white"}
+    assert sorted(stream.world.templates) == ["Cube{color=teal}", "Cube{color=white}"]

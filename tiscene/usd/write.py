@@ -82,7 +82,7 @@ def _write_camera(over: OverLayer, world: World, frames: Sequence[int]) -> None:
     prim, operations = over.define_camera(world.camera)
     root = over.stage.GetPrimAtPath(over.root)
     root.CreateRelationship("tiscene:scenario:camera", False).SetTargets([prim.GetPath()])
-    cameras = [world.cameras(frame)[1] for frame in frames]
+    cameras = [world.view(frame)[1] for frame in frames]
     poses = [np.array([*camera.position, *camera.rotation]) for camera in cameras]
     _write_poses(operations, dict(zip(frames, poses, strict=True)), over)
 

@@ -1,0 +1,48 @@
+"""Which boxes a camera has in view: the events "enter" and "leave" are made of this."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera
+
+Array = NDArray[np.float64]
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+
+
+def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArray[np.bool_]:
+    """Whether some of each box lies within the four sides of a camera's view, in front of it, whatever hides it.
+
+    aspect: width / height. boxes: [n, 2, 3], lowest and highest corners in the boxes' own axes, m. poses: [n, 3, 4],
+    these axes in the world. A box in view has a point in common with the endless pyramid of the view, which two convex
+    bodies have unless a plane separates them: one along a face of either, or along an edge of each.
+    """
+    if not len(boxes):
+        return np.zeros(0, np.bool_)
+    tangent = math.tan(0.5 * camera.vertical_fov)
+    right, up, backward = camera.axes().T
+    rays = np.array(
+        [x * right + y * up - backward for x in (-aspect * tangent, aspect * tangent) for y in (-tangent, tangent)]
+    )
+    sides = np.array([np.cross(rays[a], rays[b]) for a, b in ((0, 1), (1, 3), (3, 2), (2, 0))])
+    corners = boxes[:, None, 0] + _CORNERS * (boxes[:, None, 1] - boxes[:, None, 0])
+    corners = np.einsum("nij,ncj->nci", poses[:, :, :3], corners) + poses[:, None, :, 3] - np.asarray(camera.position)
+    edges = np.moveaxis(poses[:, :, :3], 2, 1)  # [n, 3, 3], the boxes' axes
+    axes = np.concatenate(
+        [
+            np.broadcast_to(sides, (len(boxes), *sides.shape)),
+            edges,
+            np.cross(edges[:, :, None], rays[None, None]).reshape(len(boxes), -1, 3),
+        ],
+        axis=1,
+    )
+    axes = np.concatenate([axes, -axes], axis=1)
+    # The pyramid reaches from its tip, the origin, to infinity: it lies below 0 along an axis, or has no bound there.
+    bounded = (axes @ rays.T <= 1e-9 * np.linalg.norm(axes, axis=2, keepdims=True)).all(axis=2)
+    lowest = np.einsum("nai,nci->nac", axes, corners).min(axis=2)
+    separated = bounded & (lowest > 0.0)
+    result: NDArray[np.bool_] = ~separated.any(axis=1)
+    return result
