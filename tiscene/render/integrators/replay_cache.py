@@ -116,6 +116,9 @@ class PathCache:
         row_counts, segment_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
         written: list[tuple[Any, Any]] = []
         live = count
+        last_depth = self.max_depth - 1
+        if self._paths.scene.materials.any_emission:
+            last_depth = self.max_depth
         for step in range(self.steps):
             segments = _Rows(live, record.RESTORE_COLUMNS)
             record.begin_segments(
@@ -126,8 +129,9 @@ class PathCache:
             if not ends:  # else only the shadow rays that the segments became can bring light
                 record.end_segments(
                     self._scene.arrays.light_values, self._scene.arrays.light_distribution,
-                    self._scene.light_total, self._scene.light_solid,
-                    segments.paths, segments.count, s.hits, s.state, segments.rays, segments.light, segment_counts,
+                    self._scene.light_total, self._scene.light_solid, last_depth,
+                    segments.paths, segments.count, s.hits, s.state, segments.restore, segments.rays, segments.light,
+                    segment_counts,
                 )  # fmt: skip
                 written.append((segments, True))
             if casts:

@@ -11,12 +11,14 @@ import taichi as ti
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1
 from tiscene.render.integrators.path_shading import nearest_light, read3, write3
 from tiscene.render.integrators.path_state import (
+    DEPTH_MASK,
     DIRECT,
     FEATURE_COLUMNS,
     ORIGIN,
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SEEN,
     SPREAD,
     THROUGHPUT,
 )
@@ -74,23 +76,34 @@ def end_segments(
     light_distribution: Floats1,
     light_total: ti.i32,
     light_solid: ti.i32,
+    last_depth: ti.i32,
     paths: Ints1,
     count: ti.i32,
     hits: Floats2,
     state: Floats2,
+    restore: Floats2,
     rays: Floats2,
     light: Floats2,
     rows: Ints1,
 ):
     """After the step: where the segments ended (a little beyond, which a mover there must not be lost for), and what
-    they brought. rows: how many each path has."""
+    they brought. rows: how many each path has.
+
+    last_depth: of what is met after so many surfaces only the emission counts, and no mover has any; what brought no
+    light is then not worth a row (t_max 0).
+    """
     lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
     for k in range(count):
         i = paths[k]
         _, end = nearest_light(lights, row3(rays, k), read3(rays, k, 4), hits[i, 0])
+        brought = finite(read3(state, i, RADIANCE))
+        status = ti.cast(restore[k, R_STATUS], ti.i32)
+        if (status & DEPTH_MASK) >= last_depth and (status & SEEN) != 0 and brought.max() == 0.0:
+            end = 0.0
+        else:
+            rows[i] += 1
         rays[k, 7] = end
-        write3(light, k, 0, finite(read3(state, i, RADIANCE)))
-        rows[i] += 1
+        write3(light, k, 0, brought)
 
 
 @ti.kernel
@@ -140,16 +153,17 @@ def sort_segments(
 ):
     """Put one step's segments behind what their paths have already."""
     for k in range(count):
-        i = paths[k]
-        row, segment = next_row[i], next_segment[i]
-        next_row[i] += 1
-        next_segment[i] += 1
-        for c in ti.static(range(8)):
-            sorted_rays[row, c] = rays[k, c]
-        sorted_rays[row, SEGMENT] = ti.cast(segment, ti.f32)
-        write3(sorted_light, row, 0, read3(light, k, 0))
-        for c in ti.static(range(RESTORE_COLUMNS)):
-            sorted_restore[segment, c] = restore[k, c]
+        if rays[k, 7] > 0.0:
+            i = paths[k]
+            row, segment = next_row[i], next_segment[i]
+            next_row[i] += 1
+            next_segment[i] += 1
+            for c in ti.static(range(8)):
+                sorted_rays[row, c] = rays[k, c]
+            sorted_rays[row, SEGMENT] = ti.cast(segment, ti.f32)
+            write3(sorted_light, row, 0, read3(light, k, 0))
+            for c in ti.static(range(RESTORE_COLUMNS)):
+                sorted_restore[segment, c] = restore[k, c]
 
 
 @ti.kernel
