@@ -126,8 +126,6 @@ LOOKS: dict[str, Look] = {
     "PlainWallWarm": Look((0.60, 0.47, 0.38), 0.9),
     "PlainWallCool": Look((0.40, 0.49, 0.52), 0.9),
     "PlainFloor": Look((0.48, 0.47, 0.45), 0.55),
-    "SlipperFelt": Look((0.33, 0.31, 0.29), 0.95, normal="weave_normal.png", tile=(0.24, 0.24)),
-    "SlipperSole": Look((0.16, 0.11, 0.075), 0.7),
     "ClearGlass": Look((0.76, 0.77, 0.76), 0.0, opacity=0.0),
     # Metals and ceramics
     "Brass": Look((0.78, 0.58, 0.30), 0.28, metallic=1.0),

@@ -95,6 +95,8 @@ def _furniture(room: Room) -> None:
         room.put("Pictures", art, (wall[0], wall[1], z), TOWARDS_BED)
     coast = small.picture("Coast", "Coast", 0.60, 0.40, "Walnut", 0.05)
     room.put("Pictures", coast, (1.62, 1.50, NEAR - 0.001), (0.0, 180.0, 0.0))
+    landscape = small.picture("Landscape", "Landscape", 0.90, 0.60, "Oak")
+    room.put("Pictures", landscape, (-0.42, 1.60, FAR + 0.001))
     room.put("Plants", plants.rubber_plant("RubberPlant", 1.35, 21), (-1.62, 0.0, 1.62))
     room.put("Furniture", tables.basket("Basket"), (1.02, 0.0, 1.72))
 
@@ -107,6 +109,12 @@ def _clutter(room: Room) -> None:
         room.put("TableThings", book, (RIGHT - 0.33, top + 0.026 * index, near + 0.09), (0.0, 90.0 + yaw, 0.0))
     room.put("TableThings", bedroom.glass_of_water("Glass"), (RIGHT - 0.32, top, near - 0.14))
     room.put_template("TableThings", "Cup", "cup_01", (RIGHT - 0.33, top, far - 0.12), (0.0, 130.0, 0.0))
+    room.put_template(
+        "TableThings", "AlarmClock", "alarm_clock_01", (RIGHT - 0.14, top, near + 0.135), (0.0, -75.0, 0.0)
+    )
+    room.put_template("TableThings", "Cellphone", "cellphone_01", (RIGHT - 0.31, top, far + 0.10), (0.0, 70.0, 0.0))
+    room.put_template("Bedding", "TeddyBear", "teddy_bear_01", (RIGHT - 0.86, 0.625, BED + 0.52), (-14.0, -62.0, 0.0))
+    room.put_template("Furniture", "Box", "box_01", (1.05, 2.2, FAR + 0.30), (0.0, 8.0, 0.0))
     book = small.book("NightBook3", 9, 0.14, 0.21, 0.030)
     room.put("TableThings", book, (RIGHT - 0.22, 0.166, near), (0.0, 84.0, 0.0))
     book = small.book("NightBook4", 1, 0.15, 0.22, 0.024)
@@ -127,10 +135,6 @@ def _clutter(room: Room) -> None:
     room.put("Ornaments", small.ornament("Ornament"), (chest[0] + 0.02, chest[1] + 0.076, 0.86))
     for index, (x, z, height) in enumerate(((0.04, 0.42, 0.13), (-0.04, 0.50, 0.085))):
         room.put("Ornaments", small.candle(f"Candle{index + 1}", height), (chest[0] + x, chest[1], z))
-    for index, (x, z, yaw) in enumerate(((0.06, -0.62, 205.0), (-0.06, -0.50, 168.0))):
-        side = (-1.0, 1.0)[index]
-        slipper = bedroom.slipper(f"Slipper{index + 1}", side)
-        room.put("Furnishings", slipper, (0.62 + x, 0.0, z + 0.02), (0.0, yaw, 0.0))
     for index, (spine, yaw) in enumerate(((7, -14.0), (15, 8.0))):
         item = small.book(f"BenchBook{index + 1}", spine, 0.20, 0.27, 0.022)
         room.put("TableThings", item, (-0.55, 0.458 + 0.022 * index, 1.74), (0.0, 90.0 + yaw, 0.0))
@@ -150,7 +154,7 @@ def _light(room: Room) -> None:
         "Sun",
         {"day": (-0.33, 0.58, 0.72), "evening": (-0.42, 0.17, 0.80), "night": (-0.25, 0.75, 0.72)},
         {"day": 5.5, "evening": 1.6, "night": 0.012},
-        {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.50, 0.20), "night": (0.45, 0.62, 1.0)},
+        {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.60, 0.32), "night": (0.45, 0.62, 1.0)},
         {"day": 0.8, "evening": 1.2, "night": 0.8},
     )
     strength = {"day": 0.0, "evening": 26.0, "night": 26.0}
@@ -166,7 +170,7 @@ def _cameras(room: Room) -> None:
     room.camera("Main", (-1.78, 1.35, -1.28), (1.6, 0.70, 0.72), fov=50.0, exposure=exposure)
     # SAILenv's published pose: Unity (-1.3, 2.0, 1.5), pitch 22 down, yaw 144 to the right.
     room.camera("SAILenv", (-1.3, 2.0, -1.5), turn=(-22.0, -144.0, 0.0), fov=60.0, exposure=exposure, focus=3.0)
-    room.camera("Agent", (-1.3, 2.0, -1.5), turn=(-22.0, -144.0, 0.0), fov=60.0, exposure=exposure, focus=3.0)
+    room.camera("Agent", (-1.2, 2.0, -1.35), turn=(-22.0, -144.0, 0.0), fov=60.0, exposure=exposure, focus=3.0)
     room.camera("Chest", (2.05, 1.50, 1.65), (-1.6, 0.80, -0.25), fov=54.0, exposure=exposure)
     close = {"day": 3.6, "evening": 3.2, "night": 3.2}
     room.camera("Bedside", (1.05, 0.98, -0.95), (2.2, 0.66, -0.42), fov=36.0, exposure=close, f_stop=2.8)

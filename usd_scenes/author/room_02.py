@@ -70,6 +70,8 @@ def _sitting(room: Room) -> None:
     room.put("Furniture", tables.coffee_table("CoffeeTable"), (-1.50, 0.011, -3.95), (0.0, 3.0, 0.0))
     room.put_template("Furniture", "Armchair", "armchair_01", (-3.35, 0.0, -3.45), (0.0, 62.0, 0.0))
     room.put_template("Furniture", "Pouf", "pouf_01", (0.46, 0.0, -3.42), (0.0, 20.0, 0.0))
+    room.put_template("Furniture", "Armchair2", "armchair_01", (-3.38, 0.0, -1.62), (0.0, 105.0, 0.0))
+    room.put_template("Furniture", "Pouf2", "pouf_01", (-2.62, 0.0, -1.28), (0.0, 64.0, 0.0))
     room.put("Furniture", tables.floor_lamp("FloorLamp"), (0.02, 0.0, -5.55))
     room.put("Plants", plants.rubber_plant("RubberPlant"), (-3.75, 0.0, -5.45))
     for index, (look, x, z, turn, size) in enumerate(
@@ -96,6 +98,7 @@ def _sitting(room: Room) -> None:
     ):
         room.put("TableThings", small.fruit(f"Fruit{index + 1}", look, index + 1), (x, top + y - 0.010, z))
     room.put_template("TableThings", "TableRemote", "remote_controller_01", (-1.52, top, -3.77), (0.0, 62.0, 0.0))
+    room.put_template("TableThings", "Cellphone", "cellphone_01", (-1.22, top, -3.74), (0.0, -18.0, 0.0))
     room.put_template("TableThings", "TableCup", "cup_01", (-1.10, top, -3.84), (0.0, -35.0, 0.0))
     room.put("TableThings", small.candle("TableCandle", 0.10, 0.034), (-1.13, top, -4.05))
     shelf = 0.011 + 0.163
@@ -201,6 +204,10 @@ def _television(room: Room) -> None:
     room.put("Ornaments", small.set_top_box("MediaBox"), (-1.55, top, NEAR - 0.16), (0.0, 180.0, 0.0))
     room.put_template("Ornaments", "Statue", "statue_01", (-0.78, top, NEAR - 0.24), (0.0, 160.0, 0.0))
     room.put("Furniture", bedroom.table_lamp("TableLamp"), (SIDE_LAMP[0], top, SIDE_LAMP[2]))
+    room.put_template("Plants", "SillPlant", "plant_01", (1.30, SILL + 0.001, NEAR + 0.07), (0.0, 40.0, 0.0))
+    room.put_template("Furniture", "RecycleBin", "recycle_bin_02", (0.98, 0.0, NEAR - 0.24))
+    for index, (x, yaw) in enumerate(((1.22, 6.0), (2.62, -9.0))):
+        room.put_template("Furniture", f"Box{index + 1}", "box_01", (x, 2.1, FAR + 0.17), (0.0, yaw, 0.0))
     for index, (x, z, height) in enumerate(((-2.34, 0.80, 0.16), (-2.25, 0.72, 0.11), (-2.38, 0.68, 0.07))):
         room.put("Ornaments", small.candle(f"Candle{index + 1}", height), (x, top, z))
     room.put(
@@ -235,7 +242,7 @@ def _light(room: Room) -> None:
         "Sun",
         {"day": SUN, "evening": (-0.92, 0.17, 0.36), "night": (-0.55, 0.75, 0.30)},
         {"day": 5.5, "evening": 1.6, "night": 0.012},
-        {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.50, 0.20), "night": (0.45, 0.62, 1.0)},
+        {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.60, 0.32), "night": (0.45, 0.62, 1.0)},
         {"day": 0.8, "evening": 1.2, "night": 0.8},
     )
     room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, {"day": 16.0, "evening": 60.0, "night": 60.0})

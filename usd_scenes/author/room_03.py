@@ -136,6 +136,8 @@ def _toilet(room: Room) -> None:
     room.put("Furniture", sanitary.toilet("Toilet"), (LEFT + FACE, 0.0, z), (0.0, 90.0, 0.0))
     room.put("Furniture", bathroom.paper_holder("PaperHolder"), (LEFT + FACE, 0.78, z - 0.42), (0.0, 90.0, 0.0))
     room.put("Furniture", bathroom.toilet_brush("ToiletBrush"), (LEFT + 0.14, 0.0, z + 0.40))
+    room.put_template("Ornaments", "ToiletPaper", "toilet_paper_01", (LEFT + FACE + 0.09, 0.757, z - 0.11))
+    room.put_template("Furniture", "Plunger", "plunger_01", (LEFT + 0.13, 0.0, z - 0.30))
     for index, (look, y) in enumerate((("AbstractCool", 1.62),)):
         art = small.picture(f"Print{index + 1}", look, 0.36, 0.48, "Oak", 0.045)
         room.put("Pictures", art, (LEFT + 0.001, y, z), (0.0, 90.0, 0.0))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh, grid
@@ -283,39 +281,6 @@ def plate(outline: Array, z: float) -> Mesh:
     points = np.stack([ring, 0.5 * ring + (0.0, 0.0, 0.5 * z), np.tile((0.0, 0.0, z), (len(ring), 1))])
     mesh = grid(points, points[..., :2])
     return mesh if mesh.normals[:, 2].mean() > 0.0 else mesh.reversed()
-
-
-def slipper(name: str, side: float) -> Thing:
-    """A felt slipper, 0.27 m, its toe at -z; side: -1 for the left foot, 1 for the right."""
-    t = np.linspace(0.0, 1.0, 28)
-    z = 0.135 - 0.27 * t
-    half = 0.044 * np.clip(np.sin(np.pi * np.clip(t * 0.96 + 0.02, 0, 1)) ** 0.42, 0, 1) * (0.84 + 0.24 * t)
-    bend = side * 0.012 * np.sin(np.pi * t)
-    angle = np.arange(24) * (2.0 * np.pi / 24)
-    points = np.zeros((28, 25, 3))
-    for k in range(25):
-        a = angle[k % 24]
-        points[:, k, 0] = bend + half * np.cos(a)
-        points[:, k, 1] = 0.007 + 0.007 * np.sin(a)
-        points[:, k, 2] = z
-    sole = grid(points, points[..., [0, 2]], closed=True)
-    sole = sole if sole.normals[sole.points[:, 1] > 0.013][:, 1].mean() > 0.0 else sole.reversed()
-    upper = []
-    arc = np.linspace(0.0, np.pi, 17)
-    rows = np.linspace(0.46, 0.985, 18)
-    shell_points = np.zeros((18, 17, 3))
-    for r, along in enumerate(rows):
-        width = float(np.interp(along, t, half)) * 1.02
-        rise = 0.062 * (1.0 - ((along - 0.46) / 0.54) ** 2.4) ** 0.6 + 0.010
-        shell_points[r, :, 0] = float(np.interp(along, t, bend)) + width * np.cos(arc)
-        shell_points[r, :, 1] = 0.008 + rise * np.sin(arc) ** 0.8
-        shell_points[r, :, 2] = 0.135 - 0.27 * along - 0.012 * np.sin(arc) * (along < 0.5)
-    outer = grid(shell_points, shell_points[..., [0, 2]])
-    outer = outer if outer.normals[:, 1].mean() > 0.0 else outer.reversed()
-    upper.append(outer)
-    inner = outer.reversed()
-    upper.append(replace(inner, points=inner.points + inner.normals * 0.004))
-    return thing(name, "slippers", ("Upper", "SlipperFelt", upper), ("Sole", "SlipperSole", sole))
 
 
 def glass_of_water(name: str) -> Thing:

@@ -1,0 +1,86 @@
+"""`python -m usd_scenes.gallery [NAME ...] [--spp N]`: takes the pictures of docs/gallery.md.
+
+NAME: the beginning of a picture's name, such as "room_01" or "room_01_Main_night"; default all of them. Slow: a minute
+or more for a picture on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import tiscene as ts
+from tiscene.commands.progress import progress
+from usd_scenes.author.room import LIGHTING
+from usd_scenes.author.templates import APPEARANCES
+
+IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images" / "gallery"
+WIDTH, HEIGHT = 960, 720
+PLACES = {
+    "room_01": ("Main", "SAILenv", "Chest"),
+    "room_02": ("Main", "SAILenv", "Dining"),
+    "room_03": ("Main", "Basin", "Toilet"),
+}
+ROOTS = {"room_01": "Room01", "room_02": "Room02", "room_03": "Room03", "solid_benchmark": "SolidBenchmark"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One photograph. choices: variant set to variant, on the scene's root."""
+
+    scene: str
+    camera: str
+    choices: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return "_".join([self.scene, self.camera, *self.choices.values()])
+
+    def take(self, spp: int) -> None:
+        """Writes docs/images/gallery/NAME.jpg."""
+        variants = {f"/{ROOTS[self.scene]}{{{key}}}": value for key, value in self.choices.items()}
+        size = {"width": WIDTH, "height": HEIGHT}
+        stream = ts.Stream(
+            self.scene, **size, quality="photo", spp=spp, buffers=("rgb",), camera=self.camera, variants=variants
+        )
+        save(IMAGES / f"{self.name}.jpg", stream[0].rgb)
+
+
+PICTURES = [
+    *(
+        Picture(scene, camera, {"lighting": lighting})
+        for scene, cameras in PLACES.items()
+        for camera in cameras
+        for lighting in LIGHTING
+    ),
+    *(Picture("room_01", "SAILenv", {"appearance": appearance}) for appearance in APPEARANCES[1:]),
+    Picture("solid_benchmark", "Main", {"lighting": "day"}),
+]
+
+
+def save(path: Path, rgb: np.ndarray) -> None:
+    """uint8 [h, w, 3] as JPEG."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(rgb).save(path, quality=88, subsampling=0, optimize=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m usd_scenes.gallery", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--spp", type=int, default=256, help="paths per pixel (default: %(default)s)")
+    arguments = parser.parse_args()
+    chosen = [p for p in PICTURES if not arguments.names or p.name.startswith(tuple(arguments.names))]
+    if not chosen:
+        parser.error(f"no picture begins like that; there are: {', '.join(p.name for p in PICTURES)}")
+    with progress("gallery", len(chosen)) as step:
+        for picture in chosen:
+            picture.take(arguments.spp)
+            step()
+
+
+if __name__ == "__main__":
+    main()
