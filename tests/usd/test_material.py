@@ -118,8 +118,7 @@ def Mesh "M"
         'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "uniform")',
         'color3f[] primvars:displayColor = [(0, 0, 1), (1, 0, 0)] (interpolation = "uniform")\n'
         "int[] primvars:displayColor:indices = [1, 0]",
-        f"color3f[] primvars:displayColor = [{'(1, 0, 0), ' * 4}{'(0, 0, 1), ' * 3}]"
-        ' (interpolation = "faceVarying")',
+        f'color3f[] primvars:displayColor = [{"(1, 0, 0), " * 4}{"(0, 0, 1), " * 3}] (interpolation = "faceVarying")',
     ],
 )
 def test_display_color_of_faces(tmp_path, scheme, lines):

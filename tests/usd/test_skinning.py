@@ -33,7 +33,7 @@ def posed(path, **options):
     ],
 )
 def test_linear_blend_skinning(time, expected):
-    """A mesh that stands 5 to the right of its skeleton follows it all the same: it is bound in the skeleton's space."""
+    """A mesh that stands 5 to the right of its skeleton follows it all the same: it is bound in its space."""
     np.testing.assert_allclose(posed(STAGES / "skinned.usda", time_code=time), expected, atol=1e-6)
 
 

@@ -403,3 +403,56 @@ def test_the_name_of_a_description(tmp_path):
     folder = tmp_path / "room_07"
     folder.mkdir()
     assert read(folder, "", name="scene.usda").name == "room_07"
+
+
+CAR = """
+def Xform "Group"
+{
+    %s
+    def Xform "Car" (kind = "component")
+    {
+        def Cube "Wheel"
+        {
+            %s
+        }
+    }
+}
+"""
+HIDDEN = 'token visibility.timeSamples = { 0: "inherited", 5: "invisible" }'
+MOVED = """
+            double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 5: (1, 0, 0) }
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+"""
+SIZED = "double size.timeSamples = { 0: 1, 5: 2 }"
+FROZEN = [
+    (HIDDEN, "", "the visibility of what is no thing of its own has time samples.*: </Group>$"),
+    ("", HIDDEN, "the visibility of what is no thing of its own has time samples.*: </Group/Car/Wheel>$"),
+    ("", MOVED, "the place of a part in its thing has time samples.*: </Group/Car/Wheel>$"),
+    ("", SIZED, "size of a Cube has time samples.*: </Group/Car/Wheel>$"),
+]
+
+
+@pytest.mark.parametrize(("group", "wheel", "expected"), FROZEN)
+def test_what_changes_over_time_but_cannot_be_played_is_named(tmp_path, group, wheel, expected):
+    read_with_warning(tmp_path, CAR % (group, wheel), expected)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_stage(write(tmp_path, CAR % (group, wheel)), time_code=2.0)  # a moment is a moment
+        read_stage(write(tmp_path, CAR % (MOVED, "")))  # things move with what they are in
+
+
+def test_an_instancer_that_changes_over_time_is_named(tmp_path):
+    body = """
+def PointInstancer "P"
+{
+    rel prototypes = [</P/Ball>]
+    int[] protoIndices = [0]
+    point3f[] positions.timeSamples = { 0: [(0, 0, 0)], 5: [(1, 0, 0)] }
+    def Sphere "Ball"
+    {
+    }
+}
+"""
+    read_with_warning(tmp_path, body, "positions of a point instancer has time samples.*: </P>$")
+    (instance,) = read_stage(write(tmp_path, body), time_code=2.5).instances
+    np.testing.assert_allclose(instance.world_from_object[:3, 3], (0.5, 0, 0))

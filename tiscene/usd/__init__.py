@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 from pathlib import Path
+from typing import cast
 
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.label import check_taxonomy
 from tiscene.usd.lifted import RemainingReader, lifted_templates
+from tiscene.usd.limits import Limits, Root, Spent
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import root_context
 from tiscene.usd.skinning import bake_skinning
 from tiscene.usd.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.template import read_template, stage_templates
+from tiscene.usd.untrusted import read_apart
 
-__all__ = ["read_stage", "read_template"]
+__all__ = ["Limits", "read_stage", "read_template"]
 
 
 def read_stage(
@@ -24,6 +28,9 @@ def read_stage(
     variants: Variants | None = None,
     lifted: Collection[str] = (),
     taxonomy: str | None = None,
+    root: str | os.PathLike[str] | None = None,
+    untrusted: bool = False,
+    limits: Limits | None = None,
 ) -> SceneDescription:
     """Read a USD stage (.usd, .usda, .usdc, .usdz) as it is at one time code.
 
@@ -31,6 +38,10 @@ def read_stage(
     variants: what to select where, `{"/Room{lighting}": "night"}`; no file is changed.
     taxonomy: of the semantic labels; None for "class", else "category", else any. On a stage without any label things
     have those that their names say.
+    root: the folder that every layer and texture must be in, by real paths; None for anywhere.
+    untrusted: read it in a process of its own, which can be stopped, with the file's own folder as root if none is
+    given; for files that may be damaged or hostile.
+    limits: what reading may take, see `Limits`.
     lifted: paths of prims that are to move: each is left out, and becomes a template whose name is its path.
 
     The world keeps the stage's own axes (`up_axis` says which one is up); lengths become metres. A thing with an
@@ -40,9 +51,16 @@ def read_stage(
     Raises MissingFile, StageError (with every problem found) and UnknownName or ArgumentError (variants, taxonomy,
     lifted). What is left out or approximated is named in one StageWarning.
     """
+    limits = limits or Limits()
+    if untrusted:
+        root = Path(path).resolve().parent if root is None else root
+        options = {"time_code": time_code, "variants": dict(variants or {}), "lifted": tuple(lifted)}
+        return cast(SceneDescription, read_apart(path, limits, **options, taxonomy=taxonomy, root=Path(root)))
+    inside = Root(root)
     with quiet(), readable(path):
         stage = open_stage(path, variants)
-        report = Report(str(path), plays=time_code is None)
+        inside.check(stage, str(path))
+        report = Report(str(path), plays=time_code is None, root=inside, spent=Spent(str(path), limits))
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
         bake_skinning(stage, time, report)

@@ -14,6 +14,8 @@ from tiscene.scene.description import Matrix
 from tiscene.usd.primvar import array_of
 from tiscene.usd.problems import Report
 
+_ARRAYS = ("protoIndices", "positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds")
+
 
 @dataclass(frozen=True, eq=False)
 class Placed:
@@ -48,6 +50,9 @@ def point_instances(
 ) -> PointInstances | None:
     """Read an instancer; None, with a problem reported, if its arrays contradict each other."""
     instancer = UsdGeom.PointInstancer(prim)
+    changing = [name for name in _ARRAYS if prim.GetAttribute(name).ValueMightBeTimeVarying()]
+    if changing:
+        report.frozen(prim.GetPath(), f"{', '.join(changing)} of a point instancer")
     targets = instancer.GetPrototypesRel().GetForwardedTargets()
     prototypes = [prim.GetStage().GetPrimAtPath(target) for target in targets]
     chosen = array_of(instancer.GetProtoIndicesAttr(), time, np.int64)

@@ -239,6 +239,8 @@ class _NetworkReader:
         if connection is None:
             return None
         if connection.source is None:
+            if connection.attribute.ValueMightBeTimeVarying():
+                self._report.frozen(self._path, f"{name} of a material")
             return self._numbers(connection.value, name)
         source = connection.source
         if source.id == "UsdUVTexture":

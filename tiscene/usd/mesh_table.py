@@ -152,6 +152,7 @@ class MeshTable:
         return self._surfaces[key]
 
     def _add(self, name: str, surface: Surface, whole: Binding, subsets: Subsets, partition: Partition) -> int:
+        self._report.spent.mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
         if subsets:
             of_face = np.full(int(surface.face.max()) + 1, whole.row, dtype=np.int32)

@@ -10,6 +10,7 @@ from typing import Any
 from pxr import Tf
 
 from tiscene.errors import StageError, StageWarning
+from tiscene.usd.limits import Limits, Root, Spent
 
 _PATHS_NAMED = 5  # prims that one line of the warning names before it says how many more there are
 _PROBLEMS_TOLD = 100
@@ -33,9 +34,14 @@ def one_line(error: Any) -> str:
 class Report:
     """Problems (the stage cannot be rendered) and omissions (it can, but not as its author meant it)."""
 
-    def __init__(self, stage: str, plays: bool = True) -> None:
-        """stage: how messages call the file. plays: whether it is read to be played, not for one moment."""
+    def __init__(self, stage: str, plays: bool = True, root: Root | None = None, spent: Spent | None = None) -> None:
+        """stage: how messages call the file. plays: whether it is read to be played, not for one moment.
+
+        root: where its files must be. spent: what reading it has taken.
+        """
         self.stage = stage
+        self.root = root or Root(None)
+        self.spent = spent or Spent(stage, Limits())
         self._plays = plays
         self._problems: dict[str, None] = {}  # ordered, and each line once: instances share their prototype's faults
         self._omissions: dict[str, dict[str, None]] = {}
@@ -49,6 +55,8 @@ class Report:
         """Turn what USD or numpy raise at the values of a damaged file into a problem of the prim at `path`."""
         try:
             yield
+        except StageError:
+            raise
         except Tf.ErrorException as error:
             for line in error_lines(error):
                 self.problem(path, "cannot be read", line)

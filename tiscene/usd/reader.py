@@ -94,6 +94,7 @@ class StageReader:
         pending = [(root, context)]
         while pending:
             prim, above = pending.pop()
+            self._report.spent.prim()
             with self._report.guard(prim.GetPath()):
                 here = self._enter(prim, above)
                 if self._read(prim, here, predicate):
@@ -106,7 +107,9 @@ class StageReader:
         world, visible, purpose = above.world, above.visible, above.purpose
         if prim.IsA(UsdGeom.Imageable):
             imageable = UsdGeom.Imageable(prim)
-            visible = visible and imageable.GetVisibilityAttr().Get(self._time) != UsdGeom.Tokens.invisible
+            visibility = imageable.GetVisibilityAttr()
+            visible = visible and visibility.Get(self._time) != UsdGeom.Tokens.invisible
+            self._report_frozen(prim, above, visibility)
             authored = imageable.GetPurposeAttr()
             if authored.HasAuthoredValue():
                 purpose = str(authored.Get())
@@ -124,6 +127,16 @@ class StageReader:
         if thing is not None and is_rigid_body(prim):
             thing.movable = True
         return Context(world, visible, purpose, label, own, thing)
+
+    def _report_frozen(self, prim: Usd.Prim, above: Context, visibility: Usd.Attribute) -> None:
+        """Name what changes over time and is no thing, camera or light: only those come, go and move."""
+        moves = prim.IsA(UsdGeom.Gprim) or is_component(prim) or is_lone_instance(prim) or is_light(prim)
+        if above.thing is not None or not moves:
+            if visibility.ValueMightBeTimeVarying():
+                self._report.frozen(prim.GetPath(), "the visibility of what is no thing of its own")
+        xformable = UsdGeom.Xformable(prim)
+        if above.thing is not None and xformable and xformable.TransformMightBeTimeVarying():
+            self._report.frozen(prim.GetPath(), "the place of a part in its thing")
 
     def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
         """Read one prim; whether its children are to be read."""

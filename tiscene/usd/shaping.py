@@ -62,6 +62,9 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
     asset = light_input(prim, "shaping:ies:file", time, None)
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         return None
+    if asset.resolvedPath and not report.root.holds(str(asset.resolvedPath)):
+        report.problem(prim.GetPath(), "light", f"@{asset.resolvedPath}@ is outside {report.root.folder}")
+        return None
     scale = float(light_input(prim, "shaping:ies:angleScale", time, 0.0))
     normalize = bool(light_input(prim, "shaping:ies:normalize", time, False))
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pxr import Gf, Usd, UsdGeom, UsdSkel
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from tiscene.usd.problems import Report
 
@@ -43,7 +43,7 @@ def _skel_roots(stage: Usd.Stage) -> list[Usd.Prim]:
 
 def _instances_about_skeletons(stage: Usd.Stage) -> list[Usd.Prim]:
     """The outermost instances that hold a SkelRoot, are one, or lie in one."""
-    found = {}
+    found: dict[Sdf.Path, Usd.Prim] = {}
     for root in _skel_roots(stage):
         inner = [prim for prim in Usd.PrimRange(root, _EVERYTHING) if prim.IsInstance()]
         outer = root

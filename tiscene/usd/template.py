@@ -8,6 +8,7 @@ from typing import Literal
 
 from pxr import Gf, Usd, UsdGeom
 
+from tiscene.errors import StageError
 from tiscene.scene.description import Template
 from tiscene.scene.parts import as_one
 from tiscene.usd.label import inherited_label, name_label
@@ -40,9 +41,10 @@ def read_template(
         stage = open_stage(path)
         report = Report(str(path))
         prim = root_prim(stage)
-        if not prim:
-            report.problem("/", "template", "the file has no default prim, so that it is unclear what to spawn")
-            report.raise_problems()
+        if prim is None:
+            raise StageError(
+                str(path), ["</> template: the file has no default prim, so that it is unclear what to spawn"]
+            )
         if variants:
             select_variants(stage, {str(prim.GetPath()): variants})
         bake_skinning(stage, reading_time(stage, None), report)

@@ -106,6 +106,10 @@ class TextureTable:
 
     def _read(self, path: str, prim_path: Any, instead: str = _INSTEAD) -> Picture | None:
         if path not in self._pictures:
+            if not self._report.root.holds(path):
+                self._report.problem(prim_path, "texture", f"@{path}@ is outside {self._report.root.folder}")
+                self._pictures[path] = None
+                return None
             try:
                 self._pictures[path] = read_picture(path)
             except (OSError, ValueError) as error:
