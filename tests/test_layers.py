@@ -35,6 +35,7 @@ MAY_IMPORT = {
     "dynamics": set(),
     "usd_scenes": set(),
     "usd_scenes.sheet": {"usd_scenes", "tiscene", "tiscene.catalog", "tiscene.commands"},
+    "usd_scenes.gallery": {"usd_scenes", "usd_scenes.sheet", "tiscene", "tiscene.commands"},
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
     "tiscene.device": {"tiscene.errors"},
@@ -95,7 +96,7 @@ ONLY_IN = {
     "pxr": ("tiscene/usd/", "usd_scenes/author/"),
     "pyoidn": ("tiscene/render/",),
     "OpenEXR": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/"),
-    "PIL": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/", "usd_scenes/sheet.py"),
+    "PIL": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/", "usd_scenes/sheet.py", "usd_scenes/gallery.py"),
     "rich": ("tiscene/commands/",),
     "trimesh": ("tiscene/usd/", "usd_scenes/author/"),
 }

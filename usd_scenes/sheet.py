@@ -1,10 +1,12 @@
 """Pictures of all templates on one sheet, and of some in their colours and appearances.
 
-`python -m usd_scenes.sheet [FILE ...]` writes docs/images/templates.jpg and template_variants.jpg, or what is named.
+`python -m usd_scenes.sheet [NAME ...]` writes docs/images/templates.jpg, template_variants.jpg and the `table` in
+docs/templates.md, or what is named.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -18,9 +20,10 @@ import tiscene as ts
 from tiscene.catalog import find_template, template_name
 from tiscene.commands.progress import progress
 from usd_scenes.author import studio
-from usd_scenes.author.templates import APPEARANCES, TEMPLATES
+from usd_scenes.author.templates import APPEARANCES, TEMPLATES, facts
 
-IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+TABLE = re.compile(r"(?<=<!-- templates -->\n).*?(?=<!-- /templates -->)", re.DOTALL)
 VARIED = ("chair_01", "armchair_01", "book_01", "alarm_clock_01", "teddy_bear_01", "plant_01")
 PAPER, INK = (16, 17, 21), (236, 236, 230)
 GAP = 4  # px between tiles
@@ -63,6 +66,23 @@ def template_variants(size: int = 232) -> Picture:
     return _sheet(tiles, 5)
 
 
+def table() -> str:
+    """The templates as a Markdown table."""
+    lines = ["| Template | Label | Size, m | Parts | Colours |", "|---|---|---|---|---|"]
+    for folder, template in TEMPLATES.items():
+        name = template_name(folder)
+        label, lengths, parts = facts(find_template(name))
+        size = " × ".join(f"{length:.2g}" for length in lengths)
+        lines.append(f"| {name} | {label} | {size} | {', '.join(parts)} | {', '.join(template.colors)} |")
+    return "\n".join(lines) + "\n"
+
+
+def write_table() -> None:
+    page = DOCS / "templates.md"
+    text = page.read_text(encoding="utf-8")
+    page.write_text(TABLE.sub(lambda _: table(), text), encoding="utf-8")
+
+
 def _sheet(tiles: list[tuple[str, Picture]], columns: int) -> Picture:
     """Pictures of one size side by side, each with its caption below."""
     size, line = tiles[0][1].shape[0], 20
@@ -82,5 +102,8 @@ SHEETS: dict[str, Callable[[], Picture]] = {
 }
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or SHEETS:
-        Image.fromarray(SHEETS[name]()).save(IMAGES / name, quality=88)
+    for name in sys.argv[1:] or [*SHEETS, "table"]:
+        if name == "table":
+            write_table()
+        else:
+            Image.fromarray(SHEETS[name]()).save(DOCS / "images" / name, quality=88)

@@ -43,6 +43,11 @@ def test_a_photograph_shows_the_colour_that_was_asked_for() -> None:
     assert int(blue[2]) > int(blue[0]) + 40
 
 
+def test_the_table_of_templates_is_up_to_date() -> None:
+    (table,) = sheet.TABLE.findall((sheet.DOCS / "templates.md").read_text(encoding="utf-8"))
+    assert table == sheet.table(), "run `python -m usd_scenes.sheet table`"
+
+
 def test_a_sheet_has_a_tile_for_each() -> None:
     tiles = [(str(index), np.full((32, 32, 3), 40 * index, dtype=np.uint8)) for index in range(5)]
     made = sheet._sheet(tiles, 3)

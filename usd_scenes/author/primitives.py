@@ -27,16 +27,28 @@ class Gprim:
 
 
 def fit(mesh: Mesh) -> list[Gprim]:
-    """One for each connected piece of the mesh; for the whole of it if it has more than MOST_PIECES."""
-    pieces = _pieces(mesh)
-    count = int(pieces.max()) + 1
+    """One for each connected piece of the mesh that does not lie in another's box; for the whole if there are many."""
+    piece_of = _pieces(mesh)
     used = np.zeros(len(mesh.points), dtype=bool)
     used[mesh.indices] = True
-    if count > MOST_PIECES:
+    pieces = [mesh.points[used & (piece_of == piece)] for piece in np.unique(piece_of[used])]
+    if len(pieces) > MOST_PIECES:
         return [_fitted(mesh.points[used], turned=False)]
+    gprims = [_fitted(points) for points in pieces]
     return [
-        _fitted(mesh.points[used & (pieces == piece)]) for piece in range(count) if (used & (pieces == piece)).any()
+        gprim
+        for i, (gprim, points) in enumerate(zip(gprims, pieces, strict=True))
+        if not any(_holds(other, points) and i != j for j, other in enumerate(gprims))
     ]
+
+
+def _holds(gprim: Gprim, points: Array) -> bool:
+    """Whether the points lie in the gprim's box, or stand out of it by little."""
+    local = np.abs((points - np.array(gprim.centre)) @ gprim.axes)
+    reach = 0.5 * np.array(gprim.size)
+    return bool(
+        (local.max(axis=0) < 1.06 * reach + 0.002).all() and (np.ptp(points, axis=0).prod() < reach.prod() * 4.0)
+    )
 
 
 def _pieces(mesh: Mesh) -> Indices:
@@ -61,20 +73,26 @@ def _pieces(mesh: Mesh) -> Indices:
 def _fitted(points: Array, turned: bool = True) -> Gprim:
     """In a box along the axes, or (turned) along the piece's own where that is much the smaller one."""
     axes = np.eye(3)
-    spread = points - points.mean(axis=0)
-    _, vectors = np.linalg.eigh(spread.T @ spread)
-    own = _ordered(vectors)
-    volumes = [np.prod(np.ptp(points @ a, axis=0) + 1e-4) for a in (axes, own)]
-    if turned and volumes[1] < 0.7 * volumes[0]:
-        axes = own
-    local = points @ axes
-    low, high = local.min(axis=0), local.max(axis=0)
-    size, middle = np.maximum(high - low, 1e-4), (low + high) / 2.0
-    kind, axis = _kind((local - middle) / (size / 2.0), size)
+    size, middle, kind, axis = _boxed(points, axes)
+    if turned:
+        spread = points - points.mean(axis=0)
+        own = _ordered(np.linalg.eigh(spread.T @ spread)[1])
+        along = _boxed(points, own)
+        gain = np.prod(along[0] + 1e-4) / np.prod(size + 1e-4)
+        if gain < 0.85 or (gain < 1.02 and kind == "Cube" != along[2]):
+            axes, (size, middle, kind, axis) = own, along
     if axis != 1:  # the round's axis becomes y
         order = [2, 0, 1] if axis == 0 else [1, 2, 0]
         axes, size, middle = axes[:, order], size[order], middle[order]
     return Gprim(kind, tuple(np.round(size, 5).tolist()), axes, tuple(np.round(axes @ middle, 5).tolist()))
+
+
+def _boxed(points: Array, axes: Array) -> tuple[Array, Array, str, int]:
+    """Size, middle, kind and its axis in a box along `axes`."""
+    local = points @ axes
+    low, high = local.min(axis=0), local.max(axis=0)
+    size, middle = np.maximum(high - low, 1e-4), (low + high) / 2.0
+    return (size, middle, *_kind((local - middle) / (size / 2.0), size))
 
 
 def _ordered(vectors: Array) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Kind, UsdGeom, UsdPhysics
+from pxr import Kind, Usd, UsdGeom, UsdPhysics, UsdSemantics
 
 from usd_scenes.author import stage as usd
 from usd_scenes.author.mesh import Mesh
@@ -284,6 +284,15 @@ def build(folder: str) -> Thing:
     """The template of that folder in its first colour, about the centre of its bounding box."""
     template = TEMPLATES[folder]
     return template.colored(next(iter(template.colors)))
+
+
+def facts(file: Path) -> tuple[str, list[float], list[str]]:
+    """Label, size (m, along x, y and z) and names of the parts of a template that has been written."""
+    stage = Usd.Stage.Open(str(file))
+    root = stage.GetDefaultPrim()
+    (label,) = UsdSemantics.LabelsAPI(root, "class").GetLabelsAttr().Get()
+    low, high = UsdGeom.ModelAPI(root).GetExtentsHint()
+    return label, list(high - low), [prim.GetName() for prim in root.GetChildren() if prim.IsA(UsdGeom.Mesh)]
 
 
 def write(folder: str, packages: Path) -> None:

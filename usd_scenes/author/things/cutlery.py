@@ -29,7 +29,7 @@ def fork(name: str) -> Thing:
         x = (i - 1.5) * 0.0066
         line = curve([[x, 0.002, -0.026], [x, 0.0035, -0.052], [x, 0.0095, -0.078]], 8)
         tines.append(sweep(line, rectangle(0.0040, 0.0022, 0.0009, 2), np.linspace(1.0, 0.5, 8), bevel=0.0006))
-    return thing(name, "fork", ("Steel", "Steel", [_handle(0.010, 0.120), palm, *tines]))
+    return thing(name, "fork", ("Tines", "Steel", [palm, *tines]), ("Handle", "Steel", _handle(0.010, 0.120)))
 
 
 def spoon(name: str) -> Thing:
@@ -45,7 +45,9 @@ def spoon(name: str) -> Thing:
         curve([[0.0, 0.0080, -0.006], [0.0, 0.0085, 0.002], [0.0, 0.0045, 0.014]], 6),
         rectangle(0.008, 0.003, 0.0013, 2),
     )
-    return thing(name, "spoon", ("Steel", "Steel", [round_bowl.deformed(egg), neck, _handle(0.010, 0.120)]))
+    return thing(
+        name, "spoon", ("Bowl", "Steel", [round_bowl.deformed(egg), neck]), ("Handle", "Steel", _handle(0.010, 0.120))
+    )
 
 
 def knife(name: str) -> Thing:

@@ -152,7 +152,7 @@ def alarm_clock(name: str) -> Thing:
         ("Dial", "Paper", dial),
         ("Marks", "BlackPlastic", [*marks, *(hand.moved(0.0, lift) for hand in hands)]),
         ("AlarmHand", "RedButton", alarm),
-    )
+    ).simplified(Bells=[*bells, *hammer, *feet, *key], Marks=[hand.moved(0.0, lift) for hand in hands])
 
 
 def _hand(length: float, width: float, level: float) -> Mesh:
