@@ -38,7 +38,7 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     corners: [n, 3, 3], the triangles' corners in the body's axes, m. most: spheres at most.
     Centres start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them. In
     solids they sink below the surface, where a larger sphere covers the same and stands out less.
-    Raises ValueError if there is no triangle, or one that is not finite.
+    Taichi must run. Raises ValueError if there is no triangle, or one that is not finite.
     """
     triangles = np.asarray(corners, dtype=np.float64)
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or not len(triangles):
@@ -105,32 +105,38 @@ def _farthest_points(points: Array, most: int, stop: float) -> NDArray[np.intp]:
     return np.array(chosen, dtype=np.intp)
 
 
-def _nearest(points: Array, centres: Array) -> NDArray[np.intp]:
+def _nearest(points: Array, centres: Array) -> NDArray[np.int32]:
     """For each point the row of the nearest centre."""
-    result = np.zeros(len(points), dtype=np.intp)
-    best = np.full(len(points), np.inf)
-    for row, centre in enumerate(centres):
-        distance = _squares(points - centre)
-        nearer = distance < best
-        result[nearer] = row
-        best[nearer] = distance[nearer]
-    return result
+    from dynamics.covering import nearest
+
+    owner = np.zeros(len(points), dtype=np.int32)
+    nearest(np.ascontiguousarray(points), np.ascontiguousarray(centres), owner)
+    return owner
 
 
-def _centred(pieces: Array, owner: NDArray[np.intp]) -> Array:
-    """About the centre of the smallest ball around the pieces of each owner (Badoiu and Clarkson 2003)."""
-    corners = pieces.reshape(-1, 3)
-    owners = np.repeat(owner, 3)
-    order = np.argsort(owners, kind="stable")
-    corners, owners = corners[order], owners[order]
-    begin = np.flatnonzero(np.diff(owners, prepend=-1))
-    rows = np.cumsum(np.diff(owners, prepend=-1) > 0) - 1
-    centres = np.add.reduceat(corners, begin) / np.diff(begin, append=len(corners))[:, None]
-    for step in range(1, 25):
-        distance = _squares(corners - centres[rows])
-        at_most = np.flatnonzero(distance == np.maximum.reduceat(distance, begin)[rows])
-        _, first = np.unique(rows[at_most], return_index=True)
-        centres += (corners[at_most[first]] - centres) / (step + 1)
+@dataclass(frozen=True)
+class _Owned:
+    """The corners [n, 3] of triangles, owner after owner, and where each begins; those without any are left out."""
+
+    corners: Array
+    first: NDArray[np.int32]
+    rows: NDArray[np.int32]
+
+    @classmethod
+    def by(cls, pieces: Array, owner: NDArray[np.int32]) -> _Owned:
+        order = np.argsort(owner, kind="stable")
+        begins = np.flatnonzero(np.diff(owner[order], prepend=-1))
+        first = (3 * np.append(begins, len(owner))).astype(np.int32)
+        return cls(np.ascontiguousarray(pieces[order].reshape(-1, 3)), first, owner[order][begins])
+
+
+def _centred(pieces: Array, owner: NDArray[np.int32]) -> Array:
+    """About the centre of the smallest ball around the pieces of each owner."""
+    from dynamics.covering import centre
+
+    owned = _Owned.by(pieces, owner)
+    centres = np.zeros((len(owned.rows), 3))
+    centre(owned.corners, owned.first, centres)
     return centres
 
 
@@ -147,26 +153,22 @@ def _is_closed(triangles: Array) -> bool:
     return bool(np.array_equal(there, back))
 
 
-def _sunk(pieces: Array, owner: NDArray[np.intp], centres: Array, radii: Array) -> tuple[Array, Array]:
+def _sunk(pieces: Array, owner: NDArray[np.int32], centres: Array, radii: Array) -> tuple[Array, Array]:
     """Centres and radii that cover the same pieces, from inside of a closed surface, and stand out the least."""
+    from dynamics.covering import sink
+
     normals = _normals(pieces)
     outward = np.zeros_like(centres)
     np.add.at(outward, owner, normals)
-    some = slice(None, None, 1 + len(pieces) // MOST_PLACES)
-    middles, normals = pieces[some].mean(axis=1), normals[some]
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
-    best_centres, best_radii, least = centres.copy(), radii.copy(), radii.copy()
-    for depth in DEPTHS:
-        below = centres - depth * radii[:, None] * outward
-        larger = np.zeros(len(centres))
-        np.maximum.at(larger, owner, np.linalg.norm(pieces - below[owner][:, None], axis=2).max(axis=1))
-        for row, centre in enumerate(below):
-            squares = _squares(middles - centre)
-            nearest = squares.argmin()
-            stands_out = larger[row] - np.sqrt(squares[nearest])
-            if stands_out < least[row] and (centre - middles[nearest]) @ normals[nearest] < 0.0:
-                best_centres[row], best_radii[row], least[row] = centre, larger[row], stands_out
-    return best_centres, best_radii
+    some = slice(None, None, 1 + len(pieces) // MOST_PLACES)
+    owned = _Owned.by(pieces, owner)
+    below, larger = centres[owned.rows], radii[owned.rows]
+    middles, normals = pieces[some].mean(axis=1), np.ascontiguousarray(normals[some])
+    sink(owned.corners, owned.first, outward[owned.rows], middles, normals, np.array(DEPTHS), below, larger)
+    centres, radii = centres.copy(), radii.copy()
+    centres[owned.rows], radii[owned.rows] = below, larger
+    return centres, radii
 
 
 def _grouped(centres: Array, radii: Array) -> Shape:
