@@ -5,7 +5,7 @@ import pytest
 from tiscene.sailenv import Agent
 
 SCENE = "object_view/scene"
-SETTINGS = {"scene": SCENE, "spp": 1, "max_depth": 2}
+SETTINGS = {"scene": SCENE, "spp": 1}
 
 
 @pytest.fixture

@@ -155,7 +155,7 @@ class Agent:
 
     def set_position(self, position: Any) -> None:
         """m; from the next frame on."""
-        self._try("Error setting position: {}", lambda world, viewer: world.place(viewer, position=vector(position)))
+        self._try("Error setting position: {}", lambda world, viewer: world.place(viewer, position=single(position)))
 
     def get_rotation(self) -> Vector3:
         """Euler degrees."""
@@ -164,7 +164,7 @@ class Agent:
 
     def set_rotation(self, rotation: Any) -> None:
         """Euler degrees; from the next frame on."""
-        self._try("Error setting rotation: {}", lambda world, viewer: world.place(viewer, rotation=vector(rotation)))
+        self._try("Error setting rotation: {}", lambda world, viewer: world.place(viewer, rotation=single(rotation)))
 
     def toggle_follow(self) -> None:
         """Follow the scene's camera track, or stop."""
@@ -191,9 +191,9 @@ class Agent:
             lambda world, viewer: world.spawn(
                 viewer,
                 name,
-                vector(position),
-                vector(rotation),
-                scale=vector(scale),
+                single(position),
+                single(rotation),
+                scale=single(scale),
                 frustum_limited=bool(frustum_limited),
                 dynamic=None if dynamic is None else (dynamic.get_type(), dynamic.asdict()),
             ),
@@ -217,7 +217,7 @@ class Agent:
         """Put an object elsewhere in the next frame."""
         self._try(
             f"Error moving object with id {idstr}: {{}}",
-            lambda world, viewer: world.move(viewer, _number(idstr), vector(position), vector(rotation)),
+            lambda world, viewer: world.move(viewer, _number(idstr), single(position), single(rotation)),
         )
 
     def load_scenario(self, scenario: Scenario) -> list[tuple[str, str]]:
@@ -268,21 +268,23 @@ class Agent:
         return self._light("getting light position", lambda lights: lights.position(light_name))
 
     def set_light_position(self, light_name: str, position: Any) -> None:
-        self._light("setting light position", lambda lights: lights.set_position(light_name, vector(position)))
+        self._light("setting light position", lambda lights: lights.set_position(light_name, single(position)))
 
     def get_light_direction(self, light_name: str) -> tuple[float, float, float] | None:
         """Where its light goes."""
         return self._light("getting light direction", lambda lights: lights.direction(light_name))
 
     def set_light_direction(self, light_name: str, direction: Any) -> None:
-        self._light("setting light direction", lambda lights: lights.set_direction(light_name, vector(direction)))
+        self._light("setting light direction", lambda lights: lights.set_direction(light_name, single(direction)))
 
     def get_light_intensity(self, light_name: str) -> float | None:
         """1: as the scene has it."""
         return self._light("getting light intensity", lambda lights: lights.intensity(light_name))
 
     def set_light_intensity(self, light_name: str, intensity: float) -> None:
-        self._light("setting light intensity", lambda lights: lights.set_intensity(light_name, float(intensity)))
+        self._light(
+            "setting light intensity", lambda lights: lights.set_intensity(light_name, float(np.float32(intensity)))
+        )
 
     def get_light_indirect_multiplier(self, light_name: str) -> float | None:
         """What was set; it changes no picture."""
@@ -337,6 +339,12 @@ class Agent:
         if self.strict:
             raise error
         print(message.format(error))
+
+
+def single(value: Any) -> tuple[float, float, float]:
+    """Three numbers in single precision, as they are over the wire and in Unity. Raises ScenarioError."""
+    x, y, z = np.array(vector(value), np.float32).tolist()
+    return (x, y, z)
 
 
 def as_numbers(name: str, view: NDArray[Any]) -> NDArray[Any]:

@@ -57,6 +57,8 @@ class Environment:
         seed: int = 0,
         arch: str | None = None,
     ) -> None:
+        if not (np.isfinite(fps) and fps > 0):
+            raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
         self.fps = float(fps)
         self.clock = -1
         self.viewers: dict[int, Viewer] = {}
@@ -76,6 +78,8 @@ class Environment:
         self._ambient: Color8 = (0, 0, 0)
         self._changed = 0  # the frame since which nothing was done to the world
         self._seen: dict[Any, dict[str, NDArray[Any]]] = {}  # what was rendered of the current frame, by view
+        self._walls: tuple[Viewer, native.Frustum] | None = None  # whose view has walls, and what kind
+        self._walls_camera: Camera | None = None  # where they are
         self._next_id = 0
 
     # Agents.
@@ -109,6 +113,7 @@ class Environment:
         stream = self._world()
         if self._next_is_new(viewer):
             self.clock += 1
+            self._carry_walls(stream)
             stream.seek(self.clock + 1)
             self._seen.clear()
         steps = self.clock - viewer.taken if viewer.taken >= 0 else 1
@@ -259,11 +264,10 @@ class Environment:
         self._acted(viewer)
 
     def enclose(self, viewer: Viewer) -> None:
-        """Walls at the sides of an agent's view, up to its far plane."""
-        world = self._world().world
-        camera = self._camera(viewer, self.clock + 1)
-        world.enclose(native.Frustum(), camera, viewer.width / viewer.height)
-        viewer.acted = True
+        """Walls at the sides of an agent's view, up to its far plane; they go where it goes."""
+        self._world()
+        self._walls, self._walls_camera = (viewer, native.Frustum()), None
+        self._acted(viewer)
 
     def close(self) -> None:
         """Forget what was sent."""
@@ -274,6 +278,16 @@ class Environment:
     def _acted(self, viewer: Viewer) -> None:
         """An agent has done something to the world: its next frame is a new one, which shows that."""
         viewer.acted, self._changed = True, self.clock + 1
+
+    def _carry_walls(self, stream: Stream) -> None:
+        """Put the walls where their agent is in the current frame, if that is elsewhere than before."""
+        if self._walls is None:
+            return
+        viewer, frustum = self._walls
+        camera = self._camera(viewer, self.clock)
+        if camera != self._walls_camera:
+            stream.world.enclose(frustum, camera, viewer.width / viewer.height)
+            self._walls_camera = camera
 
     def _next_is_new(self, viewer: Viewer) -> bool:
         return self.clock < 0 or viewer.acted or viewer.taken == self.clock
@@ -293,11 +307,14 @@ class Environment:
         if stream is None or stream.scenario.scene != scene:
             stream = Stream(native.Scenario.load(scene), width=64, height=48, **self._settings)
             self._place = Place.of(stream)
+        self._walls = self._walls_camera = None
         if scenario is None or viewer is None:
             stream.restart(self._place.authored)
         else:
             camera = self._camera(viewer, 0) if viewer.placed else self._place.start
             stream.restart(replace(scenario, camera=camera), width=viewer.width, height=viewer.height)
+            if scenario.frustum is not None:
+                self._walls, self._walls_camera = (viewer, scenario.frustum), camera
         stream.seek(0)
         listed = names.relied_on()["lights"].get(scene, ["Directional Light"])
         self._lights = Lights(stream.world.stage.lights, listed, self._relight)

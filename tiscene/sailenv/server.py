@@ -85,7 +85,7 @@ class Server:
         finally:
             self._clients.discard(task)
             if client.viewer is not None:
-                with contextlib.suppress(RuntimeError):  # the world's thread has ended
+                with contextlib.suppress(RuntimeError, asyncio.CancelledError):  # the server stops meanwhile
                     await asyncio.shield(self.do(self.environment.delete, client.viewer))
                 self.went_on()
             writer.close()
