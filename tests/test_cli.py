@@ -70,6 +70,7 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
 
 def test_render_hands_on_every_option(tmp_path, fake):
     options = ["--quality", "photo", "--spp", 64, "--camera", "Front", "--fps", 12.5, "--arch", "cpu"]
+    options += ["--taxonomy", "wikidata"]
     variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
     assert render("-o", tmp_path, *options, *variants) == 0
     assert fake.made[0].source == "somewhere"
@@ -81,6 +82,7 @@ def test_render_hands_on_every_option(tmp_path, fake):
         "fps": 12.5,
         "arch": "cpu",
         "differential": False,
+        "taxonomy": "wikidata",
         "variants": {"/Room{lighting}": "evening", "/Room{appearance}": "primitives"},
     }
 

@@ -94,6 +94,7 @@ def parser() -> argparse.ArgumentParser:
         action=argparse.BooleanOptionalAction,
         help="trace only what moves before a camera that does not (default: if there are frames enough for it to pay)",
     )
+    render.add_argument("--taxonomy", metavar="NAME", help="of the semantic labels (default: class, else category)")
     render.add_argument("--arch", help="cpu or cuda (default: cpu)")
 
     commands.add_parser("list", help="list scenes and object templates")

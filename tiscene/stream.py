@@ -52,6 +52,9 @@ class Stream(Iterator[Frame]):
     camera: a Camera, or the name of one on the stage, in the place of the scenario's. Several: one simulation that all
         of them watch; `frame` is what the first sees, `frame.views` has a frame of each by the camera's name.
     time_code: the stage's time code to read. variants: {"/Prim{set}": "variant"}. arch: "cpu" or "cuda".
+    taxonomy: of the semantic labels; None for "class", else "category", else any.
+    root: the folder that all of the stage's files must be in. untrusted: read a stage that may be damaged or hostile in
+        a process of its own; no motion is read from it then.
 
     differential: whether frames with the camera and the lights of frame 0 are made as differences to an image of what
         never moves, which takes time once and then leaves little to trace (docs/differential.md). None: if there are
@@ -85,6 +88,9 @@ class Stream(Iterator[Frame]):
         camera: Camera | str | Sequence[Camera | str] | None = None,
         time_code: float | None = None,
         variants: Mapping[str, str] | None = None,
+        taxonomy: str | None = None,
+        root: str | os.PathLike[str] | None = None,
+        untrusted: bool = False,
         arch: str | None = None,
         differential: bool | None = None,
         cache_bytes: int = CACHE_BYTES,
@@ -99,6 +105,8 @@ class Stream(Iterator[Frame]):
         self.fps = float(fps)
         self.buffers = _buffer_names(buffers)
         self.quality: Quality = quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
+        if untrusted and not isinstance(source, Scenario):
+            source = Scenario(os.fspath(source))
         scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
         if camera is not None:
             scenario = replace(scenario, camera=camera)
@@ -107,12 +115,16 @@ class Stream(Iterator[Frame]):
         self._report = report
         self.time_code = time_code
         self.variants = dict(variants or {})
+        self.taxonomy = taxonomy
 
         stage = read_stage(
             catalog.find_scene(scenario.scene),
             time_code=time_code,
             variants=self.variants,
             lifted=[each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
+            taxonomy=taxonomy,
+            root=root,
+            untrusted=untrusted,
         )
 
         self._stage = stage
@@ -128,7 +140,7 @@ class Stream(Iterator[Frame]):
 
         def load_template(name: str) -> Template:
             file, variants = catalog.find_template(name, scene=scenario.scene), catalog.template_variants(name)[1]
-            return read_template(file, up_axis=self._stage.up_axis, variants=variants)
+            return read_template(file, up_axis=self._stage.up_axis, taxonomy=self.taxonomy, variants=variants)
 
         self.world = World(scenario, self._stage, load_template, self.fps, width / height, self._mesh_trees)
         self.width, self.height = width, height
@@ -224,6 +236,7 @@ class Stream(Iterator[Frame]):
             "denoiser": self.quality.denoiser if self.quality.denoise else None,
             "time_code": self.time_code,
             "variants": self.variants,
+            "taxonomy": self.taxonomy,
             "differential": [self.quality.base_spp, self._cache_bytes] if self.differential else None,
         }
 

@@ -28,6 +28,7 @@ def run(args: argparse.Namespace) -> None:
                 seed=args.seed,
                 camera=args.camera,
                 variants=dict(args.variant),
+                taxonomy=args.taxonomy,
                 arch=args.arch,
                 differential=pays(len(args.frames)) if args.differential is None else args.differential,
                 report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
