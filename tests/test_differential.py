@@ -61,7 +61,9 @@ def test_no_difference_where_nothing_moves_or_the_camera_does(prepared: list[int
     still = ts.Stream(replace(scenario, objects=[ts.Object("rests", "Sphere")]), **SMALL)
     assert (still[0].hdr != still[1].hdr).any()
     turning = replace(scenario.camera, dynamic=ts.Orbit(period=4.0))
-    ts.Stream(replace(scenario, camera=turning), **SMALL)[4]
+    stream = ts.Stream(replace(scenario, camera=turning), **SMALL)
+    for frame in (0, 4):
+        stream[frame]
     assert prepared == []
 
 

@@ -312,13 +312,18 @@ class Stream(Iterator[Frame]):
     ) -> NDArray[np.bool_] | None:
         """The instances that a frame shows as differences to what never moves; None: it is traced from nothing."""
         if differential is None:
-            cameras = [self.world.view(0, row)[1] for row in range(len(self.world.cameras))]
-            differential = self.differential and view.current in cameras
+            differential = self.differential and any(
+                camera.dynamic is None and view.current == camera for camera in self.world.cameras
+            )
         if self._relit or not differential:
             return None
         moving = self.world.moving(index)
-        relit = placement.lights is not None and digest_of(self.world.lights(index)) != digest_of(self.world.lights(0))
-        return None if relit or not moving.any() else moving
+        if placement.lights is not None:
+            # One frame at which a lamp that moves stands as at the start is not worth a base.
+            now, *start = (digest_of(self.world.lights(frame)) for frame in (index, 0, 1))
+            if any(now != then for then in start):
+                return None
+        return moving if moving.any() else None
 
     def _renderer(self, view: View) -> Renderer:
         size = view.width, view.height
