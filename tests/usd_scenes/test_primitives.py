@@ -15,7 +15,7 @@ from usd_scenes.author.shapes import cylinder, lathe, rounded_box, sphere
     [
         (rounded_box((0.4, 0.2, 0.3), 0.004), "Cube", (0.4, 0.2, 0.3)),
         (sphere(0.2), "Sphere", (0.4, 0.4, 0.4)),
-        (sphere(1.0).scaled(0.1, 0.3, 0.2), "Sphere", (0.2, 0.6, 0.4)),
+        (sphere(1.0).scaled(0.1, 0.3, 0.2), "Ellipsoid", (0.2, 0.6, 0.4)),
         (cylinder(0.1, 0.5), "Cylinder", (0.2, 0.5, 0.2)),
         (cylinder(0.1, 0.5).turned("z", 90.0), "Cylinder", (0.2, 0.5, 0.2)),
         (lathe([[0.0, 0.0], [0.2, 0.0], [0.0, 0.5]], 48), "Cone", (0.4, 0.5, 0.4)),

@@ -15,7 +15,7 @@ EQUAL = 0.10
 
 @dataclass(frozen=True)
 class Gprim:
-    """A UsdGeom Cube, Cylinder (about y), Cone (about y) or Sphere of `size` (m, along its own axes).
+    """A Cube, Cylinder (about y), Cone (about y), Sphere or Ellipsoid of `size` (m, along its own axes).
 
     axes: [3, 3], its x, y and z as columns, a rotation. centre: m.
     """
@@ -109,7 +109,7 @@ def _ordered(vectors: Array) -> Array:
 def _kind(q: Array, size: Array) -> tuple[str, int]:
     """The kind of points `q` in a box of -1..1, and its axis."""
     if np.linalg.norm(q, axis=1).max() < 1.12:
-        return "Sphere", 1
+        return ("Sphere" if np.ptp(size) < EQUAL * size.max() else "Ellipsoid"), 1
     for axis in (1, 0, 2):
         a, b = (axis + 1) % 3, (axis + 2) % 3
         if abs(size[a] - size[b]) > EQUAL * max(size[a], size[b]):

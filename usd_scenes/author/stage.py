@@ -12,6 +12,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade,
 from usd_scenes.author import primitives
 from usd_scenes.author.looks import LOOKS, Look, plain
 from usd_scenes.author.mesh import Mesh
+from usd_scenes.author.shapes import sphere
 from usd_scenes.author.thing import Thing
 
 
@@ -108,22 +109,35 @@ def write_primitives(path: Path, things: Iterable[Thing]) -> None:
 
 
 def _define_gprim(stage: Usd.Stage, path: str, source: primitives.Gprim) -> None:
-    gprim = UsdGeom.Gprim(stage.DefinePrim(path, source.kind))
-    if source.kind == "Cube":
-        UsdGeom.Cube(gprim).CreateSizeAttr(1.0)
+    """Its own size but for a cube's, which is scaled: other colliders may not be. An ellipsoid is a mesh."""
+    width, height, depth = source.size
+    radius = (width + depth) / 4.0
+    if source.kind == "Ellipsoid":
+        ball = sphere(0.5, 24).scaled(*source.size)
+        prim = _define_mesh(stage, path, ball, (1.0, 1.0)).GetPrim()
+        UsdPhysics.MeshCollisionAPI.Apply(prim).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
     else:
-        gprim.GetPrim().GetAttribute("radius").Set(0.5)
-    if source.kind in ("Cylinder", "Cone"):
-        gprim.GetPrim().GetAttribute("axis").Set(UsdGeom.Tokens.y)
-        gprim.GetPrim().GetAttribute("height").Set(1.0)
-    gprim.CreateExtentAttr([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)])
+        prim = stage.DefinePrim(path, source.kind)
+    gprim, half = UsdGeom.Gprim(prim), Gf.Vec3f(0.5)
+    if source.kind == "Cube":
+        UsdGeom.Cube(prim).CreateSizeAttr(1.0)
+    elif source.kind == "Sphere":
+        half = Gf.Vec3f(radius)
+        UsdGeom.Sphere(prim).CreateRadiusAttr(radius)
+    elif source.kind in ("Cylinder", "Cone"):
+        half = Gf.Vec3f(radius, height / 2.0, radius)
+        for name, value in (("axis", UsdGeom.Tokens.y), ("radius", radius), ("height", height)):
+            prim.GetAttribute(name).Set(value)
+    if source.kind != "Ellipsoid":
+        gprim.CreateExtentAttr([-half, half])
     gprim.AddTranslateOp().Set(Gf.Vec3d(*source.centre))
     if not np.allclose(source.axes, np.eye(3)):
         turn = Gf.Matrix3d(*map(float, source.axes.T.reshape(-1))).ExtractRotation().GetQuat()
         parts = [round(value, 5) + 0.0 for value in (turn.GetReal(), *turn.GetImaginary())]
         gprim.AddOrientOp().Set(Gf.Quatf(*parts))
-    gprim.AddScaleOp().Set(Gf.Vec3f(*source.size))
-    UsdPhysics.CollisionAPI.Apply(gprim.GetPrim())
+    if source.kind == "Cube":
+        gprim.AddScaleOp().Set(Gf.Vec3f(*source.size))
+    UsdPhysics.CollisionAPI.Apply(prim)
 
 
 def _define_mesh(stage: Usd.Stage, path: str, source: Mesh, tile: tuple[float, float]) -> UsdGeom.Mesh:
