@@ -52,7 +52,9 @@ class Room:
         usd.label(prim, thing.label)
         self._bindings.append((thing, str(prim.GetPath())))
 
-    def put_template(self, where: str, name: str, folder: str, at: Vector3, turn: Vector3 = ORIGIN) -> None:
+    def put_template(
+        self, where: str, name: str, folder: str, at: Vector3, turn: Vector3 = ORIGIN, color: str | None = None
+    ) -> None:
         """A template by reference, lowered or lifted so that it rests at the height of `at` as it is turned."""
         thing = templates.build(folder)
         matrix = rotation("z", turn[2]) @ rotation("y", turn[1]) @ rotation("x", turn[0])
@@ -62,6 +64,10 @@ class Room:
         self._arcs.append(usd.Arc(str(prim.GetPath()), asset, payload=False))
         self._templates.append(str(prim.GetPath()))
         prim.SetInstanceable(True)
+        if color is not None:
+            if color not in templates.TEMPLATES[folder].colors:
+                raise ValueError(f"{folder} comes in {', '.join(templates.TEMPLATES[folder].colors)}, not in {color}")
+            prim.GetVariantSets().SetSelection("color", color)
 
     def _component(self, where: str, name: str, at: Vector3, turn: Vector3) -> Usd.Prim:
         parent = f"/{self.name}/{where}"

@@ -138,7 +138,13 @@ TEMPLATES: dict[str, Template] = {
         },
     ),
     "pouf_01": Template(
-        lambda: seating.pouf("Pouf01"), {"rust": {}, "mustard": {"Rust": "Mustard"}, "cream": {"Rust": "Cream"}}
+        lambda: seating.pouf("Pouf01"),
+        {
+            "slate": {},
+            "cream": {"ThrowWool": "Cream"},
+            "mustard": {"ThrowWool": "Mustard"},
+            "rust": {"ThrowWool": "Rust"},
+        },
     ),
     "lamp_floor_01": Template(
         lambda: lamps.tripod_lamp("LampFloor01"),

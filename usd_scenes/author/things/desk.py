@@ -152,7 +152,11 @@ def alarm_clock(name: str) -> Thing:
         ("Dial", "Paper", dial),
         ("Marks", "BlackPlastic", [*marks, *(hand.moved(0.0, lift) for hand in hands)]),
         ("AlarmHand", "RedButton", alarm),
-    ).simplified(Bells=[*bells, *hammer, *feet, *key], Marks=[hand.moved(0.0, lift) for hand in hands])
+    ).simplified(
+        Case=cylinder(0.055, 0.040).turned("x", 90.0).moved(0.0, lift, -0.006),
+        Bells=[*bells, *hammer, *feet, *key],
+        Marks=[hand.moved(0.0, lift) for hand in hands],
+    )
 
 
 def _hand(length: float, width: float, level: float) -> Mesh:

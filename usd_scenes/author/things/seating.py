@@ -283,4 +283,4 @@ def pouf(name: str) -> Thing:
         return bent
 
     button = sphere(0.022, 24).scaled(1.0, 0.5, 1.0).moved(0.0, 0.366, 0.0)
-    return thing(name, "pouf", ("Cover", "Rust", [body.deformed(lobes), button]))
+    return thing(name, "pouf", ("Cover", "ThrowWool", [body.deformed(lobes), button]))

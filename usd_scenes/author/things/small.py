@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from usd_scenes.author.mesh import Mesh, grid, merged
+from usd_scenes.author.mesh import Array, Mesh, grid, merged
 from usd_scenes.author.shapes import (
     circle,
     curve,
@@ -294,7 +294,17 @@ def tennis_racket(name: str) -> Thing:
         ("Accent", "RacketWhite", accents),
         ("Strings", "RacketString", strings),
         ("Grip", "Grip", [grip, butt]),
+    ).simplified(
+        Frame=[*_arcs(head, section), *frame[1:]],
+        Accent=rounded_box((0.10, 0.014, 0.0245)).moved(0.0, b * 1.035, 0.0),
+        Strings=rounded_box((1.5 * a, 1.5 * b, 0.003)),
     )
+
+
+def _arcs(ring: Array, section: Array, count: int = 12) -> list[Mesh]:
+    """A closed sweep in straight pieces."""
+    knots = ring[:: len(ring) // count]
+    return [sweep([p, q], section, up=(0.0, 0.0, 1.0)) for p, q in zip(knots, np.roll(knots, -1, axis=0), strict=True)]
 
 
 def ornament(name: str) -> Thing:
@@ -309,7 +319,8 @@ def sculpture(name: str) -> Thing:
     girth = 1.0 + 0.35 * np.cos(angle) + 0.12 * np.sin(3.0 * angle)
     loop = sweep(ring, rectangle(0.046, 0.030, 0.0149, 5), girth, up=(0.0, 0.0, 1.0), closed=True)
     plinth = rounded_box((0.13, 0.05, 0.11), 0.003, 2).moved(0.0, 0.025, 0.0)
-    return thing(name, "statue", ("Figure", "PaleStone", loop), ("Plinth", "BlackMetal", plinth))
+    figure = thing(name, "statue", ("Figure", "PaleStone", loop), ("Plinth", "BlackMetal", plinth))
+    return figure.simplified(Figure=_arcs(ring, rectangle(0.046, 0.030, 0.0149, 5), 8))
 
 
 def set_top_box(name: str) -> Thing:
