@@ -15,9 +15,20 @@ from pxr import Kind, Usd, UsdGeom, UsdPhysics, UsdSemantics
 from usd_scenes.author import stage as usd
 from usd_scenes.author.mesh import Mesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
-from usd_scenes.author.soft import pillow
 from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things import bath, cutlery, desk, kitchen, lamps, plants, seating, small, tableware, toys
+from usd_scenes.author.things import (
+    bath,
+    cutlery,
+    desk,
+    kitchen,
+    lamps,
+    pillows,
+    plants,
+    seating,
+    small,
+    tableware,
+    toys,
+)
 
 MATTE_COLORS = ("red", "orange", "yellow", "green", "teal", "blue", "white")
 APPEARANCES = ("photoreal", "untextured", "primitives")
@@ -65,12 +76,6 @@ def _torus() -> Mesh:
     angle = np.arange(64) * (2.0 * np.pi / 64)
     ring = 0.19 * np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=-1)
     return sweep(ring, circle(0.07, 28), closed=True)
-
-
-def _painted_pillow() -> Thing:
-    """A cotton pillow that a child has painted, 0.45 m; the picture on either side."""
-    cover = pillow(0.45, 0.45, 0.16, 3, 40, 0.004).with_uv(scale=1.0 / 0.45)
-    return thing("Pillow01", "pillow", ("Cover", "ScribbleCotton", cover))
 
 
 def _novel() -> Thing:
@@ -129,7 +134,7 @@ TEMPLATES: dict[str, Template] = {
         },
     ),
     "pillow_01": Template(
-        _painted_pillow,
+        lambda: pillows.painted_pillow("Pillow01"),
         {
             "painted": {},
             "mustard": {"ScribbleCotton": "PillowMustard"},

@@ -9,6 +9,7 @@ from usd_scenes.author.shapes import circle, curve, cylinder, lathe, rectangle, 
 from usd_scenes.author.sheets import shell
 from usd_scenes.author.soft import cushion, pillow, throw, wrinkles
 from usd_scenes.author.thing import Thing, thing
+from usd_scenes.author.things.pillows import stuffed
 
 
 def chair(name: str) -> Thing:
@@ -143,7 +144,7 @@ def settee(name: str) -> Thing:
     """A two-seat sofa, 1.78 m, with a pillow in either corner."""
     base = sofa(name, 1.78, 2)
     pillows = [
-        pillow(0.44, 0.44, 0.15, 71 + index, 18)
+        stuffed(0.46, 0.13, 71 + index, 0.026)
         .turned("x", -20.0)
         .turned("y", -15.0 * side)
         .moved(0.50 * side, 0.715, 0.075)
