@@ -43,12 +43,11 @@ def fit(mesh: Mesh) -> list[Gprim]:
 
 
 def _holds(gprim: Gprim, points: Array) -> bool:
-    """Whether the points lie in the gprim's box, or stand out of it by little."""
+    """Whether the points lie in the gprim's box or stand out of it by little, and fill no more than half of it."""
+    size = np.array(gprim.size)
     local = np.abs((points - np.array(gprim.centre)) @ gprim.axes)
-    reach = 0.5 * np.array(gprim.size)
-    return bool(
-        (local.max(axis=0) < 1.06 * reach + 0.002).all() and (np.ptp(points, axis=0).prod() < reach.prod() * 4.0)
-    )
+    smaller = np.ptp(points, axis=0).prod() < 0.5 * size.prod()
+    return bool(smaller and (local.max(axis=0) < 0.53 * size + 0.002).all())
 
 
 def _pieces(mesh: Mesh) -> Indices:
@@ -103,7 +102,7 @@ def _ordered(vectors: Array) -> Array:
     axes = np.zeros((3, 3))
     for column, row in enumerate(rows):
         axes[:, row] = vectors[:, column] * np.sign(vectors[row, column])
-    return axes
+    return axes if np.linalg.det(axes) > 0.0 else np.eye(3)
 
 
 def _kind(q: Array, size: Array) -> tuple[str, int]:

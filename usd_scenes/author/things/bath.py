@@ -13,20 +13,8 @@ from usd_scenes.author.thing import Thing, thing
 
 def towel(name: str) -> Thing:
     """A bath towel folded to 0.32 × 0.22 m, its folds to the front, with a woven border."""
-    thick, layers, reach = 0.0140, 6, 0.096
-    pitch = 0.0165
-    line: list[list[float]] = []
-    for layer in range(layers):
-        y = thick / 2.0 + pitch * layer
-        ends = np.linspace(-reach, reach, 12) if layer % 2 == 0 else np.linspace(reach, -reach, 12)
-        line += [[float(z), y] for z in ends]
-        if layer < layers - 1:
-            turn, sign = np.linspace(-np.pi / 2.0, np.pi / 2.0, 7)[1:-1], 1.0 if layer % 2 == 0 else -1.0
-            line += [
-                [sign * (reach + 0.55 * pitch * float(np.cos(a))), y + pitch * (1.0 + float(np.sin(a))) / 2.0]
-                for a in turn
-            ]
-    path = np.array(line)
+    thick = 0.0140
+    path = np.add(_folded(6, 0.0165, 0.096), (0.0, thick / 2.0))
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], -1)
@@ -67,6 +55,19 @@ def towel(name: str) -> Thing:
     whole = whole.deformed(settle)
     border = [_border(whole, z, width) for z, width in ((0.036, 0.020), (0.062, 0.005), (0.010, 0.005))]
     return thing(name, "towel", ("Cloth", "TowelBlue", whole), ("Border", "TowelBand", border))
+
+
+def _folded(layers: int, pitch: float, reach: float) -> Array:
+    """The way of cloth that is folded to and fro: (depth, height), `pitch` from layer to layer."""
+    layer, turn = np.linspace(-reach, reach, 12), np.linspace(-np.pi / 2.0, np.pi / 2.0, 7)[1:-1]
+    pieces = []
+    for index in range(layers):
+        forth = 1.0 if index % 2 == 0 else -1.0
+        pieces.append(np.stack([forth * layer, np.full(12, pitch * index)], axis=-1))
+        if index < layers - 1:
+            bend = [forth * (reach + 0.55 * pitch * np.cos(turn)), pitch * (index + 0.5 * (1.0 + np.sin(turn)))]
+            pieces.append(np.stack(bend, axis=-1))
+    return np.concatenate(pieces)
 
 
 def _border(cloth: Mesh, z: float, width: float) -> Mesh:
