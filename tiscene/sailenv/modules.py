@@ -8,7 +8,7 @@ from types import ModuleType
 from tiscene.sailenv import agent, manager, scenario, utilities
 
 # Module by module, what it defines and where that is. `sailenv` itself also has its parts as attributes.
-_CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
+CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
     "sailenv": (scenario, ("Vector3",)),
     "sailenv.agent": (agent, ("Agent", "FrameFlags")),
     "sailenv.dynamics": (scenario, ("Dynamic",)),
@@ -31,7 +31,7 @@ _CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
 
 def install(agent_class: type[agent.Agent] = agent.Agent) -> None:
     """Let `import sailenv...` find these. agent_class: what scripts get as Agent."""
-    for name, (home, contents) in _CONTENTS.items():
+    for name, (home, contents) in CONTENTS.items():
         module = ModuleType(name, f"{name} on tiscene")
         module.__path__ = []  # packages too, so that what they do not have is said to be missing, not to be no package
         for content in contents:

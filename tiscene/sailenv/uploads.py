@@ -18,6 +18,7 @@ from tiscene.usd.importing import import_asset
 MAX_BYTES = 128 << 20  # of one file as it is sent
 MAX_UNPACKED = 512 << 20  # of all that one zip holds
 MAX_MEMBERS = 1000
+MAX_MODEL = 64 << 20  # of an OBJ file, which all others wait for while it is read
 MAX_FILES = 256  # of one world
 _CHUNK = 1 << 16
 
@@ -60,6 +61,8 @@ class Uploads:
             if not candidates:
                 raise ArgumentError(f"{path!r} holds no .obj file")
             model = min(candidates, key=lambda file: (len(file.parts), str(file)))
+            if model.stat().st_size > MAX_MODEL:
+                raise ArgumentError(f"{model.name!r} has {model.stat().st_size} bytes; at most {MAX_MODEL} are read")
             name = model.stem.replace("_", " ")
             self._templates[path] = import_asset(
                 model, folder / "template", name=name, label=name.lower(), unit=1.0, up_axis="Y", centred=False
@@ -92,8 +95,10 @@ def _members(name: str, data: bytes) -> dict[str, bytes]:
                     continue
                 members[inside] = _read(name, archive, member, room)
                 room -= len(members[inside])
-    except (zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
-        raise error if isinstance(error, ArgumentError) else ArgumentError(f"{name!r}: {error}") from error
+    except ArgumentError:
+        raise
+    except Exception as error:  # its decompressors fail in many ways on damaged data
+        raise ArgumentError(f"{name!r} cannot be unpacked: {error}") from error
     return members
 
 

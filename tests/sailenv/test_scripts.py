@@ -1,0 +1,126 @@
+"""`python -m tiscene.sailenv`: scripts that import sailenv, as they are written for it."""
+
+import importlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tiscene.sailenv import modules
+from tiscene.sailenv.utilities import draw_flow_map
+
+SCRIPT = """
+import sys
+import numpy as np
+from sailenv import Vector3
+from sailenv.agent import Agent
+from sailenv.dynamics.uniform_movement_random_bounce import UniformMovementRandomBounce
+from sailenv.dynamics.waypoints import Waypoint, CatmullWaypoints, LinearWaypoints
+from sailenv.dynamics import Dynamic
+from sailenv.generators.object import Object
+from sailenv.generators.scenario import Scenario, Frustum
+from sailenv.generators.timings import AllTogetherTimings, WaitUntilCompleteTimings, DictTimings
+from sailenv.manager import SAILenvManager
+from sailenv.utilities import draw_flow_map
+
+manager = SAILenvManager(port="8085")
+manager.start()
+agent = Agent(depth_frame_active=True, flow_frame_active=True, object_frame_active=True, main_frame_active=True,
+              category_frame_active=True, width=32, height=24, host="127.0.0.1", port=8085, use_gzip=False)
+agent.register()
+print("id", agent.id, sys.argv)
+agent.change_scene(agent.scenes[agent.scenes.index("object_view/scene")])
+here = agent.get_position()
+waypoints = [Waypoint(here + offset, Vector3(0., 0., 0.)) for offset in (Vector3(0., 0., 2.), Vector3(0., 1., 3.))]
+objects = [Object("c", "Cylinder", Vector3(0, 0, 2), Vector3(0, 0, 0), CatmullWaypoints(waypoints=waypoints))]
+agent.load_scenario(Scenario("object_view/scene", objects, AllTogetherTimings(0.75), Frustum(False, 20.)))
+try:
+    frames = 0
+    while True:
+        frame = agent.get_frame()
+        frames += 1
+        assert draw_flow_map(frame["flow"]).shape == (24, 32, 3)
+        if input("a key") == "q":
+            break
+finally:
+    print("frames", frames)
+    agent.delete()
+"""
+
+
+def run(tmp_path, script, *arguments):
+    path = tmp_path / "script.py"
+    path.write_text(script)
+    command = [sys.executable, "-m", "tiscene.sailenv", "--spp", "1", *arguments]
+    command.insert(command.index("SCRIPT"), str(path))
+    command.remove("SCRIPT")
+    return subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), stdin=subprocess.DEVNULL)
+
+
+def test_a_script_runs_unchanged(tmp_path):
+    done = run(tmp_path, SCRIPT, "--headless", "--frames", "3", "SCRIPT", "an", "--argument")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("id 0 [")
+    assert "'an', '--argument'" in lines[0]
+    assert lines[-2:] == ["frames 3", "script.py: stopped after 3 frames"]
+
+
+def test_windows_do_nothing_without_a_display(tmp_path):
+    """OpenCV need not be here: a module of that name stands for it."""
+    (tmp_path / "cv2.py").write_text("def imshow(*_):\n    raise SystemExit('no display')\nwaitKey = imshow\n")
+    script = "import cv2\ncv2.imshow('a', None)\nprint(cv2.waitKey(1), cv2.destroyAllWindows())\n"
+    path = tmp_path / "script.py"
+    path.write_text(script)
+    done = subprocess.run(
+        [sys.executable, "-m", "tiscene.sailenv", "--headless", str(path)],
+        capture_output=True,
+        text=True,
+        env=dict(os.environ) | {"PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])},
+    )
+    assert (done.stdout, done.returncode) == ("-1 None\n", 0), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        ("from sailenv.agent import Agnet\n", "cannot import name 'Agnet'"),
+        ("import sailenv.nothing\n", "No module named 'sailenv.nothing'"),
+        ("raise SystemExit('as it likes')\n", "as it likes"),
+    ],
+)
+def test_mistakes_of_a_script_are_its_own(tmp_path, script, message):
+    done = run(tmp_path, script, "SCRIPT")
+    assert done.returncode == 1
+    assert message in done.stderr
+
+
+def test_a_script_that_is_not_there():
+    done = subprocess.run([sys.executable, "-m", "tiscene.sailenv", "nowhere.py"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "no file 'nowhere.py'" in done.stderr
+
+
+def test_the_modules_are_those_of_sailenv(monkeypatch):
+    for name in modules.CONTENTS:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    modules.install()
+    try:
+        for name, (home, contents) in modules.CONTENTS.items():
+            module = importlib.import_module(name)
+            for content in contents:
+                assert getattr(module, content) is getattr(home, content)
+        assert sys.modules["sailenv"].generators.scenario.Scenario is modules.scenario.Scenario
+    finally:
+        for name in modules.CONTENTS:
+            sys.modules.pop(name, None)
+
+
+def test_the_picture_of_flow():
+    flow = np.array([[[2.0, 0.0], [-2.0, 0.0], [0.0, 0.0], [0.0, 1.0]]])
+    picture = draw_flow_map(flow)
+    np.testing.assert_array_equal(picture[0, :3], [(0, 0, 255), (255, 255, 0), (0, 0, 0)])  # BGR: red, cyan, black
+    np.testing.assert_allclose(picture[0, 3], (0, 127.5, 63.75), atol=0.6)  # a quarter turn: between yellow and green
+    assert not draw_flow_map(np.zeros((2, 2, 2), np.float32)).any()
