@@ -1,4 +1,4 @@
-"""`tiscene import` and `tiscene inspect`: what they write, say and return."""
+"""`tiscene import`: what it writes, says and returns."""
 
 from __future__ import annotations
 

@@ -102,6 +102,17 @@ def parser() -> argparse.ArgumentParser:
     show = commands.add_parser("show", help="show what a scene holds: size, cameras, lights, objects, templates")
     show.add_argument("scene", metavar="SCENE", help="a scene's name or a USD file")
 
+    inspect = commands.add_parser(
+        "inspect", help="say what is in a USD file, what is rendered of it, what is not and why"
+    )
+    inspect.add_argument("file", metavar="FILE", help="a USD file or a scene's name")
+    inspect.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
+    inspect.add_argument("--untrusted", action="store_true", help="read it in a process of its own, with limits")
+    inspect.add_argument("--taxonomy", metavar="NAME", help="of the semantic labels (default: class, else category)")
+    inspect.add_argument(
+        "--variant", metavar="PRIM{SET}=NAME", type=_variant, action="append", default=[], help="as for render"
+    )
+
     importer = commands.add_parser(
         "import",
         help="make a template of a model: OBJ, glTF, PLY, STL, USD, or a catalogue of furniture (.sh3f)",
