@@ -21,6 +21,7 @@ SCENE = GROUND | {"tiscene.scene"}
 STREAM = SCENE | {
     "dynamics",
     "tiscene.catalog",
+    "tiscene.differential",
     "tiscene.frame",
     "tiscene.render",
     "tiscene.scenario",
@@ -28,7 +29,7 @@ STREAM = SCENE | {
     "tiscene.usd",
     "tiscene.world",
 }
-EXPORT = {"tiscene", "tiscene.errors", "tiscene.frame", "tiscene.stream"}
+EXPORT = {"tiscene", "tiscene.errors", "tiscene.frame", "tiscene.stream", "tiscene.sailenv.space"}
 
 # Each part of the project and the parts that it may import; a part may always import itself.
 MAY_IMPORT = {
@@ -83,9 +84,11 @@ MAY_IMPORT = {
         "tiscene.catalog",
         "tiscene.usd",
     },
+    "tiscene.differential": SCENE | {"tiscene.render", "tiscene.world"},
     "tiscene.stream": STREAM,
     "tiscene.export": EXPORT,
-    "tiscene.sailenv": STREAM | {"tiscene.stream"},
+    "tiscene.sailenv.space": {"dynamics", "tiscene.camera"},  # the only place where coordinates are left-handed
+    "tiscene.sailenv": STREAM | {"tiscene.stream", "tiscene.sailenv.space"},
     "tiscene.commands": STREAM | EXPORT | {"tiscene.export", "tiscene.sailenv"},
     "tiscene.cli": {"tiscene", "tiscene.commands", "tiscene.errors"},
     "tiscene.__main__": {"tiscene.cli"},

@@ -8,7 +8,7 @@ import pytest
 
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import EXPORTERS, export
+from tiscene.export import EXPORTERS, SUMMARIES, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest, write_atomically
 
 
@@ -23,7 +23,8 @@ def test_the_same_frames_are_the_same_bytes_and_nothing_else_is_left(tmp_path, f
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     manifest = Manifest.load(tmp_path / "a")
     listed = {name for entry in manifest.frames.values() for name in entry["files"]}
-    assert set(contents(tmp_path / "a")) == listed | {NAME}
+    summary, _ = SUMMARIES.get(format, ((), None))
+    assert set(contents(tmp_path / "a")) == listed | {NAME, *summary}
 
 
 def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
@@ -105,7 +106,7 @@ def test_overwrite_removes_what_the_manifest_lists_and_nothing_else(tmp_path):
 
 
 def test_bad_calls(tmp_path):
-    with pytest.raises(ArgumentError, match="format='jpg': must be one of exr, npz, png"):
+    with pytest.raises(ArgumentError, match="format='jpg': must be one of exr, npz, png, sailenv"):
         export(FakeStream(), tmp_path, format="jpg", frames=range(1))
     with pytest.raises(ArgumentError, match=r"frames=range"):
         export(FakeStream(), tmp_path)

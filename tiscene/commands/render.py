@@ -5,15 +5,16 @@ from __future__ import annotations
 import argparse
 
 from tiscene.commands.progress import note, progress
-from tiscene.export import export
+from tiscene.export import NEEDED, export
 from tiscene.frame import Frame
 from tiscene.render.aovs import AOVS
-from tiscene.stream import DEFAULT_BUFFERS, Stream, pays
+from tiscene.stream import DEFAULT_BUFFERS, Stream
 
 
 def run(args: argparse.Namespace) -> None:
     """Render, and print the folder. When interrupted, say how to go on."""
-    buffers = tuple(AOVS) if args.buffers == ("all",) else args.buffers or DEFAULT_BUFFERS
+    usual = NEEDED.get(args.format, DEFAULT_BUFFERS)
+    buffers = tuple(AOVS) if args.buffers == ("all",) else args.buffers or usual
     done = 0
     try:
         with progress(f"reading {args.source}", len(args.frames)) as step:

@@ -7,22 +7,33 @@ goes on. A format is one file here with a function `encode(frame) -> {file name:
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import exr, labels, npz, png
+from tiscene.export import exr, labels, npz, png, sailenv
 from tiscene.export.manifest import NAME, Manifest, write_atomically
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame
     from tiscene.stream import Stream
 
-EXPORTERS: Mapping[str, Callable[[Frame], dict[str, bytes]]] = {"exr": exr.encode, "npz": npz.encode, "png": png.encode}
+EXPORTERS: Mapping[str, Callable[[Frame], dict[str, bytes]]] = {
+    "exr": exr.encode,
+    "npz": npz.encode,
+    "png": png.encode,
+    "sailenv": sailenv.encode,
+}
+# What a format has to say of all frames together: names of the files, and their contents.
+SUMMARIES: Mapping[str, tuple[Sequence[str], Callable[[Stream, Manifest], dict[str, bytes]]]] = {
+    "sailenv": (sailenv.SUMMARY, sailenv.summary)
+}
+# The buffers of a format that cannot do with others.
+NEEDED: Mapping[str, Sequence[str]] = {"sailenv": sailenv.BUFFERS}
 
-__all__ = ["EXPORTERS", "Manifest", "export", "made_by"]
+__all__ = ["EXPORTERS", "NEEDED", "Manifest", "export", "made_by"]
 
 
 def export(
@@ -101,6 +112,8 @@ def _remove(folder: Path, manifest: Manifest) -> None:
             path = (folder / name).resolve()
             if path.is_relative_to(root):
                 path.unlink(missing_ok=True)
+    for name in SUMMARIES.get(manifest.made_by["format"], ((), None))[0]:
+        (folder / name).unlink(missing_ok=True)
     (folder / NAME).unlink()
 
 
@@ -133,3 +146,6 @@ def _write_frames(
                 saving_took = saved_at - began
     finally:
         manifest.save(folder)
+        if manifest.made_by["format"] in SUMMARIES:
+            for name, data in SUMMARIES[manifest.made_by["format"]][1](stream, manifest).items():
+                write_atomically(folder / name, data)

@@ -1,0 +1,75 @@
+"""SAILenv's recordings: read back, and as the lab's programs read them."""
+
+import gzip
+import json
+
+import numpy as np
+import pytest
+
+from tests.export.fake_stream import FakeStream
+from tiscene.errors import ExportError, MissingFile
+from tiscene.export import NEEDED, export
+from tiscene.export.sailenv import Recording
+
+
+def test_a_recording_reads_back(tmp_path):
+    stream = FakeStream(NEEDED["sailenv"])
+    export(stream, tmp_path, format="sailenv", frames=[0, 1, 99, 100, 101])
+    recording = Recording(tmp_path)
+    assert (len(recording), recording.fps, recording.categories) == (102, 25.0, {1: "chair", 2: "table"})
+    for index in (0, 1, 99, 100, 101):
+        frame, back = stream[index], recording[index]
+        np.testing.assert_array_equal(back.rgb, frame.rgb)
+        np.testing.assert_array_equal(back.flow, frame.backward_flow * (1, -1))
+        np.testing.assert_array_equal(back.category, frame.semantic)
+        assert (back.rgb.dtype, back.flow.dtype, back.category.dtype) == (np.uint8, np.float32, np.int32)
+    with pytest.raises(IndexError, match=r"0\.\.101"):
+        recording[102]
+    with pytest.raises(MissingFile, match=r"frames/00000001/051\.png"):
+        recording[50]
+
+
+def test_the_layout_is_the_labs(tmp_path):
+    stream = FakeStream(NEEDED["sailenv"])
+    export(stream, tmp_path, format="sailenv", frames=[0, 99, 100])
+    for place in ("00000001/001", "00000001/100", "00000002/001"):
+        for name in (
+            f"frames/{place}.png",
+            f"motion/{place}.bin",
+            f"sup/{place}.targets.bin",
+            f"sup/{place}.indices.bin",
+        ):
+            assert (tmp_path / name).is_file()
+    assert json.loads((tmp_path / "frames/fps.json").read_text()) == {"fps": 25.0, "frames_count": 101}
+    assert json.loads((tmp_path / "sup/map.json").read_text()) == {"chair": 1, "table": 2}
+    with gzip.open(tmp_path / "sup/00000002/001.targets.bin") as file:
+        targets = np.load(file)
+    with gzip.open(tmp_path / "sup/00000002/001.indices.bin") as file:
+        indices = np.load(file)
+    semantic = stream[100].semantic.ravel()
+    assert targets.dtype == indices.dtype == np.int32
+    np.testing.assert_array_equal(indices, np.flatnonzero(semantic))
+    np.testing.assert_array_equal(targets, semantic[indices])
+    with gzip.open(tmp_path / "motion/00000001/001.bin") as file:
+        assert np.load(file).shape == (8, 12, 2)
+
+
+def test_what_replaces_a_recording_leaves_nothing_of_it(tmp_path):
+    export(FakeStream(NEEDED["sailenv"]), tmp_path, format="sailenv", frames=[0])
+    export(FakeStream(("rgb",)), tmp_path, format="npz", frames=[0], overwrite=True)
+    left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert left == {"000000.npz", "000000.json", "tiscene.json"}
+
+
+def test_mistakes_are_said(tmp_path):
+    with pytest.raises(ExportError, match="needs the buffers rgb, semantic, backward_flow; backward_flow is missing"):
+        export(FakeStream(("rgb", "semantic")), tmp_path, format="sailenv", frames=[0])
+    with pytest.raises(MissingFile, match=r"fps\.json"):
+        Recording(tmp_path / "nowhere")
+    export(FakeStream(NEEDED["sailenv"]), tmp_path, format="sailenv", frames=[0], overwrite=True)
+    (tmp_path / "motion/00000001/001.bin").write_bytes(b"nothing")
+    with pytest.raises(ExportError, match=r"001\.bin"):
+        Recording(tmp_path)[0]
+    (tmp_path / "sup/map.json").write_text("{")
+    with pytest.raises(ExportError, match=r"map\.json"):
+        Recording(tmp_path)
