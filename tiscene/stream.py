@@ -12,14 +12,13 @@ from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tiscene import catalog, device
 from tiscene.camera import Camera
+from tiscene.differential import moving, pays
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame import Frame, FrameCamera
 from tiscene.render.aovs import AOVS
-from tiscene.render.base_image import digest_of
 from tiscene.render.integrators.replay import CACHE_BYTES, Report
 from tiscene.render.measure import object_table
 from tiscene.render.renderer import Quality, Renderer, quality_named
@@ -36,8 +35,6 @@ from tiscene.world import World
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 MAX_SIZE = 16384
-# An image of what never moves takes as long as some 20 frames.
-WORTHWHILE_FRAMES = 50
 
 
 class Stream(Iterator[Frame]):
@@ -293,7 +290,7 @@ class Stream(Iterator[Frame]):
                 frame_index=index,
                 seed=self.seed,
                 exposure=exposure,
-                moving=self._moving(index, view, placement, differential),
+                moving=moving(self.world, index) if differential and not self._relit else None,
             ),
             objects=object_table(self._scene, placement, view, self.world.objects(index)),
             categories=self.categories,
@@ -306,24 +303,6 @@ class Stream(Iterator[Frame]):
             for row in range(len(self.world.cameras))
         ]
         return replace(first, others=tuple(others)) if others else first
-
-    def _moving(
-        self, index: int, view: View, placement: Placement, differential: bool | None
-    ) -> NDArray[np.bool_] | None:
-        """The instances that a frame shows as differences to what never moves; None: it is traced from nothing."""
-        if differential is None:
-            differential = self.differential and any(
-                camera.dynamic is None and view.current == camera for camera in self.world.cameras
-            )
-        if self._relit or not differential:
-            return None
-        moving = self.world.moving(index)
-        if placement.lights is not None:
-            # One frame at which a lamp that moves stands as at the start is not worth a base.
-            now, *start = (digest_of(self.world.lights(frame)) for frame in (index, 0, 1))
-            if any(now != then for then in start):
-                return None
-        return moving if moving.any() else None
 
     def _renderer(self, view: View) -> Renderer:
         size = view.width, view.height
@@ -382,11 +361,6 @@ class FrameRange(Sequence[Frame]):
         if isinstance(index, slice):
             return FrameRange(self.stream, self.indices[index])
         return self.stream[self.indices[index]]
-
-
-def pays(frames: int | None) -> bool:
-    """Whether so many frames (None: without end) are worth an image of what never moves."""
-    return frames is None or frames >= WORTHWHILE_FRAMES
 
 
 def _integer(name: str, value: Any, low: int, high: int) -> int:

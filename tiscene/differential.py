@@ -1,0 +1,35 @@
+"""When a stream's frames are differences to an image of what never moves, and what moves in them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera
+from tiscene.render.base_image import digest_of
+from tiscene.world import World
+
+# An image of what never moves takes as long as some 20 frames.
+WORTHWHILE_FRAMES = 50
+
+
+def pays(frames: int | None) -> bool:
+    """Whether so many frames (None: without end) are worth an image of what never moves."""
+    return frames is None or frames >= WORTHWHILE_FRAMES
+
+
+def is_fixed(world: World, camera: Camera) -> bool:
+    """Whether that is one of the world's own cameras, and it never moves."""
+    return any(each.dynamic is None and each == camera for each in world.cameras)
+
+
+def moving(world: World, frame: int) -> NDArray[np.bool_] | None:
+    """Which of the instances at a frame move; None if nothing does, or if the lights are not those of frame 0.
+
+    One frame at which a lamp that moves stands as at the start counts for nothing: frame 1 must be like it too.
+    """
+    now, *start = (digest_of(world.lights(each)) for each in (frame, 0, 1))
+    if any(now != then for then in start):
+        return None
+    instances = world.moving(frame)
+    return instances if instances.any() else None
