@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tiscene.commands.progress import note, progress
+from tiscene.differential import pays
 from tiscene.export import NEEDED, export
 from tiscene.frame import Frame
 from tiscene.render.aovs import AOVS
