@@ -18,11 +18,11 @@ class Trees(Protocol):
 
     Binary: nodes f32 [n, 16], the boxes of two children (least x, y, z, greatest x, y, z) and, in columns 12 and 13,
     their references as bits of int32: a node, or -1 - (4 * first + count - 1) of a leaf, where `first` is a row of
-    `packs`, or above the meshes the row of an instance. packs f32 [m, 12]: vertex 0, any number, edge 1, any, edge 2,
-    any, in the mesh's own space.
+    `packs`, or above the meshes the row of an instance. packs f32 [m, 12]: vertex 0, any number, vertex 1, any, vertex
+    2, any, in the mesh's own space.
     Wide: nodes vec8 [8 n], rows of a node are least x, y, z, greatest x, y, z, references, any, with a lane for each
     child. A reference is the first row of a node, or -1 - row of a leaf, of `packs` or above the meshes of an instance.
-    packs vec4 [10 m]: nine rows of vertex 0 and edges 1 and 2, then bits of int32, negative in a lane without any.
+    packs vec4 [10 m]: nine rows of vertices 0, 1 and 2, then bits of int32, negative in a lane without any.
     The box of a child that does not exist is met by nothing.
     """
 

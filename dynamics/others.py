@@ -30,6 +30,7 @@ from dynamics.tree import vec3, vector_at
 
 WALLS = 6
 CONTACT_GAP = 3.0 * SKIN  # m: movers nearer than this touch each other
+DEEP = 20.0 * SKIN  # m: no motion leads so deep into another body
 
 
 @ti.func
@@ -136,6 +137,18 @@ def sweep_others(
                         soonest = group
                         partner = each
             gaps[group] = least
+        # Who was put deep into another, where no way leads out for every sphere, gets out away from its origin.
+        outward = vector_at(frozen_bodies, body, 0) - vector_at(frozen_bodies, other, 0)
+        if outward.norm() < 1e-6:
+            outward = vec3(0.0, ti.select(body > other, -1.0, 1.0), 0.0)
+        outward = outward.normalized()
+        sunk = False
+        if nearest < 0.0:
+            for sphere in range(groups[soonest, 1], groups[soonest, 1] + groups[soonest, 2]):
+                for b in range(groups[partner, 1], groups[partner, 1] + groups[partner, 2]):
+                    apart = (vector_at(frozen, sphere, 0) - vector_at(frozen, b, 0)).norm()
+                    if apart - spheres[sphere, 3] - spheres[b, 3] < -DEEP:
+                        sunk = True
         for step in range(1 + end - first):
             group = first + step - 1
             begin = other_first
@@ -165,6 +178,10 @@ def sweep_others(
                                     normal = away / ti.max(distance, 1e-9)
                                     arm = turned(bodies, body, vector_at(spheres, sphere, 0))
                                     chord = chord_of(turn, move, arm)
+                                    if sunk:
+                                        normal = outward
+                                        arm = vec3(0.0)
+                                        chord = move
                                     # Each of the two may close its share of the gap of the beginning of the substep.
                                     closed = -normal.dot(origin + arm - here)
                                     left = share * (gap - SKIN)

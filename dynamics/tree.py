@@ -86,10 +86,10 @@ def triangle(triangles: ti.template(), first: ti.i32, which: ti.i32, wide: ti.te
     if ti.static(wide):
         for c in ti.static(range(3)):
             corner[c] = triangles[first + c][which]
-            edge_1[c] = triangles[first + 3 + c][which]
-            edge_2[c] = triangles[first + 6 + c][which]
+            edge_1[c] = triangles[first + 3 + c][which] - corner[c]
+            edge_2[c] = triangles[first + 6 + c][which] - corner[c]
     else:
         corner = vector_at(triangles, first + which, 0)
-        edge_1 = vector_at(triangles, first + which, 4)
-        edge_2 = vector_at(triangles, first + which, 8)
+        edge_1 = vector_at(triangles, first + which, 4) - corner
+        edge_2 = vector_at(triangles, first + which, 8) - corner
     return corner, edge_1, edge_2

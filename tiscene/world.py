@@ -217,6 +217,11 @@ class World:
                     )
         return rows
 
+    @property
+    def at_first(self) -> list[WorldObject]:
+        """The stage's things as the stage has them, whatever was done to them."""
+        return list(self._inventory.stage_rows)
+
     def events(
         self, frame: int, view: tuple[Camera, Camera, Camera] | None = None, aspect: float | None = None
     ) -> list[Event]:

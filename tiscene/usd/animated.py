@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdLux
 
 from tiscene.usd.pose import read_pose
 from tiscene.usd.problems import Report
@@ -48,7 +48,7 @@ def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:
     visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
     if not visibility or visibility.GetNumTimeSamples() < 2:
         return None
-    start = _start(prim, visibility.GetTimeSamples())
+    start = start_time(prim, visibility.GetTimeSamples())
     shown = [(time, visibility.Get(time) != UsdGeom.Tokens.invisible) for time in visibility.GetTimeSamples()]
     changes = [each for row, each in enumerate(shown) if row == 0 or each[1] != shown[row - 1][1]]
     begins = [time for time, visible in changes if visible]
@@ -70,7 +70,7 @@ def read_keyframes(prim: Usd.Prim, units: Units, report: Report, first_frame: in
     times = sample_times(prim)
     if len(times) < 2:
         return None
-    start = _start(prim, times) + first_frame
+    start = start_time(prim, times) + first_frame
     times = sorted({max(time, start) for time in times})
     rate = prim.GetStage().GetTimeCodesPerSecond()
     waypoints, stretches = [], []
@@ -89,7 +89,24 @@ def read_keyframes(prim: Usd.Prim, units: Units, report: Report, first_frame: in
     return {"type": "Keyframes", "times": seconds, "waypoints": waypoints, "repeat": False}
 
 
-def _start(prim: Usd.Prim, times: Sequence[float]) -> float:
+def start_time(prim: Usd.Prim, times: Sequence[float]) -> float:
     """The time code of frame 0: where the stage's range begins, else the first sample."""
     stage = prim.GetStage()
     return float(stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else times[0])
+
+
+def animated_inside(thing: Usd.Prim) -> list[Usd.Prim]:
+    """Prims below a thing that are drawn and whose own transform, visibility or points have time samples."""
+    return [
+        prim
+        for prim in Usd.PrimRange(thing)
+        if prim != thing and prim.IsA(UsdGeom.Imageable) and not prim.HasAPI(UsdLux.LightAPI) and _is_animated(prim)
+    ]
+
+
+def _is_animated(prim: Usd.Prim) -> bool:
+    operations = UsdGeom.Xformable(prim).GetOrderedXformOps() if prim.IsA(UsdGeom.Xformable) else []
+    attributes = [UsdGeom.Imageable(prim).GetVisibilityAttr(), *(op.GetAttr() for op in operations)]
+    if prim.IsA(UsdGeom.PointBased):
+        attributes.append(UsdGeom.PointBased(prim).GetPointsAttr())
+    return any(attribute.GetNumTimeSamples() > 1 for attribute in attributes)

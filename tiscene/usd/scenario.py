@@ -6,6 +6,7 @@ Scenarios pass through here as JSON values, the ones of `Scenario.to_json`: this
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,10 +17,12 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.camera import Camera
 from tiscene.usd import schema
-from tiscene.usd.animated import read_keyframes, read_life
+from tiscene.usd.animated import animated_inside, read_keyframes, read_life
+from tiscene.usd.animated_light import read_light_motion
 from tiscene.usd.camera import read_camera
 from tiscene.usd.dynamic import read_dynamic
 from tiscene.usd.label import is_component, is_lone_instance
+from tiscene.usd.light import is_light
 from tiscene.usd.pose import Pose, agrees, read_pose
 from tiscene.usd.problems import Report
 from tiscene.usd.schema import authored, targets
@@ -72,9 +75,10 @@ class _ScenarioReader:
         self._time = reading_time(stage, None)
 
     def read(self) -> AuthoredScenario:
-        scenarios, prims, cameras = [], [], []
+        scenarios, prims, cameras, lights = [], [], [], []
         for prim, is_object in self._walk():
             schema.report_misspelt(prim, self._report)
+            lights += self._lights_of(prim, is_object)
             if schema.has(prim, schema.SCENARIO):
                 scenarios.append(prim)
             if prim.IsA(UsdGeom.Camera):
@@ -100,6 +104,7 @@ class _ScenarioReader:
         camera = None
         with self._report.guard("/"):
             camera = self._camera(root, cameras)
+        content = {"lights": lights} | content if lights else content
         content |= {"objects": objects} | ({} if camera is None else {"camera": camera})
         return AuthoredScenario(content, tuple(paths))
 
@@ -111,6 +116,21 @@ class _ScenarioReader:
         for other in best[1:]:
             self._report.problem(other.GetPath(), "scenario", f"<{best[0].GetPath()}> is the scenario already")
         return best[0] if best else None
+
+    def _lights_of(self, prim: Usd.Prim, is_object: bool) -> list[dict[str, Any]]:
+        """Motions of a light, or of those inside a thing; what else is animated in there is reported."""
+        lights = []
+        with self._report.guard(prim.GetPath()):
+            inside = Usd.PrimRange(prim) if _is_thing(prim) and not is_object else [prim]
+            for each in inside:
+                motion = read_light_motion(each, self._units, self._report) if _is_lamp(each) else None
+                if motion is not None:
+                    lights.append(motion)
+            if is_object or _is_thing(prim):
+                for each in animated_inside(prim):
+                    text = f"it is animated inside of <{prim.GetPath()}>, but stands still in there"
+                    self._report.omission(each.GetPath(), text)
+        return lights
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
         """Every prim that may say something, and whether it is an object; not what is inside an object or a thing."""
@@ -126,7 +146,7 @@ class _ScenarioReader:
 
     def _is_object(self, prim: Usd.Prim) -> bool:
         """Whether a prim is an object of the scenario, if nobody lists them."""
-        if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable):
+        if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable) or _is_lamp(prim):
             return False
         if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
             return True
@@ -205,6 +225,13 @@ class _ScenarioReader:
         far = authored(root, "tiscene:scenario:frustumFar")
         if far:
             content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far, True)}
+        for key in ("edits", "lights"):
+            text = authored(root, f"tiscene:scenario:{key}")
+            if text:
+                try:
+                    content[key] = json.loads(text)
+                except json.JSONDecodeError as error:
+                    self._report.problem(root.GetPath(), "scenario", f"tiscene:scenario:{key} is not JSON: {error}")
         kind = authored(root, "tiscene:scenario:timing") or "allTogether"
         if kind not in _TIMINGS:
             text = f"tiscene:scenario:timing is {str(kind)!r}; it must be one of {', '.join(_TIMINGS)}"
@@ -231,17 +258,25 @@ class _ScenarioReader:
         indices = indices or [0] * len(ids)
         return [[each or index, time] for each, index, time in zip(ids, indices, times, strict=True)]
 
-    def _camera(self, root: Usd.Prim | None, cameras: list[Usd.Prim]) -> dict[str, Any] | str | None:
-        """The camera as a JSON object if it moves or was written by us; its name if it was chosen; else None."""
+    def _camera(self, root: Usd.Prim | None, cameras: list[Usd.Prim]) -> Any:
+        """The camera as a JSON object if it moves or was written by us; its name if it was chosen; else None.
+
+        A list of such if several were chosen.
+        """
         chosen = targets(root, "tiscene:scenario:camera") if root else []
-        prim = cameras[0] if cameras else None
-        if root and chosen:
-            prim = self._stage.GetPrimAtPath(chosen[0])
+        if not chosen:
+            return self._one_camera(cameras[0], False) if cameras else None
+        found = []
+        for path in chosen:
+            prim = self._stage.GetPrimAtPath(path)
             if not prim or not prim.IsA(UsdGeom.Camera):
-                self._report.problem(root.GetPath(), "scenario", f"its camera <{chosen[0]}> is no Camera")
+                assert root is not None
+                self._report.problem(root.GetPath(), "scenario", f"its camera <{path}> is no Camera")
                 return None
-        if prim is None:
-            return None
+            found.append(self._one_camera(prim, True))
+        return found if len(found) > 1 else found[0]
+
+    def _one_camera(self, prim: Usd.Prim, chosen: bool) -> dict[str, Any] | str | None:
         dynamic = self._dynamic(prim)
         if dynamic is None and not schema.has(prim, schema.CAMERA):
             return str(prim.GetName()) if chosen else None
@@ -296,3 +331,8 @@ def _saying_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:
 def _is_thing(prim: Usd.Prim) -> bool:
     """Whether a prim, met from above, is a thing with an identity of its own."""
     return is_component(prim) or is_lone_instance(prim) or prim.IsA(UsdGeom.Gprim)
+
+
+def _is_lamp(prim: Usd.Prim) -> bool:
+    """Whether a prim is a light that is nothing else; a mesh that shines is a thing."""
+    return is_light(prim) and not prim.IsA(UsdGeom.Gprim)

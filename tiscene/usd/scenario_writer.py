@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -43,8 +44,15 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
         root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
         camera = content["camera"]
         if camera is not None:
-            prim = _camera_named(over, camera) if isinstance(camera, str) else _write_camera(over, camera, report)
-            root.CreateRelationship("tiscene:scenario:camera", False).SetTargets([prim.GetPath()])
+            cameras = [
+                _camera_named(over, each) if isinstance(each, str) else _write_camera(over, each, report)
+                for each in (camera if isinstance(camera, list) else [camera])
+            ]
+            paths = [prim.GetPath() for prim in cameras]
+            root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
+        for key in ("edits", "lights"):
+            if content[key]:
+                _set(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
         report.raise_problems()
         over.export(path)
 
