@@ -1,24 +1,30 @@
 """`python -m usd_scenes.gallery [NAME ...] [--spp N]`: takes the pictures of docs/gallery.md.
 
-NAME: the beginning of a picture's name, such as "room_01" or "room_01_Main_night"; default all of them. Slow: a minute
-or more for a picture on two cores.
+NAME: the beginning of a picture's name, such as "room_01" or "room_01_Main_night", or "table" for the table of labels
+in docs/scenes.md; default everything. Slow: minutes for a picture on two cores.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from pxr import Usd, UsdSemantics
 
 import tiscene as ts
 from tiscene.commands.progress import progress
 from usd_scenes.author.room import LIGHTING
 from usd_scenes.author.templates import APPEARANCES
 
-IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images" / "gallery"
+PACKAGE = Path(__file__).resolve().parent
+DOCS = PACKAGE.parent / "docs"
+IMAGES = DOCS / "images" / "gallery"
+TABLE = re.compile(r"\| Scene \| Labels.*?\n(?!\|)", re.DOTALL)
 WIDTH, HEIGHT = 960, 720
 PLACES = {
     "room_01": ("Main", "SAILenv", "Chest"),
@@ -68,14 +74,39 @@ def save(path: Path, rgb: np.ndarray) -> None:
     Image.fromarray(rgb).save(path, quality=88, subsampling=0, optimize=True)
 
 
+def labels(scene: str) -> Counter[str]:
+    """How many things of each label are on a shipped scene's stage."""
+    stage = Usd.Stage.Open(str(PACKAGE / scene / "scene.usda"))
+    prims = Usd.PrimRange(stage.GetDefaultPrim(), Usd.TraverseInstanceProxies())
+    return Counter(
+        label for prim in prims for label in UsdSemantics.LabelsAPI(prim, "class").GetLabelsAttr().Get() or []
+    )
+
+
+def table() -> str:
+    """The labels of every room as a Markdown table."""
+    lines = ["| Scene | Labels and how many things have them |", "|---|---|"]
+    for scene in ROOTS:
+        counts = sorted(labels(scene).items())
+        lines.append(f"| `{scene}` | {', '.join(f'{name} {n}' if n > 1 else name for name, n in counts)} |")
+    return "\n".join(lines) + "\n"
+
+
+def write_table() -> None:
+    page = DOCS / "scenes.md"
+    page.write_text(TABLE.sub(lambda _: table(), page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m usd_scenes.gallery", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--spp", type=int, default=256, help="paths per pixel (default: %(default)s)")
     arguments = parser.parse_args()
     chosen = [p for p in PICTURES if not arguments.names or p.name.startswith(tuple(arguments.names))]
-    if not chosen:
-        parser.error(f"no picture begins like that; there are: {', '.join(p.name for p in PICTURES)}")
+    if not arguments.names or "table" in arguments.names:
+        write_table()
+    elif not chosen:
+        parser.error(f"no picture begins like that; there are: table, {', '.join(p.name for p in PICTURES)}")
     with progress("gallery", len(chosen)) as step:
         for picture in chosen:
             picture.take(arguments.spp)

@@ -125,7 +125,7 @@ def _washing(room: Room) -> None:
     room.put("TableThings", bathroom.soap_dispenser("SoapDispenser"), (wall - 0.10, top, BASIN - 0.37), TOWARDS_ROOM)
     room.put("TableThings", bathroom.soap_dish("SoapDish"), (wall - 0.24, top, BASIN - 0.40), (0.0, -80.0, 0.0))
     room.put("TableThings", bathroom.brush_cup("ToothbrushCup"), (wall - 0.11, top, BASIN + 0.36), ORIGIN)
-    room.put("TableThings", bathroom.brush("Hairbrush"), (wall - 0.26, top, BASIN + 0.36), (0.0, 75.0, 0.0))
+    room.put("TableThings", bathroom.brush("Hairbrush"), (wall - 0.20, top, BASIN + 0.37), (0.0, 80.0, 0.0))
     room.put("Ornaments", tableware.vase("Vase", "SandGlaze"), (wall - 0.12, top, BASIN + 0.475))
     room.put("Plants", plants.branches("Branches", 23), (wall - 0.12, top + 0.012, BASIN + 0.475))
     room.put("Furniture", bathroom.waste_bin("Bin"), (RIGHT - 0.20, 0.0, 0.72))
@@ -155,7 +155,7 @@ def _light(room: Room) -> None:
         *pane,
         (WINDOW, (SILL + HEAD) / 2.0, FAR - WALL * 0.62 + 0.012),
         (0.0, 180.0, 0.0),
-        {"day": 9.0, "evening": 2.4, "night": 0.10},
+        {"day": 11.0, "evening": 3.2, "night": 0.12},
         {"day": (1.0, 0.99, 0.96), "evening": (1.0, 0.62, 0.36), "night": (0.30, 0.45, 1.0)},
         "frosted_color.png",
     )
@@ -169,7 +169,7 @@ def _light(room: Room) -> None:
 
 def _cameras(room: Room) -> None:
     exposure = {"day": 2.2, "evening": 2.5, "night": 2.5}
-    room.camera("Main", (1.18, 1.42, 1.13), (-0.50, 0.80, -0.85), fov=62.0, exposure=exposure)
+    room.camera("Main", (0.98, 1.42, 1.12), (-0.50, 0.80, -0.85), fov=62.0, exposure=exposure)
     room.camera("Agent", (1.22, 2.0, 1.05), turn=(-24.0, 42.0, 0.0), fov=60.0, exposure=exposure, focus=2.2)
     room.camera("Basin", (-1.15, 1.42, 0.35), (1.2, 1.10, -0.25), fov=50.0, exposure=exposure)
     room.camera("Toilet", (0.72, 1.35, -0.62), (-1.25, 0.72, 0.75), fov=56.0, exposure=exposure)

@@ -50,6 +50,6 @@ def frosted(width: int, height: int, seed: int) -> Array:
     u = (np.arange(width)[None, :] + 0.5) / width
     blur = spectral((height, width), seed, (0.12, 0.30), slope=2.2)
     level = smoothstep(0.30, 0.85, v + 0.16 * blur)
-    color = mix(np.broadcast_to((0.10, 0.15, 0.065), (height, width, 3)), (0.62, 0.70, 0.80), level)
+    color = mix(np.broadcast_to((0.10, 0.15, 0.065), (height, width, 3)), (0.40, 0.46, 0.53), level)
     flutes = np.sin(2.0 * np.pi * 22.0 * u)
     return np.asarray(color * np.exp(0.16 * flutes + 0.05 * blur)[..., None]).clip(0.0, 1.0)

@@ -19,7 +19,8 @@ def rings(outline: Sequence[Ring], egg: float = 0.0, segments: int = 72, smooth:
 
     smooth: how many rings a spline puts for each given one.
     """
-    levels = curve(np.asarray(outline), smooth * (len(outline) - 1) + 1) if smooth > 1 else np.asarray(outline)
+    levels = curve(np.asarray(outline), smooth * (len(outline) - 1) + 1) if smooth > 1 else np.array(outline)
+    levels[:, 2] = levels[:, 2].clip(min(ring[2] for ring in outline))  # a spline may dip below the floor
     angle = np.linspace(0.0, 2.0 * np.pi, segments + 1)
     points = np.zeros((len(levels), segments + 1, 3))
     for row, (a, b, y, n, z) in enumerate(levels):

@@ -24,11 +24,11 @@ def hanging_towel(
     rng = np.random.default_rng(seed)
     phase = rng.uniform(0.0, 6.28, 5)
     u = flat[..., 0]
-    folds = np.sin(26.0 * u + phase[0] + 2.0 * hang) + 0.6 * np.sin(41.0 * u + phase[1])
-    gather = 1.0 - 0.11 * np.minimum(1.0, hang / 0.25)
+    folds = np.sin(24.0 * u + phase[0] + 2.5 * hang) + 0.5 * np.sin(39.0 * u + phase[1])
+    gather = 1.0 - 0.16 * np.minimum(1.0, (hang + 0.06) / 0.35)
     x = u * gather + 0.01 * np.sin(5.0 * s + phase[2])
     y = -radius + reach * np.cos(turn) - hang
-    z = reach * np.sin(turn) + np.sign(s) * (0.004 + 0.016 * (folds + 1.6) * np.minimum(1.0, hang / 0.3))
+    z = reach * np.sin(turn) + np.sign(s) * (0.003 + 0.017 * (folds + 1.5) * np.minimum(1.0, (hang + 0.03) / 0.30))
     made = cloth.sheet(flat, np.stack([x, y, z], axis=-1), shear=0.12, bend=0.05)
     bar = cloth.rod((-width, -radius, 0.0), (width, -radius, 0.0), reach)
     wall = cloth.box((-2.0, -3.0, -1.0), (2.0, 1.0, -0.052), 0.01)
@@ -90,4 +90,9 @@ def bath_mat(name: str, look: str, width: float = 0.80, depth: float = 0.52) -> 
     points[..., 1] += 0.0015 * wrinkles(points.reshape(-1, 3), 5, 0.09).reshape(level.shape) * (inside > 0.05)
     top = grid(points, flat)
     base = rounded_box((width, 0.010, depth), 0.0045, 2).moved(0.0, 0.0052, 0.0)
-    return thing(name, "bath mat", ("Terry", look, merged([top, base])))
+    bands = [
+        rounded_box((wide, 0.006, depth - 0.085), 0.0028, 2, (1, 1, 12)).moved(side * (width / 2.0 - at), 0.0165, 0.0)
+        for side in (-1.0, 1.0)
+        for at, wide in ((0.095, 0.030), (0.150, 0.014))
+    ]
+    return thing(name, "bath mat", ("Terry", look, merged([top, base])), ("Bands", "TerryWhite", bands))
