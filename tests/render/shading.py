@@ -15,7 +15,7 @@ from tiscene.render.lights.light_sample import Lights
 from tiscene.render.textures import Textures
 from tiscene.scene.description import Light, Material, Texture
 from tiscene.scene.device_array import upload
-from tiscene.scene.light_table import LightTable
+from tiscene.scene.light_table import POINT, LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.texture_atlas import TextureAtlas
 
@@ -134,7 +134,7 @@ def illuminate(
             results[i, 2] = found.delta
         direction = row_of(directions, i)
         distance = all_lights.intersect(lights, 0, origin, direction)
-        infinite = light_values[0, all_lights.KIND] > 3.5
+        infinite = light_values[0, all_lights.KIND] > POINT + 0.5
         results[i, 3] = 0.0
         results[i, 4] = distance
         results[i, 5] = 0.0

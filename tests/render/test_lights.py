@@ -8,7 +8,17 @@ import pytest
 from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
 from tests.render.shading import Illumination
 from tiscene.camera import quaternion_from_matrix
-from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight, Texture
+from tiscene.scene.description import (
+    CylinderLight,
+    DiskLight,
+    DistantLight,
+    DomeLight,
+    Light,
+    RectLight,
+    Shaping,
+    SphereLight,
+    Texture,
+)
 from tiscene.scene.light_table import dome_distribution
 
 COUNT = 100_000
@@ -46,6 +56,8 @@ LIGHTS: dict[str, Light] = {
     "disk": DiskLight("l", "/l", TILT, BRIGHT, 0.7),
     "sphere": SphereLight("l", "/l", TILT, BRIGHT, 0.6),
     "small sphere": SphereLight("l", "/l", placed((2.0, 30.0, 1.0), (0, -1, 0)), BRIGHT, 0.02),
+    "cylinder": CylinderLight("l", "/l", TILT, BRIGHT, 0.3, 1.5),
+    "far cylinder": CylinderLight("l", "/l", placed((2.0, 30.0, 1.0), (0, -1, 0)), BRIGHT, 0.02, 1.2),
     "sun": DistantLight("l", "/l", TILT, BRIGHT, 0.4),
     "dome": DomeLight("l", "/l", np.eye(4), BRIGHT),
     "sky": DomeLight("l", "/l", placed((0, 0, 0), (0.4, -0.3, 0.8)), BRIGHT, 0),
@@ -63,7 +75,10 @@ def numbers(seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).random((COUNT, 2), np.float32)
 
 
-@pytest.mark.parametrize("name", [name for name in LIGHTS if name not in (*DELTA, "far rect", "small sphere")])
+FAR = ("far rect", "small sphere", "far cylinder")
+
+
+@pytest.mark.parametrize("name", [name for name in LIGHTS if name not in (*DELTA, *FAR)])
 def test_directions_follow_their_density(name: str) -> None:
     light = seen(name)
     directions, _, results = light.sample(numbers())
@@ -122,6 +137,23 @@ def test_irradiance_below_a_disk() -> None:
 def test_irradiance_below_a_sphere() -> None:
     expected = math.pi * (0.5 / 2.0) ** 2
     assert irradiance(overhead(SphereLight, radius=0.5), UP) / BRIGHT == pytest.approx(expected, rel=5e-3)
+
+
+def test_irradiance_beside_a_long_cylinder() -> None:
+    tube = overhead(CylinderLight, radius=0.1, length=400.0)
+    expected = math.pi * 0.1 / 2.0  # the view factor of an endless one
+    assert irradiance(tube, UP) / BRIGHT == pytest.approx(expected, rel=0.03)
+
+
+def test_a_cylinder_is_dark_inside_and_has_no_caps() -> None:
+    tube = CylinderLight("l", "/l", np.eye(4), BRIGHT, 0.5, 2.0)
+    around = np.random.default_rng(3).normal(size=(200, 3))
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    inside = Illumination(tube, (0.2, 0.1, -0.1))
+    assert np.isinf(inside.seen(around)[:, 1]).all()
+    assert not inside.sample(numbers()[:100])[2][:, 0].any()
+    beyond = Illumination(tube, (3.0, 0.2, 0.0))
+    assert np.isinf(beyond.seen([[-1.0, 0.0, 0.0]])[0, 1])
 
 
 def test_irradiance_below_a_rectangle() -> None:
@@ -219,3 +251,69 @@ def test_a_textured_rect_shows_its_image_upright_to_who_looks_at_it() -> None:
     corners = np.array([[x, y, 1.0] for y in (0.9, -0.9) for x in (0.9, -0.9)])  # seen from -z, +x is to the left
     corners /= np.linalg.norm(corners, axis=1, keepdims=True)
     assert screen.seen(corners)[:, 2] == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-6)
+
+
+def shaped(shaping: Shaping, kind: type[Light], towards: list[float], **sizes: object) -> float:
+    """What of its radiance a light above (0, 0, 0) emits in a direction that leads down."""
+    matrix = np.eye(4)
+    direction = np.asarray(towards, float) / np.linalg.norm(towards)
+    light = kind("l", "/l", matrix, (1.0, 1.0, 1.0), shaping=shaping, **sizes)
+    seen_from = Illumination(light, tuple(2.0 * direction), (PROFILE,))
+    return float(seen_from.seen([-direction])[0, 2])
+
+
+PROFILE = Texture(
+    "profile",
+    np.repeat(np.repeat(np.linspace(1.0, 0.0, 180, dtype=np.float32)[:, None, None], 8, 1), 4, 2),
+    encoding="raw",
+    wrap_t="clamp",
+)
+
+
+def at(degrees: float) -> list[float]:
+    """A direction at an angle from -z."""
+    return [math.sin(math.radians(degrees)), 0.0, -math.cos(math.radians(degrees))]
+
+
+def test_a_cone_cuts_a_light_off() -> None:
+    cone = Shaping(cone_angle=math.radians(30.0))
+    assert shaped(cone, SphereLight, at(29.0), radius=0.5) == 1.0
+    assert shaped(cone, SphereLight, at(31.0), radius=0.5) == 0.0
+    assert shaped(cone, SphereLight, at(180.0), radius=0.5) == 0.0
+    everywhere = Shaping(cone_angle=math.pi)
+    assert shaped(everywhere, SphereLight, at(180.0), radius=0.5) == 1.0
+
+
+def test_a_soft_cone_fades_by_smoothstep() -> None:
+    cone = Shaping(cone_angle=math.radians(40.0), cone_softness=0.5)
+    assert shaped(cone, SphereLight, at(19.9), radius=0.5) == 1.0
+    assert shaped(cone, SphereLight, at(25.0), radius=0.5) == pytest.approx(1.0 - 0.25**2 * 2.5, abs=2e-3)
+    assert shaped(cone, SphereLight, at(30.0), radius=0.5) == pytest.approx(0.5, abs=2e-3)
+
+
+def test_a_focus_is_a_power_of_the_cosine_with_the_surface() -> None:
+    focus = Shaping(focus=3.0, focus_tint=(0.0, 0.25, 0.0))
+    expected = 0.25 + 0.75 * math.cos(math.radians(50.0)) ** 3
+    assert shaped(focus, DiskLight, at(50.0), radius=5.0) == pytest.approx(expected, rel=1e-3)
+    assert shaped(focus, SphereLight, at(50.0), radius=0.5) == pytest.approx(1.0, rel=1e-3)  # met head on
+
+
+@pytest.mark.parametrize("angle", [10.0, 80.0, 150.0])
+def test_a_profile_scales_by_the_angle_from_the_axis(angle: float) -> None:
+    seen_there = shaped(Shaping(profile=0), SphereLight, at(angle), radius=0.5)
+    assert seen_there == pytest.approx(1.0 - angle / 180.0, abs=6e-3)
+
+
+def test_sampling_a_shaped_light_gives_what_a_ray_sees() -> None:
+    shaping = Shaping(math.radians(50.0), 0.4, 2.0, (0.1, 0.2, 0.3), 0)
+    for light in (
+        RectLight("l", "/l", TILT, BRIGHT, 1.2, 0.8, shaping=shaping),
+        CylinderLight("l", "/l", TILT, BRIGHT, 0.3, 1.5, shaping=shaping),
+    ):
+        seen_there = Illumination(light, ORIGIN, (PROFILE,))
+        directions, radiance, results = seen_there.sample(numbers(2)[:20000])
+        again = seen_there.seen(directions)
+        met = np.isfinite(again[:, 1]) & (results[:, 0] > 0.0)
+        assert met.mean() > 0.9
+        assert radiance[met, 1].std() > 0.05
+        assert np.isclose(again[met, 2], radiance[met, 1], rtol=5e-3, atol=1e-3).mean() > 0.99

@@ -92,6 +92,35 @@ def test_a_point_and_a_sun_over_the_floor() -> None:
     assert onto_the_floor(sun) == pytest.approx(7.0 * 0.6 / math.pi, rel=1e-3)
 
 
+@pytest.mark.parametrize("casts_shadows", [True, False])
+def test_a_light_without_shadows_shines_through(casts_shadows: bool) -> None:
+    black = matte("black", (0.0, 0.0, 0.0))
+    shade = quad((-0.5, 1.0, 0.5), (0.5, 1.0, 0.5), (0.5, 1.0, -0.5), (-0.5, 1.0, -0.5), material=1)
+    above = towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0))
+    light = SphereLight("l", "/l", above, WHITE, 0.2, casts_shadows=casts_shadows)
+    scene = described([FLOOR, shade], [matte("white", WHITE), black], [light])
+    camera = Camera.look_at((3.0, 0.8, 0.0), (0.0, 0.0, 0.0), vertical_fov=0.01)
+    expected = 0.0 if casts_shadows else 0.2**2 / 2.0**2
+    assert render(scene, camera, (8, 8), spp=64, max_depth=3).hdr.mean() == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("depth", [2, 4])
+def test_multipliers_of_diffuse_and_specular_response_add_up(depth: int) -> None:
+    glossy = Material("glossy", diffuse_color=(0.5, 0.5, 0.5), roughness=0.3)
+    camera = Camera.look_at((1.5, 1.0, 0.0), (0.0, 0.0, 0.0), vertical_fov=0.2)
+    above = towards((-1.5, 1.0, 0.0), (0.0, -1.0, 0.0))
+
+    def lit(diffuse: float, specular: float) -> float:
+        light = RectLight("l", "/l", above, WHITE, 1.0, 1.0, diffuse=diffuse, specular=specular)
+        scene = described([FLOOR], [glossy], [light])
+        return float(render(scene, camera, (16, 16), spp=256, max_depth=depth).hdr.mean())
+
+    whole, diffuse, specular = lit(1.0, 1.0), lit(1.0, 0.0), lit(0.0, 1.0)
+    assert diffuse + specular == pytest.approx(whole, rel=0.01)
+    assert min(diffuse, specular) > 0.1 * whole
+    assert lit(2.0, 0.5) == pytest.approx(2.0 * diffuse + 0.5 * specular, rel=0.01)
+
+
 def test_a_textured_dome_over_the_floor() -> None:
     """Upper half 2, lower half 0, +y up: half of it is bright, and all of that is above the floor."""
     pixels = np.zeros((64, 128, 4), np.float32)

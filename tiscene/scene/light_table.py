@@ -9,23 +9,40 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight, Texture
+from tiscene.scene.description import (
+    CylinderLight,
+    DiskLight,
+    DistantLight,
+    DomeLight,
+    Light,
+    RectLight,
+    Shaping,
+    SphereLight,
+    Texture,
+)
 from tiscene.scene.device_array import upload
 from tiscene.scene.texture_atlas import TextureAtlas, linear_pixels
 
 # Kinds of light, in the order of the rows: what a ray can meet comes first.
-RECT, DISK, SPHERE, POINT, DISTANT, DOME = range(6)
-LAST_SOLID = SPHERE
+RECT, DISK, SPHERE, CYLINDER, POINT, DISTANT, DOME = range(7)
+LAST_SOLID = CYLINDER
 
 # Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect width and height; disk and sphere radius;
-# distant: cosine of half the angle, 1 - that cosine. CHANCE: of being chosen; CUMULATIVE: the chances up to and
-# including this row. TEXTURE: row of the atlas or -1. DISTRIBUTION, GRID: where a dome's begins, its columns and rows.
+# cylinder radius and length; distant: cosine of half the angle, 1 - that cosine. CHANCE: of being chosen; CUMULATIVE:
+# the chances up to and including this row. TEXTURE: row of the atlas or -1. DISTRIBUTION, GRID: where a dome's begins,
+# its columns and rows.
 # PORTALS, PORTAL_COUNT: a dome's first, and how many. Portals are rows like rects, but dark, after those of the lights.
 # SUN_PART: how many of the samples of a dome with portals are drawn from its image all the same, see `sun_part`.
 # STRENGTH, by luminance: W/sr along the axis of what has a place, W/m² of a distant light, W/m²/sr of a dome.
-COLUMNS = 32
+# SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its cone's angle; CONE_EDGE: the angles at which the soft edge
+# begins and ends, and the cosine where it begins; FOCUS_TINT, PROFILE as TEXTURE.
+# ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its light off anything.
+COLUMNS = 44
 KIND, TRANSFORM, RADIANCE, SIZE, CHANCE, CUMULATIVE, TEXTURE, DISTRIBUTION, GRID = 0, 1, 13, 16, 18, 19, 20, 21, 22
 PORTALS, PORTAL_COUNT, SUN_PART, STRENGTH = 24, 25, 26, 27
+SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = (
+    28, 29, 30, 33, 34, 37, 38, 39, 40
+)  # fmt: skip
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _LARGEST_GRID = (512, 1024)
@@ -37,7 +54,7 @@ _SUN = 16.0
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n + portals, 32], columns as named above; distribution: f32 [m], see `dome_distribution`.
+    """values: f32 [n + portals, 44], columns as named above; distribution: f32 [m], see `dome_distribution`.
 
     total: how many lights (n); solid: the first so many can be met by a ray.
     """
@@ -57,6 +74,8 @@ def kind_of(light: Light) -> int:
             return DISK
         case SphereLight():
             return SPHERE if light.radius > 0.0 else POINT
+        case CylinderLight():
+            return CYLINDER
         case DistantLight():
             return DISTANT
         case DomeLight():
@@ -107,6 +126,16 @@ def _cumulative(weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows of n weights to rows of n + 1 cumulative probabilities."""
     sums = np.cumsum(weight, axis=1)
     return np.concatenate([np.zeros((len(weight), 1)), sums / sums[:, -1:]], axis=1)
+
+
+def _shaping_columns(shaping: Shaping, first_texture: int) -> list[float]:
+    """From SHAPED to PROFILE."""
+    inner, outer = (1.0 - shaping.cone_softness) * shaping.cone_angle, shaping.cone_angle
+    # A cone of half a turn or more leaves nothing out, and rounding must not.
+    whole = outer >= math.pi
+    cosines = (-2.0, -2.0) if whole else (math.cos(outer), math.cos(inner))
+    profile = -1 if shaping.profile is None else first_texture + shaping.profile
+    return [1.0, cosines[0], inner, outer, cosines[1], shaping.focus, *shaping.focus_tint, profile]
 
 
 class LightTable:
@@ -188,6 +217,9 @@ class LightTable:
             values[row, KIND] = kind
             values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
             values[row, TEXTURE] = -1.0
+            values[row, ON_DIFFUSE : SHADOWLESS + 1] = light.diffuse, light.specular, not light.casts_shadows
+            if light.shaping is not None and kind <= POINT:
+                values[row, SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, self._first_texture[source])
             texture = getattr(light, "texture", None)
             if texture is not None:
                 image_row = self._first_texture[source] + texture
@@ -209,6 +241,10 @@ class LightTable:
                     values[row, SIZE] = light.radius
                     strength = brightness * (math.pi * light.radius**2 if kind == SPHERE else 1.0)
                     power[row] = 4.0 * math.pi * strength
+                case CylinderLight():
+                    values[row, SIZE : SIZE + 2] = light.radius, light.length
+                    strength = 2.0 * light.radius * light.length * brightness
+                    power[row] = math.pi**2 * strength
                 case DistantLight():
                     half = 0.5 * light.angle
                     one_minus_cosine = 2.0 * math.sin(0.5 * half) ** 2

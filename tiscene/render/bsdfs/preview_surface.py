@@ -89,13 +89,22 @@ def closure_at(point: ti.template(), energy: ti.template(), wo: vec3, front: ti.
 @ti.func
 def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
     """(f |cos|, density of `sample`) of all lobes for a direction in the shading frame."""
-    result = vec4(0.0)
+    value, _ = evaluate_parted(c, energy, wi)
+    return value
+
+
+@ti.func
+def evaluate_parted(c: ti.template(), energy: ti.template(), wi: vec3):
+    """`evaluate`, and the part of it that is the diffuse lobe's, 0..1."""
+    result, diffuse_part = vec4(0.0), 0.0
     for k in ti.static(range(len(LOBES))):
         if c.chances[k] > 0.0:
             part = LOBES[k].evaluate(c, energy, wi)
             part.w *= c.chances[k]
             result += part
-    return result
+            if ti.static(k == 0):
+                diffuse_part = part.xyz.sum()
+    return result, diffuse_part / ti.max(result.xyz.sum(), 1e-30)
 
 
 @ti.func
@@ -149,6 +158,7 @@ class Scattering:
     towards_light: vec4
     direction: vec3  # where the path goes on
     onward: vec4
+    diffuse_parts: vec2  # of either value, what the diffuse lobe gives, 0..1
     transmits: ti.i32  # 1: the path goes on beyond the surface, into an index of refraction `eta` times as large
     eta: ti.f32
 
@@ -162,7 +172,7 @@ def scatter(
     normal: `shading_normal`. u: two numbers for the direction, one that chooses the lobe.
     """
     frame = frame_of(normal)
-    result = Scattering(eta=1.0)
+    result = Scattering(eta=1.0, diffuse_parts=vec2(1.0))
     if point.flags & MATTE:  # the lobes below would do the same; most of a room is done by half of the work
         wi = warp.cosine_hemisphere(u.xy)
         pdf = warp.cosine_hemisphere_pdf(wi)
@@ -178,11 +188,13 @@ def scatter(
             if turn == 1:
                 wi = sample(c, u)
                 result.direction = from_frame(frame, wi)
-            value = evaluate(c, energy, wi)
+            value, diffuse_part = evaluate_parted(c, energy, wi)
             if turn == 0:
                 result.towards_light = value
+                result.diffuse_parts.x = diffuse_part
             else:
                 result.onward = value
+                result.diffuse_parts.y = diffuse_part
                 result.transmits = ti.cast(wi.z < 0.0, ti.i32)
     # Interpolated normals must not let light through a surface or out of its back.
     if surface.geometric_normal.dot(light) * normal.dot(light) <= 0.0:

@@ -4,7 +4,7 @@ import taichi as ti
 
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2
 from tiscene.render.integrators.path_shading import LIGHT_FRONT, nearest_light, read3, seen_light, write3
-from tiscene.render.integrators.path_state import DIRECT, ORIGIN, PDF, RADIANCE, THROUGHPUT
+from tiscene.render.integrators.path_state import DIFFUSE_PART, DIRECT, ORIGIN, PDF, RADIANCE, THROUGHPUT
 from tiscene.render.lights.light_sample import FAR, Lights
 from tiscene.render.ray_arrays import write_ray
 from tiscene.render.surface import row3
@@ -42,15 +42,15 @@ def finish(
                 write3(state, i, RADIANCE, read3(state, i, RADIANCE) + read3(state, i, DIRECT))
             shadow_rays[i, 7] = 0.0
         origin, direction = row3(rays, i), read3(rays, i, 4)
-        pdf, last_vertex = state[i, PDF], read3(state, i, ORIGIN)
+        pdf, part, last_vertex = state[i, PDF], state[i, DIFFUSE_PART], read3(state, i, ORIGIN)
         light, distance = nearest_light(lights, origin, direction, ti.math.inf)
         seen, reach = vec3(0.0), FAR
         if light >= 0:
-            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, mis)
+            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
             reach = distance * (1.0 - LIGHT_FRONT)
         else:
             for row in range(light_solid, light_total):
-                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, mis)
+                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, part, mis)
         if seen.max() > 0.0:
             write3(state, i, DIRECT, read3(state, i, THROUGHPUT) * seen)
             write_ray(shadow_rays, i, origin, direction, reach)

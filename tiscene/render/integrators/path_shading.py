@@ -10,6 +10,7 @@ from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Int
 from tiscene.render.integrators.path_state import (
     ALBEDO,
     DEPTH_MASK,
+    DIFFUSE_PART,
     DIRECT,
     LIVE,
     NORMAL,
@@ -28,6 +29,7 @@ from tiscene.render.ray_arrays import write_ray
 from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
 from tiscene.render.textures import Textures
+from tiscene.scene.light_table import ON_DIFFUSE, ON_SPECULAR, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, MATTE
 from tiscene.scene.placement import CURRENT
 
@@ -100,6 +102,12 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
 
 
 @ti.func
+def response(values: ti.template(), row: ti.i32, diffuse_part: ti.f32) -> ti.f32:
+    """How much of a light a scattering reflects, by the light's multipliers of diffuse and other reflection."""
+    return values[row, ON_DIFFUSE] * diffuse_part + values[row, ON_SPECULAR] * (1.0 - diffuse_part)
+
+
+@ti.func
 def seen_light(
     lights: ti.template(),
     textures: ti.template(),
@@ -109,18 +117,23 @@ def seen_light(
     distance: ti.f32,
     last_vertex: vec3,
     pdf: ti.f32,
+    diffuse_part: ti.f32,
     mis: ti.i32,
 ) -> vec3:
-    """Radiance from a light that a path ran into, weighted against having sampled it from the last vertex."""
+    """Radiance from a light that a path ran into, weighted against having sampled it from the last vertex.
+
+    diffuse_part: of the scattering there.
+    """
     radiance = all_lights.emitted(lights, textures, row, origin, direction, distance)
     if pdf > 0.0 and radiance.max() > 0.0:
         weight = 0.0  # without MIS, light sampling alone counts
-        if mis != 0:
+        # A light without shadows is sampled through what is in its way, where no path could run into it.
+        if mis != 0 and lights.values[row, SHADOWLESS] == 0.0:
             from_vertex = distance
             if distance < ti.math.inf:
                 from_vertex = (origin + direction * distance - last_vertex).norm()
             weight = power_heuristic(pdf, all_lights.pdf(lights, row, last_vertex, direction, from_vertex))
-        radiance *= weight
+        radiance *= weight * response(lights.values, row, diffuse_part)
     return radiance
 
 
@@ -188,7 +201,7 @@ def shade(
         i = queue[k]
         origin, direction = row3(rays, i), read3(rays, i, 4)
         throughput, radiance = read3(state, i, THROUGHPUT), read3(state, i, RADIANCE)
-        pdf, last_vertex = state[i, PDF], read3(state, i, ORIGIN)
+        pdf, part, last_vertex = state[i, PDF], state[i, DIFFUSE_PART], read3(state, i, ORIGIN)
         if shadow_rays[i, 7] > 0.0:
             if occluded[i] == 0:
                 radiance += read3(state, i, DIRECT)
@@ -204,10 +217,10 @@ def shade(
             last = (material_info[triangle_material[hit_ids[i, 1]], FLAGS] & (COVERAGE | EMITS)) == 0
         seen = vec3(0.0)  # emitted towards the path by what it met
         if light >= 0:
-            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, mis)
+            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
         elif instance < 0:
             for row in range(light_solid, light_total):
-                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, mis)
+                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, part, mis)
         elif not last:
             surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
             key = path_key(pixels, frame_key, first + i, spp)
@@ -260,9 +273,13 @@ def shade(
                     if light_sample.pdf > 0.0:
                         light_pdf = light_sample.pdf * light_chance
                         direct = throughput * scattering.towards_light.xyz * light_sample.radiance * (1.0 / light_pdf)
-                        if mis != 0 and light_sample.delta == 0:
+                        direct *= response(light_values, light_row, scattering.diffuse_parts.x)
+                        shadowless = light_values[light_row, SHADOWLESS] > 0.0
+                        if mis != 0 and light_sample.delta == 0 and not shadowless:
                             direct *= power_heuristic(light_pdf, scattering.towards_light.w)
-                        if direct.max() > 0.0:
+                        if shadowless:
+                            radiance += direct
+                        elif direct.max() > 0.0:
                             towards = light_sample.direction
                             start = offset_origin(surface.position, surface.geometric_normal, towards)
                             reach = light_sample.distance * (1.0 - LIGHT_FRONT)
@@ -287,6 +304,7 @@ def shade(
                             goes_on = True
                             write3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
                             state[i, PDF] = scattering.onward.w
+                            state[i, DIFFUSE_PART] = scattering.diffuse_parts.y
                             spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
                             state[i, SPREAD] = ti.max(state[i, SPREAD], spread)
                             write3(state, i, ORIGIN, surface.position)

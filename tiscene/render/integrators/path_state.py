@@ -6,7 +6,7 @@ import taichi as ti
 
 # Columns of `state`.
 STATE_COLUMNS = 16
-THROUGHPUT, RADIANCE, PDF, RELATIVE_IOR2, DIRECT, ORIGIN, SPREAD = 0, 3, 6, 7, 8, 11, 14
+THROUGHPUT, RADIANCE, PDF, RELATIVE_IOR2, DIRECT, ORIGIN, SPREAD, DIFFUSE_PART = 0, 3, 6, 7, 8, 11, 14, 15
 
 # Columns of `features`: what the denoiser is told about the first thing seen that is not a mirror.
 FEATURE_COLUMNS = 6
@@ -32,7 +32,8 @@ class PathState:
     look at what they meet.
     state: f32 [size, 16]: throughput 0-2, radiance 3-5, density of the last direction 6 (0: none, the camera's),
     squared index of refraction of where the path is 7, light sampled at the last vertex and not yet tested for shadow
-    8-10, that vertex 11-13, by how much the path widens 14, m per m. features: f32 [size, 6]. status: i32 [size].
+    8-10, that vertex 11-13, by how much the path widens 14, m per m, the diffuse
+    part of the last scattering 15. features: f32 [size, 6]. status: i32 [size].
     """
 
     def __init__(self, size: int) -> None:

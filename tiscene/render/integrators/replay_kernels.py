@@ -7,6 +7,7 @@ from tiscene.render.integrators.path_kernels import Floats2, Ints1, Ints2
 from tiscene.render.integrators.path_shading import read3, write3
 from tiscene.render.integrators.path_state import (
     CHUNK,
+    DIFFUSE_PART,
     DIRECT,
     FEATURE_COLUMNS,
     ORIGIN,
@@ -19,6 +20,7 @@ from tiscene.render.integrators.path_state import (
 )
 from tiscene.render.integrators.replay_near import ROWS, add_up
 from tiscene.render.integrators.replay_record import (
+    R_DIFFUSE,
     R_IOR2,
     R_PDF,
     R_SPREAD,
@@ -92,6 +94,7 @@ def settle(
                 state[i, PDF] = restore[at, R_PDF]
                 state[i, RELATIVE_IOR2] = restore[at, R_IOR2]
                 state[i, SPREAD] = restore[at, R_SPREAD]
+                state[i, DIFFUSE_PART] = restore[at, R_DIFFUSE]
                 write3(state, i, ORIGIN, read3(restore, at, R_VERTEX))
                 status[i] = ti.cast(restore[at, R_STATUS], ti.i32)
                 shadow_rays[i, 7] = 0.0

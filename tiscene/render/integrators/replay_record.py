@@ -12,6 +12,7 @@ from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1
 from tiscene.render.integrators.path_shading import nearest_light, read3, write3
 from tiscene.render.integrators.path_state import (
     DEPTH_MASK,
+    DIFFUSE_PART,
     DIRECT,
     FEATURE_COLUMNS,
     ORIGIN,
@@ -31,8 +32,8 @@ SEGMENT = 3  # column of a row
 SHADOW = -1.0
 
 # Columns of `restore`: what a path needs to be traced again from the beginning of a segment.
-RESTORE_COLUMNS = 10
-R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS, R_SPREAD = 0, 3, 4, 5, 8, 9
+RESTORE_COLUMNS = 11
+R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS, R_SPREAD, R_DIFFUSE = 0, 3, 4, 5, 8, 9, 10
 
 
 @ti.kernel
@@ -58,6 +59,7 @@ def begin_segments(
         write3(restore, k, R_VERTEX, read3(state, i, ORIGIN))
         restore[k, R_STATUS] = ti.cast(status[i], ti.f32)
         restore[k, R_SPREAD] = state[i, SPREAD]
+        restore[k, R_DIFFUSE] = state[i, DIFFUSE_PART]
         write3(state, i, RADIANCE, vec3(0.0))
 
 

@@ -2,16 +2,16 @@
 
 import taichi as ti
 
-from tiscene.render.lights import disk, distant, dome, point, rect, sphere
+from tiscene.render.lights import cylinder, disk, distant, dome, point, rect, shaping, sphere
 from tiscene.render.lights.choice import chance_of
 from tiscene.render.lights.light_sample import no_sample
-from tiscene.scene.light_table import KIND
+from tiscene.scene.light_table import KIND, SHAPED
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
 # In the order of the kinds in tiscene.scene.light_table. Each has sample, pdf, intersect, emitted.
-LIGHTS = (rect, disk, sphere, point, distant, dome)
+LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome)
 
 
 @ti.func
@@ -22,6 +22,9 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
     for k in ti.static(range(len(LIGHTS))):
         if kind == k:
             result = LIGHTS[k].sample(lights, textures, row, origin, u)
+    if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
+        met = origin + result.direction * result.distance
+        result.radiance *= shaping.scale(lights.values, textures, row, met, -result.direction)
     return result
 
 
@@ -59,4 +62,6 @@ def emitted(
     for k in ti.static(range(len(LIGHTS))):
         if kind == k:
             result = LIGHTS[k].emitted(lights, textures, row, origin, direction, distance)
+    if lights.values[row, SHAPED] > 0.0:
+        result *= shaping.scale(lights.values, textures, row, origin + direction * distance, -direction)
     return result

@@ -6,9 +6,9 @@ hardly ever chosen. Scenes with more than FEW lights choose by power alone.
 
 import taichi as ti
 
-from tiscene.render.lights import portals
+from tiscene.render.lights import portals, shaping
 from tiscene.render.lights.light_sample import axis
-from tiscene.scene.light_table import CHANCE, CUMULATIVE, DISK, DISTANT, DOME, KIND, SIZE, STRENGTH
+from tiscene.scene.light_table import CHANCE, CUMULATIVE, DISK, DISTANT, DOME, KIND, SHAPED, SIZE, STRENGTH
 
 vec3 = ti.math.vec3
 
@@ -31,6 +31,8 @@ def arriving(lights: ti.template(), row: ti.i32, origin: vec3) -> ti.f32:
         if kind <= DISK:
             facing = ti.max(-offset.dot(axis(values, row, 2)) / ti.sqrt(distance2), 0.0)
         result *= facing / distance2
+        if values[row, SHAPED] > 0.0:
+            result *= shaping.in_cone(values, row, -offset.dot(axis(values, row, 2)) / ti.sqrt(distance2))
     else:
         if kind == DOME:
             result *= portals.openness(values, row, origin)

@@ -51,6 +51,12 @@ def axis(values: ti.template(), row: ti.i32, column: ti.i32) -> vec3:
 
 
 @ti.func
+def from_light(values: ti.template(), row: ti.i32, w: vec3) -> vec3:
+    """A direction in the light's axes, in the world."""
+    return axis(values, row, 0) * w.x + axis(values, row, 1) * w.y + axis(values, row, 2) * w.z
+
+
+@ti.func
 def to_light(values: ti.template(), row: ti.i32, w: vec3) -> vec3:
     """A world direction in the light's axes."""
     return vec3(axis(values, row, 0).dot(w), axis(values, row, 1).dot(w), axis(values, row, 2).dot(w))
