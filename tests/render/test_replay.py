@@ -16,8 +16,10 @@ from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, desc
 from tiscene.camera import Camera
 from tiscene.render.integrators.path import PathImage, PathPass
 from tiscene.render.integrators.replay import CACHE_FRAME, ReplayPass, grouped
+from tiscene.render.integrators.replay_spikes import find_spikes, spread_spikes
 from tiscene.render.view import View
 from tiscene.scene.description import DistantLight, DomeLight, Light, Material, RectLight, SphereLight
+from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
@@ -177,6 +179,27 @@ def check_equal_means(a: NDArray[np.float32], b: NDArray[np.float32], tile: int 
         # Student's t of some 14 degrees of freedom: beyond 5 once in 5,000, and there are 12 tiles.
         assert np.abs(z).max() < 5.0, z
         assert np.sqrt((z**2).mean()) < 2.5, z
+
+
+def test_spikes_are_evened_out_and_no_light_is_lost() -> None:
+    """A lone change is spread; one among its like, and one where something else is seen now, stays."""
+    width, height = 24, 16
+    change, hdr = np.zeros((height, width, 9), np.float32), np.full((height, width, 3), 0.5, np.float32)
+    lone, block, mover = (5, 4), (slice(8, 13), slice(14, 20)), (2, 18)
+    change[lone][:3] = -2.0
+    change[block][..., :3] = -0.4
+    change[mover][:3], change[mover][5] = 3.0, 0.2
+    hdr += change[..., :3]
+    even, spikes = np.empty_like(hdr), np.empty((height, width, 4), np.float32)
+    device = upload(change.reshape(-1, 9))
+    find_spikes(width, height, device, hdr, spikes)
+    spread_spikes(width, height, device, spikes, hdr, even)
+    assert even.sum() == pytest.approx(hdr.sum(), rel=1e-5)
+    assert 0.3 < even[lone][0] < 0.5
+    assert (even[2:9, 1:8] < 0.5).all()
+    np.testing.assert_array_equal(even[mover], hdr[mover])
+    np.testing.assert_allclose(even[block], hdr[block], atol=0.01)
+    assert (even[0, 8:] == 0.5).all()
 
 
 def test_a_tight_memory_keeps_fewer_paths() -> None:

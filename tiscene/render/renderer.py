@@ -15,8 +15,8 @@ from tiscene.render.base_image import BaseImages
 from tiscene.render.denoise import denoise
 from tiscene.render.film import meter, tone_map
 from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.integrators.path import PathPass
-from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass, Report
+from tiscene.render.integrators.path import PathImage, PathPass
+from tiscene.render.integrators.replay import CACHE_BYTES, ReplayImage, ReplayPass, Report
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
@@ -96,6 +96,7 @@ class Renderer:
         moving: bool [n], the instances that move before a camera and under lights that do not: colour is then a
         difference to an image of the others. None: colour is traced from nothing.
         """
+        self._paths.background = view.background
         if moving is not None and not COLORS.isdisjoint(buffers):
             quality = self.quality
             self._replay.prepare(
@@ -118,6 +119,7 @@ class Renderer:
         buffers: Sequence[str],
         moving: NDArray[np.bool_] | None,
     ) -> dict[str, NDArray[Any]]:
+        image: PathImage
         if moving is not None:
             image = self._replay.render(moving)
         else:
@@ -129,6 +131,8 @@ class Renderer:
             radiance = np.maximum(image.hdr, 0.0)  # a difference may overshoot
             if self.quality.denoise:
                 sharp = view.current.lens_radius == 0.0
+                if isinstance(image, ReplayImage):
+                    radiance = np.maximum(image.even, 0.0)
                 radiance = denoise(radiance, image.albedo, image.normal, self.quality.denoiser, clean=sharp)
             if any(view.ambient):
                 surface = image.normal.any(axis=-1, keepdims=True)

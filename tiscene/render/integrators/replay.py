@@ -25,6 +25,7 @@ from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK, PathState
 from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache, room_for
 from tiscene.render.integrators.replay_near import ROWS, find_near
+from tiscene.render.integrators.replay_spikes import find_spikes, spread_spikes
 from tiscene.render.intersect import occluded
 from tiscene.render.sampler import frame_key, index_bits
 from tiscene.render.view import View
@@ -41,6 +42,13 @@ NOWHERE = 1e30
 CACHE_BYTES = 1 << 30
 
 Report = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayImage(PathImage):
+    """even: `hdr` without lone spikes, for the denoiser; the same sum."""
+
+    even: NDArray[np.float32]
 
 
 class ReplayPass:
@@ -125,7 +133,7 @@ class ReplayPass:
                 self._scratch = _Scratch(base.cache)
         self._bases[key] = base
 
-    def render(self, moving: NDArray[np.bool_]) -> PathImage:
+    def render(self, moving: NDArray[np.bool_]) -> ReplayImage:
         """The picture of what the scene has placed at CURRENT, which was prepared for.
 
         moving: bool [n], which instances are not in the base.
@@ -146,7 +154,10 @@ class ReplayPass:
             cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, base.image,
             hdr, albedo, normal,
         )  # fmt: skip
-        return PathImage(hdr, albedo, normal)
+        even, spikes = np.empty_like(hdr), np.empty((self.height, self.width, 4), np.float32)
+        find_spikes(self.width, self.height, scratch.change, hdr, spikes)
+        spread_spikes(self.width, self.height, scratch.change, spikes, hdr, even)
+        return ReplayImage(hdr, albedo, normal, even)
 
     def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
         """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
