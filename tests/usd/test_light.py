@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 
 from tests.usd.helpers import problems_of, read, read_with_warning
-from tiscene.scene.description import DiskLight, DistantLight, DomeLight, RectLight, SphereLight
+from tiscene.scene.description import CylinderLight, DiskLight, DistantLight, DomeLight, RectLight, SphereLight
 from tiscene.usd.light import color_of_temperature
 
 SCALE = 'float3 xformOp:scale = %s\nuniform token[] xformOpOrder = ["xformOp:scale"]\n'
@@ -69,6 +69,18 @@ def test_normalize_divides_by_the_area_in_stage_units(tmp_path, meters):
     assert only(read(tmp_path, light("SphereLight", sphere), meters=meters)).radiance[0] == pytest.approx(3.0 / math.pi)
     dome = only(read(tmp_path, light("DomeLight", normalize), meters=meters))
     assert dome.radiance[0] == 12.0  # ignored
+
+
+def test_cylinders(tmp_path):
+    lines = SCALE % "(2, 3, 3)" + "float inputs:radius = 0.1\nfloat inputs:length = 4\nfloat inputs:intensity = 5\n"
+    tube = only(read(tmp_path, light("CylinderLight", lines), meters=0.5))
+    assert isinstance(tube, CylinderLight)
+    assert (tube.radius, tube.length, tube.radiance[0]) == pytest.approx((0.15, 4.0, 5.0))
+    normalized = only(read(tmp_path, light("CylinderLight", lines + "bool inputs:normalize = 1"), meters=0.5))
+    assert normalized.radiance[0] == pytest.approx(5.0 / (2.0 * math.pi * 0.3 * 8.0))
+    line = only(read(tmp_path, light("CylinderLight", "float inputs:radius = 0.1\nbool treatAsLine = 1")))
+    assert line.radius * line.radiance[0] == pytest.approx(0.1)
+    assert line.radius < 0.01
 
 
 def test_round_lights(tmp_path):
@@ -190,17 +202,11 @@ def test_lights_that_give_no_light_are_dropped(tmp_path):
 
 
 UNSUPPORTED = [
-    ("RectLight", "float inputs:diffuse = 0.5", "", "a light's diffuse multiplier is not applied"),
-    ("RectLight", "float inputs:specular = 0", "", "a light's specular multiplier is not applied"),
-    ("SphereLight", "", '"ShapingAPI"', "a light's shaping"),
-    ("RectLight", "float inputs:shaping:cone:angle = 45", '"ShapingAPI"', "a light's shaping"),
-    ("DiskLight", "float inputs:shaping:focus = 4", '"ShapingAPI"', "a light's shaping"),
-    ("RectLight", "bool inputs:shadow:enable = 0", '"ShadowAPI"', "a light without shadows"),
     ("RectLight", "rel light:filters = </F>", "", "light filters are not applied"),
     ("RectLight", "uniform bool collection:lightLink:includeRoot = 0", "", "lightLink is not applied"),
     ("RectLight", "rel collection:shadowLink:excludes = </F>", "", "shadowLink is not applied"),
     ("DomeLight", 'token inputs:texture:format = "angular"', "", "a dome texture of format 'angular'"),
-    ("CylinderLight", "", "", "lights of type CylinderLight are not supported"),
+    ("PluginLight", "", "", "lights of type PluginLight are not supported"),
     ("DistantLight", "float inputs:angle = 270", "", "wider than a hemisphere"),
 ]
 

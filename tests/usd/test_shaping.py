@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 import pytest
 
 from tests.usd.helpers import QUAD, problems_of, read_with_warning, write
 from tests.usd.test_ies import ies
-from tiscene.errors import StageWarning
 from tiscene.scene.description import Light, Shaping, TextureLookup
 from tiscene.usd import read_stage
 
 
 def shaped(folder, kind: str, lines: str, apis: str = '"ShapingAPI", "ShadowAPI"') -> Light:
     body = f'def {kind} "L" (prepend apiSchemas = [{apis}])\n{{\n{lines}\n}}\n'
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StageWarning)
-        (light,) = read_stage(write(folder, body)).lights
+    (light,) = read_stage(write(folder, body)).lights
     return light
 
 
@@ -62,9 +58,7 @@ def SphereLight "M" (prepend apiSchemas = ["ShapingAPI"])
     bool inputs:shaping:ies:normalize = 1
 }
 """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StageWarning)
-        description = read_stage(write(tmp_path, body))
+    description = read_stage(write(tmp_path, body))
     rect, sphere = (light.shaping for light in description.lights)
     plain, normalized = (description.textures[each.profile].pixels for each in (rect, sphere))
     assert (plain[:179] == 3.0).all()

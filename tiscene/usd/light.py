@@ -70,23 +70,7 @@ class LightReader:
             return
         light = reader(prim, pose, emission, scale)
         if light is not None:
-            light = dataclasses.replace(light, **self._controls(prim))
-            if self._is_rendered(light):
-                self.lights.append(light)
-
-    def _is_rendered(self, light: Light) -> bool:
-        """Name what the integrators do not do with a light; whether they can draw it at all."""
-        path = light.prim_path
-        for name in ("diffuse", "specular"):
-            if getattr(light, name) != 1.0:
-                self._report.omission(path, f"a light's {name} multiplier is not applied")
-        if light.shaping is not None:
-            self._report.omission(path, "a light's shaping (cone, focus, IES) is not applied")
-        if not light.casts_shadows:
-            self._report.omission(path, "a light without shadows casts them all the same")
-        if isinstance(light, CylinderLight):
-            self._report.omission(path, "lights of type CylinderLight are not supported")
-        return not isinstance(light, CylinderLight)
+            self.lights.append(dataclasses.replace(light, **self._controls(prim)))
 
     def _controls(self, prim: Usd.Prim) -> dict[str, Any]:
         """What every kind of light may have beside its emission."""
