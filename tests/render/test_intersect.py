@@ -181,6 +181,46 @@ def test_shared_edges_and_vertices(traversal: str) -> None:
     np.testing.assert_array_equal(found.triangle, touches.argmax(axis=1))
 
 
+def closed_meshes() -> dict[str, trimesh.Trimesh]:
+    """Without a hole, with the origin inside, and with triangles that are hard to hit."""
+    box = trimesh.creation.box((3.0, 2.0, 2.5))
+    bevelled = trimesh.convex.convex_hull(  # edges a hundredth of a millimetre wide
+        (box.vertices[:, None] - 1e-5 * np.sign(box.vertices)[:, None] * (1.0 - np.eye(3))).reshape(-1, 3)
+    )
+    split = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(box.vertices, box.faces, 0.4), process=False)
+    needles = trimesh.creation.icosphere(subdivisions=3, radius=0.7)
+    needles.apply_scale((1.0, 1.0, 1e-4)).apply_translation((0.1, -0.2, 1e-5))
+    seam = trimesh.Trimesh(  # collinear triangles close the T-junctions of an edge
+        [[-1, -1, -1], [1, -1, -1], [0, 1, -1], [0, 0, 1], [-0.37, -1, -1], [0.41, -1, -1]],
+        [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+        process=False,
+    )
+    faces = [[0, 2, 1], [0, 4, 3], [4, 5, 3], [5, 1, 3], [0, 1, 4], [4, 1, 5], [1, 2, 3], [2, 0, 3]]
+    seam = trimesh.Trimesh(seam.vertices, faces, process=False)
+    return {"bevelled": bevelled, "split": split, "needles": needles, "seam": seam}
+
+
+@both_layouts
+@pytest.mark.parametrize("name", closed_meshes())
+def test_no_ray_leaves_a_closed_mesh(traversal: str, name: str) -> None:
+    """Rays from within to points of edges and to vertices, as near as float32 can aim."""
+    made = closed_meshes()[name]
+    assert made.is_watertight
+    random = np.random.default_rng(4)
+    turned = random_matrices(random, 1, 0.0)
+    turned[:, :, 3] = (0.3, -2.0, 1.1)
+    scene = scene_of((shape(made),), placed([0], turned), traversal)
+    start = made.vertices[made.edges[:, 0]]
+    part = random.random((40, len(start), 1)) * (random.random((40, len(start), 1)) > 0.1)
+    targets = (start + part * (made.vertices[made.edges[:, 1]] - start)).reshape(-1, 3)
+    inside = 0.05 * random.uniform(-1.0, 1.0, (len(targets), 3)) * np.abs(made.vertices).max(axis=0)
+    origins, targets = (points @ turned[0, :, :3].T + turned[0, :, 3] for points in (inside, targets))
+    found = trace(scene, rays_of(origins, targets - origins))
+    assert (found.instance == 0).all()
+    assert found.occluded.all()
+    assert (np.abs(found.t - 1.0) < 2e-2).mean() > 0.99
+
+
 @both_layouts
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -44,16 +44,20 @@ BINARY = Layout("binary", 2, 1, 1, bvh_write.ROWS, 1.0, 48, 24)
 LAYOUTS = {layout.name: layout for layout in (WIDE, BINARY)}
 LEAF_SIZE = 4
 SAH_DEPTHS = (40, 20, 10, 0)  # a tree that is too deep for the stack is built again, halving ranges from higher up on
-THINNEST = 1e-6  # height over length of a triangle; thinner ones are mere rounding in float32
 KEPT_WORKSPACE = 1 << 18  # primitives; the memory for building larger trees is given back
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
 
 
 @dataclass(frozen=True)
 class Blas:
-    """A mesh in the hierarchy. root: reference of its first node. box: least and greatest corner, [2, 3], m."""
+    """A mesh in the hierarchy.
+
+    root: reference of its first node. entry: where rays enter it, which is a leaf where there is but one pack.
+    box: least and greatest corner, [2, 3], m.
+    """
 
     root: int
+    entry: int
     box: NDArray[np.float64]
 
     @property
@@ -91,24 +95,22 @@ class Bvh:
     def add_mesh(self, positions: Boxes, triangles: NDArray[np.int32], first_triangle: int) -> Blas:
         """Build the tree of a mesh whose triangles are rows `first_triangle` and on of the scene.
 
-        Triangles without area are left out: a hit on them would be rounding.
+        Triangles with two corners at one point are left out. Thin ones stay: without them their neighbours would gape.
         """
         corners = [positions[triangles[:, k]] for k in range(3)]
-        edge_1, edge_2 = (corner.astype(np.float64) - corners[0] for corner in corners[1:])
-        longest = np.maximum((edge_1**2).sum(axis=1), (edge_2**2).sum(axis=1))
-        area = np.sqrt((np.cross(edge_1, edge_2) ** 2).sum(axis=1))
-        solid = np.flatnonzero(area > THINNEST * longest).astype(np.int32)
+        apart = [(corners[k] != corners[k - 1]).any(axis=1) for k in range(3)]
+        solid = np.flatnonzero(apart[0] & apart[1] & apart[2]).astype(np.int32)
         if not len(solid):
-            return Blas(EMPTY_NODE, np.zeros((2, 3)))
+            return Blas(EMPTY_NODE, EMPTY_NODE, np.zeros((2, 3)))
         a, b, c = (corner[solid] for corner in corners)
         low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
         boxes = _widened(np.concatenate([low, high], axis=1))
         nodes, packs = self._build(boxes, solid, LEAF_SIZE, self.layout.block, self.layout.leaf_kind)
         self._reserve(nodes, packs)
-        first = self._used_nodes
-        self._write_nodes(nodes, first, self._used_packs, self.layout.leaf_kind)
+        first, first_pack = self._used_nodes, self._used_packs
+        self._write_nodes(nodes, first, first_pack, self.layout.leaf_kind)
         source = positions, triangles, self._work.order
-        target = self.packs, self._used_packs, first_triangle
+        target = self.packs, first_pack, first_triangle
         if self.layout is WIDE:
             bvh_write.write_packs(*source, self._work.node_link, self._work.children, nodes, *target)
         else:
@@ -118,7 +120,9 @@ class Bvh:
         if self._work.capacity > KEPT_WORKSPACE:
             self._work = _Workspace()
         box = np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
-        return Blas(first * self.layout.unit, box.astype(np.float64))
+        root = first * self.layout.unit
+        entry = -1 - 10 * first_pack if self.layout is WIDE and packs == 1 else root
+        return Blas(root, entry, box.astype(np.float64))
 
     def clear_instances(self) -> None:
         """Forget the trees over instances."""

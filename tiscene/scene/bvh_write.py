@@ -134,7 +134,7 @@ def write_packs(
     first_pack: ti.i32,
     first_triangle: ti.i32,
 ):
-    """Ten rows a pack of up to four triangles: vertex 0, edge 1, edge 2, global triangle (bits of int32), ascending."""
+    """Ten rows a pack of up to four triangles: their vertices, global triangle (bits of int32), ascending."""
     for node, k in ti.ndrange(count, 8):
         slot = children[node, k]
         if slot >= 0:
@@ -150,11 +150,8 @@ def write_packs(
                     if lane < size:
                         local = order[begin + lane]
                         triangle = first_triangle + local
-                        for c in ti.static(range(3)):
-                            origin = positions[triangles[local, 0], c]
-                            packs[at + c][lane] = origin
-                            packs[at + 3 + c][lane] = positions[triangles[local, 1], c] - origin
-                            packs[at + 6 + c][lane] = positions[triangles[local, 2], c] - origin
+                        for corner, c in ti.static(ti.ndrange(3, 3)):
+                            packs[at + 3 * corner + c][lane] = positions[triangles[local, corner], c]
                     packs[at + 9][lane] = ti.bit_cast(triangle, ti.f32)
 
 
@@ -208,15 +205,12 @@ def write_triangles(
     first_row: ti.i32,
     first_triangle: ti.i32,
 ):
-    """Twelve numbers a triangle in the order of the leaves: vertex 0, global triangle (bits), edge 1, 0, edge 2, 0."""
+    """Twelve numbers a triangle, in the order of the leaves: vertex 0, its global number (bits), vertices 1 and 2."""
     for i in range(count):
         local = order[i]
         at = first_row + i
         rows[at, 3] = ti.bit_cast(first_triangle + local, ti.f32)
         rows[at, 7] = 0.0
         rows[at, 11] = 0.0
-        for c in ti.static(range(3)):
-            origin = positions[triangles[local, 0], c]
-            rows[at, c] = origin
-            rows[at, 4 + c] = positions[triangles[local, 1], c] - origin
-            rows[at, 8 + c] = positions[triangles[local, 2], c] - origin
+        for corner, c in ti.static(ti.ndrange(3, 3)):
+            rows[at, 4 * corner + c] = positions[triangles[local, corner], c]

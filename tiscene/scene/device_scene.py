@@ -34,8 +34,8 @@ class DeviceScene:
 
     vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
     triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
-    instance_info: i32 [i, 8], 0 root of its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row, 5 flags
-    (HAS_NORMALS | HAS_UV | MIRRORED).
+    instance_info: i32 [i, 8], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
+    5 flags (HAS_NORMALS | HAS_UV | MIRRORED).
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
     descriptions: what was added, each with the row of its first mesh (host).
@@ -176,8 +176,8 @@ class DeviceScene:
         )
         self.triangle_material = upload(np.concatenate([np.zeros(0, np.int32), *self._triangle_materials]))
         flags = [HAS_NORMALS * (mesh.normals is not None) + HAS_UV * (mesh.uv is not None) for mesh in meshes]
-        roots = [blas.root for blas in self._blas]
-        self._mesh_table = np.array([roots, self._first_triangles[:-1], flags], np.int32).T.reshape(-1, 3)
+        entries = [blas.entry for blas in self._blas]
+        self._mesh_table = np.array([entries, self._first_triangles[:-1], flags], np.int32).T.reshape(-1, 3)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
         self._boxes = np.array([blas.box for blas in self._blas]).reshape(-1, 2, 3)
         self._mesh_arrays_are_old = False

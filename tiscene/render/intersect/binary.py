@@ -31,20 +31,38 @@ def enter_box(nodes: ti.template(), node: ti.i32, at: ti.template(), origin, inv
 
 
 @ti.func
-def hit_triangle(rows: ti.template(), at: ti.i32, o, d):
+def hit_triangle(rows: ti.template(), at: ti.i32, o, k, sheared):
     """Distance (infinity for a miss) and barycentrics b1, b2; operation for operation what wide.hit_pack does."""
-    e1 = vec3(rows[at, 4], rows[at, 5], rows[at, 6])
-    e2 = vec3(rows[at, 8], rows[at, 9], rows[at, 10])
-    s = o - vec3(rows[at, 0], rows[at, 1], rows[at, 2])
-    p = d.cross(e2)
-    q = s.cross(e1)
-    scale = 1.0 / e1.dot(p)
-    b1 = s.dot(p) * scale
-    b2 = d.dot(q) * scale
-    t = e2.dot(q) * scale
-    inside = ti.min(ti.min(b1, b2), 1.0 - b1 - b2)
-    t = ti.select(inside >= 0.0, t, INFINITY)
-    return ti.select(t > 0.0, t, INFINITY), b1, b2
+    az = rows[at, k[2]] - o.z
+    bz = rows[at, 4 + k[2]] - o.z
+    cz = rows[at, 8 + k[2]] - o.z
+    ax = rows[at, k[0]] - o.x - sheared.x * az
+    ay = rows[at, k[1]] - o.y - sheared.y * az
+    bx = rows[at, 4 + k[0]] - o.x - sheared.x * bz
+    by = rows[at, 4 + k[1]] - o.y - sheared.y * bz
+    cx = rows[at, 8 + k[0]] - o.x - sheared.x * cz
+    cy = rows[at, 8 + k[1]] - o.y - sheared.y * cz
+    u = cx * by - cy * bx
+    v = ax * cy - ay * cx
+    w = bx * ay - by * ax
+    scale = 1.0 / (u + v + w)
+    t = (u * az + v * bz + w * cz) * sheared.z * scale
+    within = INFINITY
+    if ti.min(u, v, w) >= 0.0 or ti.max(u, v, w) <= 0.0:
+        within = t
+    return ti.select(within > 0.0, within, INFINITY), v * scale, w * scale
+
+
+@ti.func
+def shear(o, d):
+    """Origin with the axes in cyclic order and the direction's largest last, which axes these are, and the shear."""
+    k = ti.Vector([0, 1, 2])
+    if ti.abs(d.x) > ti.max(ti.abs(d.y), ti.abs(d.z)):
+        k = ti.Vector([1, 2, 0])
+    elif ti.abs(d.y) > ti.abs(d.z):
+        k = ti.Vector([2, 0, 1])
+    scale = reciprocal(vec3(d[k[0]], d[k[1]], d[k[2]])).z
+    return vec3(o[k[0]], o[k[1]], o[k[2]]), k, vec3(d[k[0]] * scale, d[k[1]] * scale, scale)
 
 
 @ti.func
@@ -85,6 +103,7 @@ def trace(
     origin = world_origin
     direction = world_direction
     inverse = reciprocal(direction)
+    cyclic, axes, sheared = origin, ti.Vector([0, 1, 2]), direction  # set on entering an instance
     references = ti.Vector([0] * STACK)
     distances = ti.Vector([0.0] * STACK)
     waiting = 0
@@ -116,12 +135,13 @@ def trace(
                 origin = affine(transforms, time, instance, world_origin, 1.0)
                 direction = affine(transforms, time, instance, world_direction, 0.0)
                 inverse = reciprocal(direction)
+                cyclic, axes, sheared = shear(origin, direction)
                 floor = waiting
                 current = instances[instance, 0]
             else:
                 code = -1 - current
                 for row in range(code // 4, code // 4 + code % 4 + 1):
-                    t, u, v = hit_triangle(packs, row, origin, direction)
+                    t, u, v = hit_triangle(packs, row, cyclic, axes, sheared)
                     if t <= best:
                         triangle = ti.bit_cast(packs[row, 3], ti.i32)
                         wins = t < best

@@ -1,8 +1,8 @@
 """Traversal of the wide layout: a ray against eight boxes, or four triangles, at once. Compiled in vector mode only.
 
 Boxes are tested by slabs as (plane - origin) / direction, whose relative error is bounded, and the far side is moved
-out by more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles are tested as Moeller and
-Trumbore (1997) do.
+out by more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles are tested watertight
+(Woop, Benthin and Wald 2013): two triangles with a common edge compute the same about it, so no ray is between them.
 """
 
 import taichi as ti
@@ -23,39 +23,46 @@ LARGEST = 3e38
 
 
 @ti.func
+def larger(a, b):
+    """One instruction; `ti.max` takes two more for what it promises about undefined numbers."""
+    return ti.select(a > b, a, b)
+
+
+@ti.func
+def smaller(a, b):
+    return ti.select(a < b, a, b)
+
+
+@ti.func
 def reciprocal(d: ti.f32) -> ti.f32:
     """1 / d, finite also for d = 0, so that 0 * infinity does not arise."""
     return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
 
 
 @ti.func
-def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, dx, dy, dz):
+def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz):
     """Distances (infinity for a miss) and barycentrics b1, b2 of the four triangles of a pack.
 
-    A triangle without area and a ray in the plane of one make the determinant 0 and t infinite or undefined: a miss.
+    Vertices are sheared so that the ray is the z axis; ox, oy, oz, kx, ky, kz, shx, shy, shz as `shear` says. Without
+    an area, seen along the ray, the determinant is 0 and t undefined: a miss.
     """
-    e1x = packs[at + 3]
-    e1y = packs[at + 4]
-    e1z = packs[at + 5]
-    e2x = packs[at + 6]
-    e2y = packs[at + 7]
-    e2z = packs[at + 8]
-    px = dy * e2z - dz * e2y
-    py = dz * e2x - dx * e2z
-    pz = dx * e2y - dy * e2x
-    scale = 1.0 / (e1x * px + e1y * py + e1z * pz)
-    sx = ox - packs[at]
-    sy = oy - packs[at + 1]
-    sz = oz - packs[at + 2]
-    b1 = (sx * px + sy * py + sz * pz) * scale
-    qx = sy * e1z - sz * e1y
-    qy = sz * e1x - sx * e1z
-    qz = sx * e1y - sy * e1x
-    b2 = (dx * qx + dy * qy + dz * qz) * scale
-    t = (e2x * qx + e2y * qy + e2z * qz) * scale
-    inside = ti.min(ti.min(b1, b2), 1.0 - b1 - b2)
-    t = ti.select(inside >= 0.0, t, vec4(INFINITY))
-    return ti.select(t > 0.0, t, vec4(INFINITY)), b1, b2
+    az = packs[at + kz] - oz
+    bz = packs[at + 3 + kz] - oz
+    cz = packs[at + 6 + kz] - oz
+    ax = packs[at + kx] - ox - shx * az
+    ay = packs[at + ky] - oy - shy * az
+    bx = packs[at + 3 + kx] - ox - shx * bz
+    by = packs[at + 3 + ky] - oy - shy * bz
+    cx = packs[at + 6 + kx] - ox - shx * cz
+    cy = packs[at + 6 + ky] - oy - shy * cz
+    u = cx * by - cy * bx
+    v = ax * cy - ay * cx
+    w = bx * ay - by * ax
+    scale = 1.0 / (u + v + w)
+    t = (u * az + v * bz + w * cz) * shz * scale
+    within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, vec4(INFINITY))
+    within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
+    return ti.select(within > 0.0, within, vec4(INFINITY)), v * scale, w * scale
 
 
 @ti.func
@@ -68,6 +75,22 @@ def slabs(dx: ti.f32, dy: ti.f32, dz: ti.f32):
     near_y = ti.select(iy < 0.0, 4, 1)
     near_z = ti.select(iz < 0.0, 5, 2)
     return ix, iy, iz, ix * SLACK, iy * SLACK, iz * SLACK, near_x, near_y, near_z
+
+
+@ti.func
+def shear(ox: ti.f32, oy: ti.f32, oz: ti.f32, dx: ti.f32, dy: ti.f32, dz: ti.f32):
+    """What a triangle test needs of a ray: its origin with the axes in cyclic order and the direction's largest last,
+    which axes these are, and the shear: x and y of the direction over its z, and 1 over its z."""
+    px, py, pz, qx, qy, qz = ox, oy, oz, dx, dy, dz
+    kx, ky, kz = 0, 1, 2
+    if ti.abs(dx) > ti.max(ti.abs(dy), ti.abs(dz)):
+        px, py, pz, qx, qy, qz = oy, oz, ox, dy, dz, dx
+        kx, ky, kz = 1, 2, 0
+    elif ti.abs(dy) > ti.abs(dz):
+        px, py, pz, qx, qy, qz = oz, ox, oy, dz, dx, dy
+        kx, ky, kz = 2, 0, 1
+    scale = reciprocal(qz)
+    return px, py, pz, kx, ky, kz, qx * scale, qy * scale, scale
 
 
 @ti.func
@@ -131,6 +154,7 @@ def trace(
     dy = wdy
     dz = wdz
     ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
+    px, py, pz, kx, ky, kz, shx, shy, shz = ox, oy, oz, 0, 1, 2, dx, dy, dz  # set on entering an instance
     references = ti.Vector([0] * STACK)
     distances = ti.Vector([0.0] * STACK)
     waiting = 0
@@ -144,13 +168,13 @@ def trace(
         pop = False
         while current >= 0 and not pop:
             node = current
-            near = ti.max(
-                ti.max((nodes[node + near_x] - ox) * ix, (nodes[node + near_y] - oy) * iy),
-                ti.max((nodes[node + near_z] - oz) * iz, 0.0),
+            near = larger(
+                larger((nodes[node + near_x] - ox) * ix, (nodes[node + near_y] - oy) * iy),
+                larger((nodes[node + near_z] - oz) * iz, vec8(0.0)),
             )
-            far = ti.min(
-                ti.min((nodes[node + 3 - near_x] - ox) * fx, (nodes[node + 5 - near_y] - oy) * fy),
-                ti.min((nodes[node + 7 - near_z] - oz) * fz, bound),
+            far = smaller(
+                smaller((nodes[node + 3 - near_x] - ox) * fx, (nodes[node + 5 - near_y] - oy) * fy),
+                smaller((nodes[node + 7 - near_z] - oz) * fz, vec8(bound)),
             )
             entry = ti.select(near <= far, near, vec8(INFINITY))
             nearest = INFINITY
@@ -162,13 +186,11 @@ def trace(
                     if found:
                         other = child
                         if ti.static(not any_hit):
-                            other_distance = distance
-                            if distance < nearest:
-                                other = current
-                                other_distance = nearest
-                                current = child
-                                nearest = distance
-                            distances[waiting] = other_distance
+                            closer = distance < nearest
+                            other = ti.select(closer, current, child)
+                            current = ti.select(closer, child, current)
+                            distances[waiting] = ti.select(closer, nearest, distance)
+                            nearest = ti.select(closer, distance, nearest)
                         references[waiting] = other
                         waiting += 1
                     else:
@@ -181,12 +203,13 @@ def trace(
                 instance = -1 - current
                 ox, oy, oz, dx, dy, dz = into_instance(transforms, time, instance, wox, woy, woz, wdx, wdy, wdz)
                 ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
+                px, py, pz, kx, ky, kz, shx, shy, shz = shear(ox, oy, oz, dx, dy, dz)
                 floor = waiting
                 current = instances[instance, 0]
             else:
                 at = -1 - current
-                t, u, v = hit_pack(packs, at, ox, oy, oz, dx, dy, dz)
-                least = ti.min(ti.min(t[0], t[1]), ti.min(t[2], t[3]))
+                t, u, v = hit_pack(packs, at, px, py, pz, kx, ky, kz, shx, shy, shz)
+                least = smaller(smaller(t[0], t[1]), smaller(t[2], t[3]))
                 if ti.static(any_hit):
                     if least < best:
                         hit_instance = instance
