@@ -14,7 +14,7 @@ from tiscene.usd.limits import Limits, Root, Spent
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import root_context
 from tiscene.usd.skinning import bake_skinning
-from tiscene.usd.stage import Variants, open_stage, quiet, readable, reading_time
+from tiscene.usd.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.template import read_template, stage_templates
 from tiscene.usd.untrusted import read_apart
 
@@ -60,7 +60,9 @@ def read_stage(
     with quiet(), readable(path):
         stage = open_stage(path, variants)
         inside.check(stage, str(path))
-        report = Report(str(path), plays=time_code is None, root=inside, spent=Spent(str(path), limits))
+        report = Report(
+            str(path), plays=time_code is None and changes_over_time(stage), root=inside, spent=Spent(str(path), limits)
+        )
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
         bake_skinning(stage, time, report)

@@ -142,7 +142,9 @@ class MeshTable:
             for binding, indices in subsets:
                 uv_of_face[indices] = uv_names.index(binding.uv)
         if key not in self._surfaces:
-            changing = [name for name in _SHAPE if prim.GetAttribute(name).ValueMightBeTimeVarying()]
+            changing = [
+                name for name in _SHAPE if self._report.plays and prim.GetAttribute(name).ValueMightBeTimeVarying()
+            ]
             if changing:
                 self._report.frozen(prim.GetPath(), f"{', '.join(changing)} of a {prim.GetTypeName()}")
             if prim.IsA(UsdGeom.Mesh):

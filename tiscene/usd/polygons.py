@@ -47,9 +47,10 @@ def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, 
         return result
     p = points[indices[starts[:, None] + np.arange(size)]].astype(np.float64)
     p -= p[:, :1]
-    after = np.roll(p, -1, axis=1)
+    turn_on, turn_back = np.arange(1, size + 1) % size, np.arange(-1, size - 1)
+    after = p[:, turn_on]
     normal = cross(p, after).sum(axis=1)  # Newell's: twice the area vector, whatever the shape
-    into, out = p - np.roll(p, 1, axis=1), after - p
+    into, out = p - p[:, turn_back], after - p
     turn = np.einsum("fvk,fk->fv", cross(into, out), normal)
     area_squared = np.einsum("fk,fk->f", normal, normal)
     reflex = turn < -1e-9 * area_squared[:, None]

@@ -42,7 +42,7 @@ class Report:
         self.stage = stage
         self.root = root or Root(None)
         self.spent = spent or Spent(stage, Limits())
-        self._plays = plays
+        self.plays = plays
         self._problems: dict[str, None] = {}  # ordered, and each line once: instances share their prototype's faults
         self._omissions: dict[str, dict[str, None]] = {}
 
@@ -69,7 +69,7 @@ class Report:
 
     def frozen(self, path: Any, what: str) -> None:
         """Something that changes over time, and is drawn as it is at the time that is read."""
-        if self._plays:
+        if self.plays:
             self.omission(path, f"{what} has time samples, and is drawn as it is at the time read")
 
     def raise_problems(self) -> None:

@@ -109,7 +109,8 @@ class StageReader:
             imageable = UsdGeom.Imageable(prim)
             visibility = imageable.GetVisibilityAttr()
             visible = visible and visibility.Get(self._time) != UsdGeom.Tokens.invisible
-            self._report_frozen(prim, above, visibility)
+            if self._report.plays:
+                self._report_frozen(prim, above, visibility)
             authored = imageable.GetPurposeAttr()
             if authored.HasAuthoredValue():
                 purpose = str(authored.Get())

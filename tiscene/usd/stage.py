@@ -111,3 +111,10 @@ def reading_time(stage: Usd.Stage, time_code: float | None) -> Usd.TimeCode:
     if stage.HasAuthoredTimeCodeRange():
         return Usd.TimeCode(stage.GetStartTimeCode())
     return Usd.TimeCode.EarliestTime()
+
+
+def changes_over_time(stage: Usd.Stage) -> bool:
+    """Whether anything on a stage has time samples, in its layers or in clips."""
+    if any(layer.ListAllTimeSamples() for layer in stage.GetUsedLayers()):
+        return True
+    return any(prim.HasAuthoredMetadata("clips") for prim in stage.TraverseAll())
