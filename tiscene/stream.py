@@ -15,7 +15,7 @@ import numpy as np
 
 from tiscene import catalog, device
 from tiscene.camera import Camera
-from tiscene.differential import moving, pays
+from tiscene.differential import is_fixed, moving, pays
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame import Frame, FrameCamera
 from tiscene.render.aovs import AOVS
@@ -275,6 +275,8 @@ class Stream(Iterator[Frame]):
         differential: whether colour is a difference to an image that this view has of what never moves; None: as the
         stream's own frames are, if the camera is that of its frame 0.
         """
+        if differential is None:
+            differential = self.differential and is_fixed(self.world, view.current)
         placement = self._placement(index)
         exposure = view.current.exposure
         if exposure is None:
