@@ -27,9 +27,9 @@ def leaf(length: float, width: float, droop: float, fold: float) -> Mesh:
     return merged([top, thickness])
 
 
-def rubber_plant(name: str, height: float = 1.55, seed: int = 5, size: float = 1.0) -> Thing:
-    """Three stems with large glossy leaves in a ceramic pot. size: of pot and leaves, for a cutting on a sill."""
-    height = height / size
+def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 1.0) -> Thing:
+    """Three stems with large glossy leaves in a ceramic pot. scale: of pot and leaves, for a cutting on a sill."""
+    height = height / scale
     rng = np.random.default_rng(seed)
     pot = shell(
         curve(
@@ -70,7 +70,7 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, size: float = 1
         ("YoungLeaves", "LeafPale", young),
     )
     return thing(
-        name, "plant", *((part, look, merged(meshes).scaled(size, size, size)) for part, look, meshes in parts)
+        name, "plant", *((part, look, merged(meshes).scaled(scale, scale, scale)) for part, look, meshes in parts)
     )
 
 
