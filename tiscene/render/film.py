@@ -81,6 +81,21 @@ def tone_map(hdr: NDArray[np.float32], exposure: float = 0.0) -> NDArray[np.uint
     return rgb
 
 
+def radiance_shown_as(color: tuple[int, int, int], exposure: float) -> tuple[float, float, float]:
+    """What `tone_map` shows as an 8-bit colour; of those that it cannot show, what comes near."""
+    encoded = np.asarray(color, np.float64) / 255.0
+    display = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    curved = display * (1.0 - OUTSET) + display.sum() * (OUTSET / 3.0)
+    above = curved ** (1.0 / 2.2) - PIVOT
+    amplitude = np.where(above > 0.0, SHOULDER, TOE)
+    ratio = np.clip(above / amplitude, -0.999999, 0.999999)
+    stops = ratio / np.sqrt(1.0 - ratio * ratio) * amplitude / CONTRAST
+    inset = GREY * np.exp2(np.clip(stops, DARKEST, BRIGHTEST))
+    scene = (inset - inset.sum() * (INSET / 3.0)) / (1.0 - INSET)
+    r, g, b = (np.maximum(scene, 0.0) * 2.0**-exposure).tolist()
+    return (r, g, b)
+
+
 def meter(hdr: NDArray[Any]) -> float:
     """The exposure in stops that shows an image well: its geometric mean becomes middle grey.
 

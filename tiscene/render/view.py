@@ -14,14 +14,16 @@ from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
-VIEW_COLUMNS = 16
-POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE = 0, 3, 6, 9, 12, 13, 14
+VIEW_COLUMNS = 18
+POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND = 0, 3, 6, 9, 12, 13, 14, 15
+SKY = (-1.0, -1.0, -1.0)  # as a background: there is none but the lights at infinity
 
 
 @dataclass(frozen=True)
 class View:
     """Three cameras, at the frames k-1, k and k+1, and the size of the picture in pixels.
 
+    background: radiance that is seen where nothing is, in the place of lights at infinity; lighting stays.
     ambient: radiance that `rgb` shows of a white surface besides what is traced, for whoever wants light from nowhere.
     """
 
@@ -31,6 +33,7 @@ class View:
     width: int
     height: int
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: tuple[float, float, float] = SKY
     _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -43,13 +46,13 @@ class View:
         return self.previous, self.current, self.next
 
     def rows(self) -> NDArray[np.float32]:
-        """float32 [3, 16], per time: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12,
-        lens radius 13, focus distance 14."""
+        """float32 [3, 18], per time: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12,
+        lens radius 13, focus distance 14, background 15-17."""
         rows = np.zeros((3, VIEW_COLUMNS), np.float32)
         for time in (PREVIOUS, CURRENT, NEXT):
             camera = self.cameras[time]
             right, up, backward = camera.axes().T
-            rows[time, :15] = [
+            rows[time] = [
                 *camera.position,
                 *right,
                 *up,
@@ -57,6 +60,7 @@ class View:
                 np.tan(0.5 * camera.vertical_fov),
                 camera.lens_radius,
                 camera.focus_distance,
+                *self.background,
             ]
         return rows
 

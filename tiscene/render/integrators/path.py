@@ -20,7 +20,7 @@ from tiscene.render.intersect import closest, occluded
 from tiscene.render.ray_arrays import tiled_order
 from tiscene.render.sampler import frame_key, index_bits
 from tiscene.render.surface import geometry_of
-from tiscene.render.view import View
+from tiscene.render.view import SKY, View
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
@@ -50,6 +50,7 @@ class PathImage:
 class PathPass:
     """Renders radiance of what a DeviceScene has placed at CURRENT.
 
+    background: what camera rays see where nothing is, that of the view rendered last.
     nonfinite: how many samples of the last picture were infinite or not numbers; they are left out of the means.
     """
 
@@ -61,6 +62,7 @@ class PathPass:
         self.width = width
         self.height = height
         self.nonfinite = 0
+        self.background = SKY
         self._batch_size = batch_size or BATCH_SIZE
         self._state: PathState | None = None
         self._pixels = upload(tiled_order(width, height))
@@ -97,6 +99,7 @@ class PathPass:
         size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
         if self._state is None or self._state.size != size:
             self._state = PathState(size)
+        self.background = view.background
         scene = self.scene_arrays()
         numbers = (spp, index_bits(spp), frame_key(seed, frame_index))
         for first in range(0, total, size):
@@ -163,7 +166,7 @@ class PathPass:
             closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
             shade(
                 *scene.arrays, scene.light_total, scene.light_solid,
-                self._pixels, first, spp, bits, key, step, max_depth, mis, s.queue, live,
+                self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background, s.queue, live,
                 s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
             )  # fmt: skip
         both = kernels.compact(s.status, s.shadow_rays, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)

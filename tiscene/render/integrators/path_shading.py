@@ -166,6 +166,9 @@ def shade(
     step: ti.i32,
     max_depth: ti.i32,
     mis: ti.i32,
+    background_red: ti.f32,
+    background_green: ti.f32,
+    background_blue: ti.f32,
     queue: Ints1,
     count: ti.i32,
     rays: Floats2,
@@ -218,6 +221,8 @@ def shade(
         seen = vec3(0.0)  # emitted towards the path by what it met
         if light >= 0:
             seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
+        elif instance < 0 and pdf == 0.0 and background_red >= 0.0:
+            seen = vec3(background_red, background_green, background_blue)
         elif instance < 0:
             for row in range(light_solid, light_total):
                 seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, part, mis)
