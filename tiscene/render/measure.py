@@ -6,6 +6,7 @@ kept, and the scene is placed anew for the measurement. Every render places the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -16,7 +17,22 @@ from numpy.typing import NDArray
 from tiscene.camera import quaternion_from_matrix
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.intersect import occluded_by_instance
-from tiscene.render.measure_kernels import pixel_rays
+from tiscene.render.measure_kernels import (
+    BEHIND,
+    BOX,
+    COLUMNS,
+    EXTENT_COLUMNS,
+    IN_FRONT,
+    OWNER,
+    ROWS,
+    STRIDE,
+    WINDOW,
+    WORLD,
+    X,
+    Y,
+    measure_extents,
+    pixel_rays,
+)
 from tiscene.render.objects import ObjectState, ObjectTable, OrientedBox
 from tiscene.render.ray_arrays import AnyHitArrays
 from tiscene.render.view import View
@@ -25,7 +41,6 @@ from tiscene.scene.placement import CURRENT, Placement
 
 MAX_SAMPLES = 65536  # pixels of one object, outside of the picture
 _BATCH = 1 << 18  # rays
-X, Y, INSTANCE, OWNER, STRIDE = 0, 1, 2, 3, 4  # columns of samples
 _FARTHEST = 1e7  # px; where the projection of a point on the near plane may end up
 
 
@@ -99,9 +114,13 @@ class SceneMeasures:
         y, x, ids = y[order], x[order], image[y, x][order]
         first = np.searchsorted(ids, self._ids)
         last = np.searchsorted(ids, self._ids, side="right")
-        for row in np.flatnonzero(last > first):
-            own = slice(first[row], last[row])
-            boxes[row] = x[own].min(), y[own].min(), x[own].max() + 1, y[own].max() + 1
+        rows = np.flatnonzero(last > first)
+        if len(rows):
+            ends = np.stack([first[rows], last[rows] - 1], axis=1).ravel()
+            boxes[rows, 1], boxes[rows, 3] = y[ends[::2]], y[ends[1::2]] + 1
+            spans = np.stack([first[rows], last[rows]], axis=1).ravel()
+            boxes[rows, 0] = np.minimum.reduceat(np.append(x, 0), spans)[::2]
+            boxes[rows, 2] = np.maximum.reduceat(np.append(x, 0), spans)[::2] + 1
         return boxes
 
     @cached_property
@@ -109,30 +128,49 @@ class SceneMeasures:
         """float64 [n, 2, 3], m; nan for an object without geometry."""
         bounds = np.full((len(self._ids), 2, 3), np.nan)
         for row, parts in enumerate(self._parts):
-            vertices = [self._vertices(part) for part in parts]
-            if sum(map(len, vertices)):
-                every = np.concatenate(vertices)
-                bounds[row] = every.min(axis=0), every.max(axis=0)
+            boxes = self._extents[parts, WORLD : WORLD + 6].reshape(-1, 2, 3)
+            if (boxes[:, 0] <= boxes[:, 1]).any():
+                bounds[row] = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         return bounds
+
+    @cached_property
+    def _extents(self) -> NDArray[np.float64]:
+        """float64 [i, 12], what `measure_extents` says of each instance; nothing where it is no part of an object."""
+        scene, placed, view = self._scene, self._placement, self._view
+        every = np.concatenate([np.zeros(0, np.int64), *self._parts])
+        ends = np.cumsum([0, *(len(mesh.positions) for mesh in scene.meshes)])
+        vertices = np.stack([ends[placed.mesh[every]], ends[placed.mesh[every] + 1]], axis=1).astype(np.int32)
+        found = np.zeros((len(every), EXTENT_COLUMNS))
+        if len(every):
+            measure_extents(
+                scene.vertex_position, vertices, placed.world_from_object[CURRENT, every].reshape(-1, 12),
+                view.camera_from_world()[CURRENT].ravel(), view.current.near, float(view.focal_lengths()[CURRENT]),
+                0.5 * view.width, 0.5 * view.height, found,
+            )  # fmt: skip
+        extents = np.zeros((len(placed.mesh), EXTENT_COLUMNS))
+        extents[every] = found
+        return extents
 
     @cached_property
     def box_3d(self) -> list[OrientedBox]:
         """The boxes that `object_coordinates` are measured in."""
-        return [self._oriented_box(parts) for parts in self._parts]
-
-    def _oriented_box(self, parts: NDArray[np.int64]) -> OrientedBox:
-        if len(parts) == 0:
-            nothing = (np.nan,) * 3
-            return OrientedBox(nothing, nothing, (1.0, 0.0, 0.0, 0.0))
         # All parts share one box; that of the first leads from 0..1 to its mesh and on to the world.
-        box_from_mesh, world_from_mesh = np.eye(4), np.eye(4)
-        box_from_mesh[:3] = self._placement.box_from_object[parts[0]]
-        world_from_mesh[:3] = self._placement.world_from_object[CURRENT, parts[0]]
+        firsts = np.array([parts[0] if len(parts) else -1 for parts in self._parts], np.int64)
+        some = firsts[firsts >= 0]
+        box_from_mesh, world_from_mesh = np.zeros((2, len(some), 4, 4))
+        box_from_mesh[:, :3] = self._placement.box_from_object[some]
+        world_from_mesh[:, :3] = self._placement.world_from_object[CURRENT, some]
+        box_from_mesh[:, 3, 3] = world_from_mesh[:, 3, 3] = 1.0
         world_from_box = world_from_mesh @ np.linalg.inv(box_from_mesh)
-        edges = world_from_box[:3, :3]
-        size = np.linalg.norm(edges, axis=0)
-        centre = world_from_box[:3] @ (0.5, 0.5, 0.5, 1.0)
-        return OrientedBox(tuple(centre.tolist()), tuple(size.tolist()), quaternion_from_matrix(_rotation_of(edges)))
+        edges = world_from_box[:, :3, :3]
+        sizes = np.linalg.norm(edges, axis=1)
+        centres = world_from_box[:, :3] @ (0.5, 0.5, 0.5, 1.0)
+        rotations = _rotations_of(edges)
+        nothing = (np.nan,) * 3
+        boxes = [OrientedBox(nothing, nothing, (1.0, 0.0, 0.0, 0.0))] * len(firsts)
+        for row, centre, size, rotation in zip(np.flatnonzero(firsts >= 0), centres, sizes, rotations, strict=True):
+            boxes[row] = OrientedBox(tuple(centre.tolist()), tuple(size.tolist()), quaternion_from_matrix(rotation))
+        return boxes
 
     @cached_property
     def _part_boxes(self) -> list[list[tuple[int, NDArray[np.float64], bool]]]:
@@ -142,36 +180,28 @@ class SceneMeasures:
         for parts in self._parts:
             boxes = []
             for part in parts.tolist():
-                points, cut = self._in_front(part)
-                if len(points):
-                    pixels = np.clip(self._project(points), -_FARTHEST, _FARTHEST)
-                    boxes.append((part, np.concatenate([pixels.min(axis=0), pixels.max(axis=0)]), cut))
+                cut = bool(self._extents[part, BEHIND])
+                if self._extents[part, IN_FRONT]:
+                    box = self._box_in_front(part) if cut else self._extents[part, BOX : BOX + 4]
+                    boxes.append((part, np.clip(box, -_FARTHEST, _FARTHEST), cut))
             result.append(boxes)
         return result
 
-    def _in_front(self, instance: int) -> tuple[NDArray[np.float64], bool]:
-        """Points in camera coordinates that span what an instance shows beyond the near plane; whether it was cut."""
+    def _box_in_front(self, instance: int) -> NDArray[np.float64]:
+        """The box in the picture, px, of what an instance shows beyond the near plane, which goes through it."""
         matrix = self._view.camera_from_world()[CURRENT]
         points = self._vertices(instance) @ matrix[:, :3].T + matrix[:, 3]
         near = self._view.current.near
         inside = points[:, 2] >= near
-        if inside.all():
-            return points, False
         triangles = self._scene.meshes[self._placement.mesh[instance]].triangles
         edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
         edges = edges[inside[edges[:, 0]] != inside[edges[:, 1]]]
         a, b = points[edges[:, 0]], points[edges[:, 1]]
         share = (near - a[:, 2]) / (b[:, 2] - a[:, 2])
-        return np.concatenate([points[inside], a + share[:, None] * (b - a)]), True
-
-    def _project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Camera coordinates to px; whole numbers are corners of pixels."""
-        focal = self._view.focal_lengths()[CURRENT]
-        pixels: NDArray[np.float64] = points[:, :2] / points[:, 2:] * focal + (
-            0.5 * self._view.width,
-            0.5 * self._view.height,
-        )
-        return pixels
+        points = np.concatenate([points[inside], a + share[:, None] * (b - a)])
+        centre = 0.5 * self._view.width, 0.5 * self._view.height
+        pixels = points[:, :2] / points[:, 2:] * self._view.focal_lengths()[CURRENT] + centre
+        return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
     @cached_property
     def amodal_box(self) -> NDArray[np.float64]:
@@ -189,59 +219,69 @@ class SceneMeasures:
         count = len(self._ids)
         inside, outside = np.zeros(count, np.int64), np.zeros(count, np.int64)
         self._scene.place(self._placement, (CURRENT,))
-        for samples in self._batches():
+        several = np.array([len(parts) > 1 for parts in self._part_boxes], bool)
+        for windows in self._batches():
+            samples = self._hits(windows)
+            place = samples[:, [X, Y]]
+            within = ((place >= 0) & (place < (self._view.width, self._view.height))).all(axis=1)
+            owner = windows[samples[:, WINDOW], OWNER]
+            pixels = windows[samples[:, WINDOW], STRIDE].astype(np.int64) ** 2
             # A pixel counts once, however many parts of the object it shows.
-            seen = _distinct(samples[self._hits(samples)])
-            within = ((seen[:, :2] >= 0) & (seen[:, :2] < (self._view.width, self._view.height))).all(axis=1)
-            pixels = seen[:, STRIDE].astype(np.int64) ** 2
-            inside += _sums(seen[within, OWNER], pixels[within], count)
-            outside += _sums(seen[~within, OWNER], pixels[~within], count)
+            first = ~several[owner]
+            others = np.flatnonzero(~first)
+            first[others[_distinct(samples[others, X], samples[others, Y], owner[others])]] = True
+            inside += _sums(owner[within & first], pixels[within & first], count)
+            outside += _sums(owner[~within & first], pixels[~within & first], count)
         return inside, outside
 
     def _batches(self) -> Iterator[NDArray[np.int32]]:
-        """The samples of all objects, some objects at a time."""
-        waiting: list[NDArray[np.int32]] = []
+        """The windows of all objects (see `pixel_rays`), some objects at a time."""
+        waiting: list[tuple[int, ...]] = []
+        size = 0
         for row, parts in enumerate(self._part_boxes):
-            waiting.append(self._samples(row, parts))
-            if sum(map(len, waiting)) >= _BATCH:
-                yield np.concatenate(waiting)
-                waiting = []
-        if waiting:
-            yield np.concatenate(waiting)
+            windows = self._windows(row, parts)
+            waiting += windows
+            size += sum(window[COLUMNS] * window[ROWS] for window in windows)
+            if size >= _BATCH or (row + 1 == len(self._ids) and size):
+                yield np.array(waiting, np.int32)
+                waiting, size = [], 0
 
-    def _samples(self, row: int, parts: list[tuple[int, NDArray[np.float64], bool]]) -> NDArray[np.int32]:
-        """The pixels that decide an object's count, int32 [n, 5]: x, y, instance, owner (the object's row), stride.
+    def _windows(self, row: int, parts: list[tuple[int, NDArray[np.float64], bool]]) -> list[tuple[int, ...]]:
+        """The pixels that decide an object's count.
 
         Those in the picture all, at stride 1; outside of it every s-th in both axes, s so that they fit the budget.
         """
         width, height = self._view.width, self._view.height
-        samples = []
-        windows = []
+        windows, around = [], []
         for part, box, cut in parts:
             # A pixel more on each side: the boxes are of exact projections, the rays of rounded directions.
-            low = np.floor(box[:2]).astype(np.int64) - 1
-            high = np.ceil(box[2:]).astype(np.int64) + 1
-            windows.append((part, low, high))
+            x0, y0 = (math.floor(v) - 1 for v in box[:2].tolist())
+            x1, y1 = (math.ceil(v) + 1 for v in box[2:].tolist())
+            around.append((part, x0, y0, x1, y1))
             if cut:  # what lies between the camera and its near plane may appear anywhere
-                low, high = np.zeros(2, np.int64), np.array([width, height])
-            samples.append(_lattice(np.maximum(low, 0), np.minimum(high, (width, height)), 1, part, row))
-        area = float(sum(np.prod((high - low).astype(np.float64)) for _, low, high in windows))
-        stride = max(1, int(np.ceil(np.sqrt(area / MAX_SAMPLES))))
-        for part, low, high in windows:
-            around = _lattice(-(-low // stride) * stride, high, stride, part, row)
-            outside = (around[:, :2] < 0).any(axis=1) | (around[:, :2] >= (width, height)).any(axis=1)
-            samples.append(around[outside])
-        return np.concatenate([np.zeros((0, 5), np.int32), *samples])
+                x0, y0, x1, y1 = 0, 0, width, height
+            x0, y0 = max(x0, 0), max(y0, 0)
+            windows.append((part, row, x0, y0, min(x1, width) - x0, min(y1, height) - y0, 1, 0))
+        area = sum((x1 - x0) * (y1 - y0) for _, x0, y0, x1, y1 in around)
+        stride = max(1, math.ceil(math.sqrt(area / MAX_SAMPLES)))
+        for part, x0, y0, x1, y1 in around:
+            if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
+                x0, y0 = -(-x0 // stride) * stride, -(-y0 // stride) * stride
+                windows.append((part, row, x0, y0, -((x0 - x1) // stride), -((y0 - y1) // stride), stride, 1))
+        return [window for window in windows if window[COLUMNS] > 0 and window[ROWS] > 0]
 
-    def _hits(self, samples: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """For each sample (x, y, instance) whether the ray through that pixel's centre meets the instance."""
-        wave = AnyHitArrays(len(samples))
+    def _hits(self, windows: NDArray[np.int32]) -> NDArray[np.int32]:
+        """int32 [n, 3], x, y and window of the pixels at whose centre a ray meets the window's instance."""
+        firsts = np.cumsum([0, *(windows[:, COLUMNS] * windows[:, ROWS])]).astype(np.int32)
+        count = int(firsts[-1])
+        samples = np.empty((count, 3), np.int32)
+        wave = AnyHitArrays(count)
         pixel_rays(
-            self._view.array(), samples, len(samples), self._view.width, self._view.height, wave.rays, wave.targets
+            self._view.array(), windows, firsts, self._view.width, self._view.height, samples, wave.rays, wave.targets
         )
-        occluded_by_instance(self._scene, CURRENT, wave.rays, wave.queue, wave.targets, len(samples), wave.result)
-        hit: NDArray[np.bool_] = wave.result.to_numpy()[: len(samples)] > 0
-        return hit
+        occluded_by_instance(self._scene, CURRENT, wave.rays, wave.queue, wave.targets, count, wave.result)
+        met: NDArray[np.int32] = samples[wave.result.to_numpy()[:count] > 0]
+        return met
 
     @cached_property
     def pixels_in_frame(self) -> NDArray[np.int64]:
@@ -254,26 +294,13 @@ class SceneMeasures:
         return self._counts[0] + self._counts[1]
 
 
-def _lattice(
-    low: NDArray[np.int64], high: NDArray[np.int64], stride: int, instance: int, row: int
-) -> NDArray[np.int32]:
-    """The points low, low + stride, ... below high in both axes, as samples."""
-    x, y = np.meshgrid(np.arange(low[0], high[0], stride), np.arange(low[1], high[1], stride))
-    samples = np.empty((x.size, 5), np.int32)
-    samples[:, 0] = x.ravel()
-    samples[:, 1] = y.ravel()
-    samples[:, 2:] = instance, row, stride
-    return samples
-
-
-def _distinct(samples: NDArray[np.int32]) -> NDArray[np.int32]:
-    """One sample of each pixel of each object."""
-    order = np.lexsort((samples[:, X], samples[:, Y], samples[:, OWNER]))
-    samples = samples[order]
-    place = samples[:, [X, Y, OWNER]]
-    first = np.ones(len(samples), bool)
-    first[1:] = (place[1:] != place[:-1]).any(axis=1)
-    return samples[first]
+def _distinct(x: NDArray[np.int32], y: NDArray[np.int32], owner: NDArray[np.int32]) -> NDArray[np.int64]:
+    """The row of one sample for each pixel of each object."""
+    order = np.lexsort((x, y, owner))
+    places = np.stack([x[order], y[order], owner[order]])
+    first = np.ones(len(order), bool)
+    first[1:] = (places[:, 1:] != places[:, :-1]).any(axis=0)
+    return order[first]
 
 
 def _sums(rows: NDArray[np.int32], values: NDArray[np.int64], count: int) -> NDArray[np.int64]:
@@ -281,10 +308,9 @@ def _sums(rows: NDArray[np.int32], values: NDArray[np.int64], count: int) -> NDA
     return np.bincount(rows, values, count).astype(np.int64)  # doubles count exactly far beyond any picture
 
 
-def _rotation_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation whose axes are nearest to the columns of a matrix (its polar factor), never a mirror image."""
-    left, _, right = np.linalg.svd(edges / np.maximum(np.linalg.norm(edges, axis=0), 1e-30))
-    if np.linalg.det(left @ right) < 0.0:
-        left = left * (1.0, 1.0, -1.0)
-    rotation: NDArray[np.float64] = left @ right
-    return rotation
+def _rotations_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotations whose axes are nearest to the columns of matrices [n, 3, 3] (polar factors), never mirrored."""
+    left, _, right = np.linalg.svd(edges / np.maximum(np.linalg.norm(edges, axis=1, keepdims=True), 1e-30))
+    left[np.linalg.det(left @ right) < 0.0, :, 2] *= -1.0
+    rotations: NDArray[np.float64] = left @ right
+    return rotations
