@@ -168,3 +168,37 @@ def test_shapes_are_shared_by_template_and_scale():
     first, second, third = (mover.shape for mover in motion._stepped.movers)
     assert first is second
     assert third.reach > 1.5 * first.reach
+
+
+def test_what_enters_and_leaves_the_view():
+    """A cube crosses the view of a camera that looks along -z; one comes and goes in view, one is behind the camera."""
+    camera = ts.Camera((0, 0, 0), vertical_fov=np.pi / 2)
+    objects = [
+        ts.Object("crosses", "Cube", dynamic=ts.Keyframes((0, 4), (ts.Waypoint((-6, 0, -3)), ts.Waypoint((6, 0, -3))))),
+        ts.Object("short", "Cube", (0, 1, -3), first_frame=10, last_frame=19),
+        ts.Object("behind", "Cube", (0, 0, 3)),
+    ]
+    made = World(ts.Scenario("room", objects, camera=camera), EMPTY, lambda name: TEMPLATE, 25.0, aspect=1.0)
+    seen = {kind: [] for kind in ("enter", "leave")}
+    for k in range(101):
+        for event in made.events(k):
+            if event.kind in seen:
+                seen[event.kind].append((k, event.object))
+    # Its near corners lie 2.85 m, its far ones 3.15 m before the camera, which sees as far to the sides.
+    enters, leaves = (round((6 + x) / 3 * 25 + 0.5) for x in (-3.15 - 0.15, 3.15 + 0.15))
+    assert seen["enter"] == [(10, 2), (enters, 1)]
+    assert seen["leave"] == [(20, 2), (leaves, 1)]
+    assert made.events(enters) == made.events(enters), "a function of the frame"
+    # Another camera has events of its own.
+    back = ts.Camera((0, 0, 0), (0, 0, 1, 0), vertical_fov=np.pi / 2)
+    assert Event("enter", 3) in made.events(0, (back, back, back), 1.0)
+    assert Event("enter", 3) not in made.events(0)
+
+
+def test_a_camera_that_turns_sees_the_stage_come_and_go():
+    turning = ts.Camera((0, 0, 0), vertical_fov=0.8, dynamic=ts.Orbit((0, 0, 0), period=4.0))
+    made = world(camera=turning)
+    events = [(event.kind, event.object) for k in range(100) for event in made.events(k)]
+    assert ("enter", 1) in events
+    assert ("leave", 1) in events
+    assert not [event for event in events if event[1] == 2], "the walls are around it, in every view"

@@ -194,3 +194,96 @@ def test_edits_check_their_values():
         Move(1.0, "a", (0, 0, 0))
     with pytest.raises(ScenarioError, match=r"edits\[0\].object"):
         ts.Scenario("room", edits=[Spawn(3, type("Fake", (), {"first_frame": 3})())])
+
+
+STILL_STAGE = SCENARIOS["still"][1]
+
+
+def test_things_of_the_stage_are_moved_and_taken_away():
+    scenario, stage = SCENARIOS["still"]
+    made = world(scenario, stage)
+    thing = stage.objects[0]
+    before = [made.placement(k) for k in range(12)]
+    made.next_frame = 5
+    made.move(thing.prim_path, (1.0, 2.0, 3.0), (0, 90, 0))
+    made.next_frame = 8
+    made.despawn(1)
+    assert made.scenario.edits == (Move(5, thing.prim_path, (1, 2, 3), (0, 90, 0)), Despawn(8, thing.prim_path))
+    for k in range(5):
+        assert same(made.placement(k), before[k]), "what was shown stays what it was, edits are not anticipated"
+    rows = {k: {row.id: row for row in made.objects(k)} for k in (4, 5, 7, 8)}
+    assert rows[5][1].position == rows[7][1].position == (1, 2, 3)
+    assert 1 not in rows[8]
+    part = 0  # those of the first thing come first
+    moved = made.placement(5).world_from_object[:, part]
+    np.testing.assert_array_equal(moved[0], np.eye(4)[:3])
+    np.testing.assert_allclose(moved[1, :, 3], (1, 2, 3), atol=1e-12)
+    np.testing.assert_array_equal(moved[1], moved[2])
+    assert made.placement(8).present[:, part].tolist() == [True, False, False]
+    assert Event("despawn", 1) in made.events(8)
+    replayed = world(made.scenario, stage)
+    for k in (9, 2, 7, 5, 4, 8):
+        assert same(replayed.placement(k), made.placement(k))
+        assert replayed.objects(k) == made.objects(k)
+        assert replayed.events(k) == made.events(k)
+    assert made.moving(7)[part]
+    assert not made.moving(4)[part]
+    with pytest.raises(ObjectNotFound, match=thing.prim_path):
+        made.move(thing.prim_path, (0, 0, 0))
+    with pytest.raises(ScenarioError, match=r"no thing '/Pilar'.*did you mean '/Pillar'"):
+        world(ts.Scenario("room", edits=[Despawn(0, "/Pilar")]), stage)
+
+
+def test_what_bounces_meets_a_thing_where_it_was_put(tmp_path):
+    """The pillar stands in its way from frame 10 on, and is gone at frame 80."""
+    flying = ts.Object("b", "Cube", (-2.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0, 0.0, (1, 0, 0)))
+    scenario = ts.Scenario("room", [flying])
+    made, plain = world(scenario, STILL_STAGE), world(scenario, STILL_STAGE)
+    made.next_frame = 10
+    made.move("/Pillar", (-2.0, 0.0, 0.0))
+    made.next_frame = 30
+    made.spawn("Cube", (0.0, 1.0, 2.0))
+    made.next_frame = 80
+    made.despawn("/Pillar")
+    first = next((k, event) for k in range(80) for event in made.events(k) if event.kind == "contact")
+    assert first[1] == Event("contact", 3, 1)
+    assert 20 < first[0] < 40, "it met the pillar at its new place"
+    for k in (9, 10, 11):
+        assert (
+            made.placement(k).world_from_object[1, 2].tobytes() == plain.placement(k).world_from_object[1, 2].tobytes()
+        )
+    made.scenario.save(tmp_path / "run.json")
+    again = world(ts.Scenario.load(tmp_path / "run.json"), STILL_STAGE)
+    for k in (120, 35, 79, 81, 29):
+        assert same(again.placement(k), made.placement(k)), f"frame {k}"
+
+
+def test_walls_of_another_view():
+    flying = ts.Object("b", "Cube", (0.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0, 0.0, (1, 0, 0)))
+    made = world(ts.Scenario("room", [flying]), EMPTY)
+    made.next_frame = 10
+    made.enclose(ts.Frustum(6.0), ts.Camera((0, 0, 3), vertical_fov=0.6), 1.0)
+    made.next_frame = 100
+    made.enclose(None)
+    inside = [made.objects(k)[0].position for k in range(100)]
+    assert max(abs(x) for x, _, _ in inside) < 3.0
+    walls = {event.wall for k in range(100) for event in made.events(k) if event.kind == "contact"}
+    assert walls
+    away = [np.linalg.norm(made.objects(k)[0].position) for k in (100, 300)]
+    assert away[1] > away[0] + 5.0, "nothing holds it any more"
+    again = world(made.scenario, EMPTY)
+    assert same(again.placement(99), made.placement(99))
+    with pytest.raises(ScenarioError, match="aspect"):
+        made.enclose(None, aspect=0.0)
+
+
+def test_what_was_put_into_another_comes_out():
+    """Two cubes in exactly one place: the one that flies leaves the other."""
+    objects = [
+        ts.Object("a", "Cube", (-2.0, 0.0, 0.0)),
+        ts.Object("b", "Cube", (-2.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0)),
+    ]
+    made = world(ts.Scenario("room", objects), STILL_STAGE)
+    places = np.array([made.objects(k)[-1].position for k in range(60)])
+    assert np.isfinite(places).all()
+    assert np.linalg.norm(places - (-2.0, 0.0, 0.0), axis=1).max() > 0.6
