@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tiscene.render.film import GREY, meter, tone_map
+from tiscene.render.film import GREY, meter, radiance_shown_as, tone_map
 
 HUES = [(1, 1, 1), (1, 0.02, 0.02), (0.02, 1, 0.02), (0.02, 0.02, 1), (1, 0.5, 0.02), (0.02, 0.5, 1), (1, 0.02, 0.6)]
 
@@ -78,3 +78,13 @@ def test_metering_spares_a_bright_window() -> None:
     image[:, :8] = 50.0
     shown = 50.0 * 2.0 ** meter(image)
     assert shown <= GREY * 2.0**5.0 * 1.001
+
+
+@pytest.mark.parametrize("exposure", [0.15, -1.0, 2.3])
+def test_the_radiance_of_a_colour_is_shown_as_it(exposure: float) -> None:
+    for color in ((0, 0, 0), (127, 127, 127), (255, 255, 255), (60, 120, 90), (10, 200, 30)):
+        radiance = np.full((1, 1, 3), radiance_shown_as(color, exposure), np.float32)
+        assert np.abs(tone_map(radiance, exposure)[0, 0].astype(int) - color).max() <= 1
+    red = tone_map(np.full((1, 1, 3), radiance_shown_as((255, 0, 0), exposure), np.float32), exposure)[0, 0]
+    assert red[0] > 250  # what no radiance shows, as nearly as it goes
+    assert red[0] > 1.5 * red[1:].max()

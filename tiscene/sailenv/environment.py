@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 import tiscene.scenario as native
 from tiscene.camera import Camera, Vector3
 from tiscene.errors import ArgumentError, ScenarioError, TisceneError
-from tiscene.render.view import View
+from tiscene.render.film import radiance_shown_as
+from tiscene.render.view import SKY, View
 from tiscene.sailenv import description, names, views
 from tiscene.sailenv.lights import Color8, Lights, clipped, linear
 from tiscene.sailenv.place import Place
@@ -118,8 +119,16 @@ class Environment:
             self._seen.clear()
         steps = self.clock - viewer.taken if viewer.taken >= 0 else 1
         camera = self._camera(viewer, self.clock)
-        ambient = self._ambient_radiance()
-        view = View(viewer.last_camera or camera, camera, camera, viewer.width, viewer.height, ambient)
+        background = SKY if viewer.background is None else radiance_shown_as(viewer.background, stream.exposure)
+        view = View(
+            viewer.last_camera or camera,
+            camera,
+            camera,
+            viewer.width,
+            viewer.height,
+            self._ambient_radiance(),
+            background,
+        )
         if camera != viewer.last_camera:
             viewer.still_since = self.clock
         buffers = self._buffers(stream, view, viewer, wanted)
