@@ -109,7 +109,7 @@ def _bath(room: Room) -> None:
     ):
         bottle = bathroom.bottle(f"Bottle{index + 1}", look, height)
         room.put("TableThings", bottle, (x, sill[0], sill[1] + 0.02 * (index % 2)), (0.0, 40.0 * index, 0.0))
-    room.put("Plants", plants.rubber_plant("Cutting", 0.46, 33, 0.52), (-0.06, sill[0], sill[1]))
+    room.put("Plants", plants.rubber_plant("Cutting", 0.46, 33, 0.40), (-0.06, sill[0], FAR - 0.045))
     room.put("TableThings", small.candle("Candle1", 0.09, 0.034), (-0.22, sill[0], sill[1] + 0.03))
 
 
@@ -168,7 +168,7 @@ def _light(room: Room) -> None:
 
 
 def _cameras(room: Room) -> None:
-    exposure = {"day": 2.2, "evening": 2.5, "night": 2.5}
+    exposure = {"day": 2.55, "evening": 2.7, "night": 2.6}
     room.camera("Main", (0.98, 1.42, 1.12), (-0.50, 0.80, -0.85), fov=62.0, exposure=exposure)
     room.camera("Agent", (1.22, 2.0, 1.05), turn=(-24.0, 42.0, 0.0), fov=60.0, exposure=exposure, focus=2.2)
     room.camera("Basin", (-1.15, 1.42, 0.35), (1.2, 1.10, -0.25), fov=50.0, exposure=exposure)
