@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Usd, UsdGeom
 
 from tiscene.usd.pose import read_pose
 from tiscene.usd.problems import Report
@@ -93,20 +93,3 @@ def start_time(prim: Usd.Prim, times: Sequence[float]) -> float:
     """The time code of frame 0: where the stage's range begins, else the first sample."""
     stage = prim.GetStage()
     return float(stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else times[0])
-
-
-def animated_inside(thing: Usd.Prim) -> list[Usd.Prim]:
-    """Prims below a thing that are drawn and whose own transform, visibility or points have time samples."""
-    return [
-        prim
-        for prim in Usd.PrimRange(thing)
-        if prim != thing and prim.IsA(UsdGeom.Imageable) and not prim.HasAPI(UsdLux.LightAPI) and _is_animated(prim)
-    ]
-
-
-def _is_animated(prim: Usd.Prim) -> bool:
-    operations = UsdGeom.Xformable(prim).GetOrderedXformOps() if prim.IsA(UsdGeom.Xformable) else []
-    attributes = [UsdGeom.Imageable(prim).GetVisibilityAttr(), *(op.GetAttr() for op in operations)]
-    if prim.IsA(UsdGeom.PointBased):
-        attributes.append(UsdGeom.PointBased(prim).GetPointsAttr())
-    return any(attribute.GetNumTimeSamples() > 1 for attribute in attributes)

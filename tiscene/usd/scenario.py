@@ -17,7 +17,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.camera import Camera
 from tiscene.usd import schema
-from tiscene.usd.animated import animated_inside, read_keyframes, read_life
+from tiscene.usd.animated import read_keyframes, read_life
 from tiscene.usd.animated_light import read_light_motion
 from tiscene.usd.camera import read_camera
 from tiscene.usd.dynamic import read_dynamic
@@ -118,7 +118,7 @@ class _ScenarioReader:
         return best[0] if best else None
 
     def _lights_of(self, prim: Usd.Prim, is_object: bool) -> list[dict[str, Any]]:
-        """Motions of a light, or of those inside a thing; what else is animated in there is reported."""
+        """Motions of a light, or of those inside a thing."""
         lights = []
         with self._report.guard(prim.GetPath()):
             inside = Usd.PrimRange(prim) if _is_thing(prim) and not is_object else [prim]
@@ -126,10 +126,6 @@ class _ScenarioReader:
                 motion = read_light_motion(each, self._units, self._report) if _is_lamp(each) else None
                 if motion is not None:
                     lights.append(motion)
-            if is_object or _is_thing(prim):
-                for each in animated_inside(prim):
-                    text = f"it is animated inside of <{prim.GetPath()}>, but stands still in there"
-                    self._report.omission(each.GetPath(), text)
         return lights
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
