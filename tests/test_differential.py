@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 import tiscene as ts
 from tests.render.test_replay import check_equal_means
 from tests.test_stream import moving_scenario
+from tiscene.differential import moving
 from tiscene.render.integrators.replay import ReplayPass
+from tiscene.scene.description import SphereLight
 
 SMALL = {"width": 32, "height": 24, "spp": 2, "max_depth": 3, "buffers": ("hdr",)}
 
@@ -91,3 +94,18 @@ def test_what_is_made_is_reported() -> None:
     assert said[-1][1] == 1.0
     stream[1]
     assert len(said) == 3
+
+
+def test_lamps_that_change_leave_no_base() -> None:
+    """A frame counts if its lights are those of frames 0 and 1, compared by value."""
+
+    def world(radiance: list[float]) -> SimpleNamespace:
+        lights = [[SphereLight("l", "/l", np.eye(4), (value, 1.0, 1.0), 0.1)] for value in radiance]
+        return SimpleNamespace(lights=lights.__getitem__, moving=lambda frame: np.array([False, frame != 4]))
+
+    steady, swinging, late = world([1.0] * 5), world([1.0, 2.0, 1.0]), world([1.0, 1.0, 1.0, 2.0])
+    assert moving(steady, 3).tolist() == [False, True]  # type: ignore[arg-type, union-attr]
+    assert moving(steady, 4) is None  # type: ignore[arg-type]
+    assert moving(swinging, 0) is moving(swinging, 2) is None  # type: ignore[arg-type]
+    assert moving(late, 2) is not None  # type: ignore[arg-type]
+    assert moving(late, 3) is None  # type: ignore[arg-type]
