@@ -30,6 +30,7 @@ class WorldObject:
     box: lowest and highest corner around the object in its own axes, m.
     first_frame, last_frame: its life span, both inclusive; None: no end.
     blocked: something has kept it from its way since the frame before.
+    parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
     """
 
     id: int
@@ -45,6 +46,7 @@ class WorldObject:
     first_frame: int
     last_frame: int | None
     blocked: bool = False
+    parts: tuple[str, ...] = ()
 
 
 class Inventory:
@@ -52,7 +54,7 @@ class Inventory:
 
     descriptions: the stage, then each template's, in the order of need; rows of meshes count on through them.
     categories: their names by id. templates: by name. stage_rows, object_rows: who is who, posed as placed.
-    columns: of all parts, the stage's first: the matrices of the stage's, and of all the mesh, ids and box.
+    columns: of all parts, the stage's first: the matrices of the stage's, and of all the mesh, ids, box and number.
     stage_owner: of every part of the stage, its thing's row.
     owner, matrix: of every part of an object, the object's row, and the part's place in the object's own axes.
     carried: the lights of the objects' templates.
@@ -121,6 +123,7 @@ class Inventory:
                     box=corners(box),
                     first_frame=0,
                     last_frame=None,
+                    parts=thing.parts,
                 )
             )
             parts.append(
@@ -130,6 +133,7 @@ class Inventory:
                     # Not axes @ own: the stage's matrices are kept to the bit.
                     np.array([self.stage.instances[row].world_from_object[:3] for row in group]).reshape(-1, 3, 4),
                     box_matrices(box, own),
+                    np.array([self.stage.instances[row].part for row in group], dtype=np.int32),
                 )
             )
         return rows, joined(parts)
@@ -170,12 +174,14 @@ class Inventory:
             box=corners(box),
             first_frame=each.first_frame,
             last_frame=each.last_frame,
+            parts=description.objects[0].parts if len(description.objects) == 1 else (),
         )
         parts = Parts(
             np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],
             np.full(len(meshes), number, dtype=np.int32),
             np.array([matrix[:3] for matrix in own]),
             box_matrices(box, own),
+            np.array([instance.part for instance in description.instances], dtype=np.int32),
         )
         return row, parts
 
@@ -191,8 +197,10 @@ class Inventory:
             self.descriptions.append(template.description)
         return template
 
-    def _columns(self, objects: Parts) -> tuple[Array, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Array]:
-        """What no frame changes: the stage's matrices, and of all parts the mesh, ids and box."""
+    def _columns(
+        self, objects: Parts
+    ) -> tuple[Array, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Array, NDArray[np.int32]]:
+        """What no frame changes: the stage's matrices, and of all parts the mesh, ids, box and number."""
         stage = self._stage_parts
         rows = [self.stage_rows[owner] for owner in stage.owner] + [self.object_rows[row] for row in objects.owner]
         return (
@@ -201,6 +209,7 @@ class Inventory:
             np.array([row.id for row in rows], dtype=np.int32),
             np.array([row.category_id for row in rows], dtype=np.int32),
             np.concatenate([stage.box_from_mesh, objects.box_from_mesh]),
+            np.concatenate([stage.number, objects.number]),
         )
 
 

@@ -124,7 +124,7 @@ class World:
         """
         frame = _frame_number(frame)
         inventory = self._inventory
-        still, mesh, instance_id, category_id, box = inventory.columns
+        still, mesh, instance_id, category_id, box, part = inventory.columns
         count = len(still)
         world = np.empty((3, len(mesh), 3, 4))
         present = np.ones((3, len(mesh)), dtype=np.bool_)
@@ -145,8 +145,9 @@ class World:
             for time, step in enumerate((-1, 0, 1)):
                 alive = [life.alive(max(frame + step, 0), known=frame) for life in self._lives]
                 present[time, count:] = np.array(alive)[inventory.owner]
+        lights = self._lights(frame)
         return Placement(
-            mesh.copy(), instance_id.copy(), category_id.copy(), world, box.copy(), present, self._lights(frame)
+            mesh.copy(), instance_id.copy(), category_id.copy(), world, box.copy(), present, lights, part.copy()
         )
 
     def lights(self, frame: int) -> list[Light]:

@@ -78,6 +78,7 @@ class _State:
     category_id = first_frame = 0
     last_frame = None
     blocked = False
+    parts = ()
     position = velocity = (0.0, 0.0, 0.0)
     rotation = (1.0, 0.0, 0.0, 0.0)
 

@@ -25,6 +25,7 @@ CHAIR = SimpleNamespace(
     first_frame=0,
     last_frame=None,
     blocked=False,
+    parts=(),
 )
 
 

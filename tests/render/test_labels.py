@@ -3,12 +3,14 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 
 from tests.render.label_scenes import Stage, Thing, crowd, mesh_of, plate, pose, still
+from tests.render.tracing import described, mesh, placed
 from tiscene.camera import Camera
 from tiscene.errors import BufferNotFound
 from tiscene.render.aovs import AOVS, LABELS
@@ -36,6 +38,20 @@ def test_every_label_has_its_type_shape_and_background() -> None:
         if aov.background is not None:
             np.testing.assert_array_equal(array, np.full_like(array, aov.background), name)
     assert not labels["forward_flow"].any()  # the camera rests
+
+
+def test_parts_count_on_from_that_of_their_instance() -> None:
+    corners = [[-9, -9, -3], [9, -9, -3], [9, 9, -3], [-9, 9, -3]]
+    in_two = replace(mesh(corners, [[0, 1, 2], [0, 2, 3]]), parts=np.array([0, 2], np.int32))
+    scene = DeviceScene()
+    scene.add(described(in_two, mesh(corners, [[0, 1, 2]])))
+    for row, first, values in ((0, 3, [4, 6]), (0, 0, [1, 3]), (1, 1, [0, 2])):
+        scene.place(replace(placed([row]), part=np.array([first], np.int32)))
+        part = LabelPass(scene).render(VIEW, ("part",))["part"]
+        assert part[-1, -1] == values[1 if row else 0]
+        assert part[0, 0] == values[0 if row else 1]
+    scene.place(placed([0]))
+    assert set(np.unique(LabelPass(scene).render(VIEW, ("part",))["part"])) == {1, 3}
 
 
 def test_an_empty_scene_is_all_background() -> None:

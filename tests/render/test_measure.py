@@ -33,6 +33,7 @@ class State:
     first_frame: int = 0
     last_frame: int | None = None
     blocked: bool = False
+    parts: tuple[str, ...] = ()
 
 
 def table(stage: Stage, view: View = VIEW) -> ObjectTable:

@@ -49,7 +49,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
         return Picture(depth_picture(buffer, low, high), f"{low:.2f} to {high:.2f} m")
     if name in ("forward_flow", "backward_flow"):
         return Picture(flow_picture(buffer, high), f"full colour at {high:.3g} px")
-    if name in ("instance", "semantic"):
+    if name in ("instance", "part", "semantic"):
         count = np.count_nonzero(np.unique(buffer))
         return Picture(id_picture(buffer), f"{count} id{'' if count == 1 else 's'}")
     if buffer.dtype == np.bool_:

@@ -56,6 +56,7 @@ AOVS: dict[str, AOV] = {
         AOV("metallic", "float32", 1, "", 0.0, "Metalness, 0..1, of the first surface that is not a mirror."),
         AOV("semantic", "uint16", 1, "id", 0, "Category id; `frame.categories` names them."),
         AOV("instance", "int32", 1, "id", 0, "Object id, stable for the whole stream and never reused."),
+        AOV("part", "int32", 1, "id", 0, "Part of the object, 1 and up; its row in `frame.objects` names them."),
         AOV("forward_flow", "float32", 2, "px", None, "Where the point will be at frame k+1, minus where it is."),
         AOV("backward_flow", "float32", 2, "px", None, "Where the point was at frame k-1, minus where it is."),
         AOV("forward_occlusion", "bool", 1, "", True, "True: the point is not visible at frame k+1."),

@@ -48,6 +48,8 @@ class ObjectState(Protocol):
     def last_frame(self) -> int | None: ...
     @property
     def blocked(self) -> bool: ...
+    @property
+    def parts(self) -> tuple[str, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,7 @@ class ObjectRow:
     prim_path: on the stage, "" for what was spawned. position: m, world. rotation: unit quaternion (w, x, y, z).
     velocity: m/s. first_frame, last_frame: its life, both inclusive; last_frame None: it has no end.
     blocked: something has kept it from its way since the frame before.
+    parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
     """
 
     id: int
@@ -108,6 +111,7 @@ class ObjectRow:
     first_frame: int
     last_frame: int | None
     blocked: bool
+    parts: tuple[str, ...]
     _measures: Measures = field(repr=False, compare=False)
     _row: int = field(repr=False, compare=False)
 
@@ -196,6 +200,7 @@ class ObjectTable(Sequence[ObjectRow]):
                 first_frame=state.first_frame,
                 last_frame=state.last_frame,
                 blocked=state.blocked,
+                parts=state.parts,
                 _measures=self._measures,  # type: ignore[arg-type]
                 _row=row,
             )

@@ -11,7 +11,7 @@ import taichi as ti
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
-INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS = 1, 2, 3, 4, 5
+INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART = 1, 2, 3, 4, 5, 6
 HAS_NORMALS, HAS_UV = 1, 2
 
 # How far a new ray starts from the surface it leaves, as a part of the largest coordinate: some 80 steps of a float.

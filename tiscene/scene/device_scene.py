@@ -34,8 +34,9 @@ class DeviceScene:
 
     vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
     triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
+    triangle_part: i32 [m], which part of its mesh.
     instance_info: i32 [i, 8], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
-    5 flags (HAS_NORMALS | HAS_UV | MIRRORED).
+    5 flags (HAS_NORMALS | HAS_UV | MIRRORED), 6 first part.
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
     descriptions: what was added, each with the row of its first mesh (host).
@@ -136,8 +137,8 @@ class DeviceScene:
                 f"but {len(self._meshes)} meshes were added"
             )
         if placement.lights is not None:
-            rows, lights = zip(*placement.lights, strict=True) if placement.lights else ((), ())
-            self.lights.place(lights, [self._first_textures[row] for row in rows])
+            descriptions, lights = zip(*placement.lights, strict=True) if placement.lights else ((), ())
+            self.lights.place(lights, [self._first_textures[row] for row in descriptions])
         inverse, determinant = _inverted(placement.world_from_object)
         self.placement = placement
         self._upload_instances(inverse, determinant)
@@ -175,6 +176,8 @@ class DeviceScene:
             _stacked([m.triangles + first for m, first in zip(meshes, first_vertices, strict=False)], 3, np.int32)
         )
         self.triangle_material = upload(np.concatenate([np.zeros(0, np.int32), *self._triangle_materials]))
+        parts = [np.zeros(len(m.triangles), np.int32) if m.parts is None else m.parts for m in meshes]
+        self.triangle_part = upload(np.concatenate([np.zeros(0, np.int32), *parts]))
         flags = [HAS_NORMALS * (mesh.normals is not None) + HAS_UV * (mesh.uv is not None) for mesh in meshes]
         entries = [blas.entry for blas in self._blas]
         self._mesh_table = np.array([entries, self._first_triangles[:-1], flags], np.int32).T.reshape(-1, 3)
@@ -190,6 +193,7 @@ class DeviceScene:
         info[:, 2] = placement.instance_id
         info[:, 3] = placement.category_id
         info[:, 4] = placement.mesh
+        info[:, 6] = 0 if placement.part is None else placement.part
         mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)
         if count != self.instance_count or self.instance_info is None:

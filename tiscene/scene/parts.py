@@ -20,24 +20,28 @@ class Parts:
     """Meshes of objects, one row each, object after object.
 
     mesh: int32 [p]. owner: int32 [p], row of the object. matrix: float64 [p, 3, 4], places the mesh.
-    box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole object.
+    box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole object. number: int32 [p], of the first of the
+    object's named parts that the mesh shows.
     """
 
     mesh: NDArray[np.int32]
     owner: NDArray[np.int32]
     matrix: Matrix
     box_from_mesh: Matrix
+    number: NDArray[np.int32]
 
 
 def joined(parts: Sequence[Parts]) -> Parts:
     """All parts in one table."""
-    nothing = Parts(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3, 4)), np.zeros((0, 3, 4)))
+    none = np.zeros(0, np.int32)
+    nothing = Parts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none)
     every = [nothing, *parts]
     return Parts(
         np.concatenate([each.mesh for each in every]),
         np.concatenate([each.owner for each in every]),
         np.concatenate([each.matrix for each in every]),
         np.concatenate([each.box_from_mesh for each in every]),
+        np.concatenate([each.number for each in every]),
     )
 
 

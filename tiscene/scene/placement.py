@@ -25,6 +25,7 @@ class Placement:
     present: bool [3, n], False where the instance does not exist (not yet spawned, despawned).
     lights: those that shine now, each after the row of the description, in the order of `DeviceScene.add`, whose
     textures it reads; None: all that were added, as they were.
+    part: int32 [n], the number of the first of its object's parts that the instance shows; None: 0 everywhere.
     """
 
     mesh: NDArray[np.int32]
@@ -34,3 +35,4 @@ class Placement:
     box_from_object: NDArray[np.float64]
     present: NDArray[np.bool_]
     lights: tuple[tuple[int, Light], ...] | None = None
+    part: NDArray[np.int32] | None = None

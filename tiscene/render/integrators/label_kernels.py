@@ -9,6 +9,7 @@ from tiscene.render.surface import (
     FLOATS_3D,
     INFO_CATEGORY_ID,
     INFO_INSTANCE_ID,
+    INFO_PART,
     INTS_1D,
     INTS_2D,
     Geometry,
@@ -35,6 +36,7 @@ SURFACE_BUFFERS = (
     "normal_camera",
     "semantic",
     "instance",
+    "part",
     "forward_flow",
     "backward_flow",
     "scene_flow",
@@ -42,7 +44,7 @@ SURFACE_BUFFERS = (
     "object_coordinates",
 )
 DEPTH, DISTANCE, POSITION_OF_POINT, NORMAL, GEOMETRIC_NORMAL, NORMAL_CAMERA = 0, 1, 2, 3, 4, 5
-SEMANTIC, INSTANCE, FORWARD_FLOW, BACKWARD_FLOW, SCENE_FLOW, UV, OBJECT_COORDINATES = 6, 7, 8, 9, 10, 11, 12
+SEMANTIC, INSTANCE, PART, FORWARD_FLOW, BACKWARD_FLOW, SCENE_FLOW, UV, OBJECT_COORDINATES = 6, 7, 8, 9, 10, 11, 12, 13
 
 # A point closer to a camera's plane than this, or behind it, is projected as if it were here: it has no place in that
 # picture, and so gets a finite flow that leads far out of it. m
@@ -134,6 +136,7 @@ def surface_labels(
     world_from_instance: FLOATS_3D,
     instance_from_world: FLOATS_3D,
     box_from_instance: FLOATS_2D,
+    triangle_part: INTS_1D,
     instance_motion: FLOATS_2D,
     camera_motion: FLOATS_2D,
     view: FLOATS_2D,
@@ -148,6 +151,7 @@ def surface_labels(
     normal_camera: FLOATS_3D,
     semantic: IDS,
     instance: INTS_2D,
+    part: INTS_2D,
     forward_flow: FLOATS_3D,
     backward_flow: FLOATS_3D,
     scene_flow: FLOATS_3D,
@@ -188,6 +192,8 @@ def surface_labels(
             semantic[y, x] = ti.cast(category, ti.u16)
         if wanted[INSTANCE]:
             instance[y, x] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
+        if wanted[PART]:
+            part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel, 1]] if row >= 0 else 0
         if wanted[FORWARD_FLOW]:
             after = seen_from(NEXT, row, object_point, towards, instance_motion, camera_motion)
             write2(forward_flow, y, x, from_principal_point(after, camera_motion[NEXT, FOCAL_LENGTH]) - here)

@@ -76,6 +76,7 @@ class LabelPass:
             rays.hit_ids,
             *geometry_of(self.scene),
             self.scene.box_from_instance,
+            self.scene.triangle_part,
             motion,
             cameras,
             view.array(),
