@@ -1,4 +1,4 @@
-"""A SceneDescription as a Mitsuba 3 scene: the same triangles, matte materials, lights and camera."""
+"""A SceneDescription as a Mitsuba 3 scene: the same triangles, simple materials, lights and camera."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tiscene.camera import Camera
 from tiscene.scene.description import (
+    CylinderLight,
     DiskLight,
     DistantLight,
     DomeLight,
@@ -18,6 +19,8 @@ from tiscene.scene.description import (
     RectLight,
     SceneDescription,
     SphereLight,
+    Texture,
+    TextureLookup,
 )
 
 
@@ -26,8 +29,8 @@ def scene(
 ) -> Any:
     """The scene for the `path` integrator. mi: the mitsuba module with its variant set. Russian roulette from depth 3.
 
-    Materials: the diffuse colour; glass where opacity is 0; a perfect mirror where metallic is 1; emission. Constant
-    inputs only.
+    Materials: the diffuse colour, of a texture too; glass where opacity is 0, partly there where it is less than 1; a
+    white metal where metallic is 1; emission.
     """
     parts: dict[str, Any] = {
         "type": "scene",
@@ -35,12 +38,12 @@ def scene(
         "sensor": _sensor(mi, camera, width, height, spp),
     }
     for light_row, light in enumerate(description.lights):
-        parts[f"light_{light_row}"] = _light(mi, light)
+        parts[f"light_{light_row}"] = _light(mi, light, description.textures)
     for row, material in enumerate(description.materials):
-        corners, normals = _triangles(description, row)
+        corners, normals, uv = _triangles(description, row)
         if len(corners):
-            bsdf = mi.load_dict(_bsdf(material))
-            parts[f"material_{row}"] = _mesh(mi, f"material_{row}", corners, normals, bsdf, material)
+            bsdf = mi.load_dict(_bsdf(mi, material, description.textures))
+            parts[f"material_{row}"] = _mesh(mi, f"material_{row}", corners, normals, uv, bsdf, material)
     return mi.load_dict(parts)
 
 
@@ -49,8 +52,14 @@ def _sensor(mi: Any, camera: Camera, width: int, height: int, spp: int) -> dict[
     # Mitsuba's camera looks along +z with +x to the left.
     matrix[:3, :3] = camera.axes() * (-1.0, 1.0, -1.0)
     matrix[:3, 3] = camera.position
-    return {
-        "type": "perspective",
+    lens: dict[str, Any] = {"type": "perspective"}
+    if camera.lens_radius > 0.0:
+        lens = {
+            "type": "thinlens",
+            "aperture_radius": camera.lens_radius,
+            "focus_distance": camera.focus_distance,
+        }
+    return lens | {
         "fov": math.degrees(camera.vertical_fov),
         "fov_axis": "y",
         "near_clip": 1e-3,
@@ -72,43 +81,81 @@ def _color(values: Any) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(value) for value in values]}
 
 
-def _bsdf(material: Material) -> dict[str, Any]:
+def _image(mi: Any, texture: Texture, *, mirrored: bool = False) -> dict[str, Any]:
+    """Of a float image, whose first row is at v = 0 there. mirrored: from right to left."""
+    pixels = np.ascontiguousarray(texture.pixels[:, ::-1, :3] if mirrored else texture.pixels[..., :3])
+    return {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": True, "wrap_mode": "clamp"}
+
+
+def _bsdf(mi: Any, material: Material, textures: tuple[Texture, ...] = ()) -> dict[str, Any]:
+    alpha = float(material.roughness) ** 2  # type: ignore[arg-type]
+    rough = {"distribution": "ggx", "alpha": alpha} if alpha > 0.0 else {}
+    prefix = "rough" if rough else ""
     if material.opacity == 0.0:
-        return {"type": "dielectric", "int_ior": material.ior, "ext_ior": 1.0}
+        return {"type": f"{prefix}dielectric", "int_ior": material.ior, "ext_ior": 1.0, **rough}
     if material.metallic == 1.0:
-        return {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}}
-    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": _color(material.diffuse_color)}}
+        bsdf: dict[str, Any] = {"type": f"{prefix}conductor", "material": "none", **rough}
+    else:
+        color = material.diffuse_color
+        painted = isinstance(color, TextureLookup)
+        reflectance = _image(mi, textures[color.texture]) if painted else _color(color)  # type: ignore[union-attr]
+        bsdf = {"type": "diffuse", "reflectance": reflectance}
+    bsdf = {"type": "twosided", "bsdf": bsdf}
+    return bsdf if material.opacity == 1.0 else {"type": "mask", "opacity": material.opacity, "bsdf": bsdf}
 
 
-def _light(mi: Any, light: Light) -> dict[str, Any]:
+def _light(mi: Any, light: Light, textures: tuple[Texture, ...] = ()) -> dict[str, Any]:
     def placed(*scale: float) -> Any:
         # Mitsuba's rectangle and disk emit towards +z.
         return mi.ScalarTransform4f(light.world_from_light @ np.diag([scale[0], -scale[1], -1.0, 1.0]))
 
+    place = light.world_from_light[:3, 3]
+    black = _bsdf(mi, _BLACK)
     if isinstance(light, DistantLight):
         direction = -light.world_from_light[:3, 2]
         return {"type": "directional", "direction": direction.tolist(), "irradiance": _color(light.irradiance)}
     if isinstance(light, DomeLight):
-        return {"type": "constant", "radiance": _color(light.radiance)}
-    area = {"type": "area", "radiance": _color(light.radiance)}  # type: ignore[attr-defined]
+        if light.texture is None:
+            return {"type": "constant", "radiance": _color(light.radiance)}
+        pixels = textures[light.texture].pixels[..., :3].astype(np.float32) * np.asarray(light.radiance, np.float32)
+        return {
+            "type": "envmap",
+            "bitmap": mi.Bitmap(np.ascontiguousarray(pixels)),
+            "to_world": mi.ScalarTransform4f(light.world_from_light),
+        }
+    if isinstance(light, SphereLight) and light.radius == 0.0:
+        return {"type": "point", "position": place.tolist(), "intensity": _color(light.radiance)}
+    area: dict[str, Any] = {"type": "area", "radiance": _color(light.radiance)}  # type: ignore[attr-defined]
     if isinstance(light, RectLight):
+        if light.texture is not None:
+            image = textures[light.texture]
+            pixels = image.pixels.astype(np.float32) * np.asarray([*light.radiance, 1.0], np.float32)
+            scaled = Texture(image.name, pixels, encoding="raw")
+            area["radiance"] = _image(mi, scaled, mirrored=True)
         transform = placed(0.5 * light.width, 0.5 * light.height)
-        return {"type": "rectangle", "to_world": transform, "emitter": area, "bsdf": _bsdf(_BLACK)}
+        return {"type": "rectangle", "to_world": transform, "emitter": area, "bsdf": black}
     if isinstance(light, DiskLight):
-        return {"type": "disk", "to_world": placed(light.radius, light.radius), "emitter": area, "bsdf": _bsdf(_BLACK)}
+        return {"type": "disk", "to_world": placed(light.radius, light.radius), "emitter": area, "bsdf": black}
     if isinstance(light, SphereLight):
-        centre = light.world_from_light[:3, 3].tolist()
-        return {"type": "sphere", "center": centre, "radius": light.radius, "emitter": area, "bsdf": _bsdf(_BLACK)}
+        return {"type": "sphere", "center": place.tolist(), "radius": light.radius, "emitter": area, "bsdf": black}
+    if isinstance(light, CylinderLight):
+        half = 0.5 * light.length * light.world_from_light[:3, 0]
+        ends = {"p0": (place - half).tolist(), "p1": (place + half).tolist()}
+        return {"type": "cylinder", **ends, "radius": light.radius, "emitter": area, "bsdf": black}
     raise TypeError(type(light).__name__)
 
 
 _BLACK = Material("black", diffuse_color=(0.0, 0.0, 0.0))
 
 
-def _triangles(description: SceneDescription, material: int) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """World-space corners [n, 3, 3] of the triangles of one material, and their normals if every mesh has some."""
-    corners, normals = [np.zeros((0, 3, 3))], [np.zeros((0, 3, 3))]
-    smooth = True
+Corners = NDArray[np.float64]
+
+
+def _triangles(description: SceneDescription, material: int) -> tuple[Corners, Corners | None, Corners | None]:
+    """World-space corners [n, 3, 3] of the triangles of one material, and their normals and texture coordinates
+    [n, 3, 2] if every mesh has some."""
+    corners, normals, uv = [np.zeros((0, 3, 3))], [np.zeros((0, 3, 3))], [np.zeros((0, 3, 2))]
+    smooth = mapped = True
     for instance in description.instances:
         mesh = description.meshes[instance.mesh]
         chosen = mesh.triangles[mesh.materials == material]
@@ -119,12 +166,17 @@ def _triangles(description: SceneDescription, material: int) -> tuple[NDArray[np
         if mesh.normals is None:
             smooth = False
         elif smooth:
-            normals.append((mesh.normals @ np.linalg.inv(matrix[:3, :3]))[chosen])
-    return np.concatenate(corners), np.concatenate(normals) if smooth else None
+            there = mesh.normals @ np.linalg.inv(matrix[:3, :3])
+            normals.append((there / np.linalg.norm(there, axis=1, keepdims=True))[chosen])
+        if mesh.uv is None:
+            mapped = False
+        elif mapped:
+            uv.append(mesh.uv[chosen])
+    return np.concatenate(corners), np.concatenate(normals) if smooth else None, np.concatenate(uv) if mapped else None
 
 
 def _mesh(
-    mi: Any, name: str, corners: NDArray[np.float64], normals: NDArray[np.float64] | None, bsdf: Any, material: Material
+    mi: Any, name: str, corners: Corners, normals: Corners | None, uv: Corners | None, bsdf: Any, material: Material
 ) -> Any:
     properties = mi.Properties()
     properties["mesh_bsdf"] = bsdf
@@ -133,11 +185,14 @@ def _mesh(
     if material.emissive_color != (0.0, 0.0, 0.0):
         properties["mesh_emitter"] = mi.load_dict({"type": "area", "radiance": _color(material.emissive_color)})
     count = len(corners)
-    mesh = mi.Mesh(name, 3 * count, count, properties, has_vertex_normals=normals is not None)
+    kinds = {"has_vertex_normals": normals is not None, "has_vertex_texcoords": uv is not None}
+    mesh = mi.Mesh(name, 3 * count, count, properties, **kinds)
     values = mi.traverse(mesh)
     values["vertex_positions"] = corners.astype(np.float32).ravel()
     values["faces"] = np.arange(3 * count, dtype=np.uint32)
     if normals is not None:
         values["vertex_normals"] = normals.astype(np.float32).ravel()
+    if uv is not None:
+        values["vertex_texcoords"] = ((0.0, 1.0) + uv * (1.0, -1.0)).astype(np.float32).ravel()
     values.update()
     return mesh

@@ -1,0 +1,154 @@
+"""Small scenes that both tiscene and Mitsuba can render, each about one thing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tests.render.path_scenes import ball, box, described, matte, quad, towards
+from tiscene.camera import Camera
+from tiscene.scene.description import (
+    CylinderLight,
+    DiskLight,
+    DistantLight,
+    DomeLight,
+    Instance,
+    Light,
+    Material,
+    Mesh,
+    RectLight,
+    SceneDescription,
+    SphereLight,
+    Texture,
+    TextureLookup,
+)
+
+CAMERA = Camera.look_at((0.0, 0.4, 3.6), (0.0, 0.0, 0.0), vertical_fov=np.radians(38.0))
+DOWN = (0.0, -1.0, 0.0)
+GREY = [(0.6, 0.3, 0.2), (0.2, 0.4, 0.6), (0.7, 0.7, 0.7)]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A scene, what looks at it, and how long its paths are.
+
+    margin: how far the two may differ by design, as a part: of what they do not model alike. edges: how many pixels may
+    differ more: at silhouettes, where samples are not normally distributed, and where we turn the interpolated normals
+    of a rough mirror towards the eye, which leaves them black in Mitsuba.
+    """
+
+    description: SceneDescription
+    camera: Camera = CAMERA
+    depth: int = 4
+    margin: float = 0.0
+    edges: int = 2
+
+
+def room(*lights: Light, textures: tuple[Texture, ...] = ()) -> SceneDescription:
+    """Walls in three colours and two blocks, under some lights."""
+    meshes, materials = box(GREY)
+    return described(meshes, materials, list(lights), list(textures))
+
+
+def pedestal(material: Material, *lights: Light) -> SceneDescription:
+    """A ball of a material above a grey floor, before a wall."""
+    floor = quad((-3.0, -0.8, 3.0), (3.0, -0.8, 3.0), (3.0, -0.8, -3.0), (-3.0, -0.8, -3.0))
+    wall = quad((-3.0, -0.8, -1.5), (3.0, -0.8, -1.5), (3.0, 3.0, -1.5), (-3.0, 3.0, -1.5), material=1)
+    materials = [matte("floor", (0.5, 0.5, 0.5)), matte("wall", (0.6, 0.3, 0.2)), material]
+    return described([floor, wall, ball((0.0, -0.1, 0.0), 0.7, 2, 5)], materials, list(lights))
+
+
+PANEL = RectLight("panel", "/panel", towards((0.5, 2.5, 1.5), (-0.2, -1.0, -0.6)), (6.0, 5.0, 4.0), 1.5, 1.2)
+ABOVE = towards((0.1, 0.7, 0.3), DOWN)
+# Flat lights hang so high that nothing sees their backs: rays pass through those of ours.
+CEILING = towards((0.1, 0.995, 0.3), DOWN)
+BRIGHT = (8.0, 6.0, 4.0)
+
+
+def sky_image() -> Texture:
+    """Soft, and brighter to one side and above."""
+    v, u = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(128) + 0.5) / 128, indexing="ij")
+    pixels = np.ones((64, 128, 4), np.float32)
+    pixels[..., 0] = 0.6 + 0.5 * np.cos(2.0 * np.pi * u) * np.sin(np.pi * v)
+    pixels[..., 1] = 0.5 + 0.3 * np.cos(np.pi * v)
+    pixels[..., 2] = 0.7 + 0.3 * np.sin(2.0 * np.pi * u) * np.sin(np.pi * v)
+    return Texture("sky", pixels, encoding="raw")
+
+
+def patches(size: int = 8) -> Texture:
+    """Pixels of random colours."""
+    pixels = np.random.default_rng(4).random((size, size, 4)).astype(np.float32)
+    return Texture("patches", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
+
+
+def textured() -> SceneDescription:
+    floor = quad((-1.5, -0.8, 1.5), (1.5, -0.8, 1.5), (1.5, -0.8, -1.5), (-1.5, -0.8, -1.5))
+    wall = quad((-1.5, -0.8, -1.0), (1.5, -0.8, -1.0), (1.5, 1.2, -1.0), (-1.5, 1.2, -1.0))
+    return described([floor, wall], [matte("painted", TextureLookup(0))], [PANEL], [patches()])
+
+
+def instances() -> SceneDescription:
+    """One mesh in six places: turned, stretched, mirrored."""
+    scene = pedestal(matte("balls", (0.3, 0.6, 0.3)), PANEL)
+    small = ball((0.0, 0.0, 0.0), 0.3, 2, 3)
+    placed = []
+    for k in range(6):
+        matrix = np.eye(4)
+        matrix[:3, :3] = np.diag([1.0 + 0.2 * k, 0.6, -1.0 if k % 2 else 0.7])
+        turn = 0.7 * k
+        matrix[:3, :3] = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]] @ matrix[:3, :3]
+        matrix[:3, 3] = (-1.0 + 0.4 * k, -0.3 + 0.1 * k, -0.2 * (k % 3))
+        placed.append(Instance(2, 2, matrix))
+    meshes: tuple[Mesh, ...] = (*scene.meshes[:2], small)
+    return replace(scene, meshes=meshes, instances=(*scene.instances[:2], *placed))
+
+
+def curtain() -> SceneDescription:
+    """Something that is only partly there, before the light and before the camera."""
+    scene = pedestal(matte("ball", (0.3, 0.6, 0.3)), PANEL)
+    veil = quad((-0.9, -0.6, 0.9), (0.2, -0.6, 0.9), (0.2, 0.9, 0.9), (-0.9, 0.9, 0.9), material=3)
+    lace = matte("lace", (0.6, 0.6, 0.2), opacity=0.4, opacity_mode="presence")
+    meshes = [*scene.meshes, veil]
+    return described(meshes, [*scene.materials, lace], list(scene.lights))
+
+
+def metal(roughness: float) -> Material:
+    return Material("metal", diffuse_color=(1.0, 1.0, 1.0), metallic=1.0, roughness=roughness)
+
+
+def glass(roughness: float) -> Material:
+    return Material("glass", opacity=0.0, roughness=roughness, ior=1.5)
+
+
+LENS = replace(CAMERA, lens_radius=0.08, focus_distance=3.0)
+
+STAGES: dict[str, Callable[[], Stage]] = {
+    "rect": lambda: Stage(room(RectLight("l", "/l", CEILING, BRIGHT, 0.6, 0.4))),
+    "disk": lambda: Stage(room(DiskLight("l", "/l", CEILING, BRIGHT, 0.3))),
+    "sphere": lambda: Stage(room(SphereLight("l", "/l", ABOVE, BRIGHT, 0.15))),
+    "cylinder": lambda: Stage(room(CylinderLight("l", "/l", ABOVE, BRIGHT, 0.06, 0.9))),
+    "point": lambda: Stage(room(SphereLight("l", "/l", ABOVE, (1.0, 0.8, 0.6), 0.0))),
+    "sun": lambda: Stage(room(DistantLight("l", "/l", towards((0, 0, 0), (0.4, -0.5, -1.0)), (3.0, 2.0, 1.0)))),
+    "dome": lambda: Stage(room(DomeLight("l", "/l", np.eye(4), (0.6, 0.8, 1.0)))),
+    # Mitsuba counts pixels of the sky from their edges, and we from their centres.
+    "environment": lambda: Stage(
+        room(DomeLight("l", "/l", towards((0, 0, 0), (1.0, 0.2, -1.0)), (1.0, 1.0, 1.0), 0), textures=(sky_image(),)),
+        margin=0.015,
+    ),
+    "textured lamp": lambda: Stage(
+        room(RectLight("l", "/l", CEILING, BRIGHT, 1.0, 0.8, 0), textures=(patches(),)), margin=0.005
+    ),
+    "glow": lambda: Stage(
+        pedestal(matte("glow", (0.2, 0.2, 0.2), emissive_color=(2.0, 3.0, 1.0)), PANEL),
+    ),
+    "texture": lambda: Stage(textured(), margin=0.005),
+    "mirror": lambda: Stage(pedestal(metal(0.0), PANEL)),
+    # Mitsuba does not give back what rough microfacets lose: here a percent, and three at grazing angles.
+    "rough metal": lambda: Stage(pedestal(metal(0.25), PANEL), margin=0.03, edges=8),
+    "glass": lambda: Stage(pedestal(glass(0.0), PANEL), depth=10),
+    "rough glass": lambda: Stage(pedestal(glass(0.3), PANEL), depth=10, margin=0.03),
+    "partly there": lambda: Stage(curtain(), depth=12, margin=0.002),
+    "instances": lambda: Stage(instances()),
+    "depth of field": lambda: Stage(instances(), camera=LENS),
+}
+FAST = ("cylinder", "texture", "depth of field")
