@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import tiscene
 from tests.usd.helpers import QUAD, STAGES, problems_of, read, read_with_warning, write
-from tiscene.errors import UnknownName
+from tiscene.errors import StageError, UnknownName
 from tiscene.usd import read_stage, read_template
 
 
@@ -384,3 +385,24 @@ def test_rigid_bodies_are_movable(tmp_path):
     assert [thing.movable for thing in read(tmp_path, body).objects] == [True, False, False]
     off = body.replace('def Cube "Drawn"', 'bool physics:rigidBodyEnabled = 0\ndef Cube "Drawn"')
     assert not read(tmp_path, off).objects[0].movable
+
+
+def test_a_stream_reads_the_taxonomy_that_it_is_asked_for(tmp_path):
+    path = write(tmp_path, TWO_TAXONOMIES)
+    default, chosen = (tiscene.Stream(path, taxonomy=taxonomy) for taxonomy in (None, "wikidata"))
+    assert set(default.categories.values()) == {"", "bed", "furniture"}
+    assert set(chosen.categories.values()) == {"", "Q42177"}
+    assert chosen.settings()["taxonomy"] == "wikidata"
+    assert chosen.state_dict() != default.state_dict()
+    with pytest.raises(UnknownName, match="no taxonomy 'x'"):
+        tiscene.Stream(path, taxonomy="x")
+
+
+def test_a_stream_of_a_stage_that_is_not_trusted(tmp_path):
+    path = write(tmp_path, TWO_TAXONOMIES)
+    assert tiscene.Stream(path, untrusted=True).categories == tiscene.Stream(path).categories
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(StageError, match="is outside"):
+        tiscene.Stream(path, root=tmp_path / "empty")
+    with pytest.raises(StageError, match="is outside"):
+        tiscene.Stream(path, root=tmp_path / "empty", untrusted=True)
