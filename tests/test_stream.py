@@ -11,6 +11,7 @@ import pytest
 import tiscene as ts
 from tiscene.errors import ArgumentError, BufferNotFound, CameraNotFound, MissingFile, SceneNotFound, TemplateNotFound
 from tiscene.render.aovs import AOVS
+from tiscene.render.view import View
 
 SETTINGS = {
     "width": 32,
@@ -179,3 +180,12 @@ def test_an_edited_stream_replays_exactly(tmp_path):
     assert stream.state_dict()["settings"] == replay.settings()
     with pytest.raises(ArgumentError, match="another stream"):
         stream.load_state_dict(before)
+
+
+def test_many_sizes_are_rendered_and_few_are_kept():
+    stream = ts.Stream("object_view", buffers=("instance",), width=8, height=8)
+    camera = stream[0].camera.camera
+    for width in (8, 9, 10, 11, 12, 13, 8):
+        frame = stream.look(0, View(camera, camera, camera, width, 8), ("instance",))
+        assert frame.instance.shape == (8, width)
+    assert list(stream._renderers) == [(11, 8), (12, 8), (13, 8), (8, 8)]

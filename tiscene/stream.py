@@ -35,6 +35,7 @@ from tiscene.world import World
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 MAX_SIZE = 16384
+MAX_RENDERERS = 4  # sizes of pictures whose arrays are kept
 
 
 class Stream(Iterator[Frame]):
@@ -307,12 +308,15 @@ class Stream(Iterator[Frame]):
         return replace(first, others=tuple(others)) if others else first
 
     def _renderer(self, view: View) -> Renderer:
+        """One for each size; of those that were not used for longest nothing is kept."""
         size = view.width, view.height
-        if size not in self._renderers:
-            self._renderers[size] = Renderer(
-                self._scene, *size, self.quality, cache_bytes=self._cache_bytes, report=self._report
-            )
-        return self._renderers[size]
+        renderer = self._renderers.pop(size, None) or Renderer(
+            self._scene, *size, self.quality, cache_bytes=self._cache_bytes, report=self._report
+        )
+        self._renderers[size] = renderer
+        if len(self._renderers) > MAX_RENDERERS:
+            del self._renderers[next(iter(self._renderers))]
+        return renderer
 
     def relight(self, row: int, light: Light) -> None:
         """Put another light of the same kind in the place of the stage's in that row, for all frames from now on.

@@ -1,4 +1,4 @@
-"""Intel Open Image Denoise, through pyoidn: loaded at the first use, one device and one filter per size kept.
+"""Intel Open Image Denoise, through pyoidn: loaded at the first use, one device and a filter for each of the last sizes kept.
 
 Its result has the same bytes for the same input on one machine; other processors may round otherwise.
 """
@@ -14,6 +14,7 @@ from tiscene.errors import ArgumentError, DeviceError
 
 FloatImage = NDArray[np.float32]
 QUALITIES = ("fast", "balanced", "high")
+MAX_KEPT = 4  # filters, each with its images
 
 
 class _Denoiser:
@@ -64,9 +65,11 @@ def denoise(
         raise ArgumentError(f"images of shapes {hdr.shape}, {albedo.shape} and {normal.shape}: all must be (h, w, 3)")
     height, width, _ = hdr.shape
     key = (height, width, quality, clean)
-    if key not in _denoisers:
-        _denoisers[key] = _Denoiser(_the_device(), height, width, quality, clean)
-    return _denoisers[key](hdr, albedo, normal)
+    filter = _denoisers.pop(key, None) or _Denoiser(_the_device(), height, width, quality, clean)
+    _denoisers[key] = filter
+    if len(_denoisers) > MAX_KEPT:
+        del _denoisers[next(iter(_denoisers))]  # not used for longest
+    return filter(hdr, albedo, normal)
 
 
 def _the_device() -> Any:
