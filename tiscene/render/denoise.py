@@ -1,4 +1,4 @@
-"""Intel Open Image Denoise, through pyoidn: loaded at the first use, one device and a filter for each of the last sizes kept.
+"""Intel Open Image Denoise, through pyoidn: loaded at the first use; one device, and filters for the last few sizes.
 
 Its result has the same bytes for the same input on one machine; other processors may round otherwise.
 """
