@@ -43,7 +43,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
 def test_random_damage(tmp_path, suffix, count):
     rng = random.Random(count)
     sources = []
-    for name in ("instances", "scatter", "subsets", "creases"):
+    for name in ("instances", "scatter", "subsets", "creases", "skinned"):
         path = tmp_path / f"{name}.{suffix}"
         Usd.Stage.Open(str(STAGES / f"{name}.usda")).Export(str(path))
         sources.append(path.read_bytes())

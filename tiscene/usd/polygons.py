@@ -47,6 +47,8 @@ def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, 
         return result
     p = points[indices[starts[:, None] + np.arange(size)]].astype(np.float64)
     p -= p[:, :1]
+    if size == 4:
+        return np.asarray((result + _cut_elsewhere(p)[:, None, None]) % 4)
     turn_on, turn_back = np.arange(1, size + 1) % size, np.arange(-1, size - 1)
     after = p[:, turn_on]
     normal = cross(p, after).sum(axis=1)  # Newell's: twice the area vector, whatever the shape
@@ -54,8 +56,6 @@ def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, 
     turn = np.einsum("fvk,fk->fv", cross(into, out), normal)
     area_squared = np.einsum("fk,fk->f", normal, normal)
     reflex = turn < -1e-9 * area_squared[:, None]
-    if size == 4:  # a reflex corner is where its quadrilateral must be cut
-        return np.asarray((result + np.argmax(reflex, axis=1)[:, None, None]) % 4)
     along = np.einsum("fvk,fvk->fv", into, out)
     angle = np.arctan2(turn, along * np.sqrt(area_squared)[:, None]).sum(axis=1)
     concave = np.flatnonzero(reflex.any(axis=1) | (angle > 3.0 * np.pi))  # 4 pi: convex at each corner, yet a star
@@ -63,6 +63,13 @@ def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, 
         result = result.copy()
         result[concave] = ear_clip(_flatten(p[concave], normal[concave]))
     return result
+
+
+def _cut_elsewhere(p: Points) -> NDArray[np.bool_]:
+    """Whether quadrilaterals [f, 4, 3], their first corners at 0, must be cut between their second and fourth corner:
+    cut between the others, the halves would face apart."""
+    first, second = cross(p[:, 1], p[:, 2]), cross(p[:, 2], p[:, 3])
+    return np.asarray(np.einsum("fk,fk->f", first, second) < 0.0)
 
 
 def _flatten(p: Points, normal: Points) -> Points:
