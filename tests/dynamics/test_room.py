@@ -3,6 +3,7 @@
 Embree, over the true triangles of both sides, says whether an edge of one goes through a face of the other.
 """
 
+import functools
 import time
 from pathlib import Path
 
@@ -53,7 +54,6 @@ class Arena:
         self.stage = read_stage(catalog.find_scene("room_02"))
         self.whole = merged(self.stage)
         self.rays = RayMeshIntersector(self.whole, scale_to_box=False)
-        self.ends = [self.whole.vertices[self.whole.edges_unique[:, side]] for side in (0, 1)]
         self.meshes = [merged(read_template(catalog.find_template(name)).description) for name in TEMPLATES]
         shapes = [cover(mesh.triangles) for mesh in self.meshes]
         trees = MeshTrees.built(self.stage.meshes)
@@ -83,6 +83,11 @@ class Arena:
             movers.append(Mover(Body(dynamic, tuple(start.tolist()), name=f"m{row}"), shapes[row % len(TEMPLATES)]))
         self.simulation = SteppedSimulation(movers, fps=FPS, obstacles=lambda _frame: self.tree)
         self.movers = [RayMeshIntersector(mesh, scale_to_box=False) for mesh in self.meshes]
+
+    @functools.cached_property
+    def ends(self) -> list[np.ndarray]:
+        """Of the edges of the room."""
+        return [self.whole.vertices[self.whole.edges_unique[:, side]] for side in (0, 1)]
 
     def distances(self, points: np.ndarray, limit: float) -> np.ndarray:
         table = np.zeros((len(points), 4), np.float32)

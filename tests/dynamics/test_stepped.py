@@ -147,6 +147,20 @@ def test_any_order_of_asking_gives_the_same_bits(crowd, monkeypatch):
     assert simulation.frame(100).contacts == again.frame(100).contacts
 
 
+def test_seeking_costs_the_frames_since_the_last_checkpoint(monkeypatch):
+    simulation = SteppedSimulation([bouncer()], fps=25, obstacles=obstacles(ROOM))
+    simulation.frame(200)
+    stepped = []
+    advance = SteppedSimulation._advance
+    monkeypatch.setattr(
+        SteppedSimulation, "_advance", lambda self, device, frame: stepped.append(frame) or advance(self, device, frame)
+    )
+    for number in (100, 37, 150):
+        stepped.clear()
+        simulation.frame(number)
+        assert stepped == list(range(number - 1 - (number - 1) % module.CHECKPOINT, number))
+
+
 def test_far_away_bodies_change_nothing():
     """One more room, far away, with a faster body in it, before or after the first."""
     far = box((4.0, 3.0, 4.0), (20.0, 0.0, 0.0))
