@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from tiscene.usd.primvar import Topology, read_primvar
+from tiscene.usd.primvar import Topology, elements_of, read_primvar
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import sum_rows
 
@@ -37,8 +37,11 @@ def constant_primvar(
     return tuple(round(v, 7) for v in values.mean(axis=0).tolist())
 
 
-def varying_display(gprim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report: Report) -> Floats | None:
+def varying_display(gprim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Floats | None:
     """Colour and opacity [elements, 4] of each face, point or curve; None if they are the same everywhere."""
+    if not any(_varies(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):
+        return None
+    topology = elements_of(gprim, time)
     parts = [_of_elements(gprim, name, len(default), topology, time, report) for name, default in _DEFAULTS.items()]
     if all(part is None for part in parts):
         return None
@@ -49,13 +52,15 @@ def varying_display(gprim: Usd.Prim, topology: Topology, time: Usd.TimeCode, rep
     return np.concatenate(columns, axis=1)
 
 
+def _varies(primvar: UsdGeom.Primvar) -> bool:
+    return bool(primvar) and primvar.HasValue() and primvar.GetInterpolation() != UsdGeom.Tokens.constant
+
+
 def _of_elements(
     gprim: Usd.Prim, name: str, width: int, topology: Topology, time: Usd.TimeCode, report: Report
 ) -> Floats | None:
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
-    if not primvar or not primvar.HasValue() or primvar.GetInterpolation() == UsdGeom.Tokens.constant:
-        return None
-    if len(topology.counts) == 0:
+    if not _varies(primvar) or len(topology.counts) == 0:
         return None
     read = read_primvar(primvar, width, topology, time, report)
     if read is None or not len(read.values):

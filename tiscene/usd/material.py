@@ -13,7 +13,6 @@ from pxr import Sdf, Usd, UsdShade
 from tiscene.scene.description import Color, ColorInput, FloatInput, Material, TextureLookup
 from tiscene.usd.display_color import constant_primvar, quantized, varying_display
 from tiscene.usd.network import Connection, Source, connections_of, shader_id
-from tiscene.usd.primvar import Topology
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import Affine, TextureTable
 
@@ -77,9 +76,9 @@ class MaterialTable:
         lit = replace(self.materials[bound.row], emissive_color=emissive)
         return self._row(("emitter", bound, mode, radiance), lit, bound.uv)
 
-    def by_element(self, gprim: Usd.Prim, topology: Topology) -> list[tuple[Binding, NDArray[np.int64]]]:
+    def by_element(self, gprim: Usd.Prim) -> list[tuple[Binding, NDArray[np.int64]]]:
         """Materials for the elements of a gprim whose displayColor or displayOpacity varies; none if neither does."""
-        values = varying_display(gprim, topology, self._time, self._report)
+        values = varying_display(gprim, self._time, self._report)
         if values is None:
             return []
         colors, groups = quantized(values)

@@ -17,7 +17,7 @@ from tiscene.usd.gprim import read_gprim
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh import face_count, read_mesh
 from tiscene.usd.polygons import cross
-from tiscene.usd.primvar import array_of, elements_of
+from tiscene.usd.primvar import array_of
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import Surface
 
@@ -114,7 +114,7 @@ class MeshTable:
         """The faces that have a material of their own: by displayColor, or the subsets of the family materialBind."""
         found: list[tuple[Binding, NDArray[np.int64]]] = []
         if whole.is_display_color:
-            found += self._materials.by_element(prim, elements_of(prim, self._time))
+            found += self._materials.by_element(prim)
         if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
             return found
         faces = face_count(prim, self._time)
