@@ -1,4 +1,4 @@
-"""`python -m usd_scenes.gallery [NAME ...] [--spp N]`: takes the pictures of docs/gallery.md.
+"""`python -m usd_scenes.gallery [NAME ...] [--spp N]`: takes the pictures of docs/gallery.md and writes it.
 
 NAME: the beginning of a picture's name, such as "room_01" or "room_01_Main_night", or "table" for the table of labels
 in docs/scenes.md; default everything. Slow: minutes for a picture on two cores.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -68,6 +69,48 @@ PICTURES = [
 ]
 
 
+TITLES = {"room_01": "a bedroom", "room_02": "a living room", "room_03": "a bathroom"}
+INTRODUCTION = """# Gallery
+
+Written by `python -m usd_scenes.gallery`: path traced at 960 × 720, denoised. This is what a colour camera sees, as
+`Stream(..., quality="photo")` gives it; nothing is retouched. All geometry, cloth and textures are made by the code in
+`usd_scenes/author`.
+"""
+END = """
+## Templates
+
+![All templates](images/templates.jpg)
+
+Their names, sizes and colours are on [a page of their own](templates.md).
+"""
+
+
+def page() -> str:
+    """docs/gallery.md, with the pictures that there are."""
+    blocks = [INTRODUCTION]
+    for scene, title in TITLES.items():
+        rows = [[Picture(scene, camera, {"lighting": each}) for each in LIGHTING] for camera in PLACES[scene]]
+        blocks.append(f"\n## {scene}: {title}\n\n" + _table(LIGHTING, rows))
+    first = Picture("room_01", "SAILenv", {"lighting": LIGHTING[0]})
+    others = [Picture("room_01", "SAILenv", {"appearance": each}) for each in APPEARANCES[1:]]
+    text = "\n## One view in three appearances\n\nThe same places, things and labels.\n\n"
+    blocks.append(text + _table(APPEARANCES, [[first, *others]]))
+    solids = Picture("solid_benchmark", "Main", {"lighting": LIGHTING[0]})
+    blocks.append(f"\n## solid_benchmark: a plain room of solids\n\n{_shown(solids)}\n" + END)
+    return "".join(blocks)
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[Picture]]) -> str:
+    lines = [columns, ["---"] * len(columns), *([_shown(picture) for picture in row] for row in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _shown(picture: Picture) -> str:
+    file = IMAGES / f"{picture.name}.jpg"
+    caption = f"{picture.scene}, {picture.camera}, {', '.join(picture.choices.values())}"
+    return f"![{caption}]({file.relative_to(DOCS)})" if file.exists() else "not taken yet"
+
+
 def save(path: Path, rgb: np.ndarray) -> None:
     """uint8 [h, w, 3] as JPEG."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -111,6 +154,7 @@ def main() -> None:
         for picture in chosen:
             picture.take(arguments.spp)
             step()
+    (DOCS / "gallery.md").write_text(page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -245,17 +245,17 @@ def _light(room: Room) -> None:
         {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.60, 0.32), "night": (0.45, 0.62, 1.0)},
         {"day": 0.8, "evening": 1.2, "night": 0.8},
     )
-    room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, {"day": 16.0, "evening": 60.0, "night": 60.0})
+    room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, {"day": 16.0, "evening": 60.0, "night": 80.0})
     room.bulb(
-        "PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, {"day": 14.0, "evening": 50.0, "night": 60.0}
+        "PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, {"day": 14.0, "evening": 50.0, "night": 110.0}
     )
-    room.bulb("SideLampLight", SIDE_LAMP, 0.03, {"day": 0.0, "evening": 40.0, "night": 40.0})
+    room.bulb("SideLampLight", SIDE_LAMP, 0.03, {"day": 0.0, "evening": 40.0, "night": 60.0})
     room.glow("LampShade", {"day": 1.0, "evening": 2.6, "night": 2.6})
     room.glow("BedsideShade", {"day": 0.0, "evening": 0.9, "night": 0.9})
 
 
 def _exposure(day: float) -> dict[str, float]:
-    return {"day": day, "evening": day + 0.7, "night": day + 0.8}
+    return {"day": day, "evening": day + 0.7, "night": day + 1.5}
 
 
 def _cameras(room: Room) -> None:

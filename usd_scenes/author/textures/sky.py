@@ -53,7 +53,9 @@ def dusk(width: int, height: int, seed: int, sun: Array) -> Array:
     clouds = spectral((height, width), seed, (0.03, 0.09), slope=1.5)
     veil = smoothstep(0.2, 1.8, clouds) * smoothstep(0.02, 0.2, up) * smoothstep(0.8, 0.3, up)
     sky = mix(sky, np.array((0.95, 0.50, 0.36)) * (0.35 + 0.9 * near), 0.6 * veil)
-    lawn = np.broadcast_to((0.030, 0.038, 0.022), d.shape)
+    distance = smoothstep(-0.5, -0.02, elevation)
+    lawn = mix(np.broadcast_to((0.010, 0.013, 0.008), d.shape), (0.026, 0.027, 0.024), distance)
+    lawn = lawn * np.exp(0.25 * spectral((height, width), seed + 1, (0.02, 0.05), slope=1.0))[..., None]
     view = np.where((elevation < 0.0)[..., None], lawn, sky)
     view = _trees(view, elevation, seed + 10, 0.16, 0.040, (0.055, 0.055, 0.055), haze=0.25)
     return _trees(view, elevation, seed + 20, 0.085, 0.045, (0.018, 0.022, 0.014), haze=0.0)

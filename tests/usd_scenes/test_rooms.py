@@ -1,0 +1,179 @@
+"""The rooms: sizes, free air, published cameras, and variants that change the light and the looks but nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade
+
+import usd_scenes
+from usd_scenes import gallery
+from usd_scenes.author.room import ELEMENTARY, LIGHTING
+from usd_scenes.author.templates import APPEARANCES
+
+PACKAGE = Path(usd_scenes.__file__).parent
+ROOTS = {"object_view": "ObjectView", **gallery.ROOTS}
+ROOMS = {"room_01": (4.5, 4.0), "room_02": (8.0, 7.0), "room_03": (3.0, 2.5)}  # m, along x and z
+AIR = {  # least and greatest corner of what must stay free
+    "room_01": ((-1.4, 0.70, -0.9), (0.25, 2.3, 1.1)),
+    "room_02": ((-2.6, 0.80, -4.6), (0.4, 2.4, -1.2)),
+    "room_03": ((-0.65, 0.60, -0.3), (0.6, 2.2, 0.9)),
+}
+
+
+def open_scene(name: str, **choices: str) -> Usd.Stage:
+    root = Sdf.Layer.CreateAnonymous(".usda")
+    root.subLayerPaths.append(str(PACKAGE / name / "scene.usda"))
+    stage = Usd.Stage.Open(root)
+    prim = stage.GetPrimAtPath(f"/{ROOTS[name]}")
+    for variant_set, choice in choices.items():
+        prim.GetVariantSets().SetSelection(variant_set, choice)
+    assert not stage.GetCompositionErrors()
+    return stage
+
+
+def prims(stage: Usd.Stage) -> list[Usd.Prim]:
+    return list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+
+
+def labelled(stage: Usd.Stage) -> dict[str, str]:
+    every = {str(p.GetPath()): UsdSemantics.LabelsAPI(p, "class").GetLabelsAttr() for p in prims(stage)[1:]}
+    return {path: attribute.Get()[0] for path, attribute in every.items() if attribute and attribute.Get()}
+
+
+def boxes(stage: Usd.Stage) -> dict[str, Gf.Range3d]:
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
+    return {path: cache.ComputeWorldBound(stage.GetPrimAtPath(path)).ComputeAlignedRange() for path in labelled(stage)}
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_room_has_the_size_it_says_and_many_categories(name: str) -> None:
+    stage = open_scene(name)
+    size = boxes(stage)[f"/{ROOTS[name]}/Building/Floor"].GetSize()
+    np.testing.assert_allclose((size[0], size[2]), ROOMS[name], atol=0.02)
+    assert len(set(labelled(stage).values())) >= 25
+    distinct: dict[int, int] = {}
+    for prim in prims(stage):
+        if prim.IsA(UsdGeom.Mesh):
+            mesh = UsdGeom.Mesh(prim)
+            shape = hash(np.asarray(mesh.GetPointsAttr().Get()).tobytes())
+            distinct[shape] = int((np.asarray(mesh.GetFaceVertexCountsAttr().Get()) - 2).sum())
+    assert sum(distinct.values()) < 800_000
+
+
+@pytest.mark.parametrize("name", AIR)
+def test_the_middle_of_a_room_is_free_to_fly_through(name: str) -> None:
+    stage = open_scene(name)
+    air = Gf.Range3d(*(Gf.Vec3d(*corner) for corner in AIR[name]))
+    for path, box in boxes(stage).items():
+        overlap = Gf.Range3d.GetIntersection(air, box)
+        if not overlap.IsEmpty() and min(overlap.GetSize()) > 0.0:
+            assert path.startswith(f"/{ROOTS[name]}/Building/"), path
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_things_stand_on_something(name: str) -> None:
+    """Nothing is below the floor or beyond the walls, whatever it rests on."""
+    low, high = boxes(open_scene(name))[f"/{ROOTS[name]}/Building/Floor"].GetMin(), (9.0, 9.0, 9.0)
+    for path, box in boxes(open_scene(name)).items():
+        if "/Building/" not in path:
+            assert box.GetMin()[1] > -0.003, path
+            assert box.GetMin()[0] > low[0] - 0.4, path
+            assert box.GetMax()[1] < high[1], path
+
+
+@pytest.mark.parametrize(
+    ("name", "camera", "position", "pitch", "yaw"),
+    [("room_02", "SAILenv", (-1.5, 2.0, 0.5), 18.0, -12.0), ("room_01", "SAILenv", (-1.3, 2.0, 1.5), 22.0, 144.0)],
+)
+def test_the_cameras_of_published_scripts_are_there(
+    name: str, camera: str, position: tuple[float, float, float], pitch: float, yaw: float
+) -> None:
+    """Positions and angles are Unity's: z forward, pitch down, yaw to the right."""
+    stage = open_scene(name)
+    frame = UsdGeom.Camera(stage.GetPrimAtPath(f"/{ROOTS[name]}/Cameras/{camera}")).GetCamera(0)
+    x, y, z = position
+    np.testing.assert_allclose(frame.frustum.position, (x, y, -z), atol=1e-9)
+    down, right = np.radians(pitch), np.radians(yaw)
+    forward = (np.sin(right) * np.cos(down), -np.sin(down), -np.cos(right) * np.cos(down))
+    np.testing.assert_allclose(frame.frustum.ComputeViewDirection(), forward, atol=1e-6)
+    vertical = 2.0 * np.degrees(np.arctan(frame.verticalAperture / 2.0 / frame.focalLength))
+    assert vertical == pytest.approx(60.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ROOTS)
+def test_every_scene_has_an_agents_camera_and_a_light_that_is_no_dome(name: str) -> None:
+    stage = open_scene(name)
+    assert stage.GetPrimAtPath(f"/{ROOTS[name]}/Cameras/Agent").IsA(UsdGeom.Camera)
+    assert any(prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdLux.DomeLight) for prim in prims(stage))
+
+
+@pytest.mark.parametrize("name", ROOTS)
+def test_lighting_changes_lights_and_exposure_alone(name: str) -> None:
+    powers = []
+    things = []
+    for lighting in LIGHTING:
+        stage = open_scene(name, lighting=lighting)
+        lights = [prim for prim in prims(stage) if prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdLux.PortalLight)]
+        values = [
+            (UsdLux.LightAPI(p).GetIntensityAttr().Get(), *UsdLux.LightAPI(p).GetColorAttr().Get()) for p in lights
+        ]
+        powers.append(values)
+        things.append(boxes(stage))
+        cameras = [UsdGeom.Camera(prim) for prim in prims(stage) if prim.IsA(UsdGeom.Camera)]
+        assert all(camera.GetExposureAttr().HasAuthoredValue() for camera in cameras)
+    assert powers[0] != powers[1] != powers[2] != powers[0]
+    assert things[0] == things[1] == things[2]
+    stage = open_scene(name)
+    default = [prim for prim in prims(stage) if prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdLux.PortalLight)]
+    assert UsdLux.LightAPI(default[0]).GetIntensityAttr().Get() == powers[0][0][0]
+
+
+@pytest.mark.parametrize("name", gallery.ROOTS)
+def test_appearances_keep_labels_and_layout(name: str) -> None:
+    plain = open_scene(name)
+    reference = boxes(plain)
+    for appearance in APPEARANCES[1:]:
+        stage = open_scene(name, appearance=appearance)
+        assert labelled(stage) == labelled(plain)
+        for path, box in boxes(stage).items():
+            # A primitive may stand out from what it stands for: a leaning pillow, the leaves of a plant.
+            np.testing.assert_allclose(box.GetMidpoint(), reference[path].GetMidpoint(), atol=0.15, err_msg=path)
+        for prim in prims(stage):
+            if prim.IsA(UsdGeom.Gprim):
+                material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+                surface, _, _ = material.ComputeSurfaceSource()
+                assert surface.GetPrim().GetName() == "Plain", prim.GetPath()
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_elementary_rooms_are_of_primitives(name: str) -> None:
+    stage = open_scene(name, appearance="primitives")
+    labels = labelled(stage)
+    for prim in prims(stage):
+        if prim.IsA(UsdGeom.Mesh):
+            owner = next(str(p) for p in prim.GetPath().GetAncestorsRange() if str(p) in labels)
+            ellipsoid = prim.GetName().startswith("Ellipsoid")  # there is no gprim for one
+            assert labels[owner] in ELEMENTARY or ellipsoid, prim.GetPath()
+
+
+def test_the_table_of_labels_is_up_to_date() -> None:
+    (table,) = gallery.TABLE.findall((gallery.DOCS / "scenes.md").read_text(encoding="utf-8"))
+    assert table == gallery.table(), "run `python -m usd_scenes.gallery table`"
+
+
+def test_the_gallery_is_up_to_date() -> None:
+    assert (gallery.DOCS / "gallery.md").read_text(encoding="utf-8") == gallery.page()
+    known = {f"{picture.name}.jpg" for picture in gallery.PICTURES}
+    files = {path.name: path.stat().st_size for path in gallery.IMAGES.iterdir()}
+    assert set(files) <= known
+    assert sum(files.values()) < 12e6
+    places = {(picture.scene, picture.camera) for picture in gallery.PICTURES}
+    for scene, cameras in gallery.PLACES.items():
+        assert len(cameras) == 3
+        assert places >= {(scene, camera) for camera in cameras}
+        stage = open_scene(scene)
+        for camera in cameras:
+            assert stage.GetPrimAtPath(f"/{ROOTS[scene]}/Cameras/{camera}")
