@@ -4,10 +4,25 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene.render.lights.choice import EVEN_PART, FEW, chance_of, choose
+from tiscene.render.lights.choice import EVEN_PART, chance_of, choose
 from tiscene.render.lights.light_sample import Lights
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
-from tiscene.scene.light_table import DISTANT, DOME, KIND, RECT, SPHERE, LightTable
+from tiscene.scene.light_table import (
+    DISTANT,
+    DOME,
+    FEW,
+    G_COUNT,
+    G_FIRST,
+    G_STRENGTH,
+    GROUP,
+    GROUP_COLUMNS,
+    GROUP_COUNT,
+    KIND,
+    RECT,
+    SPHERE,
+    STRENGTH,
+    LightTable,
+)
 from tiscene.scene.texture_atlas import TextureAtlas
 
 VALUES = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -45,9 +60,11 @@ def chances_at(lights, point):
     table.append(lights, 0)
     values, distribution, total, solid = table.arrays(TextureAtlas(), radius=5.0)
     chances, counts, mismatch = (np.zeros(size, np.float32) for size in (total, total, 1))
-    choices(values, distribution, total, solid, *point, chances, counts, mismatch, 10_000)
+    samples = 10_000 if total <= FEW else 200_000
+    choices(values, distribution, total, solid, *point, chances, counts, mismatch, samples)
     assert chances.sum() == pytest.approx(1.0, abs=1e-5)
-    assert counts == pytest.approx(chances, abs=2e-4)
+    # One number serves for every step of the choice: what is left of it after many is as good as random.
+    assert counts == pytest.approx(chances, abs=2e-4 if total <= FEW else 2e-3)
     assert mismatch[0] < 1e-6
     return values.to_numpy()[:total, KIND].astype(int), chances
 
@@ -91,7 +108,34 @@ def test_a_sun_counts_where_it_shines_through_a_portal():
     assert outside[0] == pytest.approx(0.9 * 50.0 / (50.0 + np.pi) + 0.05, rel=1e-3)
 
 
-def test_many_lamps_are_chosen_by_power():
-    lamps = [lamp(x, 0.0, 0.0, (1.0 + x,) * 3) for x in range(FEW + 1)]
-    _, chances = chances_at(lamps, (0.0, 0.5, 0.0))
-    assert (np.diff(chances) > 0.0).all()
+def many_lamps(count):
+    random = np.random.default_rng(2)
+    return [lamp(*random.uniform(-5.0, 5.0, 3), (float(random.uniform(0.1, 2.0)),) * 3) for _ in range(count)]
+
+
+@pytest.mark.parametrize("count", [FEW + 1, 60, 200])
+def test_of_many_lamps_the_near_and_bright_ones(count):
+    lamps = [*many_lamps(count), DistantLight("sun", "/sun", np.eye(4), (0.01, 0.01, 0.01), 0.01)]
+    point = np.array([1.0, 2.0, -3.0])
+    _, chances = chances_at(lamps, tuple(point))
+    assert (chances >= EVEN_PART / len(lamps) * 0.999).all()
+    gives = [each.radiance[0] / ((each.world_from_light[:3, 3] - point) ** 2).sum() for each in lamps[:-1]]
+    ideal = np.array([*gives, 0.01 / (np.pi * 0.1**2)])
+    ideal /= ideal.sum()
+    # The mean square of what a light gives over its chance; 1 for chances by what each gives.
+    evenly = (ideal**2 * len(lamps)).sum()
+    assert (ideal**2 / chances).sum() < min(2.2, 0.5 * evenly)
+
+
+def test_groups_hold_every_light_once():
+    table = LightTable()
+    table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
+    values, distribution, total, _ = table.arrays(TextureAtlas(), radius=5.0)
+    values, distribution = values.to_numpy(), distribution.to_numpy()
+    groups = distribution[: int(values[0, GROUP_COUNT]) * GROUP_COLUMNS].reshape(-1, GROUP_COLUMNS)
+    assert 6 <= len(groups) <= 17
+    rows = [distribution[int(g[G_FIRST]) : int(g[G_FIRST] + g[G_COUNT])].astype(int) for g in groups]
+    assert sorted(np.concatenate(rows)) == list(range(total))
+    for number, members in enumerate(rows):
+        assert (values[members, GROUP] == number).all()
+    assert groups[:, G_STRENGTH].sum() == pytest.approx(values[:total, STRENGTH].sum(), rel=1e-5)

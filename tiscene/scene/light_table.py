@@ -36,6 +36,7 @@ LAST_SOLID = CYLINDER
 # STRENGTH, by luminance: W/sr along the axis of what has a place, W/m² of a distant light, W/m²/sr of a dome.
 # SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its cone's angle; CONE_EDGE: the angles at which the soft edge
 # begins and ends, and the cosine where it begins; FOCUS_TINT, PROFILE as TEXTURE.
+# GROUP: which group of lights it is in; GROUPS, GROUP_COUNT: where those begin in `distribution`, and how many.
 # ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its light off anything.
 COLUMNS = 44
 KIND, TRANSFORM, RADIANCE, SIZE, CHANCE, CUMULATIVE, TEXTURE, DISTRIBUTION, GRID = 0, 1, 13, 16, 18, 19, 20, 21, 22
@@ -43,6 +44,13 @@ PORTALS, PORTAL_COUNT, SUN_PART, STRENGTH = 24, 25, 26, 27
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = (
     28, 29, 30, 33, 34, 37, 38, 39, 40
 )  # fmt: skip
+GROUP, GROUPS, GROUP_COUNT = 41, 42, 43
+# A group in `distribution`: how many lights, the sum of their STRENGTH, the middle of them, their mean squared
+# distance from it (-1: they are looked at one by one, as light from infinity is); where the list of rows begins.
+GROUP_COLUMNS = 7
+G_COUNT, G_STRENGTH, G_MIDDLE, G_SIZE2, G_FIRST = 0, 1, 2, 5, 6
+
+FEW = 16  # lights are looked at one by one
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _LARGEST_GRID = (512, 1024)
@@ -136,6 +144,34 @@ def _shaping_columns(shaping: Shaping, first_texture: int) -> list[float]:
     cosines = (-2.0, -2.0) if whole else (math.cos(outer), math.cos(inner))
     profile = -1 if shaping.profile is None else first_texture + shaping.profile
     return [1.0, cosines[0], inner, outer, cosines[1], shaping.focus, *shaping.focus_tint, profile]
+
+
+def grouped(values: NDArray[np.float32], count: int, offset: int) -> NDArray[np.float32]:
+    """The groups of the first `count` rows, to be read from `offset` of `distribution`: one if they are FEW, else about
+    as many as each has lights, by halving the longest side of their box. Notes in the rows which group they are in."""
+    placed = np.flatnonzero((values[:count, KIND] < DISTANT) & (count > FEW))
+    positions = values[:, TRANSFORM + 3 : TRANSFORM + 12 : 4]
+    groups = [np.setdiff1d(np.arange(count), placed)]
+    waiting = [placed]
+    while waiting:
+        rows = waiting.pop()
+        if len(rows) ** 2 <= len(placed) or len(rows) == 1:
+            groups.append(rows)
+            continue
+        longest = int(np.argmax(np.ptp(positions[rows], axis=0)))
+        rows = rows[np.argsort(positions[rows, longest], kind="stable")]
+        waiting += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
+    groups = [rows for rows in groups if len(rows)]
+    table = np.zeros((len(groups), GROUP_COLUMNS), np.float32)
+    first = offset + table.size
+    for number, rows in enumerate(groups):
+        middle = positions[rows].mean(axis=0)
+        size2 = float(positions[rows].var(axis=0).sum()) if rows[0] in placed else -1.0
+        table[number] = len(rows), values[rows, STRENGTH].sum(), *middle, size2, first
+        first += len(rows)
+        values[rows, GROUP] = number
+    values[:count, GROUPS], values[:count, GROUP_COUNT] = offset, len(groups)
+    return np.concatenate([table.ravel(), *groups, np.zeros(1)]).astype(np.float32)
 
 
 class LightTable:
@@ -272,5 +308,6 @@ class LightTable:
                         used += len(distribution)
             values[row, STRENGTH] = strength
             values[row, RADIANCE : RADIANCE + 3] = color
-        self._distribution = upload(np.concatenate([np.zeros(1, np.float32), *distributions])[1:])
+        distributions.append(grouped(values, len(order), used))
+        self._distribution = upload(np.concatenate(distributions))
         self._built = values, power, power_per_area
