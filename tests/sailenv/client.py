@@ -16,7 +16,7 @@ ALL = MAIN | CATEGORY | OBJECT | FLOW | DEPTH
 class Client:
     """One connection. send: how bytes leave, so that a test can break them up."""
 
-    def __init__(self, address, width=32, height=24, compress=False, send=None, timeout=60.0):
+    def __init__(self, address, width=32, height=24, compress=False, send=None, timeout=300.0):
         self.socket = socket.create_connection(address, timeout=timeout)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.send = send or type(self.socket).sendall

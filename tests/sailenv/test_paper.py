@@ -69,7 +69,7 @@ def racket():
 def test_the_paper(make_agent, tmp_path, example):
     position, rotation, scenario = example()
     agent = make_agent(quality="preview")
-    with served(tmp_path, "object_view", "--spp", "1") as server, Client(server.address, 64, 48, timeout=300.0) as c:
+    with served(tmp_path, "object_view", "--spp", "1") as server, Client(server.address, 64, 48, timeout=600.0) as c:
         agent.set_position(position), c.set_position(position)
         agent.set_rotation(rotation), c.set_rotation(rotation)
         ids = [id for id, _ in agent.load_scenario(scenario)]
