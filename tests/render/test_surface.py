@@ -10,6 +10,7 @@ from tiscene.render.surface import (
     INTS_1D,
     INTS_2D,
     Geometry,
+    VisibleSurface,
     geometry_of,
     offset_origin,
     surface_at,
@@ -19,7 +20,7 @@ from tiscene.scene.description import Mesh
 from tiscene.scene.placement import CURRENT, NEXT
 
 POSITION, OBJECT_POINT, FLAT, NORMAL, DP_DU, DP_DV, UV = (slice(3 * i, 3 * i + 3) for i in range(7))
-FRONT = 20
+FRONT, REACH = 20, 21
 
 
 @ti.kernel
@@ -62,16 +63,18 @@ def describe(
         result[18] = s.uv.x
         result[19] = s.uv.y
         result[20] = ti.cast(s.front, ti.f32)
+        result[21] = s.reach
 
 
 @ti.kernel
-def offset(point: FLOATS_1D, normal: FLOATS_1D, direction: FLOATS_1D, result: FLOATS_1D):
+def offset(point: FLOATS_1D, normal: FLOATS_1D, reach: ti.f32, direction: FLOATS_1D, result: FLOATS_1D):
     for _ in range(1):
-        moved = offset_origin(
-            vec3(point[0], point[1], point[2]),
-            vec3(normal[0], normal[1], normal[2]),
-            vec3(direction[0], direction[1], direction[2]),
+        here = VisibleSurface(
+            position=vec3(point[0], point[1], point[2]),
+            geometric_normal=vec3(normal[0], normal[1], normal[2]),
+            reach=reach,
         )
+        moved = offset_origin(here, vec3(direction[0], direction[1], direction[2]))
         for c in ti.static(range(3)):
             result[c] = moved[c]
 
@@ -79,7 +82,7 @@ def offset(point: FLOATS_1D, normal: FLOATS_1D, direction: FLOATS_1D, result: FL
 def surface(
     stage: Stage, b1: float, b2: float, direction: tuple[float, float, float], time: int = CURRENT
 ) -> np.ndarray:
-    result = np.zeros(21, np.float32)
+    result = np.zeros(22, np.float32)
     describe(*geometry_of(stage.scene), time, b1, b2, np.array(direction, np.float32), result)
     return result
 
@@ -149,8 +152,16 @@ def test_rays_start_off_the_surface_on_the_side_they_leave_to(scale: float) -> N
     point, normal = np.array([0.3, -1.0, 0.2], np.float32) * scale, np.array([0, 0, 1], np.float32)
     for direction, sign in (((0.5, 0, 0.5), 1), ((0.5, 0, -0.5), -1)):
         result = np.zeros(3, np.float32)
-        offset(point, normal, np.array(direction, np.float32), result)
+        offset(point, normal, float(np.abs(point).max()), np.array(direction, np.float32), result)
         moved = result - point
         assert sign * moved[2] > 4 * np.spacing(np.float32(scale))
         assert abs(moved[2]) < 1e-4 * max(scale, 1.0)
         assert moved[0] == moved[1] == 0.0
+
+
+def test_rounding_is_reckoned_from_the_largest_coordinate_that_a_point_comes_from() -> None:
+    stage = sheared()
+    moved = surface(stage, 0.25, 0.25, (0, 0, -1))
+    corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]]) @ np.asarray(stage.things[0].poses[CURRENT])[:3, :3].T
+    sides = np.abs(corners[1:] - corners[0]).max()
+    assert moved[REACH] == pytest.approx(max(sides, np.abs(moved[POSITION]).max()), rel=1e-5)

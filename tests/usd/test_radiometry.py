@@ -20,7 +20,7 @@ def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"])
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]
-    point3f[] points = [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)]
+    point3f[] points = [(-1000, 0, 1000), (1000, 0, 1000), (1000, 0, -1000), (-1000, 0, -1000)]
     rel material:binding = </Grey>
 }
 def Material "Grey"

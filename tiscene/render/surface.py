@@ -14,7 +14,7 @@ vec3 = ti.math.vec3
 INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART = 1, 2, 3, 4, 5, 6
 HAS_NORMALS, HAS_UV = 1, 2
 
-# How far a new ray starts from the surface it leaves, as a part of the largest coordinate: some 80 steps of a float.
+# How far a new ray starts from the surface it leaves, as a part of the surface's `reach`: some 80 steps of a float.
 _OFFSET = 1e-5
 
 FLOATS_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -54,6 +54,7 @@ class VisibleSurface:
     uv: vec2  # 0 where the mesh has none
     dp_du: vec3  # change of the position with u, and with v; not unit, and not of one length
     dp_dv: vec3
+    reach: ti.f32  # the largest coordinate that the position was computed from: what its rounding errors grow with
     material: ti.i32
     front: ti.i32  # 1: the ray came from the side that the triangle's vertices are counter-clockwise on
 
@@ -168,24 +169,28 @@ def surface_at(
         dp_du = (duv2.y * e1 - duv1.y * e2) / determinant
         dp_dv = (duv1.x * e2 - duv2.x * e1) / determinant
 
+    position = transform_point(geometry.world_from_instance, time, instance, object_point)
+    side1 = transform_vector(geometry.world_from_instance, time, instance, e1)
+    side2 = transform_vector(geometry.world_from_instance, time, instance, e2)
+    sides = ti.max(ti.abs(side1), ti.abs(side2))
     return VisibleSurface(
-        position=transform_point(geometry.world_from_instance, time, instance, object_point),
+        position=position,
         object_point=object_point,
         geometric_normal=geometric_normal,
         normal=normal,
         uv=uv,
         dp_du=transform_vector(geometry.world_from_instance, time, instance, dp_du),
         dp_dv=transform_vector(geometry.world_from_instance, time, instance, dp_dv),
+        reach=ti.max(ti.abs(position), sides).max(),
         material=geometry.triangle_material[triangle],
         front=front,
     )
 
 
 @ti.func
-def offset_origin(position: vec3, geometric_normal: vec3, direction: vec3) -> vec3:
+def offset_origin(surface: ti.template(), direction: vec3) -> vec3:
     """Where a ray that leaves a surface in that direction starts, so that it does not meet the surface again."""
-    largest = ti.max(ti.abs(position.x), ti.abs(position.y), ti.abs(position.z), 0.1)
     side = 1.0
-    if geometric_normal.dot(direction) < 0.0:
+    if surface.geometric_normal.dot(direction) < 0.0:
         side = -1.0
-    return position + geometric_normal * (side * _OFFSET * largest)
+    return surface.position + surface.geometric_normal * (side * _OFFSET * ti.max(surface.reach, 0.1))

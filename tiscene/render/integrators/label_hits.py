@@ -113,7 +113,7 @@ def pass_absent(
             surface = surface_at(geometry, row, hit_ids[ray, 1], hits[ray, 1], hits[ray, 2], time, direction)
             point = material_at(materials, textures, surface.material, surface.uv)
             if point.flags & COVERAGE and point.opacity < PRESENT_FROM:
-                origin = offset_origin(surface.position, surface.geometric_normal, direction)
+                origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):
                     rays[ray, c] = origin[c]
                 rays[ray, TRAVELLED] += step

@@ -132,7 +132,7 @@ def material_labels(
                     n = surface.geometric_normal
                     reflected = direction - 2.0 * direction.dot(n) * n
                 reflected = reflected.normalized()
-                origin = offset_origin(surface.position, surface.geometric_normal, reflected)
+                origin = offset_origin(surface, reflected)
                 write_ray(rays, ray, origin, reflected, ti.math.inf)
                 mirrored[ti.atomic_add(mirrored_count[0], 1)] = ray
         if not mirror:

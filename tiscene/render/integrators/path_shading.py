@@ -241,13 +241,7 @@ def shade(
                 light_choice = first_two(choice_key, shuffled_index(choice_key, sample), bits)
             if (point.flags & COVERAGE) != 0 and light_choice.y >= point.opacity:
                 goes_on = True
-                write_ray(
-                    rays,
-                    i,
-                    offset_origin(surface.position, surface.geometric_normal, direction),
-                    direction,
-                    ti.math.inf,
-                )
+                write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
             else:
                 if point.flags & EMITS:
                     seen = point.emissive_color
@@ -286,7 +280,7 @@ def shade(
                             radiance += direct
                         elif direct.max() > 0.0:
                             towards = light_sample.direction
-                            start = offset_origin(surface.position, surface.geometric_normal, towards)
+                            start = offset_origin(surface, towards)
                             reach = light_sample.distance * (1.0 - LIGHT_FRONT)
                             blocking = -1
                             if light_solid > 1 or light_row >= light_solid:  # else there is only this one
@@ -313,7 +307,7 @@ def shade(
                             spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
                             state[i, SPREAD] = ti.max(state[i, SPREAD], spread)
                             write3(state, i, ORIGIN, surface.position)
-                            start = offset_origin(surface.position, surface.geometric_normal, scattering.direction)
+                            start = offset_origin(surface, scattering.direction)
                             write_ray(rays, i, start, scattering.direction, ti.math.inf)
         if seen.max() > 0.0:
             radiance += throughput * seen

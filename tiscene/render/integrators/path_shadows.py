@@ -87,7 +87,7 @@ def pass_shadows(
                         path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)
                     )
                     if uniform(combine(key, ti.cast((first + i) % spp, ti.u32))) >= point.opacity:
-                        start = offset_origin(surface.position, surface.geometric_normal, direction)
+                        start = offset_origin(surface, direction)
                         travelled = (start - row3(shadow_rays, i)).dot(direction)
                         through = t_max > travelled
                         write_ray(shadow_rays, i, start, direction, t_max - travelled)
