@@ -33,23 +33,34 @@ def enter_box(nodes: ti.template(), node: ti.i32, at: ti.template(), origin, inv
 @ti.func
 def hit_triangle(rows: ti.template(), at: ti.i32, o, k, sheared):
     """Distance (infinity for a miss) and barycentrics b1, b2; operation for operation what wide.hit_pack does."""
+    ax = rows[at, k[0]] - o.x
+    ay = rows[at, k[1]] - o.y
     az = rows[at, k[2]] - o.z
     bz = rows[at, 4 + k[2]] - o.z
     cz = rows[at, 8 + k[2]] - o.z
-    ax = rows[at, k[0]] - o.x - sheared.x * az
-    ay = rows[at, k[1]] - o.y - sheared.y * az
-    bx = rows[at, 4 + k[0]] - o.x - sheared.x * bz
-    by = rows[at, 4 + k[1]] - o.y - sheared.y * bz
-    cx = rows[at, 8 + k[0]] - o.x - sheared.x * cz
-    cy = rows[at, 8 + k[1]] - o.y - sheared.y * cz
-    u = cx * by - cy * bx
-    v = ax * cy - ay * cx
-    w = bx * ay - by * ax
-    scale = 1.0 / (u + v + w)
-    t = (u * az + v * bz + w * cz) * sheared.z * scale
+    ex = ax - sheared.x * az
+    ey = ay - sheared.y * az
+    fx = rows[at, 4 + k[0]] - o.x - sheared.x * bz
+    fy = rows[at, 4 + k[1]] - o.y - sheared.y * bz
+    gx = rows[at, 8 + k[0]] - o.x - sheared.x * cz
+    gy = rows[at, 8 + k[1]] - o.y - sheared.y * cz
+    u = gx * fy - gy * fx
+    v = ex * gy - ey * gx
+    w = fx * ey - fy * ex
+    determinant = u + v + w
+    scale = 1.0 / determinant
+    e1 = vec3(rows[at, 4 + k[0]], rows[at, 4 + k[1]], rows[at, 4 + k[2]])
+    e1 -= vec3(rows[at, k[0]], rows[at, k[1]], rows[at, k[2]])
+    e2 = vec3(rows[at, 8 + k[0]], rows[at, 8 + k[1]], rows[at, 8 + k[2]])
+    e2 -= vec3(rows[at, k[0]], rows[at, k[1]], rows[at, k[2]])
+    n = e1.cross(e2)
+    z = (n.x * ax + n.y * ay + n.z * az) / (n.x * sheared.x + n.y * sheared.y + n.z)
+    highest, lowest = ti.max(az, bz, cz), ti.min(az, bz, cz)
+    z = ti.select(z < highest, z, highest)
+    z = ti.select(z > lowest, z, lowest)
     within = INFINITY
-    if ti.min(u, v, w) >= 0.0 or ti.max(u, v, w) <= 0.0:
-        within = t
+    if determinant != 0.0 and (ti.min(u, v, w) >= 0.0 or ti.max(u, v, w) <= 0.0):
+        within = z * sheared.z
     return ti.select(within > 0.0, within, INFINITY), v * scale, w * scale
 
 

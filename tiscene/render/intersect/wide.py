@@ -46,20 +46,35 @@ def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i3
     Vertices are sheared so that the ray is the z axis; ox, oy, oz, kx, ky, kz, shx, shy, shz as `shear` says. Without
     an area, seen along the ray, the determinant is 0 and t undefined: a miss.
     """
+    ax = packs[at + kx] - ox
+    ay = packs[at + ky] - oy
     az = packs[at + kz] - oz
     bz = packs[at + 3 + kz] - oz
     cz = packs[at + 6 + kz] - oz
-    ax = packs[at + kx] - ox - shx * az
-    ay = packs[at + ky] - oy - shy * az
-    bx = packs[at + 3 + kx] - ox - shx * bz
-    by = packs[at + 3 + ky] - oy - shy * bz
-    cx = packs[at + 6 + kx] - ox - shx * cz
-    cy = packs[at + 6 + ky] - oy - shy * cz
-    u = cx * by - cy * bx
-    v = ax * cy - ay * cx
-    w = bx * ay - by * ax
-    scale = 1.0 / (u + v + w)
-    t = (u * az + v * bz + w * cz) * shz * scale
+    ex = ax - shx * az
+    ey = ay - shy * az
+    fx = packs[at + 3 + kx] - ox - shx * bz
+    fy = packs[at + 3 + ky] - oy - shy * bz
+    gx = packs[at + 6 + kx] - ox - shx * cz
+    gy = packs[at + 6 + ky] - oy - shy * cz
+    u = gx * fy - gy * fx
+    v = ex * gy - ey * gx
+    w = fx * ey - fy * ex
+    determinant = u + v + w
+    scale = 1.0 / determinant
+    # The distance to the plane, exact near it too; that of a sliver, whose plane is rounding, stays between its vertices.
+    e1x = packs[at + 3 + kx] - packs[at + kx]
+    e1y = packs[at + 3 + ky] - packs[at + ky]
+    e1z = packs[at + 3 + kz] - packs[at + kz]
+    e2x = packs[at + 6 + kx] - packs[at + kx]
+    e2y = packs[at + 6 + ky] - packs[at + ky]
+    e2z = packs[at + 6 + kz] - packs[at + kz]
+    nx = e1y * e2z - e1z * e2y
+    ny = e1z * e2x - e1x * e2z
+    nz = e1x * e2y - e1y * e2x
+    z = (nx * ax + ny * ay + nz * az) / (nx * shx + ny * shy + nz)
+    z = larger(smaller(z, larger(larger(az, bz), cz)), smaller(smaller(az, bz), cz))
+    t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, vec4(INFINITY))
     within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, vec4(INFINITY))
     within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
     return ti.select(within > 0.0, within, vec4(INFINITY)), v * scale, w * scale
