@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from pxr import Usd, UsdSemantics
 
 import tiscene as ts
 from tiscene.commands.progress import progress
+from tiscene.usd import read_stage
 from usd_scenes.author.room import LIGHTING
 from usd_scenes.author.templates import APPEARANCES
 
@@ -119,11 +119,7 @@ def save(path: Path, rgb: np.ndarray) -> None:
 
 def labels(scene: str) -> Counter[str]:
     """How many things of each label are on a shipped scene's stage."""
-    stage = Usd.Stage.Open(str(PACKAGE / scene / "scene.usda"))
-    prims = Usd.PrimRange(stage.GetDefaultPrim(), Usd.TraverseInstanceProxies())
-    return Counter(
-        label for prim in prims for label in UsdSemantics.LabelsAPI(prim, "class").GetLabelsAttr().Get() or []
-    )
+    return Counter(thing.category for thing in read_stage(PACKAGE / scene / "scene.usda").objects if thing.category)
 
 
 def table() -> str:
