@@ -62,7 +62,7 @@ def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i3
     w = fx * ey - fy * ex
     determinant = u + v + w
     scale = 1.0 / determinant
-    # The distance to the plane, exact near it too; that of a sliver, whose plane is rounding, stays between its vertices.
+    # The distance to the plane, exact near it too; that of a sliver, which is rounding, stays between its vertices.
     e1x = packs[at + 3 + kx] - packs[at + kx]
     e1y = packs[at + 3 + ky] - packs[at + ky]
     e1z = packs[at + 3 + kz] - packs[at + kz]
