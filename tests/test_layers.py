@@ -36,7 +36,7 @@ MAY_IMPORT = {
     "dynamics": set(),
     "usd_scenes": set(),
     "usd_scenes.sheet": {"usd_scenes", "tiscene", "tiscene.catalog", "tiscene.commands"},
-    "usd_scenes.gallery": {"usd_scenes", "usd_scenes.sheet", "tiscene", "tiscene.commands"},
+    "usd_scenes.gallery": {"usd_scenes", "usd_scenes.sheet", "tiscene", "tiscene.commands", "tiscene.usd"},
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
     "tiscene.device": {"tiscene.errors"},

@@ -50,7 +50,7 @@ def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
         values = unit > 0.5
     elif aov.dtype == "uint8":
         values = unit * 256
-    elif name in ("semantic", "instance"):
+    elif name in ("semantic", "instance", "part"):
         values = unit * 6
     elif "flow" in name or "normal" in name:
         values = 2.0 * unit - 1.0

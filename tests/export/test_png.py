@@ -52,7 +52,7 @@ def test_suffixes_are_those_of_the_table():
     suffixes = {name.split("/")[0]: name.rpartition(".")[2] for name in png.encode(FakeStream()[0])}
     assert {name for name, suffix in suffixes.items() if suffix == "flo"} == {"forward_flow", "backward_flow"}
     assert {name for name, suffix in suffixes.items() if suffix == "png"} == {
-        *("rgb", "depth", "distance", "semantic", "instance", "forward_occlusion", "backward_occlusion")
+        *("rgb", "depth", "distance", "semantic", "instance", "part", "forward_occlusion", "backward_occlusion")
     }
 
 

@@ -53,8 +53,10 @@ def test_box_coordinates_run_from_0_to_1_and_stay_invertible():
 
 def test_joining_keeps_the_order_and_nothing_joins_to_nothing():
     def part(mesh: int) -> Parts:
-        return Parts(np.array([mesh], np.int32), np.array([0], np.int32), np.ones((1, 3, 4)), np.ones((1, 3, 4)))
+        row, matrix = np.zeros(1, np.int32), np.ones((1, 3, 4))
+        return Parts(row + mesh, row, matrix, matrix, row + 2 * mesh)
 
     assert joined([part(3), part(1)]).mesh.tolist() == [3, 1]
+    assert joined([part(3), part(1)]).number.tolist() == [6, 2]
     assert joined([]).matrix.shape == (0, 3, 4)
     assert joined([]).mesh.dtype == np.int32

@@ -5,7 +5,7 @@ buffer                            channels    type
 ================================  ==========  ==========================================================
 `rgb`, `hdr`, `albedo`            R G B       half, scene-linear (`rgb` through the inverse sRGB curve)
 `depth`, `distance`               Z           float, m; no hit is +inf
-`semantic`, `instance`            id          uint
+`semantic`, `instance`, `part`    id          uint
 flows, `uv`                       U V         float
 other vectors                     X Y Z       float
 other scalars                     Y           float; masks half, 1 is True

@@ -7,8 +7,10 @@ within bounds.
 from __future__ import annotations
 
 import io
+import shutil
 import stat
 import tempfile
+import weakref
 import zipfile
 from pathlib import Path, PurePosixPath
 
@@ -27,7 +29,8 @@ class Uploads:
     """The models of one world, by the path that the sender was told."""
 
     def __init__(self) -> None:
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folder: Path | None = None
+        self._delete: weakref.finalize[..., Uploads] | None = None
         self._files: dict[str, Path] = {}
         self._templates: dict[str, Path] = {}
 
@@ -38,8 +41,10 @@ class Uploads:
         if len(self._files) >= MAX_FILES:
             raise ArgumentError(f"{name!r}: this world has {MAX_FILES} files already")
         if self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="tiscene-uploads-")
-        folder = Path(self._folder.name) / str(len(self._files))
+            self._folder = Path(tempfile.mkdtemp(prefix="tiscene-uploads-"))
+            # Scripts forget to delete their agents: then this goes with its world.
+            self._delete = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        folder = self._folder / str(len(self._files))
         members = _members(name, data)
         folder.mkdir()
         path = folder / _plain_name(name)
@@ -71,9 +76,9 @@ class Uploads:
 
     def close(self) -> None:
         """Delete everything."""
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
+        if self._delete is not None:
+            self._delete()
+        self._folder = self._delete = None
         self._files.clear()
         self._templates.clear()
 
