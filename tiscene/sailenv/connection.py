@@ -171,7 +171,8 @@ class Connection:
 
     async def load_scenario(self, viewer: Viewer) -> None:
         content = _json(await self._read.text(wire.MAX_JSON))
-        count = len(content.get("objects") or [])
+        objects = content.get("objects")
+        count = len(objects) if isinstance(objects, list) else 0
         ids, problems = await self._tried(
             f"load_scenario {content.get('scene_name')}, {count} objects", self._environment.load, viewer, content
         ) or ([""] * count, [])
