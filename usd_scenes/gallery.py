@@ -72,8 +72,9 @@ PICTURES = [
 TITLES = {"room_01": "a bedroom", "room_02": "a living room", "room_03": "a bathroom"}
 INTRODUCTION = """# Gallery
 
-Written by `python -m usd_scenes.gallery`: path traced at 960 × 720, denoised. This is what a colour camera sees, as
-`Stream(..., quality="photo")` gives it; nothing is retouched. All geometry, cloth and textures are made by the code in
+Written by `python -m usd_scenes.gallery`: path traced at 960 × 720, denoised. This is what a colour camera sees;
+nothing is retouched. The pictures here were taken with 8 to 24 paths a pixel, where `quality="photo"`
+takes 256. All geometry, cloth and textures are made by the code in
 `usd_scenes/author`.
 """
 END = """
