@@ -10,7 +10,7 @@ from tests.reference.distance import point_triangle
 from tiscene.errors import ScenarioError
 from tiscene.events import Event
 from tiscene.motion import Motion
-from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
+from tiscene.scene.description import Collider, Instance, Mesh, SceneDescription, SceneObject, Template
 from tiscene.world import World
 
 ROOM = box((6.0, 4.0, 6.0))
@@ -70,6 +70,35 @@ def test_a_bouncing_object_stays_out_of_the_stage_and_says_what_it_met():
     assert met[1] == Event("contact", 3, other=1), "the pillar comes first"
     assert {event.other for event in met[1:]} == {1, 2}
     assert made.objects(0)[0].name == "Pillar"
+
+
+def test_what_nobody_sees_is_in_the_way_and_in_no_picture():
+    """The pillar as a collider alone: of no thing, then of the walls."""
+    for owner, met in ((-1, {"other": 0, "wall": "/Pillar"}), (0, {"other": 1})):
+        stage = SceneDescription(
+            "room",
+            STAGE.meshes,
+            instances=(Instance(1, 0, np.eye(4)),),
+            objects=STAGE.objects[1:],
+            colliders=(Collider(0, owner, np.eye(4), prim_path="/Pillar"),),
+        )
+        made = world(bouncer(), stage=stage)
+        np.testing.assert_array_equal(poses(made, range(60)), poses(world(bouncer()), range(60)))
+        first = next(event for k in range(60) for event in made.events(k) if event.kind == "contact")
+        assert first == Event("contact", 2, **met)
+        assert made.placement(0).mesh.tolist() == [1, 2]
+
+
+def test_a_template_collides_by_its_colliders():
+    whole = mesh(box((1.0, 1.0, 1.0))), mesh(CUBE)
+    drawn = Instance(0, 0, np.eye(4), collides=False)
+    for colliders, reach in (((Collider(1, 0, np.eye(4)),), 0.3), ((), 0.9)):
+        description = SceneDescription("Cube", whole, instances=(drawn,), colliders=colliders)
+        made = World(
+            ts.Scenario("room", [bouncer()]), STAGE, lambda name, it=description: Template("Cube", "toy", it), 25.0
+        )
+        assert is_stepped(made)
+        assert made._motion._stepped.movers[0].shape.reach == pytest.approx(reach, rel=0.15)
 
 
 def test_frames_are_a_function_of_their_number():

@@ -55,6 +55,23 @@ def test_a_ball_is_free_where_it_touches_nothing(space):
     ).any()  # outside the scene's bounds
 
 
+def test_what_nobody_sees_is_in_the_way_but_hides_nothing(tmp_path):
+    pane = """
+def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+{
+    uniform token purpose = "guide"
+    double3 xformOp:translate = (0, 0, -8)
+    double3 xformOp:scale = (9, 9, 0.1)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+}
+"""
+    camera = Camera((0, 0, 5), vertical_fov=np.pi / 2)
+    space = FreeSpace(read_stage(write(tmp_path, SCENE + pane)), camera, 1.5)
+    points = np.array([(5, 0, -7.0), (5, 0, -8.0), (5, 0, -8.5)])
+    assert space.is_free(points, 0.5).tolist() == [True, False, False]
+    assert not space.hidden(points).any()
+
+
 def test_free_balls_hold_no_vertex_and_no_surface(space):
     rng = np.random.default_rng(2)
     points = rng.uniform((-8, -8, -19), (8, 8, 4), (2000, 3))

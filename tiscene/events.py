@@ -12,7 +12,8 @@ class Event:
 
     kind: "spawn": it is there for the first time. "despawn": it is not there any more. "contact": it met something.
     "enter", "leave": it came into the view of the frame's camera, or left it; `World.events` says what that means.
-    object: its id. other: of a contact the id of the object that it met, 0 for a wall. wall: its name, such as "left".
+    object: its id. other: of a contact the id of the object that it met, 0 for a wall. wall: of a frustum, such as
+    "left", or the prim path of a collider that nobody sees.
     """
 
     kind: Literal["spawn", "despawn", "contact", "enter", "leave"]

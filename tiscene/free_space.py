@@ -7,6 +7,7 @@ meets nothing. Elsewhere, behind things or out of view, a ball must keep clear o
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,11 @@ class FreeSpace:
         self._tangent = math.tan(0.5 * camera.vertical_fov)
         self._depth = _depth_image(stage, camera, max(1, round(ROWS * aspect)), ROWS)
         self.bounds = stage.bounds()
+        # What nobody sees is in the way too.
+        self._reach = self._depth
+        if stage.colliders:
+            solid = replace(stage, instances=(*stage.instances, *stage.colliders))
+            self._reach = _depth_image(solid, camera, max(1, round(ROWS * aspect)), ROWS)
         boxes = _mesh_boxes(stage)
         # A mesh around the camera, such as a room in one piece, is hollow.
         around = np.all((boxes[:, 0] < camera.position) & (camera.position < boxes[:, 1]), axis=1)
@@ -86,7 +92,7 @@ class FreeSpace:
             top, bottom = y[row] - reach, y[row] + reach
             if left >= 0.0 and right <= 1.0 and top >= 0.0 and bottom <= 1.0:
                 (a, b), (c, d) = self._pixels(np.array([left, right]), np.array([top, bottom]))
-                result[row] = self._depth[c : d + 1, a : b + 1].min() > depth[row] + radius
+                result[row] = self._reach[c : d + 1, a : b + 1].min() > depth[row] + radius
         return result
 
     def is_clear(self, points: Array, radius: float) -> NDArray[np.bool_]:
@@ -131,5 +137,6 @@ def _depth_image(stage: SceneDescription, camera: Camera, width: int, height: in
 
 def _mesh_boxes(stage: SceneDescription) -> Array:
     """[n, 2, 3]: lowest and highest corner of every placed mesh."""
-    boxes = [bounding_box(stage, [each.mesh], [each.world_from_object]) for each in stage.instances]
+    placed = (*stage.instances, *stage.colliders)
+    boxes = [bounding_box(stage, [each.mesh], [each.world_from_object]) for each in placed]
     return np.array(boxes).reshape(-1, 2, 3)

@@ -77,16 +77,22 @@ class Inventory:
         self.stage_owner = self._stage_parts.owner
         self.carried: list[Carried] = []
         self.object_rows: list[WorldObject] = []
+        self._planned: list[Object] = []
         self._object_parts: list[Parts] = []
         self.settle([])
 
     def surface(self, number: int) -> Array:
-        """The triangles [m, 3, 3] of an object of the scenario in its own axes, m."""
-        meshes = [mesh for description in self.descriptions for mesh in description.meshes]
-        count = len(self.columns[0])
+        """The triangles [m, 3, 3] by which an object of the scenario collides, in its own axes, m.
+
+        Those of its template's colliders; all that is drawn of it if it has none.
+        """
+        planned = self._planned[number]
+        description = self.template(planned).description
+        solid = (*(each for each in description.instances if each.collides), *description.colliders)
+        scale = np.diag([*np.broadcast_to(planned.scale, 3), 1.0])
         triangles = [np.zeros((0, 3, 3))]
-        for part in np.flatnonzero(self.owner == number):
-            mesh, matrix = meshes[self.columns[1][count + part]], self.matrix[part]
+        for each in solid or description.instances:
+            mesh, matrix = description.meshes[each.mesh], (scale @ each.world_from_object)[:3]
             triangles.append((mesh.positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
         return np.concatenate(triangles)
 
@@ -143,6 +149,7 @@ class Inventory:
         for number in range(len(self.object_rows), len(lives)):
             row, parts = self._settle_object(number, lives[number].planned)
             self.object_rows.append(row)
+            self._planned.append(lives[number].planned)
             self._object_parts.append(parts)
             description = self.template(lives[number].planned).description
             lights_scale = np.broadcast_to(lives[number].planned.scale, 3)

@@ -48,12 +48,12 @@ KEPT_FRAMES = 8
 class Meeting:
     """An object of the scenario met something on the way to a frame.
 
-    number: its row in the scenario. kind: "stage", "object" or "wall".
-    other: the row of the stage's object, of the scenario's object, or of WALLS.
+    number: its row in the scenario. kind: "stage", "collider", "object" or "wall".
+    other: the row of the stage's object, of its collider that is no part of one, of the scenario's object, or of WALLS.
     """
 
     number: int
-    kind: Literal["stage", "object", "wall"]
+    kind: Literal["stage", "collider", "object", "wall"]
     other: int
 
 
@@ -64,7 +64,8 @@ class Setting:
     cameras: the first is the one whose view the frustum encloses. aspect: width / height of that view.
     lights: (dynamic, position, quaternion) of those that have motions.
     surface: an object's triangles [m, 3, 3] in its own axes, by its row.
-    trees: those over the stage's meshes. instances: the stage's at a frame, and which of them are there then.
+    trees: those over the stage's meshes. instances: the stage's at a frame, then its colliders that are not drawn, and
+    which of them are there then.
     """
 
     stage: SceneDescription
@@ -152,8 +153,13 @@ class Motion:
         result = []
         for contact in () if stepped is None else stepped.frame(frame).contacts:
             if contact.kind == "obstacle":
-                instance = self._setting.stage.instances[self._obstacle_rows[contact.other]]
-                result.append(Meeting(contact.mover, "stage", instance.object))
+                stage, row = self._setting.stage, int(self._obstacle_rows[contact.other])
+                hidden = row - len(stage.instances)
+                thing = stage.colliders[hidden].object if hidden >= 0 else stage.instances[row].object
+                if thing < 0:
+                    result.append(Meeting(contact.mover, "collider", hidden))
+                else:
+                    result.append(Meeting(contact.mover, "stage", thing))
             elif contact.kind == "mover":
                 result.append(Meeting(contact.mover, "object", contact.other))
             else:

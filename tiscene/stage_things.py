@@ -98,14 +98,14 @@ class StageThings:
         return np.eye(4)
 
     def instances(self, frame: int) -> tuple[list[Instance], list[bool]]:
-        """The stage's instances at a frame, and which of them are there."""
-        instances = []
-        for instance in self._stage.instances:
+        """The stage's instances at a frame, then its colliders, and which of them are there."""
+        instances: list[Instance] = []
+        for instance in (*self._stage.instances, *self._stage.colliders):
             by = self.moved_by(instance.object, frame, frame)
             if by is not None:
                 instance = replace(instance, world_from_object=by @ instance.world_from_object)
             instances.append(instance)
-        return instances, [self.there(instance.object, frame) for instance in self._stage.instances]
+        return instances, [self.there(instance.object, frame) for instance in instances]
 
 
 def matrix(pose: Array) -> Array:

@@ -248,6 +248,9 @@ class World:
         for meeting in self._motion.meetings(frame):
             if meeting.kind == "wall":
                 events.append(Event("contact", first + meeting.number, wall=WALLS[meeting.other]))
+            elif meeting.kind == "collider":
+                path = self.stage.colliders[meeting.other].prim_path
+                events.append(Event("contact", first + meeting.number, wall=path))
             else:
                 start = 1 if meeting.kind == "stage" else first
                 events.append(Event("contact", first + meeting.number, start + meeting.other))

@@ -5,6 +5,7 @@ Embree, over the true triangles of both sides, says whether an edge of one goes 
 
 import functools
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,12 +53,13 @@ def memory() -> float:
 class Arena:
     def __init__(self, speed: float) -> None:
         self.stage = read_stage(catalog.find_scene("room_02"))
-        self.whole = merged(self.stage)
+        # Its open windows have panes that nobody sees.
+        self.whole = merged(replace(self.stage, instances=(*self.stage.instances, *self.stage.colliders)))
         self.rays = RayMeshIntersector(self.whole, scale_to_box=False)
         self.meshes = [merged(read_template(catalog.find_template(name)).description) for name in TEMPLATES]
         shapes = [cover(mesh.triangles) for mesh in self.meshes]
         trees = MeshTrees.built(self.stage.meshes)
-        tree = ObstacleTree(trees, self.stage.instances)
+        tree = ObstacleTree(trees, (*self.stage.instances, *self.stage.colliders))
         self.tree = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
         random = np.random.default_rng(1)
         points = random.uniform(*self.stage.bounds(), (20_000, 3))
@@ -81,12 +83,7 @@ class Arena:
         for row, start in enumerate(starts):
             dynamic = UniformMovementRandomBounce(speed, 2.0, tuple(random.normal(size=3)), seed=32)
             movers.append(Mover(Body(dynamic, tuple(start.tolist()), name=f"m{row}"), shapes[row % len(TEMPLATES)]))
-        # Its windows are open: walls at the ends of the scene close them.
-        low, high = self.stage.bounds()
-        walls = np.column_stack([np.concatenate([np.eye(3), -np.eye(3)]), [*-low, *high]])
-        self.simulation = SteppedSimulation(
-            movers, fps=FPS, obstacles=lambda _frame: self.tree, walls=lambda _time: walls
-        )
+        self.simulation = SteppedSimulation(movers, fps=FPS, obstacles=lambda _frame: self.tree)
         self.movers = [RayMeshIntersector(mesh, scale_to_box=False) for mesh in self.meshes]
 
     @functools.cached_property
@@ -106,8 +103,12 @@ class Arena:
         return bool(self.rays.intersects_any(np.tile(point, (6, 1)), six).all())
 
     def gap(self, poses: np.ndarray) -> float:
-        """Between all proxy spheres and the room, as far as 0.1 m."""
+        """Between all proxy spheres and the room, as far as 0.1 m; all of them must be within its outer walls."""
         spheres = [spheres_at(mover.shape, pose) for mover, pose in zip(self.simulation.movers, poses, strict=True)]
+        low, high = self.stage.bounds()
+        for centres, radii in spheres:
+            assert (centres - radii[:, None] > low).all()
+            assert (centres + radii[:, None] < high).all()
         nearest = self.distances(np.concatenate([centres for centres, _ in spheres]), 0.2)
         return float((nearest - np.concatenate([radii for _, radii in spheres])).min())
 
@@ -160,8 +161,8 @@ def test_twenty_movers_in_a_room(speed, frames):
         moment = arena.simulation.frame(frame)
         took.append(time.perf_counter() - begun)
         poses = moment.poses
-        assert (poses[:, :3] > low).all()
-        assert (poses[:, :3] < high).all()
+        assert (poses[:, :3] > low).all(), f"frame {frame}: something has left"
+        assert (poses[:, :3] < high).all(), f"frame {frame}: something has left"
         if frame % 10 == 0:
             least = min(least, arena.gap(poses), arena.between(poses))
             assert least > 0.0, f"frame {frame}"

@@ -379,6 +379,64 @@ def test_what_collides(tmp_path, line, more, expected):
     assert [each.collides for each in description.instances] == expected
 
 
+HIDDEN = """
+def Xform "Chair" (kind = "component")
+{
+    def Cube "Drawn"
+    {
+    }
+    def Cube "Hull" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+    {
+        uniform token purpose = "guide"
+        double3 xformOp:scale = (2, 2, 2)
+        uniform token[] xformOpOrder = ["xformOp:scale"]
+    }
+}
+def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+{
+    token visibility = "invisible"
+}
+def Cube "Hint"
+{
+    uniform token purpose = "guide"
+}
+def Cube "Off" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+{
+    token visibility = "invisible"
+    bool physics:collisionEnabled = 0
+}
+def PointInstancer "Scatter"
+{
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(5, 0, 0), (9, 0, 0)]
+    rel prototypes = </Scatter/Bush>
+    def Xform "Bush"
+    {
+        def Sphere "Drawn"
+        {
+        }
+        def Cube "Hull" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+        {
+            uniform token purpose = "proxy"
+        }
+    }
+}
+"""
+
+
+def test_colliders_that_nobody_sees(tmp_path):
+    description = read(tmp_path, HIDDEN)
+    assert [thing.name for thing in description.objects] == ["Chair", "Scatter[0]", "Scatter[1]"]
+    assert [(each.object, each.collides) for each in description.instances] == [(0, False), (1, False), (2, False)]
+    found = {each.prim_path: each for each in description.colliders}
+    assert {path: each.object for path, each in found.items()} == {
+        "/Chair/Hull": 0, "/Pane": -1, "/Scatter[0]": 1, "/Scatter[1]": 2,
+    }  # fmt: skip
+    np.testing.assert_allclose(found["/Chair/Hull"].world_from_object, np.diag([2, 2, 2, 1]))
+    np.testing.assert_allclose(found["/Scatter[1]"].world_from_object[:3, 3], (9, 0, 0))
+    np.testing.assert_allclose(description.bounds(), [(-1, -1, -1), (10, 1, 1)])  # of what is drawn
+
+
 def test_rigid_bodies_are_movable(tmp_path):
     body = COLLIDERS % (', prepend apiSchemas = ["PhysicsRigidBodyAPI"]', "")
     body = body.replace('(kind = "component", ', '(\nkind = "component"\n')

@@ -79,6 +79,8 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     passed = sum(not instance.collides for instance in stage.instances)
     movable = sum(thing.movable for thing in stage.objects)
     bodies = f"{_count(movable, 'movable thing')}; {_count(passed, 'mesh', 'es')} that nothing hits"
+    if stage.colliders:
+        bodies += f"; {_count(len(stage.colliders), 'collider')} that nobody sees"
     yield f"{_count(parts, 'part')}; {bodies}"
     pixels = sum(texture.pixels.nbytes for texture in stage.textures)
     texels = _count(len(stage.textures), "texture")

@@ -235,8 +235,18 @@ class Instance:
 
 
 @dataclass(frozen=True, eq=False)
+class Collider(Instance):
+    """What things collide with and nobody sees: a UsdPhysics collider of purpose guide, or one that is invisible.
+
+    object: -1 if nothing is drawn of the thing that it is part of.
+    """
+
+    prim_path: str = ""
+
+
+@dataclass(frozen=True, eq=False)
 class SceneDescription:
-    """A stage at one time code, or an object template in its own space."""
+    """A stage at one time code, or an object template in its own space. colliders: those that are not drawn."""
 
     name: str
     meshes: tuple[Mesh, ...] = ()
@@ -248,9 +258,10 @@ class SceneDescription:
     cameras: tuple[Camera, ...] = ()
     up_axis: Literal["Y", "Z"] = "Y"
     templates: tuple[Template, ...] = field(default=())
+    colliders: tuple[Collider, ...] = ()
 
     def bounds(self) -> NDArray[np.float64]:
-        """The box around every vertex of every instance, [2, 3]: lowest and highest corner, m; zeros if empty."""
+        """The box around every vertex of what is drawn, [2, 3]: lowest and highest corner, m; zeros if empty."""
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for instance in self.instances:
             positions = self.meshes[instance.mesh].positions

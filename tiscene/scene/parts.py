@@ -91,6 +91,8 @@ def as_one(description: SceneDescription, name: str, prim_path: str, category: s
     if len(description.objects) == 1:
         names = list(description.objects[0].parts)
     instances = tuple(replace(each, object=0, part=first[each.object] + each.part) for each in description.instances)
+    colliders = tuple(replace(each, object=0) for each in description.colliders)
     movable = any(each.movable for each in description.objects)
     whole = SceneObject(name, prim_path, category, tuple(names) if len(names) > 1 else (), movable)
-    return replace(description, instances=instances, objects=(whole,) if description.objects else ())
+    objects = (whole,) if description.objects else ()
+    return replace(description, instances=instances, objects=objects, colliders=colliders)

@@ -21,7 +21,7 @@ _ARRAYS = ("protoIndices", "positions", "orientations", "orientationsf", "scales
 class Placed:
     """A mesh of a prototype. matrix: from the mesh to the prototype's parent, metres. label: what is said of it.
 
-    names: of its parts. collides: whether it is a collider, None if nothing is said.
+    names: of its parts. collides: whether it is a collider, None if nothing is said. drawn: False for a collider alone.
     """
 
     mesh: int
@@ -29,6 +29,7 @@ class Placed:
     label: str
     names: tuple[str, ...]
     collides: bool | None
+    drawn: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,10 +75,11 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report, t
         report.problem(path, "transform", pose)
     else:
         own = np.linalg.inv(placed(pose.position, pose.rotation))
-        instances = tuple(
-            replace(each, world_from_object=own @ each.world_from_object) for each in description.instances
+        instances, colliders = (
+            tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.instances),
+            tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.colliders),
         )
-        description = replace(description, instances=instances)
+        description = replace(description, instances=instances, colliders=colliders)
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")
     category = next((thing.category for thing in description.objects if thing.category), "")

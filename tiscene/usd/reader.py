@@ -48,6 +48,11 @@ class Context:
     label_is_own: bool = False
     thing: Thing | None = None
 
+    @property
+    def drawn(self) -> bool:
+        """Whether gprims here are; colliders are in the way all the same."""
+        return self.visible and self.purpose in _DRAWN_PURPOSES
+
 
 class StageReader:
     """Collects a SceneDescription from the prims it is shown."""
@@ -85,6 +90,7 @@ class StageReader:
             objects=self._things.objects(self.by_name),
             lights=tuple(self._lights.lights),
             cameras=tuple(self._cameras),
+            colliders=self._things.colliders(),
             up_axis=self.up_axis,
             templates=templates,
         )
@@ -147,12 +153,15 @@ class StageReader:
             if camera is not None:
                 self._cameras.append(camera)
             return True
-        drawn = here.visible and here.purpose in _DRAWN_PURPOSES
         if prim.IsA(UsdGeom.PointInstancer):
-            if drawn:
+            if here.drawn:
                 self._read_instancer(prim, here)
             return False
-        if not drawn or prim.IsPseudoRoot():
+        if not here.drawn:
+            if is_drawable(prim) and collides(prim):
+                self._read_gprim(prim, here)
+            return True
+        if prim.IsPseudoRoot():
             return True
         if is_light(prim):
             self._read_light(prim, here)
@@ -185,14 +194,18 @@ class StageReader:
         mesh = self._meshes.row(prim, emitter)
         if mesh is None:
             return
-        if is_unskinned(prim):
+        if here.drawn and is_unskinned(prim):
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
         wrong = fault(matrix)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
         elif self._parts is not None:
-            self._parts.append(Placed(mesh, matrix, here.label, self._part_names(prim, self._root), collides(prim)))
+            names = self._part_names(prim, self._root)
+            self._parts.append(Placed(mesh, matrix, here.label, names, collides(prim), here.drawn))
+        elif not here.drawn:
+            thing = here.thing or Thing.of(prim, here.label, True)
+            self._things.add_collider(thing, mesh, matrix, str(prim.GetPath()))
         else:
             thing = here.thing or Thing.of(prim, here.label, True)
             thing.movable = thing.movable or (here.thing is None and is_rigid_body(prim))
@@ -251,7 +264,10 @@ class StageReader:
         for row, number in enumerate(ids.tolist()):
             thing = Thing(f"{name}[{number}]", f"{path}[{number}]", category, True, by_name, movable=movable)
             for part, world in zip(parts, placed, strict=True):
-                self._things.add(thing, part.mesh, world[row], part.names, part.collides)
+                if part.drawn:
+                    self._things.add(thing, part.mesh, world[row], part.names, part.collides)
+                else:
+                    self._things.add_collider(thing, part.mesh, world[row], thing.path)
 
     def _prototype(self, instancer: Usd.Prim, root: Usd.Prim, purpose: str) -> Sequence[Placed]:
         """A prototype's meshes in the space of its parent."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pxr import Usd, UsdPhysics
 
-from tiscene.scene.description import Instance, Matrix, SceneObject
+from tiscene.scene.description import Collider, Instance, Matrix, SceneObject
 from tiscene.usd.label import name_label
 
 
@@ -49,6 +49,7 @@ class ThingTable:
     def __init__(self, stage: Usd.Stage) -> None:
         self.things: list[Thing] = []
         self._instances: list[tuple[int, Thing, Matrix, int, bool | None]] = []
+        self._colliders: list[tuple[int, Thing, Matrix, str]] = []
         self._stage = stage
 
     def add(self, thing: Thing, mesh: int, matrix: Matrix, names: tuple[str, ...], collides: bool | None) -> None:
@@ -58,6 +59,18 @@ class ThingTable:
             self.things.append(thing)
         thing.colliders += collides is True
         self._instances.append((mesh, thing, matrix, thing.add_parts(names), collides))
+
+    def add_collider(self, thing: Thing, mesh: int, matrix: Matrix, path: str) -> None:
+        """A mesh of a thing that is not drawn."""
+        thing.colliders += 1
+        self._colliders.append((mesh, thing, matrix, path))
+
+    def colliders(self) -> tuple[Collider, ...]:
+        """What is not drawn, in the order in which it was added."""
+        return tuple(
+            Collider(mesh, -1 if thing.row is None else thing.row, matrix, prim_path=path)
+            for mesh, thing, matrix, path in self._colliders
+        )
 
     def instances(self) -> tuple[Instance, ...]:
         """In the order in which they were added."""

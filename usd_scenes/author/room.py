@@ -81,6 +81,20 @@ class Room:
         _place(xform, at, turn)
         return xform.GetPrim()
 
+    def pane(self, window: str, width: float, height: float, thickness: float) -> None:
+        """What keeps things in where a window is open: a collider in its frame that nobody sees.
+
+        window: a component whose origin is the lower middle of an opening in the wall's inner face, z into the room.
+        """
+        pane = UsdGeom.Cube.Define(self.stage, f"/{self.name}/{window}/Pane")
+        pane.CreatePurposeAttr(UsdGeom.Tokens.guide)
+        pane.CreateSizeAttr(1.0)
+        pane.CreateExtentAttr([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)])
+        inner, outer = 0.62 * thickness, thickness
+        pane.AddTranslateOp().Set(Gf.Vec3d(0.0, round(height / 2.0, 5), round(-(inner + outer) / 2.0, 5)))
+        pane.AddScaleOp().Set(Gf.Vec3f(*(round(side, 5) for side in (width, height, outer - inner))))
+        UsdPhysics.CollisionAPI.Apply(pane.GetPrim())
+
     def dome(
         self,
         name: str,

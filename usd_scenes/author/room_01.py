@@ -51,6 +51,7 @@ def _shell(room: Room) -> None:
         room.put("Building", building.socket("Socket"), (RIGHT, 0.30, z), TOWARDS_BED, f"Socket{index + 1}")
     window = building.window("Window", WINDOW_WIDTH, HEAD - SILL, WALL)
     room.put("Building", window, (WINDOW, SILL, NEAR), (0.0, 180.0, 0.0))
+    room.pane("Building/Window", WINDOW_WIDTH, HEAD - SILL, WALL)
     curtains = building.curtain_pair("Curtains", WINDOW_WIDTH, 2.56, 140, 0.46)
     room.put("Furnishings", curtains, (WINDOW, 0.012, NEAR - 0.13), (0.0, 180.0, 0.0))
     room.put("Building", bathroom.globe_lamp("CeilingLamp", 0.13), (0.1, HEIGHT, 0.0))

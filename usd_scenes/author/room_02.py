@@ -56,9 +56,11 @@ def _shell(room: Room) -> None:
     window = building.window("Window", WINDOW_WIDTH, HEAD - SILL, WALL)
     for index, z in enumerate(WINDOWS):
         room.put("Building", window, (LEFT, SILL, z), (0.0, 90.0, 0.0), f"Window{index + 1}")
+        room.pane(f"Building/Window{index + 1}", WINDOW_WIDTH, HEAD - SILL, WALL)
         curtains = building.curtain_pair(f"Curtains{index + 1}", WINDOW_WIDTH, 2.66, 60 + 10 * index)
         room.put("Furnishings", curtains, (LEFT + 0.13, 0.012, z), (0.0, 90.0, 0.0))
     room.put("Building", window, (GARDEN_WINDOW, SILL, NEAR), (0.0, 180.0, 0.0), "Window3")
+    room.pane("Building/Window3", WINDOW_WIDTH, HEAD - SILL, WALL)
     curtains = building.curtain_pair("Curtains3", WINDOW_WIDTH, 2.66, 80)
     room.put("Furnishings", curtains, (GARDEN_WINDOW, 0.012, NEAR - 0.13), (0.0, 180.0, 0.0))
 
