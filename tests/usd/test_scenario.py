@@ -25,6 +25,24 @@ from tiscene.errors import ArgumentError, CameraNotFound, ExportError, ScenarioE
 from tiscene.scenario import Frustum, Object, Scenario
 from tiscene.usd import read_stage
 
+
+@dataclasses.dataclass(frozen=True)
+class Drift(ts.Stepped):
+    """What somebody wrote."""
+
+    velocity: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    name: str = "d"
+
+    def begin(self, start):
+        return start.position
+
+    def advance(self, state, number):
+        return tuple(each + 0.01 * speed for each, speed in zip(state, self.velocity, strict=True))
+
+    def pose(self, state):
+        return ts.Waypoint(state)
+
+
 ROOM = """
 def Xform "Room"
 {
@@ -112,6 +130,13 @@ def test_a_layer_keeps_everything_to_the_bit(room, tmp_path, suffix):
         {"timings": ts.WaitUntilComplete(0.5, repeat=False)},
         {"timings": ts.DictTimings({"a": 1.0}), "objects": [Object("a", "Ball")]},
         {"objects": [Object("a", "Ball", dynamic=UniformMovementRandomBounce(0.8, seed=-32)), Object("A", "Ball")]},
+        {
+            "objects": [
+                Object("a", "Ball", dynamic=Drift((1 / 3, 0, 0), "ünï \"'")),
+                Object("b", "Ball", dynamic=Drift()),
+            ]
+        },
+        {"camera": ts.Camera(dynamic=Drift((0.1, 0, 1e-9)))},
         {"objects": [Object("twice", "/Room/Chair"), Object("again", "/Room/Chair", scale=(1, 2, 3))]},
     ],
 )
@@ -339,6 +364,26 @@ MOTION = 'def Cube "A" (prepend apiSchemas = ["TisceneMotionAPI"])\n{{\n{}\n}}'
             MOTION.format('uniform token tiscene:motion:type = "composite"\nrel tiscene:motion:parts = </B>'),
             StageError,
             "its part </B> has no motion",
+        ),
+        (
+            MOTION.format('uniform token tiscene:motion:type = "stepped"'),
+            StageError,
+            "tiscene:motion:class does not name",
+        ),
+        (
+            MOTION.format(
+                'uniform token tiscene:motion:type = "stepped"\n'
+                'uniform string tiscene:motion:class = "Drift"\nuniform string tiscene:motion:fields = "[1]"'
+            ),
+            StageError,
+            "it must be a JSON object",
+        ),
+        (
+            MOTION.format(
+                'uniform token tiscene:motion:type = "stepped"\nuniform string tiscene:motion:class = "Drifd"'
+            ),
+            ScenarioError,
+            "</A> .*unknown type 'Drifd'. Did you mean 'Drift'",
         ),
         (
             'def Scope "S" (prepend apiSchemas = ["TisceneScenarioAPI"])\n{\n'

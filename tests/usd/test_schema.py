@@ -12,7 +12,7 @@ from pxr import Sdf
 
 import dynamics
 from tiscene.usd import schema
-from tiscene.usd.dynamic import _CLASSES, _KEYS, _PARAMETERS
+from tiscene.usd.dynamic import _CLASSES, _KEYS, _PARAMETERS, STEPPED
 
 
 def test_usd_knows_the_schema_as_soon_as_the_reader_is_imported():
@@ -47,7 +47,7 @@ def test_every_dynamic_and_each_of_its_fields_has_its_attributes():
     layer = Sdf.Layer.OpenAsAnonymous(str(schema.FOLDER / "generatedSchema.usda"))
     prim = layer.GetPrimAtPath(f"/{schema.MOTION}")
     kinds = prim.attributes["tiscene:motion:type"].allowedTokens
-    assert set(kinds) == {"none", *_CLASSES}
+    assert set(kinds) == {"none", *_CLASSES, STEPPED}
     for name, keys in _KEYS.items():
         cls = getattr(dynamics, name)
         assert {field.name for field in dataclasses.fields(cls)} == set(keys)

@@ -3,10 +3,13 @@
 The attributes of a kind of motion are those of its JSON object, by the table below. Values on the stage are stage units
 and camelCase, those of JSON metres and snake_case. What is not authored is left out, and so has the default of the
 class that reads the JSON.
+
+A motion that somebody wrote in Python is of type `stepped`: its class by name, its fields as in JSON, in metres.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +23,7 @@ from tiscene.usd.units import Units
 Content = Mapping[str, Any]
 _PREFIX = schema.NAMESPACES[schema.MOTION]
 _TYPES = Sdf.ValueTypeNames
-NO_MOTION = "none"
+NO_MOTION, STEPPED = "none", "stepped"
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,10 @@ def _read(prim: Usd.Prim, units: Units, report: Report, above: Sequence[Sdf.Path
     kind = _authored(prim, "type")
     if kind is None or kind == NO_MOTION:
         return None
+    if kind == STEPPED:
+        return _read_stepped(prim, report)
     if kind not in _CLASSES:
-        known = ", ".join((NO_MOTION, *_CLASSES))
+        known = ", ".join((NO_MOTION, *_CLASSES, STEPPED))
         report.problem(path, "motion", f"tiscene:motion:type is {str(kind)!r}; it must be one of {known}")
         return None
     if path in above:
@@ -99,6 +104,22 @@ def _read(prim: Usd.Prim, units: Units, report: Report, above: Sequence[Sdf.Path
             if value is not None:
                 content[key] = units.to_json(value, parameter.length)
     return content
+
+
+def _read_stepped(prim: Usd.Prim, report: Report) -> dict[str, Any] | None:
+    name, text = _authored(prim, "class"), _authored(prim, "fields")
+    if not name:
+        report.problem(prim.GetPath(), "motion", "it is stepped, but tiscene:motion:class does not name its class")
+        return None
+    try:
+        fields = json.loads(text or "{}")
+    except json.JSONDecodeError as error:
+        report.problem(prim.GetPath(), "motion", f"tiscene:motion:fields is not JSON: {error}")
+        return None
+    if not isinstance(fields, dict):
+        report.problem(prim.GetPath(), "motion", f"tiscene:motion:fields is {text!r}; it must be a JSON object")
+        return None
+    return fields | {"type": str(name)}
 
 
 def read_waypoints(prim: Usd.Prim, units: Units, report: Report) -> list[dict[str, Any]]:
@@ -146,7 +167,10 @@ def write_dynamic(
         return
     name = str(content["type"])
     if name not in _KEYS:
-        report.problem(prim.GetPath(), "motion", f"the schema has no {name}; it has {', '.join(_KEYS)}")
+        fields = {key: value for key, value in content.items() if key != "type"}
+        _author(prim, "type", _TYPES.Token, STEPPED)
+        _author(prim, "class", _TYPES.String, name)
+        _author(prim, "fields", _TYPES.String, json.dumps(fields))
         return
     _author(prim, "type", _TYPES.Token, name[0].lower() + name[1:])
     for key in _KEYS[name]:
