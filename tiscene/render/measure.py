@@ -87,7 +87,10 @@ class SceneMeasures:
     def _vertices(self, instance: int) -> NDArray[np.float64]:
         """The vertices of an instance, [n, 3], m, world."""
         matrix = self._placement.world_from_object[CURRENT, instance]
-        positions = self._scene.meshes[self._placement.mesh[instance]].positions
+        mesh = self._scene.meshes[self._placement.mesh[instance]]
+        positions = mesh.positions
+        if mesh.deformation is not None:
+            positions = mesh.deformation.at(self._placement.seconds[CURRENT])[0]
         world: NDArray[np.float64] = positions @ matrix[:, :3].T + matrix[:, 3]
         return world
 
@@ -138,8 +141,11 @@ class SceneMeasures:
         """float64 [i, 12], what `measure_extents` says of each instance; nothing where it is no part of an object."""
         scene, placed, view = self._scene, self._placement, self._view
         every = np.concatenate([np.zeros(0, np.int64), *self._parts])
-        ends = np.cumsum([0, *(len(mesh.positions) for mesh in scene.meshes)])
-        vertices = np.stack([ends[placed.mesh[every]], ends[placed.mesh[every] + 1]], axis=1).astype(np.int32)
+        if scene.deforms:
+            scene.place(placed, (CURRENT,))
+        rows = [scene.vertex_rows(mesh) for mesh in range(len(scene.meshes))]
+        ends = np.array([[each.start, each.stop] for each in rows], np.int32).reshape(-1, 2)
+        vertices = ends[placed.mesh[every]]
         found = np.zeros((len(every), EXTENT_COLUMNS))
         if len(every):
             measure_extents(

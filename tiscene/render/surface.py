@@ -11,7 +11,7 @@ import taichi as ti
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
-INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART = 1, 2, 3, 4, 5, 6
+INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART, INFO_MOVED = range(1, 8)
 HAS_NORMALS, HAS_UV = 1, 2
 
 # How far a new ray starts from the surface it leaves, as a part of the surface's `reach`: some 80 steps of a float.
@@ -109,13 +109,24 @@ def unit_or(v: vec3, otherwise: vec3) -> vec3:
 
 
 @ti.func
+def moved_by(instance_info: ti.template(), instance: ti.i32, time: ti.i32) -> ti.i32:
+    """How far behind their rows in `triangle_vertices` the vertices are of a mesh that deforms, at a time; else 0."""
+    return (time + 2) % 3 * instance_info[instance, INFO_MOVED]
+
+
+@ti.func
 def object_point_at(
-    vertex_position: ti.template(), triangle_vertices: ti.template(), triangle: ti.i32, b1: ti.f32, b2: ti.f32
+    vertex_position: ti.template(),
+    triangle_vertices: ti.template(),
+    triangle: ti.i32,
+    b1: ti.f32,
+    b2: ti.f32,
+    moved: ti.i32,
 ) -> vec3:
-    """The point (1-b1-b2, b1, b2) of a triangle in the space of its mesh."""
-    v0 = row3(vertex_position, triangle_vertices[triangle, 0])
-    e1 = row3(vertex_position, triangle_vertices[triangle, 1]) - v0
-    e2 = row3(vertex_position, triangle_vertices[triangle, 2]) - v0
+    """The point (1-b1-b2, b1, b2) of a triangle in the space of its mesh. moved: `moved_by`."""
+    v0 = row3(vertex_position, triangle_vertices[triangle, 0] + moved)
+    e1 = row3(vertex_position, triangle_vertices[triangle, 1] + moved) - v0
+    e2 = row3(vertex_position, triangle_vertices[triangle, 2] + moved) - v0
     return v0 + b1 * e1 + b2 * e2
 
 
@@ -127,9 +138,10 @@ def surface_at(
 
     instance, triangle: rows, as the traversal reports them. time: PREVIOUS, CURRENT or NEXT.
     """
-    i0 = geometry.triangle_vertices[triangle, 0]
-    i1 = geometry.triangle_vertices[triangle, 1]
-    i2 = geometry.triangle_vertices[triangle, 2]
+    moved = moved_by(geometry.instance_info, instance, time)
+    i0 = geometry.triangle_vertices[triangle, 0] + moved
+    i1 = geometry.triangle_vertices[triangle, 1] + moved
+    i2 = geometry.triangle_vertices[triangle, 2] + moved
     b0 = 1.0 - b1 - b2
     v0 = row3(geometry.vertex_position, i0)
     e1 = row3(geometry.vertex_position, i1) - v0

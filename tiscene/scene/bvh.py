@@ -15,7 +15,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
-from tiscene.scene import bvh_build, bvh_write
+from tiscene.scene import bvh_build, bvh_refit, bvh_write
 
 Boxes = NDArray[np.float32]
 TREES = 4  # over instances: one for each time, one over the movers
@@ -53,12 +53,14 @@ class Blas:
     """A mesh in the hierarchy.
 
     root: reference of its first node. entry: where rays enter it, which is a leaf where there is but one pack.
-    box: least and greatest corner, [2, 3], m.
+    box: least and greatest corner, [2, 3], m. nodes, packs: the rows that are its own, for a refit.
     """
 
     root: int
     entry: int
     box: NDArray[np.float64]
+    nodes: range = range(0)
+    packs: range = range(0)
 
     @property
     def empty(self) -> bool:
@@ -92,14 +94,17 @@ class Bvh:
             raise ArgumentError(f"time={time}: no instances are placed there; name it in place(..., times=...)")
         return self._roots[time]
 
-    def add_mesh(self, positions: Boxes, triangles: NDArray[np.int32], first_triangle: int) -> Blas:
+    def add_mesh(
+        self, positions: Boxes, triangles: NDArray[np.int32], first_triangle: int, *, deforms: bool = False
+    ) -> Blas:
         """Build the tree of a mesh whose triangles are rows `first_triangle` and on of the scene.
 
-        Triangles with two corners at one point are left out. Thin ones stay: without them their neighbours would gape.
+        Triangles with two corners at one point are left out, unless the mesh deforms. Thin ones stay: without them
+        their neighbours would gape.
         """
         corners = [positions[triangles[:, k]] for k in range(3)]
         apart = [(corners[k] != corners[k - 1]).any(axis=1) for k in range(3)]
-        solid = np.flatnonzero(apart[0] & apart[1] & apart[2]).astype(np.int32)
+        solid = np.flatnonzero(apart[0] & apart[1] & apart[2] | deforms).astype(np.int32)
         if not len(solid):
             return Blas(EMPTY_NODE, EMPTY_NODE, np.zeros((2, 3)))
         a, b, c = (corner[solid] for corner in corners)
@@ -122,7 +127,23 @@ class Bvh:
         box = np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
         root = first * self.layout.unit
         entry = -1 - 10 * first_pack if self.layout is WIDE and packs == 1 else root
-        return Blas(root, entry, box.astype(np.float64))
+        rows = range(first, first + nodes), range(first_pack, first_pack + packs)
+        return Blas(root, entry, box.astype(np.float64), *rows)
+
+    def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, moved: int) -> None:
+        """Fit the tree of a mesh that deforms to where its vertices are now.
+
+        vertex_position, triangle_vertices: as a DeviceScene has them. moved: how many rows behind the one that
+        `triangle_vertices` names a vertex is read.
+        """
+        nodes, packs = blas.nodes, blas.packs
+        source = vertex_position, triangle_vertices, moved
+        if self.layout is WIDE:
+            bvh_refit.refit_packs(self.packs, packs.start, len(packs), *source)
+            bvh_refit.refit_wide(self.nodes, nodes.start, len(nodes), self.packs)
+        else:
+            bvh_refit.refit_triangles(self.packs, packs.start, len(packs), *source)
+            bvh_refit.refit_binary(self.nodes, nodes.start, len(nodes), self.packs)
 
     def clear_instances(self) -> None:
         """Forget the trees over instances."""

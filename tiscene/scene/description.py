@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Camera
+from tiscene.scene.animation import Deformation, Track
 
 FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int32]
@@ -28,6 +29,7 @@ class Mesh:
     positions: float32 [n, 3], m. triangles: int32 [m, 3]. normals: float32 [n, 3], unit, or None for flat shading.
     uv: float32 [n, 2] or None. materials: int32 [m], rows of `SceneDescription.materials`.
     parts: int32 [m], which of the mesh's parts each triangle is of; None for one part.
+    deformation: where the vertices are over time, if they move; `positions` are those of the time that was read.
     """
 
     name: str
@@ -37,6 +39,11 @@ class Mesh:
     normals: FloatArray | None = None
     uv: FloatArray | None = None
     parts: IntArray | None = None
+    deformation: Deformation | None = None
+
+    def corners(self) -> FloatArray:
+        """Points [k, 3] whose hull holds the mesh at all times: its vertices, wherever they are."""
+        return self.positions if self.deformation is None else self.deformation.positions.reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +253,10 @@ class Collider(Instance):
 
 @dataclass(frozen=True, eq=False)
 class SceneDescription:
-    """A stage at one time code, or an object template in its own space. colliders: those that are not drawn."""
+    """A stage at one time code, or an object template in its own space.
+
+    colliders: those that are not drawn. tracks: which of the instances move, come and go by themselves.
+    """
 
     name: str
     meshes: tuple[Mesh, ...] = ()
@@ -259,12 +269,13 @@ class SceneDescription:
     up_axis: Literal["Y", "Z"] = "Y"
     templates: tuple[Template, ...] = field(default=())
     colliders: tuple[Collider, ...] = ()
+    tracks: tuple[Track, ...] = ()
 
     def bounds(self) -> NDArray[np.float64]:
         """The box around every vertex of what is drawn, [2, 3]: lowest and highest corner, m; zeros if empty."""
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for instance in self.instances:
-            positions = self.meshes[instance.mesh].positions
+            positions = self.meshes[instance.mesh].corners()
             if len(positions):
                 world = positions @ instance.world_from_object[:3, :3].T + instance.world_from_object[:3, 3]
                 low, high = np.minimum(low, world.min(axis=0)), np.maximum(high, world.max(axis=0))

@@ -13,12 +13,13 @@ from tiscene import device
 from tiscene.errors import ArgumentError
 from tiscene.scene import instance_arrays
 from tiscene.scene.bvh import Blas, Bvh
+from tiscene.scene.deforming import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.device_array import upload
 from tiscene.scene.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.obstacles import MeshTrees
-from tiscene.scene.placement import CURRENT, MOVERS, Placement
+from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.texture_atlas import TextureAtlas
 
 HAS_NORMALS, HAS_UV, MIRRORED = 1, 2, 4  # bits of `instance_info` column 5
@@ -33,10 +34,12 @@ class DeviceScene:
     every `place`:
 
     vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
+    A mesh that deforms has its vertices there three times: as they are now, at the next frame, and at the last one.
     triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
     triangle_part: i32 [m], which part of its mesh.
     instance_info: i32 [i, 8], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
-    5 flags (HAS_NORMALS | HAS_UV | MIRRORED), 6 first part.
+    5 flags (HAS_NORMALS | HAS_UV | MIRRORED), 6 first part, 7 vertices of a mesh that deforms, else 0. As rays find
+    them at CURRENT; `instances_at` has those of other times.
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
     descriptions: what was added, each with the row of its first mesh (host).
@@ -61,14 +64,17 @@ class DeviceScene:
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # of every description
-        self._mesh_table = np.zeros((0, 3), np.int32)
-        self._boxes = np.zeros((0, 2, 3))
+        self._mesh_table = np.zeros((0, 4), np.int32)
+        self._first_vertices = np.zeros(1, np.int64)
+        self._boxes = np.zeros((3, 0, 2, 3))
+        self._deforming: dict[int, DeformingMesh] = {}  # by row of mesh
         self.instance_count = 0
         self.placement = _NOTHING
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._hittable = np.zeros((3, 0), bool)
         self._instance_boxes = np.zeros((3, 0, 6))
         self.instance_info: Any = None
+        self._info_elsewhen: dict[int, Any] = {}  # by time, where a mesh deforms
         self.world_from_instance: Any = None
         self.instance_from_world: Any = None
         self.box_from_instance: Any = None
@@ -79,6 +85,11 @@ class DeviceScene:
     def meshes(self) -> tuple[Mesh, ...]:
         """The meshes as they were added, by row."""
         return tuple(self._meshes)
+
+    @property
+    def mesh_boxes(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of every mesh at the times of the last `place`, [3, n, 2, 3], m, object space."""
+        return self._boxes
 
     @property
     def nodes(self) -> Any:
@@ -94,6 +105,20 @@ class DeviceScene:
     def trees(self) -> MeshTrees:
         """The trees over the meshes, for others than rays."""
         return MeshTrees(self._bvh, self._blas)
+
+    def instances_at(self, time: int) -> Any:
+        """`instance_info` for rays that are traced at a time: a mesh that deforms has another tree at each."""
+        return self._info_elsewhen.get(time, self.instance_info)
+
+    @property
+    def deforms(self) -> bool:
+        """Whether some mesh has other vertices at other times."""
+        return bool(self._deforming)
+
+    def vertex_rows(self, mesh: int) -> range:
+        """The rows of `vertex_position` with a mesh's vertices as they are at CURRENT."""
+        first = int(self._first_vertices[mesh])
+        return range(first, first + len(self._meshes[mesh].positions))
 
     def tlas_root(self, time: int) -> int:
         """Where rays enter the instances at `time`, or MOVERS. Raises ArgumentError if they are not placed there."""
@@ -115,6 +140,9 @@ class DeviceScene:
             positions = np.ascontiguousarray(mesh.positions, np.float32)
             triangles = np.ascontiguousarray(mesh.triangles, np.int32)
             self._blas.append(self._bvh.add_mesh(positions, triangles, first_triangle))
+            if mesh.deformation is not None:
+                copies = [self._bvh.add_mesh(positions, triangles, first_triangle, deforms=True) for _ in TIMES]
+                self._deforming[len(self._meshes)] = DeformingMesh(mesh, mesh.deformation, copies)
             self._meshes.append(mesh)
             self._triangle_materials.append(np.asarray(mesh.materials, np.int32) + first_material)
             self._first_triangles.append(first_triangle + len(triangles))
@@ -139,11 +167,17 @@ class DeviceScene:
         if placement.lights is not None:
             descriptions, lights = zip(*placement.lights, strict=True) if placement.lights else ((), ())
             self.lights.place(lights, [self._first_textures[row] for row in descriptions])
+        for row, deforming in self._deforming.items():
+            first = int(self._first_vertices[row])
+            deforming.move(placement.seconds, first, self.vertex_position, self.vertex_normal)
+            self._boxes[:, row] = deforming.boxes
+            for time in set(times) & set(TIMES):
+                deforming.refit(time, self._bvh, self.vertex_position, self.triangle_vertices)
         inverse, determinant = _inverted(placement.world_from_object)
         self.placement = placement
         self._upload_instances(inverse, determinant)
         self._hittable = hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
-        self._instance_boxes = boxes = _transformed(self._boxes[placement.mesh], placement.world_from_object)
+        self._instance_boxes = boxes = _transformed(self._boxes[:, placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
         for time in sorted(set(times)):
             rows = np.flatnonzero(hittable[time]).astype(np.int32)
@@ -163,14 +197,16 @@ class DeviceScene:
 
     def _upload_meshes(self) -> None:
         meshes = self._meshes
-        vertex_counts = [len(mesh.positions) for mesh in meshes]
-        first_vertices = np.cumsum([0, *vertex_counts])
-        self.vertex_position = upload(_stacked([mesh.positions for mesh in meshes], 3, np.float32))
+        copies = [len(BLOCKS) if row in self._deforming else 1 for row in range(len(meshes))]
+        every = [mesh for mesh, count in zip(meshes, copies, strict=True) for _ in range(count)]
+        vertex_counts = np.array([len(mesh.positions) for mesh in meshes], np.int64)
+        self._first_vertices = first_vertices = np.cumsum([0, *(vertex_counts * copies)])
+        self.vertex_position = upload(_stacked([mesh.positions for mesh in every], 3, np.float32))
         self.vertex_normal = upload(
-            _stacked([np.zeros_like(m.positions) if m.normals is None else m.normals for m in meshes], 3, np.float32)
+            _stacked([np.zeros_like(m.positions) if m.normals is None else m.normals for m in every], 3, np.float32)
         )
         self.vertex_uv = upload(
-            _stacked([np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in meshes], 2, np.float32)
+            _stacked([np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in every], 2, np.float32)
         )
         self.triangle_vertices = upload(
             _stacked([m.triangles + first for m, first in zip(meshes, first_vertices, strict=False)], 3, np.int32)
@@ -180,16 +216,22 @@ class DeviceScene:
         self.triangle_part = upload(np.concatenate([np.zeros(0, np.int32), *parts]))
         flags = [HAS_NORMALS * (mesh.normals is not None) + HAS_UV * (mesh.uv is not None) for mesh in meshes]
         entries = [blas.entry for blas in self._blas]
-        self._mesh_table = np.array([entries, self._first_triangles[:-1], flags], np.int32).T.reshape(-1, 3)
+        moved = np.where(np.array(copies) > 1, vertex_counts, 0)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
-        self._boxes = np.array([blas.box for blas in self._blas]).reshape(-1, 2, 3)
+        self._boxes = np.array([[blas.box for blas in self._blas]] * 3).reshape(3, -1, 2, 3)
+        for row, deforming in self._deforming.items():
+            entries[row] = deforming.blas[CURRENT].entry
+            self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
+            deforming.forget()
+        columns = [entries, self._first_triangles[:-1], flags, moved]
+        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 4)
         self._mesh_arrays_are_old = False
 
     def _upload_instances(self, inverse: NDArray[np.float64], determinant: NDArray[np.float64]) -> None:
         placement = self.placement
         count = len(placement.mesh)
         info = np.zeros((count, 8), np.int32)
-        info[:, [0, 1, 5]] = self._mesh_table[placement.mesh]
+        info[:, [0, 1, 5, 7]] = self._mesh_table[placement.mesh]
         info[:, 2] = placement.instance_id
         info[:, 3] = placement.category_id
         info[:, 4] = placement.mesh
@@ -202,6 +244,13 @@ class DeviceScene:
             self.instance_from_world = ti.ndarray(ti.f32, (3, max(count, 1), 12))
             self.box_from_instance = ti.ndarray(ti.f32, (max(count, 1), 12))
         self.instance_count = count
+        self._info_elsewhen = {}
+        if self._deforming and count:
+            for time in (PREVIOUS, NEXT):
+                then = info.copy()
+                for row, deforming in self._deforming.items():
+                    then[placement.mesh == row, 0] = deforming.blas[time].entry
+                self._info_elsewhen[time] = upload(then)
         if count:
             instance_arrays.fill(
                 info,
@@ -250,12 +299,12 @@ def _inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
 
 
 def _transformed(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """World boxes [3, n, 6] around boxes [n, 2, 3] under affine maps [3, n, 3, 4]."""
-    centre = 0.5 * (boxes[:, 0] + boxes[:, 1])
-    half = 0.5 * (boxes[:, 1] - boxes[:, 0])
+    """World boxes [3, n, 6] around boxes [3, n, 2, 3] under affine maps [3, n, 3, 4]."""
+    centre = 0.5 * (boxes[:, :, 0] + boxes[:, :, 1])
+    half = 0.5 * (boxes[:, :, 1] - boxes[:, :, 0])
     world_centre = matrices[..., 3].copy()
     world_half = np.zeros_like(world_centre)
     for axis in range(3):
-        world_centre += matrices[..., axis] * centre[:, axis, None]
-        world_half += np.abs(matrices[..., axis]) * half[:, axis, None]
+        world_centre += matrices[..., axis] * centre[:, :, axis, None]
+        world_half += np.abs(matrices[..., axis]) * half[:, :, axis, None]
     return np.concatenate([world_centre - world_half, world_centre + world_half], axis=-1)

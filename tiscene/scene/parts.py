@@ -60,7 +60,7 @@ def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices:
     """[2, 3]: the box around the vertices of `meshes`, each mapped by its 4x4 matrix; zeros if there are none."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for mesh, matrix in zip(meshes, matrices, strict=True):
-        positions = description.meshes[mesh].positions
+        positions = description.meshes[mesh].corners()
         if len(positions):
             mapped = positions @ matrix[:3, :3].T + matrix[:3, 3]
             low, high = np.minimum(low, mapped.min(axis=0)), np.maximum(high, mapped.max(axis=0))

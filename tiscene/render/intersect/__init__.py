@@ -62,4 +62,4 @@ def _occluded(
 def _arrays(scene: DeviceScene, time: int) -> tuple[Any, ...]:
     root = scene.tlas_root(time)
     transforms_time = CURRENT if time == MOVERS else time
-    return scene.nodes, scene.packs, scene.instance_from_world, scene.instance_info, transforms_time, root
+    return scene.nodes, scene.packs, scene.instance_from_world, scene.instances_at(time), transforms_time, root
