@@ -87,6 +87,11 @@ def test_render_hands_on_every_option(tmp_path, fake):
     }
 
 
+def test_render_takes_several_cameras(tmp_path, fake):
+    assert render("-o", tmp_path, "--camera", "Front,Above") == 0
+    assert fake.made[-1].others["camera"] == ("Front", "Above")
+
+
 def test_render_is_differential_where_it_pays_or_as_it_is_told(tmp_path, fake):
     for number, options in enumerate([[], ["--frames", ":60"], ["--frames", ":60", "--no-differential"]]):
         render("-o", tmp_path / str(number), *options)

@@ -80,7 +80,12 @@ def parser() -> argparse.ArgumentParser:
     render.add_argument("--quality", default="standard", help="preview, standard or photo (default: %(default)s)")
     render.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
     render.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
-    render.add_argument("--camera", metavar="NAME", help="a camera of the scene (default: its first)")
+    render.add_argument(
+        "--camera",
+        metavar="NAME,...",
+        type=_names,
+        help="a camera of the scene (default: its first); of several each writes into a folder of its own",
+    )
     render.add_argument(
         "--variant",
         metavar="PRIM{SET}=NAME",

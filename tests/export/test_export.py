@@ -2,14 +2,17 @@
 
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.export.fake_stream import FakeStream
+from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import EXPORTERS, SUMMARIES, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest, write_atomically
+from tiscene.frame import FrameCamera
 
 
 def contents(folder):
@@ -138,3 +141,56 @@ def test_a_file_is_never_seen_in_part(tmp_path, monkeypatch):
         write_atomically(target, b"new")
     assert [path.name for path in target.parent.iterdir()] == ["a.bin"]
     assert target.read_bytes() == b"old"
+
+
+class Several(FakeStream):
+    """A stream that three cameras watch."""
+
+    names = ("Main", "Over the door", "a/b:..")
+
+    def __getitem__(self, index):
+        first, *others = [
+            replace(super(Several, self).__getitem__(100 * row + index), index=index) for row in range(len(self.names))
+        ]
+        first, *others = [
+            replace(each, camera=FrameCamera(Camera(name=name), self.width, self.height))
+            for each, name in zip((first, *others), self.names, strict=True)
+        ]
+        return replace(first, others=tuple(others))
+
+
+@pytest.mark.parametrize("format", EXPORTERS)
+def test_several_cameras_have_a_folder_each(tmp_path, format):
+    manifest = export(Several(), tmp_path / "all", format=format, frames=range(3))
+    folders = ("Main", "Over the door", "a_b_._")
+    assert manifest.folders == [f"{each}/" for each in folders]
+    found = contents(tmp_path / "all")
+    listed = {name for entry in manifest.frames.values() for name in entry["files"]}
+    summary = {f"{each}/{name}" for each in folders for name in SUMMARIES.get(format, ((), None))[0]}
+    assert set(found) == listed | summary | {NAME}
+    alone = contents(tmp_path / "one") if export(FakeStream(), tmp_path / "one", format=format, frames=range(3)) else {}
+    for name, data in alone.items():
+        if name != NAME and "labels" not in name:
+            assert found[f"Main/{name}"] == data
+    different = [name.removeprefix("Main/") for name in found if name.startswith("Main/") and "labels" not in name]
+    assert any(found[f"Main/{name}"] != found[f"a_b_._/{name}"] for name in different)
+    assert manifest.frames[0]["digest"] == frame_digest(Several()[0])
+
+
+def test_a_run_of_several_cameras_goes_on_and_can_be_replaced(tmp_path):
+    export(Several(), tmp_path, frames=range(3))
+    before = contents(tmp_path)
+    (tmp_path / "a_b_._" / "rgb" / "000001.png").unlink()
+    again, seen = Several(), []
+    export(again, tmp_path, frames=range(3), progress=lambda index, frame: seen.append(frame is None))
+    assert seen == [True, False, True]
+    assert contents(tmp_path) == before
+    export(FakeStream(seed=1), tmp_path, frames=range(1), overwrite=True)
+    assert not [name for name in contents(tmp_path) if name.startswith(("Main", "Over", "a_b"))]
+
+
+def test_cameras_that_would_share_a_folder_are_refused(tmp_path):
+    stream = Several()
+    stream.names = ("a/b", "A:B")
+    with pytest.raises(ExportError, match="'a/b', 'A:B' two would write into the folder 'A_B/'"):
+        export(stream, tmp_path, frames=range(1))

@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
                 quality=args.quality,
                 spp=args.spp,
                 seed=args.seed,
-                camera=args.camera,
+                camera=args.camera[0] if args.camera and len(args.camera) == 1 else args.camera,
                 variants=dict(args.variant),
                 taxonomy=args.taxonomy,
                 arch=args.arch,

@@ -2,6 +2,7 @@
 
 `export` writes frames of a stream into a folder, one format at a time, beside a manifest by which an interrupted run
 goes on. A format is one file here with a function `encode(frame) -> {file name: contents}`, and one line in EXPORTERS.
+What several cameras see is written into a folder for each, called as the camera.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import exr, labels, npz, png, sailenv
-from tiscene.export.manifest import NAME, Manifest, write_atomically
+from tiscene.export.manifest import NAME, Manifest, views_by_folder, write_atomically
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame
@@ -113,7 +114,8 @@ def _remove(folder: Path, manifest: Manifest) -> None:
             if path.is_relative_to(root):
                 path.unlink(missing_ok=True)
     for name in SUMMARIES.get(manifest.made_by["format"], ((), None))[0]:
-        (folder / name).unlink(missing_ok=True)
+        for camera in manifest.folders:
+            (folder / camera / name).unlink(missing_ok=True)
     (folder / NAME).unlink()
 
 
@@ -131,7 +133,11 @@ def _write_frames(
             frame = None
             if not manifest.holds(folder, index):
                 frame = stream[index]
-                files = encode(frame) | labels.encode(frame, objects)
+                files = {
+                    f"{camera}{name}": data
+                    for camera, view in views_by_folder(frame).items()
+                    for name, data in (encode(view) | labels.encode(view, objects)).items()
+                }
                 for name, data in files.items():
                     write_atomically(folder / name, data)
                 manifest.categories = dict(stream.categories)
@@ -148,4 +154,5 @@ def _write_frames(
         manifest.save(folder)
         if manifest.made_by["format"] in SUMMARIES:
             for name, data in SUMMARIES[manifest.made_by["format"]][1](stream, manifest).items():
-                write_atomically(folder / name, data)
+                for camera in manifest.folders:
+                    write_atomically(folder / camera / name, data)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,8 @@ class Manifest:
 
     made_by: everything that decides the contents of the files (version, format, buffers, settings, scenario, layers).
     categories: what the ids of `semantic` mean. frames: for each index the digest of the frame, of each buffer
-    (`buffer_digest`, whatever the file format) and of each file (SHA-256 of its bytes).
+    (`buffer_digest`, whatever the file format) and of each file (SHA-256 of its bytes). Where several cameras took it,
+    names of buffers and files begin with a folder for each.
     """
 
     made_by: dict[str, Any]
@@ -66,12 +68,18 @@ class Manifest:
 
     def record(self, frame: Frame, files: dict[str, bytes]) -> None:
         """Note a frame whose files are written."""
-        buffers = {name: buffer_digest(buffer) for name, buffer in frame.buffers.items()}
+        buffers = _buffer_digests(frame)
         self.frames[frame.index] = {
-            "digest": frame_digest(frame),
+            "digest": _digest_of(buffers),
             "buffers": buffers,
             "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         }
+
+    @property
+    def folders(self) -> list[str]:
+        """Those of the cameras, each with a "/" at its end; [""] where only one took the frames."""
+        folders = {"".join(name.rpartition("/")[:2]) for entry in self.frames.values() for name in entry["buffers"]}
+        return sorted(folders) or [""]
 
     def holds(self, folder: Path, index: int) -> bool:
         """Whether every file of a frame is in the folder, with the very bytes."""
@@ -88,7 +96,37 @@ def buffer_digest(buffer: NDArray[Any]) -> str:
 
 def frame_digest(frame: Frame) -> str:
     """SHA-256 over the names and digests of a frame's buffers, in the order of the names."""
-    lines = [f"{name} {buffer_digest(buffer)}\n" for name, buffer in sorted(frame.buffers.items())]
+    return _digest_of(_buffer_digests(frame))
+
+
+def views_by_folder(frame: Frame) -> dict[str, Frame]:
+    """What each camera saw, by the folder that its files are in, a "/" at its end; "" for a camera alone.
+
+    A folder is called as the camera, with `_` for what names of files should not hold. Raises ExportError if two
+    cameras would share one.
+    """
+    if not frame.others:
+        return {"": frame}
+    result: dict[str, Frame] = {}
+    for name, view in frame.views.items():
+        folder = re.sub(r"[^\w .-]|^[ .]|[ .]$", "_", name) + "/"
+        if folder.lower() in map(str.lower, result):
+            names = ", ".join(map(repr, frame.views))
+            raise ExportError(f"of the cameras {names} two would write into the folder {folder!r}: rename one")
+        result[folder] = view
+    return result
+
+
+def _buffer_digests(frame: Frame) -> dict[str, str]:
+    return {
+        f"{folder}{name}": buffer_digest(buffer)
+        for folder, view in views_by_folder(frame).items()
+        for name, buffer in view.buffers.items()
+    }
+
+
+def _digest_of(buffers: dict[str, str]) -> str:
+    lines = [f"{name} {digest}\n" for name, digest in sorted(buffers.items())]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
