@@ -23,9 +23,9 @@ def write_ray(rays: ti.template(), row: ti.i32, origin: ti.math.vec3, direction:
 class RayArrays:
     """One ray for each pixel, and what it hits. Kept from frame to frame, made anew where the size changes.
 
-    queue: all pixels, in the order to trace them in. further, mirrored: two queues each, for the rays that go on after
-    a hit; their order is the threads' business, since each ray writes to its own row only. distance: f32 [n], for
-    whoever needs one for each ray.
+    queue: all pixels, in the order to trace them in; `queue_of` has some of them. further, mirrored: two queues each,
+    for the rays that go on after a hit; their order is the threads' business, since each ray writes to its own row
+    only. distance: f32 [n], for whoever needs one for each ray.
     """
 
     def __init__(self) -> None:
@@ -36,6 +36,7 @@ class RayArrays:
         self.hit_ids: Any = None
         self.distance: Any = None
         self.queue: Any = None
+        self._some: Any = None
         self.further: tuple[Any, Any] = (None, None)
         self.mirrored: tuple[Any, Any] = (None, None)
 
@@ -50,9 +51,18 @@ class RayArrays:
             self.distance = ti.ndarray(ti.f32, (self.count,))
             self.queue = ti.ndarray(ti.i32, (self.count,))
             self.queue.from_numpy(tiled_order(width, height))
+            self._some = ti.ndarray(ti.i32, (self.count,))
             self.further = ti.ndarray(ti.i32, (self.count,)), ti.ndarray(ti.i32, (self.count,))
             self.mirrored = ti.ndarray(ti.i32, (self.count,)), ti.ndarray(ti.i32, (self.count,))
         return self
+
+    def queue_of(self, pixels: NDArray[np.bool_]) -> tuple[Any, int]:
+        """The pixels where an image [h, w] is True, in the order to trace them in, and how many they are."""
+        order = tiled_order(self._size[0], self._size[1])
+        queue = order[pixels.ravel()[order]]
+        if len(queue):
+            self._some.from_numpy(np.resize(queue, self.count))
+        return self._some, len(queue)
 
 
 class AnyHitArrays:

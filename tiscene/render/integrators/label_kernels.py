@@ -1,4 +1,4 @@
-"""The kernels of the label pass. One loop turn is one pixel; nothing is summed over pixels."""
+"""The kernels of the label pass. One loop turn is one pixel of a queue; nothing is summed over pixels."""
 
 import taichi as ti
 
@@ -9,13 +9,16 @@ from tiscene.render.surface import (
     FLOATS_3D,
     INFO_CATEGORY_ID,
     INFO_INSTANCE_ID,
+    INFO_MOVED,
     INFO_PART,
     INTS_1D,
     INTS_2D,
     Geometry,
+    moved_by,
     object_point_at,
     surface_at,
     transform_point,
+    transform_vector,
     vec2,
     vec3,
 )
@@ -101,9 +104,31 @@ def seen_from(
     return point
 
 
+@ti.func
+def point_then(
+    vertex_position: ti.template(),
+    triangle_vertices: ti.template(),
+    instance_info: ti.template(),
+    row: ti.i32,
+    triangle: ti.i32,
+    b1: ti.f32,
+    b2: ti.f32,
+    now: vec3,
+    time: ti.i32,
+) -> vec3:
+    """Where a point that is at `now` in the space of its mesh is there at another time."""
+    point = now
+    if row >= 0:
+        if instance_info[row, INFO_MOVED] > 0:
+            moved = moved_by(instance_info, row, time)
+            point = object_point_at(vertex_position, triangle_vertices, triangle, b1, b2, moved)
+    return point
+
+
 @ti.kernel
-def primary_rays(view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: FLOATS_2D):
-    for pixel in range(width * height):
+def primary_rays(queue: INTS_1D, count: ti.i32, view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: FLOATS_2D):
+    for i in range(count):
+        pixel = queue[i]
         origin, direction = camera_ray(
             view, CURRENT, ti.cast(pixel % width, ti.f32), ti.cast(pixel // width, ti.f32), width, height
         )
@@ -124,6 +149,8 @@ def write3(array: ti.template(), y: ti.i32, x: ti.i32, value: vec3):
 
 @ti.kernel
 def surface_labels(
+    queue: INTS_1D,
+    count: ti.i32,
     rays: FLOATS_2D,
     hits: FLOATS_2D,
     hit_ids: INTS_2D,
@@ -170,7 +197,8 @@ def surface_labels(
             instance_from_world,
         )
     )
-    for pixel in range(width * height):
+    for i in range(count):
+        pixel = queue[i]
         x, y = pixel % width, pixel // width
         row = hit_ids[pixel, 0]
         focal = camera_motion[CURRENT, FOCAL_LENGTH]
@@ -178,8 +206,9 @@ def surface_labels(
         object_point = vec3(0.0)
         if row >= 0:
             object_point = object_point_at(
-                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2]
+                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], 0
             )
+        triangle, b1, b2 = hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2]
         now = seen_from(CURRENT, row, object_point, towards, instance_motion, camera_motion)
         here = from_principal_point(now, focal)
 
@@ -195,15 +224,26 @@ def surface_labels(
         if wanted[PART]:
             part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel, 1]] if row >= 0 else 0
         if wanted[FORWARD_FLOW]:
-            after = seen_from(NEXT, row, object_point, towards, instance_motion, camera_motion)
+            then = point_then(
+                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
+            )
+            after = seen_from(NEXT, row, then, towards, instance_motion, camera_motion)
             write2(forward_flow, y, x, from_principal_point(after, camera_motion[NEXT, FOCAL_LENGTH]) - here)
         if wanted[BACKWARD_FLOW]:
-            before = seen_from(PREVIOUS, row, object_point, towards, instance_motion, camera_motion)
+            then = point_then(
+                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, PREVIOUS
+            )
+            before = seen_from(PREVIOUS, row, then, towards, instance_motion, camera_motion)
             write2(backward_flow, y, x, from_principal_point(before, camera_motion[PREVIOUS, FOCAL_LENGTH]) - here)
         if wanted[SCENE_FLOW]:
             displacement = vec3(0.0)
             if row >= 0:
-                displacement = affine(instance_motion, row, DISPLACEMENT, object_point)
+                then = point_then(
+                    vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
+                )
+                displacement = affine(instance_motion, row, DISPLACEMENT, then)
+                if instance_info[row, INFO_MOVED] > 0:
+                    displacement += transform_vector(world_from_instance, CURRENT, row, then - object_point)
             write3(scene_flow, y, x, displacement)
         if wanted[OBJECT_COORDINATES]:
             place = vec3(0.0)
@@ -235,11 +275,14 @@ def surface_labels(
 
 @ti.kernel
 def occlusion_rays(
+    queue: INTS_1D,
+    count: ti.i32,
     time: ti.i32,
     hits: FLOATS_2D,
     hit_ids: INTS_2D,
     vertex_position: FLOATS_2D,
     triangle_vertices: INTS_2D,
+    instance_info: INTS_2D,
     world_from_instance: FLOATS_3D,
     instance_motion: FLOATS_2D,
     camera_motion: FLOATS_2D,
@@ -253,14 +296,16 @@ def occlusion_rays(
 
     A ray that need not be traced, because the point is not in that picture at all, gets t_max 0 and expects -1.
     """
-    for pixel in range(width * height):
+    for i in range(count):
+        pixel = queue[i]
         row = hit_ids[pixel, 0]
         origin = view_vector(view, time, POSITION)
         direction = view_vector(view, time, FORWARD)
         t_max, length = 0.0, -1.0
         if row >= 0:
+            moved = moved_by(instance_info, row, time)
             object_point = object_point_at(
-                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2]
+                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], moved
             )
             seen = affine(instance_motion, row, 12 * time, object_point)
             place = from_principal_point(seen, camera_motion[time, FOCAL_LENGTH])
@@ -278,14 +323,22 @@ def occlusion_rays(
 
 @ti.kernel
 def occlusion_labels(
-    hit_ids: INTS_2D, expected: FLOATS_1D, other_hits: FLOATS_2D, other_ids: INTS_2D, width: ti.i32, occluded: FLAGS
+    queue: INTS_1D,
+    count: ti.i32,
+    hit_ids: INTS_2D,
+    expected: FLOATS_1D,
+    other_hits: FLOATS_2D,
+    other_ids: INTS_2D,
+    width: ti.i32,
+    occluded: FLAGS,
 ):
     """From what the rays of `occlusion_rays` met: whether something else lies before the point.
 
     The point's own triangle, or its own mesh just short of it, is no obstacle: at a grazing angle the rounding of a
     direction moves the hit far along the ray.
     """
-    for pixel in range(expected.shape[0]):
+    for i in range(count):
+        pixel = queue[i]
         length = expected[pixel]
         hidden = length < 0.0
         if not hidden and other_ids[pixel, 0] >= 0:

@@ -38,11 +38,16 @@ class MaterialLabels:
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
 
-    def render(self, rays: RayArrays, width: int, height: int, arrays: dict[str, NDArray[Any]]) -> None:
-        """Fill the material buffers among `arrays`. rays: what the primary rays met; overwritten."""
+    def render(
+        self, rays: RayArrays, queue: Any, count: int, width: int, arrays: dict[str, NDArray[Any]]
+    ) -> NDArray[np.int32]:
+        """Fill the material buffers among `arrays`; return the pixels that show a mirror.
+
+        rays: what the primary rays of the queue met; overwritten.
+        """
         outputs = [arrays.get(name, AOVS[name].empty(1, 1)) for name in MATERIAL_BUFFERS]
         wanted = np.array([name in arrays for name in MATERIAL_BUFFERS], np.int32)
-        queue, count = rays.queue, rays.count
+        shown = np.zeros(0, np.int32)
         for mirrors in range(MAX_MIRRORS + 1):
             found = np.zeros(1, np.int32)
             material_labels(
@@ -62,9 +67,12 @@ class MaterialLabels:
                 *outputs,
             )
             queue, count = rays.mirrored[mirrors % 2], int(found[0])
+            if mirrors == 0 and count:
+                shown = queue.to_numpy()[:count]
             if count == 0:
-                return
+                break
             first_hits(self.scene, CURRENT, rays, queue, count)
+        return shown
 
 
 @ti.kernel

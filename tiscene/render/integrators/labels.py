@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import BufferNotFound
-from tiscene.render.aovs import AOVS, LABELS
+from tiscene.render.aovs import AOVS, LABELS, times_needed
 from tiscene.render.integrators import label_kernels as kernels
 from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_materials import MATERIAL_BUFFERS, MaterialLabels
+from tiscene.render.integrators.label_still import Picture, StillLabels
 from tiscene.render.ray_arrays import RayArrays
 from tiscene.render.surface import geometry_of
 from tiscene.render.view import View
@@ -33,6 +34,7 @@ class LabelPass:
         self._rays = RayArrays()
         self._other = RayArrays()
         self._materials = MaterialLabels(scene)
+        self._still = StillLabels(scene)
 
     def render(self, view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
         """The label buffers named, as new arrays; those not named cost nothing.
@@ -42,28 +44,57 @@ class LabelPass:
         for name in buffers:
             if name not in LABELS:
                 raise BufferNotFound("label buffer", str(name), LABELS)
-        arrays = {name: AOVS[name].empty(view.width, view.height) for name in buffers}
-        if not arrays:
-            return arrays
+        if not buffers:
+            return {}
+        found = self._still.picture(view, buffers, times_needed(buffers), self._picture)
+        if found is None:
+            rays = self._rays.sized(view.width, view.height)
+            arrays = _empty(view, buffers)
+            self._draw(view, rays.queue, rays.count, arrays)
+        else:
+            picture, changed = found
+            arrays = {name: picture.arrays[name].copy() for name in buffers}
+            self._draw(view, *self._rays.sized(view.width, view.height).queue_of(changed), arrays)
+        return arrays
+
+    def _picture(self, view: View, buffers: Sequence[str]) -> Picture:
         rays = self._rays.sized(view.width, view.height)
-        kernels.primary_rays(view.array(), view.width, view.height, rays.rays)
-        first_hits(self.scene, CURRENT, rays, rays.queue, rays.count)
+        shape = (view.height, view.width)
+        arrays = _empty(view, buffers)
+        picture = Picture(arrays, np.empty(shape, np.float32), np.zeros(shape, bool))
+        self._draw(view, rays.queue, rays.count, arrays, picture)
+        return picture
+
+    def _draw(
+        self, view: View, queue: Any, count: int, arrays: dict[str, NDArray[Any]], picture: Picture | None = None
+    ) -> None:
+        """Write the pixels of a queue into the arrays, and into what else belongs to a picture."""
+        if not count:
+            return
+        rays = self._rays
+        kernels.primary_rays(queue, count, view.array(), view.width, view.height, rays.rays)
+        first_hits(self.scene, CURRENT, rays, queue, count)
+        if picture is not None:
+            picture.reach[...] = rays.hits.to_numpy()[:, 0].reshape(picture.reach.shape)
 
         motion = instance_motion(self.scene.placement, view)
         cameras = camera_motion(view)
         if not arrays.keys().isdisjoint(kernels.SURFACE_BUFFERS):
-            self._surface(view, motion, cameras, arrays)
+            self._surface(view, queue, count, motion, cameras, arrays)
         for name, time in _OCCLUSIONS:
             if name in arrays:
-                self._occlusion(view, time, motion, cameras, arrays[name])
+                self._occlusion(view, queue, count, time, motion, cameras, arrays[name])
         if not arrays.keys().isdisjoint(MATERIAL_BUFFERS):
             # Last: it follows mirrors and overwrites the rays.
-            self._materials.render(rays, view.width, view.height, arrays)
-        return arrays
+            mirrors = self._materials.render(rays, queue, count, view.width, arrays)
+            if picture is not None:
+                picture.mirrors.ravel()[mirrors] = True
 
     def _surface(
         self,
         view: View,
+        queue: Any,
+        count: int,
         motion: NDArray[np.float32],
         cameras: NDArray[np.float32],
         arrays: dict[str, NDArray[Any]],
@@ -71,6 +102,8 @@ class LabelPass:
         wanted = np.array([name in arrays for name in kernels.SURFACE_BUFFERS], np.int32)
         rays = self._rays
         kernels.surface_labels(
+            queue,
+            count,
             rays.rays,
             rays.hits,
             rays.hit_ids,
@@ -89,6 +122,8 @@ class LabelPass:
     def _occlusion(
         self,
         view: View,
+        queue: Any,
+        count: int,
         time: int,
         motion: NDArray[np.float32],
         cameras: NDArray[np.float32],
@@ -96,11 +131,14 @@ class LabelPass:
     ) -> None:
         rays, other = self._rays, self._other.sized(view.width, view.height)
         kernels.occlusion_rays(
+            queue,
+            count,
             time,
             rays.hits,
             rays.hit_ids,
             self.scene.vertex_position,
             self.scene.triangle_vertices,
+            self.scene.instance_info,
             self.scene.world_from_instance,
             motion,
             cameras,
@@ -110,10 +148,14 @@ class LabelPass:
             other.rays,
             other.distance,
         )
-        first_hits(self.scene, time, other, other.queue, other.count)
+        first_hits(self.scene, time, other, queue, count)
         kernels.occlusion_labels(
-            rays.hit_ids, other.distance, other.hits, other.hit_ids, view.width, occluded.view(np.uint8)
+            queue, count, rays.hit_ids, other.distance, other.hits, other.hit_ids, view.width, occluded.view(np.uint8)
         )
+
+
+def _empty(view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
+    return {name: AOVS[name].empty(view.width, view.height) for name in buffers}
 
 
 _UNWANTED: dict[str, NDArray[Any]] = {}
