@@ -27,6 +27,7 @@ STREAM = SCENE | {
     "tiscene.scenario",
     "tiscene.motion",
     "tiscene.usd",
+    "tiscene.waiting",
     "tiscene.world",
 }
 EXPORT = {"tiscene", "tiscene.errors", "tiscene.frame", "tiscene.stream", "tiscene.sailenv.space"}
@@ -86,6 +87,7 @@ MAY_IMPORT = {
     },
     "tiscene.differential": SCENE | {"tiscene.render", "tiscene.world"},
     "tiscene.stream": STREAM,
+    "tiscene.waiting": set(),
     "tiscene.export": EXPORT,
     "tiscene.sailenv.space": {"dynamics", "tiscene.camera"},  # the only place where coordinates are left-handed
     "tiscene.sailenv": STREAM | {"tiscene.stream", "tiscene.sailenv.space"},

@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument(
         "--frames", metavar="N", type=int, default=24, help="length of the animation (default: %(default)s)"
     )
-    demo.add_argument("--quality", default="standard", help="preview, standard or photo (default: %(default)s)")
+    demo.add_argument("--quality", default="standard", help="fast, preview, standard or photo (default: %(default)s)")
     _add_size(demo, width=320, height=240)
 
     render = commands.add_parser(
@@ -77,7 +77,7 @@ def parser() -> argparse.ArgumentParser:
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
     _add_size(render, width=256, height=192)
     render.add_argument("--fps", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)")
-    render.add_argument("--quality", default="standard", help="preview, standard or photo (default: %(default)s)")
+    render.add_argument("--quality", default="standard", help="fast, preview, standard or photo (default: %(default)s)")
     render.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
     render.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
     render.add_argument(
@@ -147,7 +147,7 @@ def parser() -> argparse.ArgumentParser:
     serve.add_argument("--host", default="127.0.0.1", help="address to listen at (default: %(default)s, this machine)")
     serve.add_argument("--port", type=int, default=8085, help="0: any that is free (default: %(default)s)")
     serve.add_argument("--fps", type=float, default=25.0, help="frames are 1 / fps s apart (default: %(default)g)")
-    serve.add_argument("--quality", default="preview", help="preview, standard or photo (default: %(default)s)")
+    serve.add_argument("--quality", default="preview", help="fast, preview, standard or photo (default: %(default)s)")
     serve.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
     serve.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
     serve.add_argument(

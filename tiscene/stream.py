@@ -31,6 +31,7 @@ from tiscene.scene.placement import Placement
 from tiscene.usd import read_stage, read_template
 from tiscene.usd.layers import layer_digests
 from tiscene.usd.write import write_motion
+from tiscene.waiting import Waiting
 from tiscene.world import World
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
@@ -45,7 +46,7 @@ class Stream(Iterator[Frame]):
         things move (`tiscene.usd.schema`, or time samples of their transforms) plays.
     width, height: px. fps: frame k shows time k / fps. frames: how many; None for an endless stream.
     buffers: which of `tiscene.render.aovs.AOVS` each frame holds; the others cost nothing.
-    quality: "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
+    quality: "fast", "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
     seed: of the rendering's random numbers (trajectories have their own).
     camera: a Camera, or the name of one on the stage, in the place of the scenario's. Several: one simulation that all
         of them watch; `frame` is what the first sees, `frame.views` has a frame of each by the camera's name.
@@ -58,7 +59,7 @@ class Stream(Iterator[Frame]):
         never moves, which takes time once and then leaves little to trace (docs/differential.md). None: if there are
         frames enough for that to pay.
     cache_bytes: what that may keep in memory. report: is called with what is being made for it, and how much of that
-        is done, 0..1.
+        is done, 0..1; by default a terminal shows it.
 
     A stream is an iterator with a position, as an open file is: a second `for` goes on where the first stopped, `seek`
     moves it, and `state_dict` saves it. `stream[k]` and `stream[a:b]` leave the position alone.
@@ -110,7 +111,7 @@ class Stream(Iterator[Frame]):
             scenario = replace(scenario, camera=camera)
         self.differential = pays(self.frames) if differential is None else differential
         self._cache_bytes = _integer("cache_bytes", cache_bytes, 1, sys.maxsize)
-        self._report = report
+        self._report = report or Waiting()
         self.time_code = time_code
         self.variants = dict(variants or {})
         self.taxonomy = taxonomy
@@ -231,6 +232,7 @@ class Stream(Iterator[Frame]):
             "seed": self.seed,
             "spp": self.quality.spp,
             "max_depth": self.quality.max_depth,
+            "reduction": self.quality.reduction,
             "denoiser": self.quality.denoiser if self.quality.denoise else None,
             "time_code": self.time_code,
             "variants": self.variants,

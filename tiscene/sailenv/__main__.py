@@ -90,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tiscene.sailenv", description=__doc__)
     parser.add_argument("--headless", action="store_true", help="windows and waiting for keys do nothing")
     parser.add_argument("--frames", type=int, metavar="N", help="end the script when it asks for frame N + 1")
-    parser.add_argument("--quality", help="preview, standard or photo (default: preview)")
+    parser.add_argument("--quality", help="fast, preview, standard or photo (default: preview)")
     parser.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
     parser.add_argument("--seed", type=int, help="of the rendering's random numbers (default: 0)")
     parser.add_argument("--strict", action="store_true", help="raise errors that SAILenv prints")

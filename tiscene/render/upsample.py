@@ -1,0 +1,83 @@
+"""Light traced in a smaller picture, brought to full size along the surfaces that the labels show.
+
+What varies least over a surface is the light that reaches it: radiance over albedo. That is what is denoised and
+enlarged, from neighbours with a like normal only (joint bilateral upsampling, Kopf et al. 2007), before the albedo of
+each pixel, which is free of noise, makes radiance of it again. Mirrors and glass are as coarse as they were traced.
+"""
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+vec3 = ti.math.vec3
+FloatImage = NDArray[np.float32]
+Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
+
+FLOOR = 0.08  # added to every albedo: what shines on black is not diffuse
+ANY = 1e-5  # the weight, of all, that a neighbour of quite another kind has
+
+
+def reduced(width: int, height: int, reduction: int) -> tuple[int, int]:
+    """The size, px, of the picture in which light is traced for one of that size: as wide an angle at least."""
+    low_height = -(-height // reduction)
+    return -(-width * low_height // height), low_height
+
+
+def light(radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """What reaches the surfaces, and the albedo of that [h, w, 3]: 1, and 0 where there is no surface and the light is
+    the radiance."""
+    surface = normal.any(axis=-1, keepdims=True)
+    white = np.broadcast_to(surface, radiance.shape).astype(np.float32)
+    return radiance / np.where(surface, albedo + np.float32(FLOOR), np.float32(1.0)), white
+
+
+def upsample(light: FloatImage, normal: FloatImage, full_albedo: FloatImage, full_normal: FloatImage) -> FloatImage:
+    """Radiance, float32 [h, w, 3], of the size of the full albedo and normal; no normal (0) says that nothing is there.
+
+    light, normal: as of `light`, of the size that `reduced` says.
+    """
+    radiance = np.empty_like(full_albedo)
+    _upsample(light, normal, full_albedo, full_normal, radiance)
+    return radiance
+
+
+@ti.func
+def read(image: ti.template(), y: ti.i32, x: ti.i32) -> vec3:
+    return vec3(image[y, x, 0], image[y, x, 1], image[y, x, 2])
+
+
+@ti.func
+def spline(offset: ti.f32) -> vec3:
+    """The quadratic B-spline at a distance of -1 - offset, -offset and 1 - offset."""
+    return vec3(0.5 * (0.5 - offset) ** 2, 0.75 - offset * offset, 0.5 * (0.5 + offset) ** 2)
+
+
+@ti.kernel
+def _upsample(light: Image, normal: Image, full_albedo: Image, full_normal: Image, radiance: Image):
+    height, width = full_albedo.shape[0], full_albedo.shape[1]
+    low_height, low_width = light.shape[0], light.shape[1]
+    scale = ti.cast(low_height, ti.f32) / height
+    for pixel in range(width * height):
+        y, x = pixel // width, pixel % width
+        low_y = 0.5 * (low_height - 1) + (y - 0.5 * (height - 1)) * scale
+        low_x = 0.5 * (low_width - 1) + (x - 0.5 * (width - 1)) * scale
+        centre_y, centre_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
+        weights_y, weights_x = spline(low_y - centre_y), spline(low_x - centre_x)
+        n = read(full_normal, y, x)
+        surface = n.norm_sqr() > 0.0
+        sums, total = vec3(0.0), 0.0
+        for row, column in ti.static(ti.ndrange(3, 3)):
+            at_y = ti.math.clamp(centre_y + row - 1, 0, low_height - 1)
+            at_x = ti.math.clamp(centre_x + column - 1, 0, low_width - 1)
+            other = read(normal, at_y, at_x)
+            alike = ti.max(n.dot(other), 0.0) ** 4
+            if not surface:
+                alike = ti.select(other.norm_sqr() > 0.0, 0.0, 1.0)
+            weight = weights_y[row] * weights_x[column] * (alike + ANY)
+            sums += weight * read(light, at_y, at_x)
+            total += weight
+        result = sums / total
+        if surface:
+            result *= read(full_albedo, y, x) + FLOOR
+        for c in ti.static(range(3)):
+            radiance[y, x, c] = result[c]
