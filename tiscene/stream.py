@@ -20,7 +20,7 @@ from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame import Frame, FrameCamera
 from tiscene.render.aovs import AOVS
 from tiscene.render.integrators.replay import CACHE_BYTES, Report
-from tiscene.render.measure import object_table
+from tiscene.render.measure import Measurer
 from tiscene.render.renderer import Quality, Renderer, quality_named
 from tiscene.render.view import View
 from tiscene.scenario import Scenario
@@ -144,6 +144,7 @@ class Stream(Iterator[Frame]):
         self.world = World(scenario, self._stage, load_template, self.fps, width / height, self._mesh_trees)
         self.width, self.height = width, height
         self._scene = DeviceScene()
+        self._measurer = Measurer(self._scene)
         self._loaded = 0  # how many of the world's descriptions are on the device
         self._relit = False
         self._renderers: dict[tuple[int, int], Renderer] = {}
@@ -284,20 +285,21 @@ class Stream(Iterator[Frame]):
         exposure = view.current.exposure
         if exposure is None:
             exposure = self.exposure if "rgb" in buffers else 0.0
+        rendered = self._renderer(view).render(
+            view,
+            placement,
+            buffers,
+            frame_index=index,
+            seed=self.seed,
+            exposure=exposure,
+            moving=moving(self.world, index) if differential and not self._relit else None,
+        )
         return Frame(
             index=index,
             time=index / self.fps,
             camera=FrameCamera(view.current, view.width, view.height),
-            buffers=self._renderer(view).render(
-                view,
-                placement,
-                buffers,
-                frame_index=index,
-                seed=self.seed,
-                exposure=exposure,
-                moving=moving(self.world, index) if differential and not self._relit else None,
-            ),
-            objects=object_table(self._scene, placement, view, self.world.objects(index)),
+            buffers=rendered,
+            objects=self._measurer.table(placement, view, self.world.objects(index), rendered.get("instance")),
             categories=self.categories,
             events=tuple(self.world.events(index, (view.previous, view.current, view.next), view.width / view.height)),
         )

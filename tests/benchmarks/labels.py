@@ -14,7 +14,7 @@ import taichi as ti
 from tests.benchmarks.room import room, still
 from tiscene.render.aovs import LABELS, times_needed
 from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.measure import object_table
+from tiscene.render.measure import Measurer
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
@@ -66,7 +66,7 @@ def main() -> None:
         print(f"{'place':>10} {f'{count} times':>14} {wall:>9.1f} {cpu:>9.1f}")
     began = time.perf_counter()
     view = View(camera, camera, moved, *SIZES[0])
-    rows = object_table(scene, placement, view, [_State(int(id)) for id in np.unique(placement.instance_id)])
+    rows = Measurer(scene).table(placement, view, [_State(int(id)) for id in np.unique(placement.instance_id)])
     rows.columns()
     print(f"every column of {len(rows)} objects: {1e3 * (time.perf_counter() - began):.0f} ms")
 

@@ -2,7 +2,7 @@
 
 import copy
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,8 @@ import trimesh
 from tests.render.label_scenes import ALL_TIMES, Stage, Thing, crowd, mesh_of, placement_of, plate, pose, still
 from tiscene.camera import Camera
 from tiscene.errors import ObjectNotFound
-from tiscene.render.measure import MAX_SAMPLES, object_table
+from tiscene.render.measure import Measurer
+from tiscene.render.measure_pixels import MAX_SAMPLES, PixelCounter
 from tiscene.render.objects import ObjectTable
 from tiscene.render.view import View
 
@@ -38,7 +39,7 @@ class State:
 
 def table(stage: Stage, view: View = VIEW) -> ObjectTable:
     ids = sorted(set(stage.placement.instance_id.tolist()))
-    return object_table(stage.scene, stage.placement, view, [State(id, f"thing {id}") for id in ids])
+    return Measurer(stage.scene).table(stage.placement, view, [State(id, f"thing {id}") for id in ids])
 
 
 def test_a_plate_half_out_of_the_picture_and_half_hidden() -> None:
@@ -184,6 +185,58 @@ def test_the_table() -> None:
     assert columns["id"].dtype == np.int32
     assert columns["visible_box"].shape == (2, 4)
     assert columns["last_frame"].tolist() == [-1, -1]
+
+
+def test_what_stands_still_is_measured_once_and_nobody_can_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = crowd(12)
+    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    measurer = Measurer(stage.scene)
+    states = [State(id, f"thing {id}") for id in range(1, 14)]
+    counted: list[int] = []
+    count = PixelCounter.count
+    monkeypatch.setattr(
+        PixelCounter, "count", lambda self, view, parts: counted.append(len(parts)) or count(self, view, parts)
+    )
+    for frame in range(4):
+        resting = [Thing(thing.mesh, [thing.poses[0]], id=thing.id) for thing in stage.things]
+        resting[3] = Thing(0, [pose((0.3 * frame, 0.0, 1.0))], (True, frame != 2, True))
+        resting.append(Thing(1, [pose((0, 0, 2))]))
+        placement = placement_of(resting[: 12 + (frame > 1)], stage.meshes)
+        present = [state for state in states if state.id in placement.instance_id]
+        kept, fresh = (each.table(placement, view, present) for each in (measurer, Measurer(stage.scene)))
+        columns = kept.columns()
+        for name, column in fresh.columns().items():
+            np.testing.assert_array_equal(columns[name], column, name)
+        for ours, theirs in zip(kept, fresh, strict=True):
+            np.testing.assert_array_equal(ours.amodal_mask, theirs.amodal_mask)
+    assert counted == [12, 12, 1, 12, 2, 13, 1, 13]
+
+
+def test_amodal_masks_are_what_an_object_shows_alone() -> None:
+    stage = crowd(12)
+    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    rows = table(stage, view)
+    image = stage.render(view, "instance")["instance"]
+    for row in rows:
+        stage.scene.place(
+            replace(stage.placement, present=stage.placement.present & (stage.placement.instance_id == row.id))
+        )
+        alone = stage.render(view, "instance")["instance"] == row.id
+        np.testing.assert_array_equal(row.amodal_mask, alone)
+        assert row.amodal_mask[image == row.id].all()
+        assert row.percent_in_frame == pytest.approx(alone.sum() / row.amodal_pixels)
+    hidden = table(Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 4))])]))[0]
+    assert not hidden.amodal_mask.any()
+
+
+def test_an_instance_buffer_at_hand_is_not_traced_again() -> None:
+    stage = Stage([plate(2.0, 2.0)], [Thing(0, [pose((0, 0, -4))])])
+    image = np.zeros((SIZE, SIZE), np.int32)
+    image[10:20, 30:50], image[0, 0] = 1, 9  # 9: somebody who is no row
+    rows = Measurer(stage.scene).table(stage.placement, VIEW, [State(1, "thing")], image)
+    image[...] = 0
+    assert rows[0].visible_pixels == 200
+    assert rows[0].visible_box == (30, 10, 50, 20)
 
 
 def test_an_empty_table() -> None:

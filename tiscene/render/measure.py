@@ -2,166 +2,230 @@
 
 A frame may be looked at long after the stream has moved on: what is needed of that moment (placement and cameras) is
 kept, and the scene is placed anew for the measurement. Every render places the scene first, so no other frame notices.
+
+What depends on the camera and the object alone, not on what hides it, is remembered: things that stand still before a
+camera that does not move are measured once.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import quaternion_from_matrix
+from tiscene.camera import Camera, quaternion_from_matrix
 from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.intersect import occluded_by_instance
-from tiscene.render.measure_kernels import (
-    BEHIND,
-    BOX,
-    COLUMNS,
-    EXTENT_COLUMNS,
-    IN_FRONT,
-    OWNER,
-    ROWS,
-    STRIDE,
-    WINDOW,
-    WORLD,
-    X,
-    Y,
-    measure_extents,
-    pixel_rays,
-)
-from tiscene.render.objects import ObjectState, ObjectTable, OrientedBox
-from tiscene.render.ray_arrays import AnyHitArrays
+from tiscene.render.measure_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT, WORLD, measure_extents
+from tiscene.render.measure_pixels import PartInView, PixelCounter
+from tiscene.render.objects import Alone, Measured, ObjectState, ObjectTable, OrientedBox
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
-MAX_SAMPLES = 65536  # pixels of one object, outside of the picture
-_BATCH = 1 << 18  # rays
+KEPT_VIEWS = 4  # those not asked about for longest go first
 _FARTHEST = 1e7  # px; where the projection of a point on the near plane may end up
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """Measures (see tiscene.render.objects) that have been taken: what is left of SceneMeasures in a pickle."""
+@dataclass(eq=False)
+class _Known:
+    """What was measured of one object in one view. alone: None as long as nobody has asked."""
 
-    visible_pixels: NDArray[np.int64]
-    visible_box: NDArray[np.float64]
-    amodal_box: NDArray[np.float64]
+    signature: bytes
     world_bounds: NDArray[np.float64]
-    box_3d: list[OrientedBox]
-    amodal_pixels: NDArray[np.int64]
-    pixels_in_frame: NDArray[np.int64]
+    box_3d: OrientedBox
+    parts: list[PartInView]
+    alone: Alone | None = None
+
+    @property
+    def amodal_box(self) -> NDArray[np.float64]:
+        every = np.array([part.box for part in self.parts]).reshape(-1, 4)
+        return np.concatenate([every[:, :2].min(axis=0), every[:, 2:].max(axis=0)])
 
 
-def object_table(scene: DeviceScene, placement: Placement, view: View, states: Sequence[ObjectState]) -> ObjectTable:
-    """The rows of `frame.objects`. states: the objects alive at the frame, as its world tells."""
-    ids = np.array([state.id for state in states], np.int32)
-    return ObjectTable(states, SceneMeasures(scene, placement, view, ids))
+class Measurer:
+    """Measures the objects of a scene's frames."""
+
+    def __init__(self, scene: DeviceScene) -> None:
+        self.scene = scene
+        self.labels = LabelPass(scene)
+        self.pixels = PixelCounter(scene)
+        self._known: dict[tuple[Camera, int, int], dict[int, _Known]] = {}
+
+    def table(
+        self,
+        placement: Placement,
+        view: View,
+        states: Sequence[ObjectState],
+        instance: NDArray[np.int32] | None = None,
+    ) -> ObjectTable:
+        """The rows of `frame.objects`. states: the objects alive at the frame, as its world tells.
+
+        placement: what the frame showed. instance: the frame's buffer of that name, if it has one.
+        """
+        ids = np.array([state.id for state in states], np.int32)
+        # A copy: the buffers handed out may be written to.
+        return ObjectTable(
+            states, SceneMeasures(self, placement, view, ids, None if instance is None else instance.copy())
+        )
+
+    def known(self, view: View) -> dict[int, _Known]:
+        """What was measured in a view lately, by the object's id; to be added to."""
+        key = view.current, view.width, view.height
+        found = self._known.pop(key, {})
+        if len(self._known) >= KEPT_VIEWS:
+            del self._known[next(iter(self._known))]
+        self._known[key] = found
+        return found
 
 
 class SceneMeasures:
     """Measures (see tiscene.render.objects) of what a scene showed in a view."""
 
-    def __init__(self, scene: DeviceScene, placement: Placement, view: View, ids: NDArray[np.int32]) -> None:
-        """ids: the objects to measure, one row each. placement: what the frame showed."""
-        self._scene = scene
+    def __init__(
+        self,
+        measurer: Measurer,
+        placement: Placement,
+        view: View,
+        ids: NDArray[np.int32],
+        instance: NDArray[np.int32] | None,
+    ) -> None:
+        """ids: the objects to measure, one row each. placement: what the frame showed. instance: if it is at hand."""
+        self._measurer = measurer
+        self._scene = measurer.scene
         self._placement = placement
         self._view = view
-        self._ids = np.asarray(ids, np.int32)
+        self._ids = ids
+        self._instance = instance
 
     def __reduce__(self) -> tuple[type[Measured], tuple[object, ...]]:
         """Device arrays cannot leave the process: a copy or pickle takes the measures and forgets the scene."""
         return Measured, tuple(getattr(self, field.name) for field in fields(Measured))
 
     @cached_property
+    def _seen(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Visible pixels [n] and the boxes around them [n, 4]."""
+        image = self._instance
+        if image is None:
+            self._scene.place(self._placement, (CURRENT,))
+            image = self._measurer.labels.render(self._view, ("instance",))["instance"]
+        height, width = image.shape
+        order = np.argsort(self._ids)
+        # Runs of pixels of one object in one line.
+        begins = np.ones((height, width), bool)
+        begins[:, 1:] = image[:, 1:] != image[:, :-1]
+        first = np.flatnonzero(begins)
+        length = np.diff(np.append(first, height * width))
+        ids = image.ravel()[first]
+        rows = np.searchsorted(self._ids[order], ids)
+        mine = (ids > 0) & (rows < len(order))
+        mine[mine] = self._ids[order[rows[mine]]] == ids[mine]
+        rows, first, length = order[rows[mine]], first[mine], length[mine]
+        y, x = np.divmod(first, width)
+        count = len(order)
+        boxes = np.empty((4, count))
+        boxes[:2], boxes[2:] = np.inf, -np.inf
+        for corner, value, extreme in (
+            (0, x, np.minimum),
+            (1, y, np.minimum),
+            (2, x + length, np.maximum),
+            (3, y + 1, np.maximum),
+        ):
+            extreme.at(boxes[corner], rows, value.astype(np.float64))
+        pixels = np.bincount(rows, length, count).astype(np.int64)
+        return pixels, np.where(pixels[:, None] > 0, boxes.T, np.nan)
+
+    @property
+    def visible_pixels(self) -> NDArray[np.int64]:
+        """int64 [n]."""
+        return self._seen[0]
+
+    @property
+    def visible_box(self) -> NDArray[np.float64]:
+        """float64 [n, 4], px; nan where nothing is visible."""
+        return self._seen[1]
+
+    @cached_property
     def _parts(self) -> list[NDArray[np.int64]]:
         """For each object the rows of its instances."""
         placed = self._placement
-        present = placed.present[CURRENT]
-        return [np.flatnonzero((placed.instance_id == id) & present) for id in self._ids]
+        there = np.flatnonzero(placed.present[CURRENT])
+        there = there[np.argsort(placed.instance_id[there], kind="stable")]
+        ids = placed.instance_id[there]
+        first, last = np.searchsorted(ids, self._ids), np.searchsorted(ids, self._ids, side="right")
+        return [there[a:b] for a, b in zip(first.tolist(), last.tolist(), strict=True)]
 
-    def _vertices(self, instance: int) -> NDArray[np.float64]:
-        """The vertices of an instance, [n, 3], m, world."""
-        matrix = self._placement.world_from_object[CURRENT, instance]
-        mesh = self._scene.meshes[self._placement.mesh[instance]]
-        positions = mesh.positions
-        if mesh.deformation is not None:
-            positions = mesh.deformation.at(self._placement.seconds[CURRENT])[0]
-        world: NDArray[np.float64] = positions @ matrix[:, :3].T + matrix[:, 3]
-        return world
-
-    @cached_property
-    def _instance_image(self) -> NDArray[np.int32]:
-        self._scene.place(self._placement, (CURRENT,))
-        # Traced again, so that the buffers handed out may be written to, or never have been asked for.
-        return LabelPass(self._scene).render(self._view, ("instance",))["instance"]
+    def _signature(self, parts: NDArray[np.int64]) -> bytes:
+        """All that the measures of an object in a view depend on."""
+        placed = self._placement
+        meshes = placed.mesh[parts]
+        signature: bytes = meshes.tobytes() + placed.world_from_object[CURRENT, parts].tobytes()
+        signature += placed.box_from_object[parts[:1]].tobytes()
+        if self._scene.deforms and any(self._scene.meshes[mesh].deformation is not None for mesh in meshes):
+            signature += repr(placed.seconds[CURRENT]).encode()
+        return signature
 
     @cached_property
-    def visible_pixels(self) -> NDArray[np.int64]:
-        """int64 [n]."""
-        ids, counts = np.unique(self._instance_image, return_counts=True)
-        found = dict(zip(ids.tolist(), counts.tolist(), strict=True))
-        return np.array([found.get(id, 0) for id in self._ids.tolist()], np.int64)
+    def _objects(self) -> list[_Known]:
+        """What is known of each object, measured now where it was not."""
+        known = self._measurer.known(self._view)
+        signatures = [self._signature(parts) for parts in self._parts]
+        ids = self._ids.tolist()
+        new = [
+            row
+            for row, (id, signature) in enumerate(zip(ids, signatures, strict=True))
+            if id not in known or known[id].signature != signature
+        ]
+        measured = {ids[row]: each for row, each in zip(new, self._measure(new, signatures), strict=True)}
+        kept = {id: measured.get(id) or known[id] for id in ids}
+        known.clear()
+        known.update(kept)
+        return list(kept.values())
 
-    @cached_property
-    def visible_box(self) -> NDArray[np.float64]:
-        """float64 [n, 4], px; nan where nothing is visible."""
-        boxes = np.full((len(self._ids), 4), np.nan)
-        image = self._instance_image
-        y, x = np.nonzero(image)
-        order = np.argsort(image[y, x], kind="stable")
-        y, x, ids = y[order], x[order], image[y, x][order]
-        first = np.searchsorted(ids, self._ids)
-        last = np.searchsorted(ids, self._ids, side="right")
-        rows = np.flatnonzero(last > first)
-        if len(rows):
-            ends = np.stack([first[rows], last[rows] - 1], axis=1).ravel()
-            boxes[rows, 1], boxes[rows, 3] = y[ends[::2]], y[ends[1::2]] + 1
-            spans = np.stack([first[rows], last[rows]], axis=1).ravel()
-            boxes[rows, 0] = np.minimum.reduceat(np.append(x, 0), spans)[::2]
-            boxes[rows, 2] = np.maximum.reduceat(np.append(x, 0), spans)[::2] + 1
-        return boxes
+    def _measure(self, rows: Sequence[int], signatures: Sequence[bytes]) -> list[_Known]:
+        """Measure the objects in those rows."""
+        parts = [self._parts[row] for row in rows]
+        extents = self._extents(np.concatenate([np.zeros(0, np.int64), *parts]))
+        ends = np.cumsum([0, *(len(each) for each in parts)])
+        result = []
+        for number, (row, box) in enumerate(zip(rows, self._boxes_3d(parts), strict=True)):
+            mine = extents[ends[number] : ends[number + 1]]
+            corners = mine[:, WORLD : WORLD + 6].reshape(-1, 2, 3)
+            bounds = np.full((2, 3), np.nan)
+            if (corners[:, 0] <= corners[:, 1]).any():
+                bounds = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+            in_view = []
+            for place, (instance, extent) in enumerate(zip(parts[number].tolist(), mine, strict=True)):
+                cut = bool(extent[BEHIND])
+                if extent[IN_FRONT]:
+                    window = self._box_in_front(instance) if cut else extent[BOX : BOX + 4]
+                    in_view.append(PartInView(place, np.clip(window, -_FARTHEST, _FARTHEST), cut))
+            result.append(_Known(signatures[row], bounds, box, in_view))
+        return result
 
-    @cached_property
-    def world_bounds(self) -> NDArray[np.float64]:
-        """float64 [n, 2, 3], m; nan for an object without geometry."""
-        bounds = np.full((len(self._ids), 2, 3), np.nan)
-        for row, parts in enumerate(self._parts):
-            boxes = self._extents[parts, WORLD : WORLD + 6].reshape(-1, 2, 3)
-            if (boxes[:, 0] <= boxes[:, 1]).any():
-                bounds[row] = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-        return bounds
-
-    @cached_property
-    def _extents(self) -> NDArray[np.float64]:
-        """float64 [i, 12], what `measure_extents` says of each instance; nothing where it is no part of an object."""
+    def _extents(self, instances: NDArray[np.int64]) -> NDArray[np.float64]:
+        """float64 [i, 12], what `measure_extents` says of each of the instances."""
         scene, placed, view = self._scene, self._placement, self._view
-        every = np.concatenate([np.zeros(0, np.int64), *self._parts])
+        found = np.zeros((len(instances), EXTENT_COLUMNS))
+        if not len(instances):
+            return found
         if scene.deforms:
             scene.place(placed, (CURRENT,))
-        rows = [scene.vertex_rows(mesh) for mesh in range(len(scene.meshes))]
-        ends = np.array([[each.start, each.stop] for each in rows], np.int32).reshape(-1, 2)
-        vertices = ends[placed.mesh[every]]
-        found = np.zeros((len(every), EXTENT_COLUMNS))
-        if len(every):
-            measure_extents(
-                scene.vertex_position, vertices, placed.world_from_object[CURRENT, every].reshape(-1, 12),
-                view.camera_from_world()[CURRENT].ravel(), view.current.near, float(view.focal_lengths()[CURRENT]),
-                0.5 * view.width, 0.5 * view.height, found,
-            )  # fmt: skip
-        extents = np.zeros((len(placed.mesh), EXTENT_COLUMNS))
-        extents[every] = found
-        return extents
+        rows = [scene.vertex_rows(mesh) for mesh in placed.mesh[instances].tolist()]
+        measure_extents(
+            scene.vertex_position, np.array([[each.start, each.stop] for each in rows], np.int32),
+            placed.world_from_object[CURRENT, instances].reshape(-1, 12),
+            view.camera_from_world()[CURRENT].ravel(), view.current.near, float(view.focal_lengths()[CURRENT]),
+            0.5 * view.width, 0.5 * view.height, found,
+        )  # fmt: skip
+        return found
 
-    @cached_property
-    def box_3d(self) -> list[OrientedBox]:
-        """The boxes that `object_coordinates` are measured in."""
+    def _boxes_3d(self, objects: Sequence[NDArray[np.int64]]) -> list[OrientedBox]:
+        """The boxes that `object_coordinates` are measured in, of objects with those instances."""
         # All parts share one box; that of the first leads from 0..1 to its mesh and on to the world.
-        firsts = np.array([parts[0] if len(parts) else -1 for parts in self._parts], np.int64)
+        firsts = np.array([parts[0] if len(parts) else -1 for parts in objects], np.int64)
         some = firsts[firsts >= 0]
         box_from_mesh, world_from_mesh = np.zeros((2, len(some), 4, 4))
         box_from_mesh[:, :3] = self._placement.box_from_object[some]
@@ -178,29 +242,18 @@ class SceneMeasures:
             boxes[row] = OrientedBox(tuple(centre.tolist()), tuple(size.tolist()), quaternion_from_matrix(rotation))
         return boxes
 
-    @cached_property
-    def _part_boxes(self) -> list[list[tuple[int, NDArray[np.float64], bool]]]:
-        """For each object, of each part in sight: its row, its box in the picture, whether it reaches behind the near
-        plane."""
-        result = []
-        for parts in self._parts:
-            boxes = []
-            for part in parts.tolist():
-                cut = bool(self._extents[part, BEHIND])
-                if self._extents[part, IN_FRONT]:
-                    box = self._box_in_front(part) if cut else self._extents[part, BOX : BOX + 4]
-                    boxes.append((part, np.clip(box, -_FARTHEST, _FARTHEST), cut))
-            result.append(boxes)
-        return result
-
     def _box_in_front(self, instance: int) -> NDArray[np.float64]:
         """The box in the picture, px, of what an instance shows beyond the near plane, which goes through it."""
-        matrix = self._view.camera_from_world()[CURRENT]
-        points = self._vertices(instance) @ matrix[:, :3].T + matrix[:, 3]
+        placed, camera = self._placement, self._view.camera_from_world()[CURRENT]
+        mesh = self._scene.meshes[placed.mesh[instance]]
+        positions = mesh.positions
+        if mesh.deformation is not None:
+            positions = mesh.deformation.at(placed.seconds[CURRENT])[0]
+        matrix = placed.world_from_object[CURRENT, instance]
+        points = (positions @ matrix[:, :3].T + matrix[:, 3]) @ camera[:, :3].T + camera[:, 3]
         near = self._view.current.near
         inside = points[:, 2] >= near
-        triangles = self._scene.meshes[self._placement.mesh[instance]].triangles
-        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
         edges = edges[inside[edges[:, 0]] != inside[edges[:, 1]]]
         a, b = points[edges[:, 0]], points[edges[:, 1]]
         share = (near - a[:, 2]) / (b[:, 2] - a[:, 2])
@@ -210,108 +263,45 @@ class SceneMeasures:
         return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
     @cached_property
-    def amodal_box(self) -> NDArray[np.float64]:
-        """float64 [n, 4], px; nan where nothing is in front of the near plane."""
-        boxes = np.full((len(self._ids), 4), np.nan)
-        for row, parts in enumerate(self._part_boxes):
-            if parts:
-                every = np.stack([box for _, box, _ in parts])
-                boxes[row] = *every[:, :2].min(axis=0), *every[:, 2:].max(axis=0)
-        return boxes
+    def world_bounds(self) -> NDArray[np.float64]:
+        """float64 [n, 2, 3], m; nan for an object without geometry."""
+        return np.array([each.world_bounds for each in self._objects]).reshape(-1, 2, 3)
+
+    @property
+    def box_3d(self) -> list[OrientedBox]:
+        """The boxes that `object_coordinates` are measured in."""
+        return [each.box_3d for each in self._objects]
 
     @cached_property
-    def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Pixels of each object if it were alone: in the picture, and outside of it."""
-        count = len(self._ids)
-        inside, outside = np.zeros(count, np.int64), np.zeros(count, np.int64)
-        self._scene.place(self._placement, (CURRENT,))
-        several = np.array([len(parts) > 1 for parts in self._part_boxes], bool)
-        for windows in self._batches():
-            samples = self._hits(windows)
-            place = samples[:, [X, Y]]
-            within = ((place >= 0) & (place < (self._view.width, self._view.height))).all(axis=1)
-            owner = windows[samples[:, WINDOW], OWNER]
-            pixels = windows[samples[:, WINDOW], STRIDE].astype(np.int64) ** 2
-            # A pixel counts once, however many parts of the object it shows.
-            first = ~several[owner]
-            others = np.flatnonzero(~first)
-            first[others[_distinct(samples[others, X], samples[others, Y], owner[others])]] = True
-            inside += _sums(owner[within & first], pixels[within & first], count)
-            outside += _sums(owner[~within & first], pixels[~within & first], count)
-        return inside, outside
+    def amodal_box(self) -> NDArray[np.float64]:
+        """float64 [n, 4], px; nan where nothing is in front of the near plane."""
+        boxes = [each.amodal_box if each.parts else (np.nan,) * 4 for each in self._objects]
+        return np.array(boxes, np.float64).reshape(-1, 4)
 
-    def _batches(self) -> Iterator[NDArray[np.int32]]:
-        """The windows of all objects (see `pixel_rays`), some objects at a time."""
-        waiting: list[tuple[int, ...]] = []
-        size = 0
-        for row, parts in enumerate(self._part_boxes):
-            windows = self._windows(row, parts)
-            waiting += windows
-            size += sum(window[COLUMNS] * window[ROWS] for window in windows)
-            if size >= _BATCH or (row + 1 == len(self._ids) and size):
-                yield np.array(waiting, np.int32)
-                waiting, size = [], 0
-
-    def _windows(self, row: int, parts: list[tuple[int, NDArray[np.float64], bool]]) -> list[tuple[int, ...]]:
-        """The pixels that decide an object's count.
-
-        Those in the picture all, at stride 1; outside of it every s-th in both axes, s so that they fit the budget.
-        """
-        width, height = self._view.width, self._view.height
-        windows, around = [], []
-        for part, box, cut in parts:
-            # A pixel more on each side: the boxes are of exact projections, the rays of rounded directions.
-            x0, y0 = (math.floor(v) - 1 for v in box[:2].tolist())
-            x1, y1 = (math.ceil(v) + 1 for v in box[2:].tolist())
-            around.append((part, x0, y0, x1, y1))
-            if cut:  # what lies between the camera and its near plane may appear anywhere
-                x0, y0, x1, y1 = 0, 0, width, height
-            x0, y0 = max(x0, 0), max(y0, 0)
-            windows.append((part, row, x0, y0, min(x1, width) - x0, min(y1, height) - y0, 1, 0))
-        area = sum((x1 - x0) * (y1 - y0) for _, x0, y0, x1, y1 in around)
-        stride = max(1, math.ceil(math.sqrt(area / MAX_SAMPLES)))
-        for part, x0, y0, x1, y1 in around:
-            if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
-                x0, y0 = -(-x0 // stride) * stride, -(-y0 // stride) * stride
-                windows.append((part, row, x0, y0, -((x0 - x1) // stride), -((y0 - y1) // stride), stride, 1))
-        return [window for window in windows if window[COLUMNS] > 0 and window[ROWS] > 0]
-
-    def _hits(self, windows: NDArray[np.int32]) -> NDArray[np.int32]:
-        """int32 [n, 3], x, y and window of the pixels at whose centre a ray meets the window's instance."""
-        firsts = np.cumsum([0, *(windows[:, COLUMNS] * windows[:, ROWS])]).astype(np.int32)
-        count = int(firsts[-1])
-        samples = np.empty((count, 3), np.int32)
-        wave = AnyHitArrays(count)
-        pixel_rays(
-            self._view.array(), windows, firsts, self._view.width, self._view.height, samples, wave.rays, wave.targets
-        )
-        occluded_by_instance(self._scene, CURRENT, wave.rays, wave.queue, wave.targets, count, wave.result)
-        met: NDArray[np.int32] = samples[wave.result.to_numpy()[:count] > 0]
-        return met
+    @cached_property
+    def alone(self) -> list[Alone]:
+        """The pixels that each object would have alone."""
+        new = [row for row, each in enumerate(self._objects) if each.alone is None]
+        if new:
+            self._scene.place(self._placement, (CURRENT,))
+            parts = [[part.of(self._parts[row]) for part in self._objects[row].parts] for row in new]
+            for row, alone in zip(new, self._measurer.pixels.count(self._view, parts), strict=True):
+                self._objects[row].alone = alone
+        return [each.alone for each in self._objects if each.alone is not None]
 
     @cached_property
     def pixels_in_frame(self) -> NDArray[np.int64]:
         """int64 [n]: pixels in the picture if the object were alone."""
-        return self._counts[0]
+        return np.array([each.inside for each in self.alone], np.int64)
 
     @cached_property
     def amodal_pixels(self) -> NDArray[np.int64]:
         """int64 [n]: pixels if the object were alone on a picture without edges."""
-        return self._counts[0] + self._counts[1]
+        return np.array([each.inside + each.outside for each in self.alone], np.int64)
 
-
-def _distinct(x: NDArray[np.int32], y: NDArray[np.int32], owner: NDArray[np.int32]) -> NDArray[np.int64]:
-    """The row of one sample for each pixel of each object."""
-    order = np.lexsort((x, y, owner))
-    places = np.stack([x[order], y[order], owner[order]])
-    first = np.ones(len(order), bool)
-    first[1:] = (places[:, 1:] != places[:, :-1]).any(axis=0)
-    return order[first]
-
-
-def _sums(rows: NDArray[np.int32], values: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """The sum of the values of each row."""
-    return np.bincount(rows, values, count).astype(np.int64)  # doubles count exactly far beyond any picture
+    def amodal_mask(self, row: int) -> NDArray[np.bool_]:
+        """bool [h, w]: the pixels in the picture that an object would have alone."""
+        return self.alone[row].mask()
 
 
 def _rotations_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:

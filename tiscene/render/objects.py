@@ -68,6 +68,28 @@ class OrientedBox:
         return corners
 
 
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """The pixels that an object would have alone: how many in the picture, how many outside of it, and which.
+
+    shape: of the picture. window: the lowest x and y of those in the picture, and the size of the box around them.
+    bits: their mask, row after row of the window.
+    """
+
+    inside: int
+    outside: int
+    shape: tuple[int, int]
+    window: tuple[int, int, int, int]
+    bits: NDArray[np.uint8]
+
+    def mask(self) -> NDArray[np.bool_]:
+        """bool [h, w]: those in the picture; a new array."""
+        x, y, width, height = self.window
+        mask = np.zeros(self.shape, bool)
+        mask[y : y + height, x : x + width] = np.unpackbits(self.bits, count=width * height).reshape(height, width)
+        return mask
+
+
 class Measures(Protocol):
     """Numbers that take work, for all objects of a frame, in the order of its rows (tiscene.render.measure)."""
 
@@ -85,6 +107,25 @@ class Measures(Protocol):
     def amodal_pixels(self) -> NDArray[np.int64]: ...
     @property
     def pixels_in_frame(self) -> NDArray[np.int64]: ...
+    def amodal_mask(self, row: int) -> NDArray[np.bool_]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Measures that have been taken: what is in a pickle."""
+
+    visible_pixels: NDArray[np.int64]
+    visible_box: NDArray[np.float64]
+    amodal_box: NDArray[np.float64]
+    world_bounds: NDArray[np.float64]
+    box_3d: list[OrientedBox]
+    amodal_pixels: NDArray[np.int64]
+    pixels_in_frame: NDArray[np.int64]
+    alone: list[Alone]
+
+    def amodal_mask(self, row: int) -> NDArray[np.bool_]:
+        """bool [h, w]: the pixels in the picture that an object would have alone."""
+        return self.alone[row].mask()
 
 
 @dataclass(frozen=True)
@@ -156,9 +197,15 @@ class ObjectRow:
     def amodal_pixels(self) -> int:
         """How many pixels it would have alone, on a picture without edges.
 
-        Outside of the picture a large object is counted at every s-th pixel in both axes, at most 65,536 of them.
+        Outside of the picture a large object is counted at every s-th pixel in both axes, at most 16,384 of them.
         """
         return int(self._measures.amodal_pixels[self._row])
+
+    @property
+    def amodal_mask(self) -> NDArray[np.bool_]:
+        """[height, width], True at the pixels of the picture that it would have alone. (frame.instance == id has those
+        that it does have.)"""
+        return self._measures.amodal_mask(self._row)
 
     @property
     def percent_in_frame(self) -> float:
@@ -182,7 +229,7 @@ class ObjectTable(Sequence[ObjectRow]):
     def __init__(self, states: Sequence[ObjectState] = (), measures: Measures | None = None) -> None:
         """measures: of the same objects in the same order; needed unless there are none."""
         self._states = states
-        self._measures = measures
+        self._measures: Measures = measures or _OF_NOTHING
 
     @cached_property
     def _rows(self) -> tuple[ObjectRow, ...]:
@@ -201,7 +248,7 @@ class ObjectTable(Sequence[ObjectRow]):
                 last_frame=state.last_frame,
                 blocked=state.blocked,
                 parts=state.parts,
-                _measures=self._measures,  # type: ignore[arg-type]
+                _measures=self._measures,
                 _row=row,
             )
             for row, state in enumerate(self._states)
@@ -244,40 +291,53 @@ class ObjectTable(Sequence[ObjectRow]):
 
         Text columns are str; where a row says None a float column has nan, and `last_frame` -1.
         """
-        rows = self._rows
-        boxes = [row.box_3d for row in rows]
+        states, measures = self._states, self._measures
+        boxes = measures.box_3d
+        visible, amodal, inside = measures.visible_pixels, measures.amodal_pixels, measures.pixels_in_frame
+        in_frame, in_sight = _ratios(inside, amodal), _ratios(visible, inside)
         return {
-            "id": np.array([row.id for row in rows], np.int32),
-            "name": np.array([row.name for row in rows], np.str_),
-            "template": np.array([row.template for row in rows], np.str_),
-            "category": np.array([row.category for row in rows], np.str_),
-            "category_id": np.array([row.category_id for row in rows], np.int32),
-            "prim_path": np.array([row.prim_path for row in rows], np.str_),
-            "position": _floats([row.position for row in rows], 3),
-            "rotation": _floats([row.rotation for row in rows], 4),
-            "velocity": _floats([row.velocity for row in rows], 3),
-            "first_frame": np.array([row.first_frame for row in rows], np.int64),
-            "last_frame": np.array([-1 if row.last_frame is None else row.last_frame for row in rows], np.int64),
-            "blocked": np.array([row.blocked for row in rows], np.bool_),
-            "visible_box": _floats([row.visible_box or _NO_BOX for row in rows], 4),
-            "amodal_box": _floats([row.amodal_box or _NO_BOX for row in rows], 4),
+            "id": np.array([state.id for state in states], np.int32),
+            "name": np.array([state.name for state in states], np.str_),
+            "template": np.array([state.template for state in states], np.str_),
+            "category": np.array([state.category for state in states], np.str_),
+            "category_id": np.array([state.category_id for state in states], np.int32),
+            "prim_path": np.array([state.prim_path for state in states], np.str_),
+            "position": _floats([state.position for state in states], 3),
+            "rotation": _floats([state.rotation for state in states], 4),
+            "velocity": _floats([state.velocity for state in states], 3),
+            "first_frame": np.array([state.first_frame for state in states], np.int64),
+            "last_frame": np.array(
+                [-1 if state.last_frame is None else state.last_frame for state in states], np.int64
+            ),
+            "blocked": np.array([state.blocked for state in states], np.bool_),
+            "visible_box": measures.visible_box.copy(),
+            "amodal_box": measures.amodal_box.copy(),
             "box_3d_centre": _floats([box.centre for box in boxes], 3),
             "box_3d_size": _floats([box.size for box in boxes], 3),
             "box_3d_rotation": _floats([box.rotation for box in boxes], 4),
-            "world_bounds": _floats([row.world_bounds.ravel() for row in rows], 6),
-            "visible_pixels": np.array([row.visible_pixels for row in rows], np.int64),
-            "amodal_pixels": np.array([row.amodal_pixels for row in rows], np.int64),
-            "percent_in_frame": np.array([row.percent_in_frame for row in rows], np.float64),
-            "visibility_in_frame": np.array([row.visibility_in_frame for row in rows], np.float64),
-            "percent_visible": np.array([row.percent_visible for row in rows], np.float64),
+            "world_bounds": _floats(measures.world_bounds, 6),
+            "visible_pixels": visible.copy(),
+            "amodal_pixels": amodal.copy(),
+            "percent_in_frame": in_frame,
+            "visibility_in_frame": in_sight,
+            "percent_visible": in_frame * in_sight,
         }
 
 
-_NO_BOX = (np.nan,) * 4
+_OF_NOTHING = Measured(
+    *(np.zeros((0, *shape), np.int64 if shape == () else np.float64) for shape in ((), (4,), (4,), (2, 3))),
+    [],
+    *np.zeros((2, 0), np.int64),
+    [],
+)
 
 
-def _floats(values: Sequence[Any], columns: int) -> NDArray[np.float64]:
+def _floats(values: Any, columns: int) -> NDArray[np.float64]:
     return np.array(values, np.float64).reshape(len(values), columns)
+
+
+def _ratios(parts: NDArray[np.int64], wholes: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.where(wholes > 0, parts / np.maximum(wholes, 1), 0.0)
 
 
 def _box(corners: NDArray[np.float64]) -> Box | None:

@@ -66,15 +66,25 @@ class RayArrays:
 
 
 class AnyHitArrays:
-    """Rays that each ask whether they meet one instance."""
+    """Rays that each ask whether they meet one instance. Kept, made anew where more are needed."""
 
-    def __init__(self, count: int) -> None:
-        count = max(count, 1)
-        self.rays = ti.ndarray(ti.f32, (count, 8))
-        self.targets = ti.ndarray(ti.i32, (count,))
-        self.result = ti.ndarray(ti.i32, (count,))
-        self.queue = ti.ndarray(ti.i32, (count,))
-        self.queue.from_numpy(np.arange(count, dtype=np.int32))
+    def __init__(self) -> None:
+        self._room = 0
+        self.rays: Any = None
+        self.targets: Any = None
+        self.result: Any = None
+        self.queue: Any = None
+
+    def sized(self, count: int) -> Self:
+        """Itself, with `count` rows or more."""
+        if self._room < count:
+            self._room = 1 << (count - 1).bit_length()
+            self.rays = ti.ndarray(ti.f32, (self._room, 8))
+            self.targets = ti.ndarray(ti.i32, (self._room,))
+            self.result = ti.ndarray(ti.i32, (self._room,))
+            self.queue = ti.ndarray(ti.i32, (self._room,))
+            self.queue.from_numpy(np.arange(self._room, dtype=np.int32))
+        return self
 
 
 @lru_cache(maxsize=4)

@@ -20,7 +20,7 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 KEPT_VIEWS = 4  # those not seen for longest go first
-KEPT_BYTES = 1 << 26  # of one view; larger pictures are rendered whole
+KEPT_PIXELS = 1 << 19  # larger pictures are rendered whole: this many take 60 MB with all buffers
 ALL_TIMES = PREVIOUS, CURRENT, NEXT
 MOST_CHANGED = 0.6  # of the pixels; where more change, the picture is rendered whole
 _MARGIN = 1e-3  # of a distance; far more than rays and boxes are rounded by
@@ -57,8 +57,9 @@ class StillLabels:
     ) -> tuple[Picture, NDArray[np.bool_]] | None:
         """A picture of what stands still, with those buffers, and bool [h, w]: the pixels where more is to be seen.
 
-        times: for which those buffers need the scene placed, as it is again when this returns. draw: renders a picture of all that is
-        placed. None: the whole picture is to be rendered; the view is new, changes too much or is too large to keep.
+        times: for which those buffers need the scene placed, as it is again when this returns. draw: renders a picture
+        of all that is placed. None: the whole picture is to be rendered; the view is new, changes too much or is too
+        large to keep.
         """
         placement = self.scene.placement
         seen = self._look(view, placement)
@@ -76,7 +77,7 @@ class StillLabels:
 
     def _look(self, view: View, placement: Placement) -> _Seen | None:
         """What is known of a view, None if it is new; what moves now stands still no more."""
-        if not view.previous == view.current == view.next:
+        if not view.previous == view.current == view.next or view.width * view.height > KEPT_PIXELS:
             return None
         key = view.current, view.width, view.height
         seen = self._seen.pop(key, None)
@@ -121,7 +122,9 @@ class StillLabels:
             around = nearest <= _MARGIN  # of the camera's plane: it may be anywhere
             low[around], high[around] = 0.0, size
             low, high = np.clip(low, 0, size).astype(int), np.clip(high, 0, size).astype(int)
-            ahead = seen[..., 2].max(axis=1) > 0.0
+            sides = np.concatenate([seen[..., :2], -seen[..., :2]], axis=2) * focal
+            sides += seen[..., 2:] * (0.5 * np.concatenate([size, size]) + 1.0)
+            ahead = (sides.max(axis=1) > 0.0).all(axis=1) & (seen[..., 2].max(axis=1) > 0.0)
             for (x0, y0), (x1, y1), z in zip(low[ahead], high[ahead], nearest[ahead] * (1.0 - _MARGIN), strict=True):
                 changed[y0:y1, x0:x1] |= picture.reach[y0:y1, x0:x1] >= z
         return changed
