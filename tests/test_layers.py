@@ -68,8 +68,9 @@ MAY_IMPORT = {
     "tiscene.in_view": {"tiscene.camera"},
     "tiscene.light_motion": {"dynamics"},
     "tiscene.lighting": SCENE | {"tiscene.light_motion"},
-    "tiscene.inventory": SCENE | {"tiscene.edits", "tiscene.lighting", "tiscene.scenario"},
-    "tiscene.stage_things": SCENE | {"dynamics", "tiscene.edits", "tiscene.inventory"},
+    "tiscene.tracks": SCENE,
+    "tiscene.inventory": SCENE | {"tiscene.tracks", "tiscene.edits", "tiscene.lighting", "tiscene.scenario"},
+    "tiscene.stage_things": SCENE | {"tiscene.tracks", "dynamics", "tiscene.edits", "tiscene.inventory"},
     "tiscene.motion": SCENE | {"dynamics", "tiscene.edits", "tiscene.scenario"},
     "tiscene.world": SCENE
     | {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +13,10 @@ from tiscene.edits import Life
 from tiscene.errors import ScenarioError
 from tiscene.lighting import Carried
 from tiscene.scenario import Object
+from tiscene.scene.animation import Track
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.parts import Parts, bounding_box, box_matrices, corners, joined, rigid
+from tiscene.tracks import Tracks, box_over_time, changing, scaled
 
 Array = NDArray[np.float64]
 
@@ -57,6 +59,8 @@ class Inventory:
     columns: of all parts, the stage's first: the matrices of the stage's, and of all the mesh, ids, box and number.
     stage_owner: of every part of the stage, its thing's row.
     owner, matrix: of every part of an object, the object's row, and the part's place in the object's own axes.
+    stage_tracks, object_tracks: how the stage's parts, and the objects', move by themselves.
+    changing: of all parts, whether they move by themselves, or deform.
     carried: the lights of the objects' templates.
     """
 
@@ -106,6 +110,12 @@ class Inventory:
         groups: list[list[int]] = [[] for _ in self.stage.objects]
         for row, instance in enumerate(self.stage.instances):
             groups[instance.object].append(row)
+        self._stage_order = np.array([row for group in groups for row in group], np.int64)
+        part_of = np.argsort(self._stage_order)  # of every instance
+        placed = np.array([self.stage.instances[row].world_from_object[:3] for row in self._stage_order])
+        tracks = [(part_of[track.instances], track) for track in self.stage.tracks]
+        self.stage_tracks = Tracks(placed.reshape(-1, 3, 4), tracks)
+        tracked = set(self.stage_tracks.rows.tolist())
         rows, parts = [], []
         for number, (thing, group) in enumerate(zip(self.stage.objects, groups, strict=True)):
             axes = np.eye(4)
@@ -114,6 +124,9 @@ class Inventory:
             own = [np.linalg.inv(axes) @ self.stage.instances[row].world_from_object for row in group]
             meshes = [self.stage.instances[row].mesh for row in group]
             box = bounding_box(self.stage, meshes, own)
+            if len(group) > 1 and tracked and not tracked.isdisjoint(part_of[group].tolist()):
+                moments = self.stage_tracks.over_time(part_of[group])
+                box = box_over_time(self.stage, meshes, moments, own=True)
             x, y, z = axes[:3, 3].tolist()
             rows.append(
                 WorldObject(
@@ -156,6 +169,10 @@ class Inventory:
             place = next(at for at, each in enumerate(self.descriptions) if each is description)
             self.carried += [Carried(number, place, _scaled(light, lights_scale)) for light in description.lights]
         objects = joined(self._object_parts)
+        self.object_tracks = Tracks(objects.matrix, self._object_track_rows())
+        changes = [changing(self.stage)[self._stage_order]]
+        changes += [changing(self.template(each).description) for each in self._planned]
+        self.changing = np.concatenate(changes)
         self.owner = objects.owner
         self.matrix = objects.matrix
         self.columns = self._columns(objects)
@@ -168,6 +185,11 @@ class Inventory:
         own = [scale @ instance.world_from_object for instance in description.instances]
         meshes = [instance.mesh for instance in description.instances]
         box = bounding_box(description, meshes, own)
+        if description.tracks:
+            tracks = Tracks(
+                np.array(own)[:, :3], [(track.instances, scaled(track, scale)) for track in description.tracks]
+            )
+            box = box_over_time(description, meshes, tracks.over_time(np.arange(len(own))), own=False)
         row = WorldObject(
             id=len(self.stage.objects) + number + 1,
             name=each.id,
@@ -191,6 +213,15 @@ class Inventory:
             np.array([instance.part for instance in description.instances], dtype=np.int32),
         )
         return row, parts
+
+    def _object_track_rows(self) -> Iterator[tuple[NDArray[np.int64], Track]]:
+        """The tracks of the objects' templates, each with the parts that it moves."""
+        first = 0
+        for planned, parts in zip(self._planned, self._object_parts, strict=True):
+            scale = np.diag([*np.broadcast_to(planned.scale, 3), 1.0])
+            for track in self.template(planned).description.tracks:
+                yield first + track.instances.astype(np.int64), scaled(track, scale)
+            first += len(parts.mesh)
 
     def template(self, each: Object) -> Template:
         """An object's template, its meshes among the world's from now on."""

@@ -13,19 +13,30 @@ from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.edits import StageLife
 from tiscene.errors import ScenarioError
 from tiscene.inventory import WorldObject
+from tiscene.scene.animation import polar, quaternions
 from tiscene.scene.description import Instance, SceneDescription
+from tiscene.tracks import Tracks
 
 Array = NDArray[np.float64]
 
 
 class StageThings:
-    """Things of a stage, and what edits did to them."""
+    """Things of a stage, what edits did to them, and how they move by themselves."""
 
-    def __init__(self, stage: SceneDescription, rows: Sequence[WorldObject], owner: NDArray[np.int32]) -> None:
-        """rows: the things as the stage has them. owner: of every part of the stage, its thing's row."""
+    def __init__(
+        self, stage: SceneDescription, rows: Sequence[WorldObject], owner: NDArray[np.int32], tracks: Tracks, fps: float
+    ) -> None:
+        """rows: the things as the stage has them. owner: of every part of the stage, its thing's row.
+
+        tracks: of these parts. fps: frame k is at k / fps.
+        """
         self._stage = stage
         self._rows = list(rows)
         self._owner = owner
+        self._tracks = tracks
+        self._fps = fps
+        self._first_part = np.unique(owner, return_index=True)[1]  # of every thing, where its axes are
+        self._tracked = np.unique(owner[tracks.rows])
         self._numbers = {thing.prim_path: row for row, thing in enumerate(stage.objects)}
         self.lives: dict[int, StageLife] = {}
 
@@ -54,16 +65,19 @@ class StageThings:
         result: Array = np.einsum("ij,jk->ik", now, np.linalg.inv(start))
         return result
 
-    def place(self, frame: int, still: Array, world: Array, present: NDArray[np.bool_]) -> None:
-        """Set matrices [3, parts, 3, 4] and presence of the parts of edited things, before, at and after a frame."""
+    def place(self, frame: int, world: Array, present: NDArray[np.bool_]) -> None:
+        """Set matrices [3, parts, 3, 4] and presence of the parts before, at and after a frame."""
+        count = len(self._owner)
+        for time, step in enumerate((-1, 0, 1)):
+            world[time, :count], present[time, :count] = self._tracks.at(max(frame + step, 0) / self._fps)
         for number, life in self.lives.items():
             parts = np.flatnonzero(self._owner == number)
             for time, step in enumerate((-1, 0, 1)):
                 then = max(frame + step, 0)
-                present[time, parts] = life.alive(then, known=frame)
+                present[time, parts] &= life.alive(then, known=frame)
                 by = self.moved_by(number, then, frame)
                 if by is not None:
-                    world[time, parts] = np.einsum("ij,pjk->pik", by[:3, :3], still[parts])
+                    world[time, parts] = np.einsum("ij,pjk->pik", by[:3, :3], world[time, parts])
                     world[time, parts, :, 3] += by[:3, 3]
 
     def restless(self, frame: int) -> NDArray[np.bool_]:
@@ -78,7 +92,13 @@ class StageThings:
     def rows(self, frame: int) -> list[WorldObject]:
         """The things that are there at a frame."""
         rows = []
+        posed = self._posed(frame) if self._tracks else {}
         for number, row in enumerate(self._rows):
+            if number in posed:
+                found = posed[number]
+                if found is None:
+                    continue
+                row = found
             if self.there(number, frame):
                 move = self.lives[number].move(frame, known=frame) if number in self.lives else None
                 if move is not None:
@@ -86,6 +106,21 @@ class StageThings:
                     row = replace(row, position=move.position, rotation=(w, x, y, z))
                 rows.append(row)
         return rows
+
+    def _posed(self, frame: int) -> dict[int, WorldObject | None]:
+        """The things that move by themselves, as they are at a frame; None for one that is not there."""
+        matrices, present = self._tracks.at(frame / self._fps)
+        following = self._tracks.at((frame + 1) / self._fps)[0]
+        there = np.bincount(self._owner[present], minlength=len(self._rows)) > 0
+        first = self._first_part[self._tracked]
+        rotations = quaternions(polar(matrices[first, :, :3])[0])
+        velocities = (following[first, :, 3] - matrices[first, :, 3]) * self._fps
+        result: dict[int, WorldObject | None] = {}
+        poses = zip(matrices[first, :, 3].tolist(), rotations.tolist(), velocities.tolist(), strict=True)
+        for number, (position, rotation, velocity) in zip(self._tracked.tolist(), poses, strict=True):
+            posed = {"position": tuple(position), "rotation": tuple(rotation), "velocity": tuple(velocity)}
+            result[number] = replace(self._rows[number], **posed) if there[number] else None
+        return result
 
     def carries(self, path: str, frame: int) -> Array | None:
         """What has moved the prim at a path, as part of a thing: 4x4; None if that thing is gone."""

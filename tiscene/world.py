@@ -78,7 +78,8 @@ class World:
         self._aspect = aspect
         self._inventory = Inventory(stage, load_template)
         self._lives = scenario.lives()
-        self._things = StageThings(stage, self._inventory.stage_rows, self._inventory.stage_owner)
+        inventory = self._inventory
+        self._things = StageThings(stage, inventory.stage_rows, inventory.stage_owner, inventory.stage_tracks, fps)
         self._things.settle(scenario.stage_lives())
         self._inventory.settle(self._lives)
         self._lighting = Lighting(stage, scenario.lights)
@@ -126,10 +127,10 @@ class World:
         inventory = self._inventory
         still, mesh, instance_id, category_id, box, part = inventory.columns
         count = len(still)
+        seconds = np.array([max(frame - 1, 0), frame, frame + 1]) / self.fps
         world = np.empty((3, len(mesh), 3, 4))
         present = np.ones((3, len(mesh)), dtype=np.bool_)
-        world[:, :count] = still
-        self._things.place(frame, still, world, present)
+        self._things.place(frame, world, present)
         if count < len(mesh):
             # What comes is shown as it is planned now: edits are not anticipated.
             before, now, after = (
@@ -140,15 +141,16 @@ class World:
             poses = np.stack([before, now, after])[:, inventory.owner]
             axes = matrix_from_quaternion(poses[..., 3:])
             # einsum, not matmul: its sums have one fixed order, whatever library numpy was built with.
-            world[:, count:] = np.einsum("tpij,pjk->tpik", axes, inventory.matrix)
+            inner = [inventory.object_tracks.at(second) for second in seconds.tolist()]
+            own = np.stack([matrices for matrices, _ in inner])
+            world[:, count:] = np.einsum("tpij,tpjk->tpik", axes, own)
             world[:, count:, :, 3] += poses[..., :3]
             for time, step in enumerate((-1, 0, 1)):
                 alive = [life.alive(max(frame + step, 0), known=frame) for life in self._lives]
-                present[time, count:] = np.array(alive)[inventory.owner]
+                present[time, count:] = np.array(alive)[inventory.owner] & inner[time][1]
         lights = self._lights(frame)
-        return Placement(
-            mesh.copy(), instance_id.copy(), category_id.copy(), world, box.copy(), present, lights, part.copy()
-        )
+        ids = instance_id.copy(), category_id.copy()
+        return Placement(mesh.copy(), *ids, world, box.copy(), present, lights, part.copy(), seconds)
 
     def lights(self, frame: int) -> list[Light]:
         """The lights at `frame`: where they are, and how they shine."""
@@ -172,14 +174,15 @@ class World:
         )
 
     def moving(self, frame: int) -> NDArray[np.bool_]:
-        """Of every mesh of the placement at `frame`, whether it ever moves, comes or goes, as far as is known then."""
+        """Of every mesh of the placement at `frame`, whether it ever moves, deforms, comes or goes, as far as is known
+        then."""
         frame = _frame_number(frame)
         still, mesh = self._inventory.columns[:2]
         moving = np.zeros(len(mesh), bool)
         restless = np.array([not life.rests(known=frame) for life in self._lives], bool)
         moving[len(still) :] = restless[self._inventory.owner]
         moving[: len(still)] = self._things.restless(frame)
-        return moving
+        return moving | self._inventory.changing
 
     def view(self, frame: int, camera: int = 0) -> tuple[Camera, Camera, Camera]:
         """A camera, by its row in `cameras`, at the frames before, at and after `frame`."""

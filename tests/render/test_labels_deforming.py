@@ -19,7 +19,7 @@ from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 WIDTH, HEIGHT, FOCAL = 64, 48, 40.0
 CAMERA = Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5 * HEIGHT / FOCAL))
 VIEW = still(CAMERA, WIDTH, HEIGHT)
-SECONDS = (0.25, 0.5, 0.75)
+SECONDS = np.array([0.25, 0.5, 0.75])
 
 
 def stretching(width: float = 2.0, height: float = 1.0):
@@ -82,7 +82,7 @@ def test_occlusion_is_of_the_other_time_s_shape():
     wide = strip.positions * np.array([3.0, 1.0, 1.0], np.float32)
     growing = replace(strip, deformation=Deformation(np.array([0.0, 1.0]), np.stack([strip.positions, wide])))
     stage = Stage([growing, plate(20.0, 20.0)], [Thing(0, [pose((0, 0, -4))]), Thing(1, [pose((0, 0, -4.5))])])
-    stage.scene.place(replace(stage.placement, seconds=(0.0, 0.0, 1.0)), ALL_TIMES)
+    stage.scene.place(replace(stage.placement, seconds=np.array([0.0, 0.0, 1.0])), ALL_TIMES)
     labels = stage.render(VIEW, "instance", "forward_occlusion", "backward_occlusion")
     x = (np.arange(WIDTH) - 31.5) / FOCAL * 4.0
     np.testing.assert_array_equal(labels["instance"][24], np.where(np.abs(x) < 0.5, 1, 2))
@@ -99,7 +99,7 @@ def test_a_point_at_rest_of_a_mesh_that_deforms_has_no_flow():
     rising = replace(square, deformation=Deformation(np.array([0.0, 1.0]), np.stack([square.positions, end])))
     stage = Stage([rising], [Thing(0, [pose((0, 0, -3))])])
     for seconds in ((0.0, 0.0, 0.0), (2.0, 3.0, 4.0)):
-        stage.scene.place(replace(stage.placement, seconds=seconds), ALL_TIMES)
+        stage.scene.place(replace(stage.placement, seconds=np.array(seconds)), ALL_TIMES)
         labels = stage.render(VIEW, "instance", "forward_flow", "backward_flow", "scene_flow")
         assert labels["instance"].any()
         assert not any(labels[name].any() for name in ("forward_flow", "backward_flow", "scene_flow"))
@@ -118,7 +118,7 @@ def test_a_refitted_tree_finds_what_a_new_one_finds(traversal):
     rays = rays_of(random.uniform(-6, 6, (2000, 3)), random.normal(size=(2000, 3)))
     scene = scene_of((deforming,), placement, traversal)
     for seconds in (2.0, 0.5, 1.0, 0.0):
-        scene.place(replace(placement, seconds=(0.0, seconds, 2.0)), ALL_TIMES)
+        scene.place(replace(placement, seconds=np.array([0.0, seconds, 2.0])), ALL_TIMES)
         still_one = replace(ball, positions=deforming.deformation.at(seconds)[0])
         got, expected = trace(scene, rays), trace(scene_of((still_one,), placement, traversal), rays)
         for name in ("t", "instance", "triangle", "occluded"):
@@ -132,7 +132,7 @@ def test_what_was_shown_before_does_not_matter():
     for order in ((0.1, 0.9, 0.4), (0.4,)):
         stage = Stage([stretching()], [Thing(0, [pose((0.1, 0.0, -5.0))])])
         for seconds in order:
-            times = (seconds - 0.1, seconds, seconds + 0.1)
+            times = np.array([seconds - 0.1, seconds, seconds + 0.1])
             stage.scene.place(replace(stage.placement, seconds=times), (CURRENT,) if seconds == 0.9 else ALL_TIMES)
         made.append(stage.render(VIEW, *LABELS))
     for name in LABELS:

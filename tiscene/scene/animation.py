@@ -67,8 +67,10 @@ def between(times: NDArray[np.float64], seconds: float) -> tuple[int, float]:
 
 def _mixed(samples: NDArray[np.float32], row: int, share: float) -> NDArray[np.float32]:
     if share == 0.0:
-        return samples[row]
-    return samples[row] + np.float32(share) * (samples[row + 1] - samples[row])
+        start: NDArray[np.float32] = samples[row]
+        return start
+    result: NDArray[np.float32] = samples[row] + np.float32(share) * (samples[row + 1] - samples[row])
+    return result
 
 
 def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], share: float) -> NDArray[np.float64]:
@@ -76,8 +78,8 @@ def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], share: float) -
     result: NDArray[np.float64] = a + share * (b - a)
     turned = np.flatnonzero((a[:, :, :3] != b[:, :, :3]).any(axis=(1, 2)))
     if len(turned):
-        (rotation_a, stretch_a), (rotation_b, stretch_b) = (_polar(each[turned, :, :3]) for each in (a, b))
-        p, q = _quaternions(rotation_a), _quaternions(rotation_b)
+        (rotation_a, stretch_a), (rotation_b, stretch_b) = (polar(each[turned, :, :3]) for each in (a, b))
+        p, q = quaternions(rotation_a), quaternions(rotation_b)
         cosine = np.einsum("nc,nc->n", p, q)
         q[cosine < 0.0] *= -1.0
         angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
@@ -92,7 +94,7 @@ def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], share: float) -
     return result
 
 
-def _polar(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def polar(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rotations and stretches [n, 3, 3] whose products matrices are."""
     left, _, right = np.linalg.svd(m)
     left[np.linalg.det(left @ right) < 0.0, :, 2] *= -1.0
@@ -100,8 +102,8 @@ def _polar(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.floa
     return rotation, np.einsum("nji,njk->nik", rotation, m)
 
 
-def _quaternions(m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit quaternions [n, 4], (w, x, y, z), of rotations [n, 3, 3]: of four equal ones the row of the largest."""
+def quaternions(m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit quaternions [n, 4], (w, x, y, z), of rotations [n, 3, 3], w >= 0: of four equal ones the largest."""
     xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
     x, y, z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
     xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
@@ -117,6 +119,7 @@ def _quaternions(m: NDArray[np.float64]) -> NDArray[np.float64]:
     largest = np.argmax(np.einsum("nii->ni", rows), axis=1)
     chosen = rows[np.arange(len(m)), largest]
     result: NDArray[np.float64] = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+    result[result[:, 0] < 0.0] *= -1.0
     return result
 
 

@@ -35,7 +35,7 @@ class DeformingMesh:
         self._shown.clear()
         self._fitted.clear()
 
-    def move(self, seconds: Sequence[float], first: int, vertex_position: Any, vertex_normal: Any) -> None:
+    def move(self, seconds: NDArray[np.float64], first: int, vertex_position: Any, vertex_normal: Any) -> None:
         """Write the vertices of three times to the scene's rows from `first` on."""
         for block, time in enumerate(BLOCKS):
             wanted = between(self._deformation.times, seconds[time])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ class Placement:
     lights: those that shine now, each after the row of the description, in the order of `DeviceScene.add`, whose
     textures it reads; None: all that were added, as they were.
     part: int32 [n], the number of the first of its object's parts that the instance shows; None: 0 everywhere.
-    seconds: the times k-1, k and k+1, for meshes that deform, s.
+    seconds: float64 [3], the times k-1, k and k+1, for meshes that deform, s.
     """
 
     mesh: NDArray[np.int32]
@@ -37,4 +37,4 @@ class Placement:
     present: NDArray[np.bool_]
     lights: tuple[tuple[int, Light], ...] | None = None
     part: NDArray[np.int32] | None = None
-    seconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.description import Matrix
 from tiscene.usd.primvar import array_of
 from tiscene.usd.problems import Report
+from tiscene.usd.tracks import NOTHING, Inherited, filled
+from tiscene.usd.transform import to_matrix
 
-_ARRAYS = ("protoIndices", "positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds")
+_ARRAYS = (
+    *("protoIndices", "positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds"),
+    *("velocities", "accelerations", "angularVelocities"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +27,7 @@ class Placed:
     """A mesh of a prototype. matrix: from the mesh to the prototype's parent, metres. label: what is said of it.
 
     names: of its parts. collides: whether it is a collider, None if nothing is said. drawn: False for a collider alone.
+    inherited: what of its place changes over time, before `placed` leads on to the prototype's parent.
     """
 
     mesh: int
@@ -30,6 +36,20 @@ class Placed:
     names: tuple[str, ...]
     collides: bool | None
     drawn: bool = True
+    inherited: Inherited = NOTHING
+    placed: Matrix | None = None
+
+    def at(self, time: Usd.TimeCode, meters: float) -> Matrix:
+        """The matrix at a time."""
+        if not self.inherited.movers:
+            return self.matrix
+        matrix = to_matrix(self.inherited.world(time, Gf.Matrix4d(1.0)), meters)
+        return matrix if self.placed is None else self.placed @ matrix
+
+    def within(self, matrix: Matrix) -> Placed:
+        """The same in an instance of the prototype that is itself part of another."""
+        placed = matrix if self.placed is None else matrix @ self.placed
+        return replace(self, matrix=matrix @ self.matrix, placed=placed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +69,8 @@ class PointInstances:
 def point_instances(
     prim: Usd.Prim, time: Usd.TimeCode, meters_per_unit: float, report: Report
 ) -> PointInstances | None:
-    """Read an instancer; None, with a problem reported, if its arrays contradict each other."""
+    """Read an instancer at a time; None, with a problem reported, if its arrays contradict each other."""
     instancer = UsdGeom.PointInstancer(prim)
-    changing = [name for name in _ARRAYS if prim.GetAttribute(name).ValueMightBeTimeVarying()]
-    if changing:
-        report.frozen(prim.GetPath(), f"{', '.join(changing)} of a point instancer")
     targets = instancer.GetPrototypesRel().GetForwardedTargets()
     prototypes = [prim.GetStage().GetPrimAtPath(target) for target in targets]
     chosen = array_of(instancer.GetProtoIndicesAttr(), time, np.int64)
@@ -61,9 +78,6 @@ def point_instances(
     fault = _fault(instancer, prototypes, targets, chosen, ids, time)
     if fault:
         report.problem(prim.GetPath(), "instancer", fault)
-        return None
-    if len(chosen) == 0:
-        report.omission(prim.GetPath(), "a point instancer without points")
         return None
     transforms = instancer.ComputeInstanceTransformsAtTime(
         time, time, UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
@@ -85,8 +99,52 @@ def point_instances(
         )
         report.problem(prim.GetPath(), "instancer", text)
         return None
+    if len(np.unique(ids)) < len(ids):
+        report.omission(prim.GetPath(), "ids of a point instancer that are not unique are not used")
+        ids = ids[:0]
     ids = ids if len(ids) else np.arange(len(chosen))
     return PointInstances(prototypes, chosen[kept], matrices[kept], ids[kept])
+
+
+def instancer_times(prim: Usd.Prim) -> list[float]:
+    """The time codes at which an instancer's arrays are authored, and those between; none if it never changes."""
+    times = {time for name in _ARRAYS for time in prim.GetAttribute(name).GetTimeSamples()}
+    return filled(times) if len(times) > 1 else []
+
+
+@dataclass(frozen=True, eq=False)
+class PointSamples:
+    """All the points that an instancer ever has, at some times.
+
+    ids: int64 [n]. prototype: int64 [s, n], -1 where a point is not there. matrices: float64 [s, n, 4, 4] to the
+    instancer's space, m; of a point that is not there, those that it had before, or will have first.
+    """
+
+    ids: NDArray[np.int64]
+    prototype: NDArray[np.int64]
+    matrices: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, moments: Sequence[PointInstances]) -> PointSamples:
+        """From what is there at each time; points in the order in which they appear."""
+        every = np.concatenate([np.zeros(0, np.int64), *(moment.ids for moment in moments)])
+        distinct, first = np.unique(every, return_index=True)
+        order = np.argsort(first)
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        prototype = np.full((len(moments), len(order)), -1, np.int64)
+        matrices = np.zeros((len(moments), len(order), 4, 4))
+        known = np.zeros(len(order), bool)
+        for row, moment in enumerate(moments):
+            if row:
+                matrices[row] = matrices[row - 1]
+            columns = rank[np.searchsorted(distinct, moment.ids)]
+            prototype[row, columns] = moment.prototype_of_point
+            matrices[row, columns] = moment.matrices
+            fresh = columns[~known[columns]]
+            matrices[:row, fresh] = matrices[row, fresh]
+            known[columns] = True
+        return cls(distinct[order], prototype, matrices)
 
 
 def _fault(

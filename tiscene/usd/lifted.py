@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from tiscene.usd.label import inherited_label, name_label
 from tiscene.usd.pose import placed, read_pose
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import Context, StageReader
+from tiscene.usd.tracks import NOTHING, moved
 from tiscene.usd.units import Units
 
 
@@ -69,7 +70,11 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report, t
     above = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
     # Its label may be inherited.
     label = inherited_label(prim, time, taxonomy)
-    reader.walk(prim, Context(above, label=label))
+    inherited = NOTHING
+    for parent in reversed(list(_parents(prim))):  # a group may come and go with all that is in it
+        hides = report.plays and UsdGeom.Imageable(parent).GetVisibilityAttr().ValueMightBeTimeVarying()
+        inherited = replace(inherited, hiders=(*inherited.hiders, parent)) if hides else inherited
+    reader.walk(prim, Context(above, label=label, inherited=inherited))
     description = reader.description(path)
     if isinstance(pose, str):
         report.problem(path, "transform", pose)
@@ -79,9 +84,16 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report, t
             tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.instances),
             tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.colliders),
         )
-        description = replace(description, instances=instances, colliders=colliders)
+        tracks = moved(description.tracks, np.asarray(own, np.float64))
+        description = replace(description, instances=instances, colliders=colliders, tracks=tracks)
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")
     category = next((thing.category for thing in description.objects if thing.category), "")
     category = name_label(prim) if reader.by_name else label or category
     return Template(path, category, as_one(description, prim.GetName(), path, category))
+
+
+def _parents(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """What a prim is in, from its parent on, as far as it can be seen."""
+    while (prim := prim.GetParent()) and prim.IsA(UsdGeom.Imageable):
+        yield prim

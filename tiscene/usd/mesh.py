@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from tiscene.usd.deforming import points_over_time
 from tiscene.usd.polygons import triangulate
 from tiscene.usd.primvar import Topology, array_of, read_normals, read_uv
 from tiscene.usd.problems import Report
 from tiscene.usd.subdivision import Creases, subdivide
-from tiscene.usd.surface import Attribute, Surface, weld
+from tiscene.usd.surface import Attribute, Surface, weld, with_moved
 
 _INFINITE_SHARPNESS = 10.0  # UsdGeomMesh's SHARPNESS_INFINITE
 
 
 def read_mesh(
-    prim: Usd.Prim, time: Usd.TimeCode, report: Report, uv_names: Sequence[str], uv_of_face: NDArray[np.intp] | None
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    report: Report,
+    uv_names: Sequence[str],
+    uv_of_face: NDArray[np.intp] | None,
+    times: Sequence[float] = (),
 ) -> Surface | None:
     """The triangles of a mesh, counter-clockwise from outside. None, with a reason reported, if it has none.
 
     uv_names: texture coordinates to read ("" for any). uv_of_face: [faces] which of them each face uses.
+    times: time codes at which it has another shape.
     """
     mesh = UsdGeom.Mesh(prim)
     checked = _read_topology(mesh, time, report)
@@ -34,6 +42,7 @@ def read_mesh(
         report.omission(prim.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
     smooth = scheme in ("catmullClark", "loop")
     normals = None if smooth else read_normals(prim, topology, time, report)
+    moved = points_over_time(prim, times, len(points), report)
     uv = _read_uvs(prim, topology, time, report, uv_names, uv_of_face)
     drawn = np.ones(len(topology.counts), dtype=bool)
     holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
@@ -45,17 +54,32 @@ def read_mesh(
         creases = _read_creases(mesh, topology, time, report)
         boundary = mesh.GetInterpolateBoundaryAttr().Get(time) or "edgeAndCorner"
         uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
-        surface = subdivide(points, topology, creases, drawn, uv, boundary=boundary, uv_rule=uv_rule)
+        surface = subdivide(points, topology, creases, drawn, uv, boundary=boundary, uv_rule=uv_rule, moved=moved)
     else:
         corners, face = triangulate(points, topology.counts, topology.indices)
         kept = drawn[face]
-        surface = weld(points, topology.indices, corners[kept], face[kept], normals, uv)
+        turned = _normals_over_time(prim, topology, normals, times, report) if moved is not None else None
+        apart = np.arange(len(topology.indices)) if turned and normals is not None and normals.per_corner else None
+        surface = weld(points, topology.indices, corners[kept], face[kept], normals, uv, apart)
+        if moved is not None:
+            surface = with_moved(surface, moved, turned)
     if len(surface.triangles) == 0:
         report.omission(prim.GetPath(), "a mesh without a visible face")
         return None
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         surface = _reversed(surface, flip_normals=smooth)
-    return surface
+    return replace(surface, times=times if moved is not None else ())
+
+
+def _normals_over_time(
+    prim: Usd.Prim, topology: Topology, normals: Attribute | None, times: Sequence[float], report: Report
+) -> list[Attribute] | None:
+    """A mesh's normals at other times; None if they do not change."""
+    names = ("primvars:normals", "normals")
+    if normals is None or not any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in names):
+        return None
+    read = [read_normals(prim, topology, Usd.TimeCode(time), report) for time in times]
+    return [normals if each is None or each.per_corner != normals.per_corner else each for each in read]
 
 
 def face_count(prim: Usd.Prim, time: Usd.TimeCode) -> int:
@@ -177,5 +201,8 @@ def _reversed(surface: Surface, flip_normals: bool) -> Surface:
     normals = surface.normals
     if flip_normals and normals is not None:
         normals = -normals
+    moved_normals = surface.moved_normals
+    if flip_normals and moved_normals is not None:
+        moved_normals = -moved_normals
     triangles = np.ascontiguousarray(surface.triangles[:, ::-1])
-    return Surface(surface.positions, triangles, normals, surface.uv, surface.face)
+    return replace(surface, triangles=triangles, normals=normals, moved_normals=moved_normals)

@@ -13,6 +13,7 @@ from pxr import Usd, UsdGeom, UsdShade
 from tiscene.scene.description import Matrix, Mesh
 from tiscene.usd import gprim
 from tiscene.usd.curves import read_curves, read_points
+from tiscene.usd.deforming import deformation_of, read_again, shape_times
 from tiscene.usd.gprim import read_gprim
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh import face_count, read_mesh
@@ -28,11 +29,6 @@ _CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 
 _READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {"BasisCurves": read_curves, "Points": read_points}
-# Attributes that say what shape a gprim has.
-_SHAPE = (
-    *("points", "normals", "primvars:normals", "faceVertexCounts", "faceVertexIndices", "holeIndices", "widths"),
-    *("curveVertexCounts", "size", "radius", "height", "width", "length", "radiusTop", "radiusBottom", "primvars:st"),
-)
 
 
 def is_drawable(prim: Usd.Prim) -> bool:
@@ -67,7 +63,7 @@ class MeshTable:
         if key not in self._rows:
             surface = self._surface(prim, source, bindings, subsets)
             parts = self._parts(prim, source)
-            self._rows[key] = None if surface is None else self._add(prim.GetName(), surface, whole, subsets, parts)
+            self._rows[key] = None if surface is None else self._add(prim, surface, whole, subsets, parts)
         return self._rows[key]
 
     def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
@@ -142,18 +138,18 @@ class MeshTable:
             for binding, indices in subsets:
                 uv_of_face[indices] = uv_names.index(binding.uv)
         if key not in self._surfaces:
-            changing = [
-                name for name in _SHAPE if self._report.plays and prim.GetAttribute(name).ValueMightBeTimeVarying()
-            ]
-            if changing:
-                self._report.frozen(prim.GetPath(), f"{', '.join(changing)} of a {prim.GetTypeName()}")
+            times = shape_times(prim, self._report)
             if prim.IsA(UsdGeom.Mesh):
-                self._surfaces[key] = read_mesh(prim, self._time, self._report, uv_names, uv_of_face)
+                surface = read_mesh(prim, self._time, self._report, uv_names, uv_of_face, times)
             else:
-                self._surfaces[key] = _READERS[str(prim.GetTypeName())](prim, self._time, self._report)
+                read = _READERS[str(prim.GetTypeName())]
+                surface = read(prim, self._time, self._report)
+                if times and surface is not None:
+                    surface = read_again(prim, surface, times, self._report, read)
+            self._surfaces[key] = surface
         return self._surfaces[key]
 
-    def _add(self, name: str, surface: Surface, whole: Binding, subsets: Subsets, partition: Partition) -> int:
+    def _add(self, prim: Usd.Prim, surface: Surface, whole: Binding, subsets: Subsets, partition: Partition) -> int:
         self._report.spent.mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
         if subsets:
@@ -163,13 +159,17 @@ class MeshTable:
             materials = of_face[surface.face]
         positions = surface.positions * np.float32(self._meters)
         parts = None if partition[1] is None else partition[1][surface.face]
+        deformation = deformation_of(surface, prim.GetStage(), self._meters)
         digest = hashlib.blake2b(digest_size=16)
-        for array in (positions, surface.triangles, materials, surface.normals, surface.uv, parts):
+        arrays = [positions, surface.triangles, materials, surface.normals, surface.uv, parts]
+        if deformation is not None:
+            arrays += [deformation.times, deformation.positions, deformation.normals]
+        for array in arrays:
             digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
             digest.update(b"|")
         content = digest.digest()
         if content not in self._rows_by_content:
             self._rows_by_content[content] = len(self.meshes)
-            mesh = Mesh(name, positions, surface.triangles, materials, surface.normals, surface.uv, parts)
-            self.meshes.append(mesh)
+            faces = surface.triangles, materials, surface.normals, surface.uv, parts
+            self.meshes.append(Mesh(prim.GetName(), positions, *faces, deformation))
         return self._rows_by_content[content]

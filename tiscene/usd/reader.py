@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.camera import Camera
-from tiscene.scene.description import Matrix, SceneDescription, Template
+from tiscene.scene.description import SceneDescription, Template
 from tiscene.usd.camera import read_camera
-from tiscene.usd.instancer import Placed, point_instances
+from tiscene.usd.instancer import Placed, PointInstances, PointSamples, instancer_times, point_instances
 from tiscene.usd.label import (
     direct_label,
     inherited_label,
@@ -29,7 +28,8 @@ from tiscene.usd.problems import Report
 from tiscene.usd.skinning import is_unskinned
 from tiscene.usd.texture import TextureTable
 from tiscene.usd.things import Thing, ThingTable, collides, is_rigid_body
-from tiscene.usd.transform import fault, to_matrix
+from tiscene.usd.tracks import NOTHING, Inherited, Samples
+from tiscene.usd.transform import fault, not_finite, to_matrix
 
 _DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 _LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
@@ -39,7 +39,11 @@ UNDEFINED_TOO = Usd.TraverseInstanceProxies(_LOADED)  # below a class or an over
 
 @dataclass(frozen=True)
 class Context:
-    """What a prim inherits. label_is_own: whether `label` was authored within the thing that the prim is part of."""
+    """What a prim inherits.
+
+    visible: at the time read; unless that changes, which `inherited` tells. label_is_own: whether `label` was authored
+    within the thing that the prim is part of.
+    """
 
     world: Gf.Matrix4d
     visible: bool = True
@@ -47,6 +51,7 @@ class Context:
     label: str = ""
     label_is_own: bool = False
     thing: Thing | None = None
+    inherited: Inherited = NOTHING
 
     @property
     def drawn(self) -> bool:
@@ -77,6 +82,7 @@ class StageReader:
         self._things = ThingTable(stage)
         self._parts: list[Placed] | None = None  # where gprims go while they are parts of a prototype
         self._root = Sdf.Path.absoluteRootPath  # of that prototype
+        self._top = Sdf.Path.absoluteRootPath  # of what is read
         self._inside: list[Any] = []  # the instancers being read: a prototype may not hold its own instancer
 
     def description(self, name: str, templates: tuple[Template, ...] = ()) -> SceneDescription:
@@ -91,12 +97,15 @@ class StageReader:
             lights=tuple(self._lights.lights),
             cameras=tuple(self._cameras),
             colliders=self._things.colliders(),
+            tracks=self._things.tracks(),
             up_axis=self.up_axis,
             templates=templates,
         )
 
     def walk(self, root: Usd.Prim, context: Context, predicate: Any = DEFINED) -> None:
         """Read a prim and everything below it."""
+        if self._parts is None:
+            self._top = root.GetPath()
         pending = [(root, context)]
         while pending:
             prim, above = pending.pop()
@@ -110,13 +119,19 @@ class StageReader:
         """What the prim makes of what it inherits."""
         if prim.IsPseudoRoot():
             return above
-        world, visible, purpose = above.world, above.visible, above.purpose
+        world, visible, purpose, inherited = above.world, above.visible, above.purpose, above.inherited
+        in_prototype = self._parts is not None  # where the point is the thing
+        is_thing = not in_prototype and (is_component(prim) or (above.thing is None and is_lone_instance(prim)))
         if prim.IsA(UsdGeom.Imageable):
             imageable = UsdGeom.Imageable(prim)
             visibility = imageable.GetVisibilityAttr()
-            visible = visible and visibility.Get(self._time) != UsdGeom.Tokens.invisible
-            if self._report.plays:
-                self._report_frozen(prim, above, visibility)
+            hides = False
+            if self._report.plays and self._moves_alone(prim, above, is_thing):
+                inherited = replace(inherited, movers=(), base=None)
+            elif self._report.plays:
+                hides = visibility.ValueMightBeTimeVarying()
+                inherited = inherited.below(prim, above.world, hides)
+            visible = visible and (hides or visibility.Get(self._time) != UsdGeom.Tokens.invisible)
             authored = imageable.GetPurposeAttr()
             if authored.HasAuthoredValue():
                 purpose = str(authored.Get())
@@ -127,23 +142,20 @@ class StageReader:
         direct = direct_label(prim, self._time, self._taxonomy)
         label, own = direct or above.label, bool(direct) or above.label_is_own
         thing = above.thing
-        in_prototype = self._parts is not None  # where the point is the thing
-        if not in_prototype and (is_component(prim) or (thing is None and is_lone_instance(prim))):
+        if is_thing:
             own = bool(direct)
             thing = Thing.of(prim, label, own)
         if thing is not None and is_rigid_body(prim):
             thing.movable = True
-        return Context(world, visible, purpose, label, own, thing)
+        return Context(world, visible, purpose, label, own, thing, inherited)
 
-    def _report_frozen(self, prim: Usd.Prim, above: Context, visibility: Usd.Attribute) -> None:
-        """Name what changes over time and is no thing, camera or light: only those come, go and move."""
-        moves = prim.IsA(UsdGeom.Gprim) or is_component(prim) or is_lone_instance(prim) or is_light(prim)
-        if above.thing is not None or not moves:
-            if visibility.ValueMightBeTimeVarying():
-                self._report.frozen(prim.GetPath(), "the visibility of what is no thing of its own")
-        xformable = UsdGeom.Xformable(prim)
-        if above.thing is not None and xformable and xformable.TransformMightBeTimeVarying():
-            self._report.frozen(prim.GetPath(), "the place of a part in its thing")
+    def _moves_alone(self, prim: Usd.Prim, above: Context, is_thing: bool) -> bool:
+        """Whether moving and hiding a prim is up to a scenario: things and lights, or the whole of a template."""
+        if self._parts is not None:
+            return False
+        if self._top != Sdf.Path.absoluteRootPath:
+            return bool(prim.GetPath() == self._top)
+        return is_thing or is_light(prim) or (above.thing is None and bool(prim.IsA(UsdGeom.Gprim)))
 
     def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
         """Read one prim; whether its children are to be read."""
@@ -164,7 +176,8 @@ class StageReader:
         if prim.IsPseudoRoot():
             return True
         if is_light(prim):
-            self._read_light(prim, here)
+            if here.inherited.shown(self._time):
+                self._read_light(prim, here)
         elif is_drawable(prim):
             self._read_gprim(prim, here)
         elif not prim.IsA(UsdLux.PortalLight):  # those are read with the domes that name them
@@ -197,12 +210,14 @@ class StageReader:
         if here.drawn and is_unskinned(prim):
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
-        wrong = fault(matrix)
+        samples = Samples.of(here.inherited, here.world, self._meters) if self._parts is None else None
+        wrong = fault(matrix) if samples is None else not_finite(samples.matrices)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
         elif self._parts is not None:
             names = self._part_names(prim, self._root)
-            self._parts.append(Placed(mesh, matrix, here.label, names, collides(prim), here.drawn))
+            placed = Placed(mesh, matrix, here.label, names, collides(prim), here.drawn, here.inherited)
+            self._parts.append(placed)
         elif not here.drawn:
             thing = here.thing or Thing.of(prim, here.label, True)
             self._things.add_collider(thing, mesh, matrix, str(prim.GetPath()))
@@ -212,7 +227,7 @@ class StageReader:
             if here.label_is_own and not thing.labelled:  # its first labelled part says what the whole is
                 thing.category, thing.labelled = here.label, True
             names = self._part_names(prim, Sdf.Path(thing.path))
-            self._things.add(thing, mesh, matrix, names, collides(prim))
+            self._things.add(thing, mesh, matrix, names, collides(prim), samples)
 
     def _part_names(self, prim: Usd.Prim, root: Sdf.Path) -> tuple[str, ...]:
         """What a gprim's parts are called within the thing or prototype at `root`."""
@@ -226,48 +241,90 @@ class StageReader:
         if prim.GetPath() in self._inside:
             self._report.problem(prim.GetPath(), "instancer", "one of its prototypes holds the instancer itself")
             return
-        found = point_instances(prim, self._time, self._meters, self._report)
-        if found is None:
-            return
         world = to_matrix(here.world, self._meters)
         wrong = fault(world)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
             return
-        matrices = world @ found.matrices
-        for number, root in enumerate(found.prototypes):
-            points = np.flatnonzero(found.prototype_of_point == number)
-            parts = self._prototype(prim, root, here.purpose) if len(points) else []
-            if parts and self._parts is not None:  # an instancer in a prototype: its points are parts of that one
-                self._parts += [replace(p, matrix=m @ p.matrix) for m in matrices[points] for p in parts]
-            elif parts:
-                labels = (
-                    direct_label(root, self._time, self._taxonomy),
-                    *(p.label for p in parts),
-                    inherited_label(root, self._time, self._taxonomy),
-                )
-                category = next((label for label in labels if label), here.label)
-                self._place_points(prim, root, parts, matrices[points], found.ids[points], category)
+        own_times = instancer_times(prim) if self._report.plays else []
+        if own_times and self._parts is not None:
+            self._report.frozen(prim.GetPath(), "a point instancer in a prototype of another")
+            own_times = []
+        moments = self._moments(prim, own_times)
+        if moments is None:
+            return
+        used = np.unique(np.concatenate([each.prototype_of_point for each in moments.values()])).tolist()
+        if not used:
+            self._report.omission(prim.GetPath(), "a point instancer without points")
+        roots = [moments[self._time].prototypes[number] for number in used]
+        prototypes = [self._prototype(prim, root, here.purpose) for root in roots]
+        if self._parts is not None:  # an instancer in a prototype: its points are parts of that one
+            found = moments[self._time]
+            for number, parts in zip(used, prototypes, strict=True):
+                placed = world @ found.matrices[found.prototype_of_point == number]
+                self._parts += [part.within(matrix) for matrix in placed for part in parts]
+            return
+        inner = (time for parts in prototypes for part in parts for time in part.inherited.times())
+        times = sorted({*own_times, *here.inherited.times(), *inner})
+        moments = self._moments(prim, times, moments) or moments
+        points = PointSamples.of(list(moments.values()))
+        for row, code in enumerate(moments):
+            matrix = to_matrix(here.inherited.world(code, here.world), self._meters)
+            points.matrices[row] = matrix @ points.matrices[row]
+        things: dict[int, Thing] = {}
+        for number, root, parts in zip(used, roots, prototypes, strict=True):
+            if parts:
+                self._place_points(prim, here, root, parts, points, number, times, things)
+
+    def _moments(
+        self, prim: Usd.Prim, times: Sequence[float], known: Mapping[Usd.TimeCode, PointInstances] | None = None
+    ) -> dict[Usd.TimeCode, PointInstances] | None:
+        """An instancer at the time read, then at others; None, with the reason reported, if it is wrong at one."""
+        result = {}
+        for code in (self._time, *(Usd.TimeCode(time) for time in times)):
+            found = (known or {}).get(code) or point_instances(prim, code, self._meters, self._report)
+            if found is None:
+                return None
+            result[code] = found
+        return result
 
     def _place_points(
         self,
         prim: Usd.Prim,
+        here: Context,
         root: Usd.Prim,
         parts: Sequence[Placed],
-        matrices: Matrix,
-        ids: NDArray[np.int64],
-        category: str,
+        points: PointSamples,
+        number: int,
+        times: Sequence[float],
+        things: dict[int, Thing],
     ) -> None:
+        """The points that show one prototype, by its number. things: those of the points so far, by their ids."""
+        labels = (
+            direct_label(root, self._time, self._taxonomy),
+            *(p.label for p in parts),
+            inherited_label(root, self._time, self._taxonomy),
+        )
+        category = next((label for label in labels if label), here.label)
+        codes = list(dict.fromkeys([self._time, *(Usd.TimeCode(time) for time in times)]))
+        order = [codes.index(Usd.TimeCode(time)) for time in times]
+        rows = np.flatnonzero((points.prototype == number).any(axis=0))
+        there = points.prototype[:, rows] == number
+        there &= np.array([here.inherited.shown(code) for code in codes])[:, None]
+        own = [np.array([part.at(code, self._meters) for code in codes]) for part in parts]
+        shown = [there & np.array([part.inherited.shown(code) for code in codes])[:, None] for part in parts]
         name, path, by_name = prim.GetName(), str(prim.GetPath()), name_label(root)
-        placed = [matrices @ part.matrix for part in parts]
+        placed = [points.matrices[:, rows] @ matrix[:, None] for matrix in own]
         movable = is_rigid_body(root)
-        for row, number in enumerate(ids.tolist()):
-            thing = Thing(f"{name}[{number}]", f"{path}[{number}]", category, True, by_name, movable=movable)
-            for part, world in zip(parts, placed, strict=True):
-                if part.drawn:
-                    self._things.add(thing, part.mesh, world[row], part.names, part.collides)
-                else:
-                    self._things.add_collider(thing, part.mesh, world[row], thing.path)
+        for row, point in enumerate(points.ids[rows].tolist()):
+            new = Thing(f"{name}[{point}]", f"{path}[{point}]", category, True, by_name, movable=movable)
+            thing = things.setdefault(point, new)
+            for part, world, present in zip(parts, placed, shown, strict=True):
+                if not part.drawn:
+                    self._things.add_collider(thing, part.mesh, world[0, row], thing.path)
+                    continue
+                samples = Samples(tuple(times), world[order, row], present[order, row]) if times else None
+                self._things.add(thing, part.mesh, world[0, row], part.names, part.collides, samples)
 
     def _prototype(self, instancer: Usd.Prim, root: Usd.Prim, purpose: str) -> Sequence[Placed]:
         """A prototype's meshes in the space of its parent."""

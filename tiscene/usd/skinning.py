@@ -5,28 +5,28 @@ from __future__ import annotations
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from tiscene.usd.problems import Report
+from tiscene.usd.tracks import filled
 
 _EVERYTHING = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 
 
 def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: Report) -> None:
-    """Author the skinned points and normals of every SkelRoot at a time in the session layer: no file is changed.
+    """Author the skinned points and normals of every SkelRoot in the session layer: no file is changed.
 
-    Instances that hold one become ordinary prims, for each may have another pose. Skinning goes by USD's own rules:
-    linear blend or dual quaternions, and blend shapes.
+    As time samples if the stage plays, else those of one time. Instances that hold a SkelRoot become ordinary prims,
+    for each may have another pose. Skinning goes by USD's own rules: linear blend or dual quaternions, blend shapes.
     """
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         while instances := _instances_about_skeletons(stage):
             for prim in instances:
                 prim.SetInstanceable(False)
-        interval = Gf.Interval.GetFullInterval() if time.IsEarliestTime() else Gf.Interval(time.GetValue())
+        everything = report.plays or time.IsEarliestTime()
+        interval = Gf.Interval.GetFullInterval() if everything else Gf.Interval(time.GetValue())
         for prim in _skel_roots(stage):
             root = UsdSkel.Root(prim)
-            path, animated = prim.GetPath(), _hold(root, time)
+            _sample(root, time, report.plays)
             if not UsdSkel.BakeSkinning(root, interval):
-                report.omission(path, "a SkelRoot whose skinning USD cannot compute is drawn unposed")
-            elif animated:
-                report.frozen(path, "the pose of a skeleton")
+                report.omission(prim.GetPath(), "a SkelRoot whose skinning USD cannot compute is drawn unposed")
 
 
 def is_unskinned(prim: Usd.Prim) -> bool:
@@ -54,17 +54,24 @@ def _instances_about_skeletons(stage: Usd.Stage) -> list[Usd.Prim]:
     return list(found.values())
 
 
-def _hold(root: UsdSkel.Root, time: Usd.TimeCode) -> bool:
-    """Make a moment a sample of the animations below a root, for USD poses at samples only. Whether there are any."""
+def _sample(root: UsdSkel.Root, time: Usd.TimeCode, plays: bool) -> None:
+    """Make samples of the animations below a root at whatever time USD is to pose it: it does so at samples only.
+
+    That is at every time code, since a skin goes straight from one to the next, while its joints turn; or at one time.
+    """
     cache = UsdSkel.Cache()
     cache.Populate(root, Usd.PrimDefaultPredicate)
-    animated = False
+    done = set()
     for binding in cache.ComputeSkelBindings(root, Usd.PrimDefaultPredicate):
         query = cache.GetSkelQuery(binding.GetSkeleton()).GetAnimQuery()
-        if query and (query.JointTransformsMightBeTimeVarying() or query.BlendShapeWeightsMightBeTimeVarying()):
-            animated = True
-            for name in ("translations", "rotations", "scales", "blendShapeWeights"):
-                attribute = query.GetPrim().GetAttribute(name)
-                if attribute.ValueMightBeTimeVarying() and not time.IsEarliestTime():
-                    attribute.Set(attribute.Get(time), time)
-    return animated
+        if not query or query.GetPrim().GetPath() in done:
+            continue
+        done.add(query.GetPrim().GetPath())
+        for name in ("translations", "rotations", "scales", "blendShapeWeights"):
+            attribute = query.GetPrim().GetAttribute(name)
+            if not attribute.ValueMightBeTimeVarying():
+                continue
+            times = filled(attribute.GetTimeSamples()) if plays else [] if time.IsEarliestTime() else [time.GetValue()]
+            values = [(each, attribute.Get(each)) for each in times]  # all, before the first hides the others
+            for each, value in values:
+                attribute.Set(value, each)

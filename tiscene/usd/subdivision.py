@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tiscene.usd.polygons import cross, triangulate
 from tiscene.usd.primvar import Topology
-from tiscene.usd.surface import Attribute, Surface, sum_rows, unique_rows, weld
+from tiscene.usd.surface import Attribute, Surface, sum_rows, unique_rows, weld, with_moved
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -217,12 +217,13 @@ def subdivide(
     uv: Attribute | None,
     boundary: str = "edgeAndCorner",
     uv_rule: str = "cornersPlus1",
+    moved: NDArray[np.float32] | None = None,
 ) -> Surface:
     """The limit surface as triangles with smooth normals, split where edges stay sharp.
 
     Refines until neighbouring faces are nearly flat, at most MAX_LEVELS times; a mesh that would become more than
     MAX_QUADS faces at once stays as it is, with smooth normals. drawn: [faces], False for holes.
-    boundary: interpolateBoundary. uv_rule: faceVaryingLinearInterpolation.
+    boundary: interpolateBoundary. uv_rule: faceVaryingLinearInterpolation. moved: [s, n, 3], the points at other times.
     """
     cage, source = _control_cage(topology, creases)
     drawn = drawn[source]
@@ -240,6 +241,9 @@ def subdivide(
         uv_cage, uv_values = _uv_cage(cage, uv.values[kept], uv_rule)
     elif uv is not None:
         values = np.concatenate([values, uv.values], axis=1)
+    width = values.shape[1]
+    if moved is not None:  # the rules are the same for all: refined side by side
+        values = np.concatenate([values, *moved.astype(np.float64)], axis=1)
     dense = len(cage.indices) > MAX_QUADS
     for level in range(MAX_LEVELS):
         if len(cage.indices) > MAX_QUADS:
@@ -251,13 +255,13 @@ def subdivide(
             uv_cage, uv_values = refine(uv_cage, uv_values)
         cage, values = refine(cage, values)
     if dense:  # its cage is as fine as a refined surface would be
-        return _as_surface(cage, values[:, :3], drawn, source, uv)
+        return _as_surface(cage, values[:, :3], drawn, source, uv, values[:, width:])
     values = limit(cage, values)
     if uv_cage is not None and uv_values is not None:
         uv = Attribute(limit(uv_cage, uv_values)[uv_cage.indices].astype(np.float32), per_corner=True)
     elif uv is not None:
-        uv = Attribute(values[:, 3:].astype(np.float32), per_corner=False)
-    return _as_surface(cage, values[:, :3], drawn, source, uv)
+        uv = Attribute(values[:, 3:width].astype(np.float32), per_corner=False)
+    return _as_surface(cage, values[:, :3], drawn, source, uv, values[:, width:])
 
 
 def _control_cage(topology: Topology, creases: Creases) -> tuple[Cage, Ints]:
@@ -331,13 +335,24 @@ def _is_flat(cage: Cage, positions: Floats) -> bool:
     return bool(np.quantile(cosine, 0.1) > np.cos(FLAT_ENOUGH))
 
 
-def _as_surface(cage: Cage, positions: Floats, drawn: NDArray[np.bool_], source: Ints, uv: Attribute | None) -> Surface:
+def _as_surface(
+    cage: Cage, positions: Floats, drawn: NDArray[np.bool_], source: Ints, uv: Attribute | None, moved: Floats
+) -> Surface:
+    """moved: [points, 3 s], the positions at other times side by side."""
     group = _smoothing_groups(cage)
-    normal = sum_rows(group, _face_normals(cage, positions)[cage.face], int(group.max(initial=-1)) + 1)
+
+    def normals_of(positions: Floats) -> Attribute:
+        normal = sum_rows(group, _face_normals(cage, positions)[cage.face], int(group.max(initial=-1)) + 1)
+        return Attribute(normal[group].astype(np.float32), per_corner=True)
+
     corners, face = triangulate(positions, cage.counts, cage.indices)
     kept = drawn[face]
-    normals = Attribute(normal[group].astype(np.float32), per_corner=True)
-    return weld(positions.astype(np.float32), cage.indices, corners[kept], source[face[kept]], normals, uv)
+    faces = cage.indices, corners[kept], source[face[kept]]
+    if not moved.shape[1]:
+        return weld(positions.astype(np.float32), *faces, normals_of(positions), uv)
+    surface = weld(positions.astype(np.float32), *faces, normals_of(positions), uv, apart=group)
+    points = moved.reshape(len(moved), -1, 3).transpose(1, 0, 2)
+    return with_moved(surface, points, [normals_of(each) for each in points])
 
 
 def _smoothing_groups(cage: Cage) -> Ints:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ class Surface:
 
     positions: float32 [n, 3], stage units. triangles: int32 [m, 3]. normals: float32 [n, 3] or None for flat.
     uv: float32 [n, 2] or None. face: int32 [m], the authored face that each triangle is part of.
+    point, corner: [n], the authored ones that each vertex was made of.
+    moved, moved_normals: float32 [s, n, 3], positions and normals at other `times` (time codes).
     """
 
     positions: FloatArray
@@ -24,6 +27,11 @@ class Surface:
     normals: FloatArray | None
     uv: FloatArray | None
     face: IntArray
+    point: NDArray[np.integer] | None = None
+    corner: NDArray[np.integer] | None = None
+    moved: FloatArray | None = None
+    moved_normals: FloatArray | None = None
+    times: Sequence[float] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +54,17 @@ def weld(
     face: NDArray[np.integer],
     normals: Attribute | None,
     uv: Attribute | None,
+    apart: NDArray[np.integer] | None = None,
 ) -> Surface:
     """Make vertices: corners at the same point with equal attributes become one vertex.
 
     corner_point: the point of every corner. triangles: [m, 3] corners. face: [m] authored face of each triangle.
+    apart: numbers of all corners; those with different ones stay apart, whatever their attributes.
     """
     used = triangles.reshape(-1)
     used_point = corner_point[used]
-    split = [a.values[used] for a in (normals, uv) if a is not None and a.per_corner]
+    split: list[NDArray[np.generic]] = [a.values[used] for a in (normals, uv) if a is not None and a.per_corner]
+    split += [] if apart is None else [apart[used]]
     if split:
         first, vertex = unique_rows([used_point.astype(np.int64), *split])
         vertex_corner, vertex_point = used[first], used_point[first]
@@ -70,7 +81,26 @@ def weld(
         normals=None if normals is None else unit(normals.at(vertex_point, vertex_corner), points[vertex_point], shape),
         uv=None if uv is None else np.ascontiguousarray(uv.at(vertex_point, vertex_corner), dtype=np.float32),
         face=face.astype(np.int32),
+        point=vertex_point,
+        corner=vertex_corner,
     )
+
+
+def with_moved(surface: Surface, points: NDArray[np.floating], normals: Sequence[Attribute] | None = None) -> Surface:
+    """A welded surface with its vertices at other times.
+
+    points: [s, points, 3], of the authored ones. normals: of each time, if they change; else what they are stays.
+    """
+    assert surface.point is not None
+    assert surface.corner is not None
+    moved = np.ascontiguousarray(points[:, surface.point], dtype=np.float32)
+    turned = None
+    if normals is not None:
+        own = [each.at(surface.point, surface.corner) for each in normals]
+        turned = np.stack([unit(each, at, surface.triangles) for each, at in zip(own, moved, strict=True)])
+    elif surface.normals is not None:
+        turned = np.broadcast_to(surface.normals, moved.shape)
+    return replace(surface, moved=moved, moved_normals=turned)
 
 
 def unit(vectors: NDArray[np.floating], positions: NDArray[np.floating], triangles: IntArray) -> FloatArray:

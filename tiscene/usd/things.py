@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 
 from pxr import Usd, UsdPhysics
 
+from tiscene.scene.animation import Track
 from tiscene.scene.description import Collider, Instance, Matrix, SceneObject
 from tiscene.usd.label import name_label
+from tiscene.usd.tracks import Samples, tracks_of
 
 
 @dataclass
@@ -49,16 +51,26 @@ class ThingTable:
     def __init__(self, stage: Usd.Stage) -> None:
         self.things: list[Thing] = []
         self._instances: list[tuple[int, Thing, Matrix, int, bool | None]] = []
+        self._samples: list[Samples | None] = []  # of every instance
         self._colliders: list[tuple[int, Thing, Matrix, str]] = []
         self._stage = stage
 
-    def add(self, thing: Thing, mesh: int, matrix: Matrix, names: tuple[str, ...], collides: bool | None) -> None:
-        """A mesh of a thing. collides: None if no physics is authored on it."""
+    def add(
+        self,
+        thing: Thing,
+        mesh: int,
+        matrix: Matrix,
+        names: tuple[str, ...],
+        collides: bool | None,
+        samples: Samples | None = None,
+    ) -> None:
+        """A mesh of a thing. collides: None if no physics is authored on it. samples: where it is over time."""
         if thing.row is None:
             thing.row = len(self.things)
             self.things.append(thing)
         thing.colliders += collides is True
         self._instances.append((mesh, thing, matrix, thing.add_parts(names), collides))
+        self._samples.append(samples)
 
     def add_collider(self, thing: Thing, mesh: int, matrix: Matrix, path: str) -> None:
         """A mesh of a thing that is not drawn."""
@@ -71,6 +83,10 @@ class ThingTable:
             Collider(mesh, -1 if thing.row is None else thing.row, matrix, prim_path=path)
             for mesh, thing, matrix, path in self._colliders
         )
+
+    def tracks(self) -> tuple[Track, ...]:
+        """How instances move, come and go by themselves."""
+        return tracks_of(self._stage, self._samples)
 
     def instances(self) -> tuple[Instance, ...]:
         """In the order in which they were added."""

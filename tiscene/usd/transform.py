@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Gf
 
 from tiscene.scene.description import Matrix
@@ -13,6 +14,11 @@ def to_matrix(matrix: Gf.Matrix4d, meters_per_unit: float) -> Matrix:
     result = np.array(matrix, dtype=np.float64).T
     result[:3, 3] *= meters_per_unit
     return result
+
+
+def not_finite(matrices: NDArray[np.float64]) -> str:
+    """Why transforms over time cannot place anything; "" if they can. What is squashed flat for a while is not seen."""
+    return "" if np.isfinite(matrices).all() else "its transform holds numbers that are not finite"
 
 
 def fault(matrix: Matrix) -> str:
