@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade
 
 import usd_scenes
 from usd_scenes import gallery
-from usd_scenes.author.room import ELEMENTARY, LIGHTING
+from usd_scenes.author.room import LIGHTING
 from usd_scenes.author.templates import APPEARANCES
 
 PACKAGE = Path(usd_scenes.__file__).parent
@@ -142,7 +142,7 @@ def test_appearances_keep_labels_and_layout(name: str) -> None:
             # A primitive may stand out from what it stands for: a leaning pillow, the leaves of a plant.
             np.testing.assert_allclose(box.GetMidpoint(), reference[path].GetMidpoint(), atol=0.15, err_msg=path)
         for prim in prims(stage):
-            if prim.IsA(UsdGeom.Gprim):
+            if prim.IsA(UsdGeom.Gprim) and prim.GetName() != "Pane":
                 material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
                 surface, _, _ = material.ComputeSurfaceSource()
                 assert surface.GetPrim().GetName() == "Plain", prim.GetPath()
@@ -151,12 +151,51 @@ def test_appearances_keep_labels_and_layout(name: str) -> None:
 @pytest.mark.parametrize("name", ROOMS)
 def test_elementary_rooms_are_of_primitives(name: str) -> None:
     stage = open_scene(name, appearance="primitives")
-    labels = labelled(stage)
     for prim in prims(stage):
         if prim.IsA(UsdGeom.Mesh):
-            owner = next(str(p) for p in prim.GetPath().GetAncestorsRange() if str(p) in labels)
-            ellipsoid = prim.GetName().startswith("Ellipsoid")  # there is no gprim for one
-            assert labels[owner] in ELEMENTARY or ellipsoid, prim.GetPath()
+            assert prim.GetName().startswith("Ellipsoid"), prim.GetPath()  # there is no gprim for one
+    walls = [path for path, label in labelled(stage).items() if label in ("wall", "tiles", "floor", "ceiling")]
+    assert walls
+    for path in walls:
+        parts = Usd.PrimRange(stage.GetPrimAtPath(path), Usd.TraverseInstanceProxies())
+        assert {prim.GetTypeName() for prim in parts if prim.IsA(UsdGeom.Gprim)} == {"Cube"}, path
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+@pytest.mark.parametrize("name", ["room_01", "room_02"])
+def test_windows_are_open_to_light_and_closed_to_what_flies(name: str, appearance: str) -> None:
+    stage = open_scene(name, appearance=appearance)
+    every = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
+    guides = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.guide])
+    windows = [path for path, label in labelled(stage).items() if label == "window"]
+    portals = [prim for prim in prims(stage) if prim.IsA(UsdLux.PortalLight)]
+    assert len(windows) == len(portals) > 0
+    for path in windows:
+        pane = stage.GetPrimAtPath(f"{path}/Pane")
+        assert UsdGeom.Imageable(pane).ComputePurpose() == UsdGeom.Tokens.guide
+        assert pane.HasAPI(UsdPhysics.CollisionAPI)
+        frame = every.ComputeWorldBound(stage.GetPrimAtPath(path)).ComputeAlignedRange().GetSize()
+        opening = guides.ComputeWorldBound(pane).ComputeAlignedRange().GetSize()
+        across = int(np.argmax((opening[0], 0.0, opening[2])))
+        assert opening[1] > 0.95 * frame[1]
+        assert opening[across] > 0.9 * frame[across]  # the sill board is wider than the opening
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_mouldings_reach_into_what_they_lie_against(name: str) -> None:
+    """Edges that merely touch leave slits that rays slip through."""
+    stage = open_scene(name)
+    box = boxes(stage)
+    building = f"/{ROOTS[name]}/Building"
+    width, depth = ROOMS[name]
+    for moulding in ("Cornice", "Skirting", "DadoRail"):
+        path = f"{building}/{moulding}"
+        if path in box:
+            size = box[path].GetSize()
+            assert size[0] > width + 0.002
+            assert size[2] > depth + 0.002 or moulding == "DadoRail"  # which ends at a tiled wall
+    if f"{building}/Cornice" in box:
+        assert box[f"{building}/Cornice"].GetMax()[1] > box[f"{building}/Ceiling"].GetMin()[1] + 0.002
 
 
 def test_the_table_of_labels_is_up_to_date() -> None:

@@ -26,14 +26,11 @@ class Gprim:
     centre: tuple[float, float, float]
 
 
-def fit(mesh: Mesh) -> list[Gprim]:
-    """One for each connected piece of the mesh that does not lie in another's box; for the whole if there are many."""
-    piece_of = _pieces(mesh)
-    used = np.zeros(len(mesh.points), dtype=bool)
-    used[mesh.indices] = True
-    pieces = [mesh.points[used & (piece_of == piece)] for piece in np.unique(piece_of[used])]
+def fit(*meshes: Mesh) -> list[Gprim]:
+    """One for each connected piece of a mesh that does not lie in another's box; for the whole if there are many."""
+    pieces = [piece for mesh in meshes for piece in _pieces(mesh)]
     if len(pieces) > MOST_PIECES:
-        return [_fitted(mesh.points[used], turned=False)]
+        return [_fitted(np.concatenate(pieces), turned=False)]
     gprims = [_fitted(points) for points in pieces]
     return [
         gprim
@@ -50,7 +47,15 @@ def _holds(gprim: Gprim, points: Array) -> bool:
     return bool(smaller and (local.max(axis=0) < 0.53 * size + 0.002).all())
 
 
-def _pieces(mesh: Mesh) -> Indices:
+def _pieces(mesh: Mesh) -> list[Array]:
+    """The points of each connected piece."""
+    piece_of = _labels(mesh)
+    used = np.zeros(len(mesh.points), dtype=bool)
+    used[mesh.indices] = True
+    return [mesh.points[used & (piece_of == piece)] for piece in np.unique(piece_of[used])]
+
+
+def _labels(mesh: Mesh) -> Indices:
     """The connected piece that each point belongs to, by least labels; points at one place are one."""
     _, place = np.unique(np.round(mesh.points / 1e-5).astype(np.int64), axis=0, return_inverse=True)
     place = place.reshape(-1)

@@ -19,7 +19,6 @@ Vector3 = tuple[float, float, float]
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 LIGHTING = ("day", "evening", "night")
 WARM_WHITE: Vector3 = (1.0, 0.68, 0.40)  # about 3000 K
-ELEMENTARY = ("wall", "ceiling", "cornice", "skirting")  # made of planes already: `primitives` keeps their meshes
 T = TypeVar("T")
 Varied: TypeAlias = T | Mapping[str, T]
 """One value, or one for each of LIGHTING."""
@@ -163,8 +162,12 @@ class Room:
         radiance: Varied[float],
         color: Varied[Vector3] = (1.0, 1.0, 1.0),
         texture: str | None = None,
+        diffuse: Varied[float] | None = None,
     ) -> None:
-        """A rectangle of light that shines along its -z; texture: a picture of it in `usd_scenes/textures`."""
+        """A rectangle of light that shines along its -z; texture: a picture of it in `usd_scenes/textures`.
+
+        diffuse: how many times as bright what it lights is as its own look would make it (`inputs:diffuse`).
+        """
         light = UsdLux.RectLight.Define(self.stage, self._light(name))
         light.CreateWidthAttr(width)
         light.CreateHeightAttr(height)
@@ -172,6 +175,8 @@ class Room:
         self._set_color(light.CreateColorAttr(), color)
         if texture is not None:
             light.CreateTextureFileAttr(f"../textures/{texture}")
+        if diffuse is not None:
+            self._set(light.CreateDiffuseAttr(), diffuse)
         light.CreateExtentAttr([Gf.Vec3f(-width / 2.0, -height / 2.0, 0.0), Gf.Vec3f(width / 2.0, height / 2.0, 0.0)])
         _place(UsdGeom.Xformable(light), at, turn)
 
@@ -237,8 +242,7 @@ class Room:
         names = {part.look for thing in self._things.values() for part in thing.parts}
         if self._things:
             usd.write_geometry(target / "geometry.usdc", self._things.values(), UsdPhysics.Tokens.none)
-            simple = [thing for thing in self._things.values() if thing.label not in ELEMENTARY]
-            usd.write_primitives(target / "primitives.usdc", simple)
+            usd.write_primitives(target / "primitives.usdc", self._things.values())
             usd.define_looks(self.stage, looks, names, "../textures")
             for thing, path in self._bindings:
                 usd.bind(self.stage, thing, path, looks)
@@ -253,8 +257,7 @@ class Room:
             for path in self._templates:
                 self.stage.GetPrimAtPath(path).GetVariantSets().SetSelection("appearance", appearance)
             for thing, path in self._bindings:
-                keeps = appearance != "primitives" or thing.label in ELEMENTARY
-                file = "./geometry.usdc" if keeps else "./primitives.usdc"
+                file = "./primitives.usdc" if appearance == "primitives" else "./geometry.usdc"
                 inside = path.replace(f"/{self.name}/", f"/{self.name}{{appearance={appearance}}}", 1)
                 arcs.append(usd.Arc(inside, file, f"/Geometry/{thing.name}"))
         usd.save(self.stage, target / "scene.usda", arcs)

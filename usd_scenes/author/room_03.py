@@ -155,9 +155,14 @@ def _light(room: Room) -> None:
         *pane,
         (WINDOW, (SILL + HEAD) / 2.0, FAR - WALL * 0.62 + 0.012),
         (0.0, 180.0, 0.0),
-        {"day": 11.0, "evening": 3.2, "night": 0.12},
+        {"day": 2.6, "evening": 1.6, "night": 0.12},
         {"day": (1.0, 0.99, 0.96), "evening": (1.0, 0.62, 0.36), "night": (0.30, 0.45, 1.0)},
         "frosted_color.png",
+        {
+            "day": 4.4,
+            "evening": 2.0,
+            "night": 1.0,
+        },  # the eye takes in a bright window and a room at once; film does not
     )
     warm = (1.0, 0.72, 0.46)
     for index, side in enumerate((-1.0, 1.0)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -167,6 +168,17 @@ def sweep(
     return merged(parts)
 
 
+def leg(top: ArrayLike, foot: ArrayLike, section: Array, taper: float = 0.65) -> Mesh:
+    """A straight leg from `top` down to `foot`, its section there scaled by `taper`."""
+    return sweep(np.array([top, foot]), section, [1.0, taper], up=(0.0, 0.0, 1.0))
+
+
+def four_legs(top: Sequence[float], foot: Sequence[float], section: Array, taper: float = 0.65) -> list[Mesh]:
+    """The leg from `top` to `foot`, [3] each, and its mirror images in x and in z."""
+    mirrors = [np.array([x, 1.0, z]) for x in (-1.0, 1.0) for z in (-1.0, 1.0)]
+    return [leg(mirror * top, mirror * foot, section, taper) for mirror in mirrors]
+
+
 def moulding(path: ArrayLike, profile: ArrayLike, up: Sequence[float] = (0.0, 1.0, 0.0), closed: bool = False) -> Mesh:
     """A profile along straight runs with mitred corners: skirtings, frames. path: [n, 3], m.
 
@@ -197,6 +209,17 @@ def moulding(path: ArrayLike, profile: ArrayLike, up: Sequence[float] = (0.0, 1.
         uv = np.stack([u, np.broadcast_to(girth[:, None], u.shape)], axis=-1)
         parts.append(grid(points, uv))
     return merged(parts)
+
+
+def bars(path: ArrayLike, width: float, low: float, high: float) -> list[Mesh]:
+    """What a moulding along a path of floor points (x, z) comes to as boxes: `width` to the right, from low to high."""
+    line = np.asarray(path, dtype=np.float64)
+    boxes = []
+    for a, b in itertools.pairwise(line):
+        (x, z), (dx, dz), length = (a + b) / 2.0, b - a, float(np.linalg.norm(b - a))
+        box = rounded_box((length, high - low, width)).moved(0.0, (low + high) / 2.0, width / 2.0)
+        boxes.append(box.turned("y", float(np.degrees(np.arctan2(-dz, dx)))).moved(x, 0.0, z))
+    return boxes
 
 
 def cylinder(radius: float, height: float, bevel: float = 0.003, segments: int = 32) -> Mesh:

@@ -103,7 +103,7 @@ def write_primitives(path: Path, things: Iterable[Thing]) -> None:
         UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}")
         for part in thing.parts:
             UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}/{part.name}")
-            for index, gprim in enumerate(primitives.fit(part.stand_in or part.mesh)):
+            for index, gprim in enumerate(primitives.fit(*(part.stand_ins or (part.mesh,)))):
                 _define_gprim(stage, f"/Geometry/{thing.name}/{part.name}/{gprim.kind}{index}", gprim)
     save(stage, path)
 

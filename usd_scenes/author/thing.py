@@ -12,16 +12,15 @@ from usd_scenes.author.mesh import Array, Mesh, merged
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A mesh with one material. look: a name in `looks.LOOKS`. stand_in: what its primitives are fitted to."""
+    """A mesh with one material. look: a name in `looks.LOOKS`. stand_ins: what primitives are fitted to instead."""
 
     name: str
     mesh: Mesh
     look: str
-    stand_in: Mesh | None = None
+    stand_ins: tuple[Mesh, ...] = ()
 
     def changed(self, change: Callable[[Mesh], Mesh]) -> Part:
-        stand_in = None if self.stand_in is None else change(self.stand_in)
-        return replace(self, mesh=change(self.mesh), stand_in=stand_in)
+        return replace(self, mesh=change(self.mesh), stand_ins=tuple(change(mesh) for mesh in self.stand_ins))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +49,8 @@ class Thing:
 
     def simplified(self, **stand_ins: Mesh | Iterable[Mesh]) -> Thing:
         """With meshes, by part, that its primitives are fitted to: where a part in one piece is like several."""
-        meshes = {part: mesh if isinstance(mesh, Mesh) else merged(mesh) for part, mesh in stand_ins.items()}
-        return replace(self, parts=tuple(replace(part, stand_in=meshes.get(part.name)) for part in self.parts))
+        meshes = {part: (mesh,) if isinstance(mesh, Mesh) else tuple(mesh) for part, mesh in stand_ins.items()}
+        return replace(self, parts=tuple(replace(part, stand_ins=meshes.get(part.name, ())) for part in self.parts))
 
     def centred(self) -> Thing:
         """With the centre of its bounding box at the origin."""

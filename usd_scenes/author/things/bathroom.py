@@ -8,11 +8,13 @@ import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh, grid, merged
 from usd_scenes.author.shapes import (
+    bars,
     circle,
     curve,
     cylinder,
     fillet,
     lathe,
+    leg,
     moulding,
     rectangle,
     rounded_box,
@@ -21,14 +23,18 @@ from usd_scenes.author.shapes import (
 )
 from usd_scenes.author.thing import Thing, thing
 from usd_scenes.author.things.bedroom import plate
+from usd_scenes.author.things.building import ROOT
 from usd_scenes.author.things.tableware import shell
 
 
 def rail(name: str, runs: Sequence[Sequence[Sequence[float]]], height: float) -> Thing:
     """A rounded ceramic trim on top of tiles, along runs of (x, z) with the room to the right of the way."""
-    profile = fillet([[0.0, -0.002], [0.013, -0.002], [0.016, 0.012], [0.010, 0.022], [0.0, 0.024]], 0.004, 4)
+    outline = [[-ROOT, -0.002], [0.013, -0.002], [0.016, 0.012], [0.010, 0.022], [-ROOT, 0.024]]
+    profile = fillet(outline, 0.004, 4)
     paths = [np.insert(np.asarray(run, dtype=np.float64), 1, height, axis=1) for run in runs]
-    return thing(name, "tiles", ("Trim", "ZelligeTrim", [moulding(path, profile) for path in paths]))
+    boxes = [box for run in runs for box in bars(run, 0.016, height - 0.002, height + 0.024)]
+    trim = [moulding(path, profile) for path in paths]
+    return thing(name, "tiles", ("Trim", "ZelligeTrim", trim)).simplified(Trim=boxes)
 
 
 def frosted_window(name: str, width: float, height: float, thickness: float) -> Thing:
@@ -92,7 +98,8 @@ def round_mirror(name: str, radius: float) -> Thing:
     angle = np.arange(96) * (2.0 * np.pi / 96)
     outline = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     rim = sweep(np.insert(outline * 1.01, 2, 0.013, axis=1), rectangle(0.012, 0.026, 0.004), up=(0, 0, 1), closed=True)
-    return thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", plate(outline, 0.018)))
+    whole = thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", plate(outline, 0.018)))
+    return whole.simplified(Rim=cylinder(radius * 1.02, 0.014).turned("x", 90.0).moved(0.0, 0.0, 0.007))
 
 
 def stool(name: str) -> Thing:
@@ -101,13 +108,9 @@ def stool(name: str) -> Thing:
         fillet([[0.0, 0.418], [0.150, 0.418], [0.165, 0.430], [0.165, 0.446], [0.155, 0.450], [0.0, 0.446]], 0.006, 3),
         56,
     )
+    section = circle(0.017, 16)
     legs = [
-        sweep(
-            [[0.09 * np.sin(a), 0.425, 0.09 * np.cos(a)], [0.155 * np.sin(a), 0.0, 0.155 * np.cos(a)]],
-            circle(0.017, 16),
-            scale=[1.0, 0.7],
-            up=(0.3, 0.0, 1.0),
-        )
+        leg([0.09 * np.sin(a), 0.425, 0.09 * np.cos(a)], [0.155 * np.sin(a), 0.0, 0.155 * np.cos(a)], section, 0.7)
         for a in np.arange(3) * 2.0 * np.pi / 3.0 + 0.4
     ]
     return thing(name, "stool", ("Seat", "Oak", top), ("Legs", "Oak", legs))

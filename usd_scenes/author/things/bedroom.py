@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh, grid
-from usd_scenes.author.shapes import circle, curve, cylinder, fillet, lathe, rectangle, rounded_box, sweep
+from usd_scenes.author.shapes import (
+    circle,
+    curve,
+    cylinder,
+    fillet,
+    four_legs,
+    lathe,
+    leg,
+    rectangle,
+    rounded_box,
+    sweep,
+)
 from usd_scenes.author.soft import cushion, wrinkles
 from usd_scenes.author.thing import Thing, thing
 from usd_scenes.author.things.tables import drum_shade
@@ -40,13 +51,7 @@ def bed(name: str) -> Thing:
     ]
     rails.append(rounded_box((width, 0.155, 0.030), 0.006, 2).with_uv(0.1, 0.5).moved(0.0, 0.275, length - 0.015))
     legs = [
-        sweep(
-            [[x * (width / 2.0 - 0.06), 0.21, z], [x * (width / 2.0 - 0.045), 0.0, z + 0.012 * s]],
-            circle(0.030, 20),
-            scale=[1.0, 0.62],
-            up=(0.0, 0.0, 1.0),
-            bevel=0.003,
-        )
+        leg([x * (width / 2.0 - 0.06), 0.21, z], [x * (width / 2.0 - 0.045), 0.0, z + 0.012 * s], circle(0.030, 20))
         for x in (-1.0, 1.0)
         for z, s in ((0.30, -1.0), (length - 0.09, 1.0))
     ]
@@ -97,16 +102,7 @@ def bedside_table(name: str) -> Thing:
     knob = lathe(
         fillet([[0.0, 0.0], [0.006, 0.0], [0.006, 0.012], [0.013, 0.018], [0.012, 0.026], [0.0, 0.027]], 0.003, 3), 24
     )
-    legs = [
-        sweep(
-            [[x * 0.185, 0.155, z * 0.155], [x * 0.200, 0.0, z * 0.170]],
-            circle(0.016, 16),
-            scale=[1.0, 0.65],
-            up=(0.0, 0.0, 1.0),
-        )
-        for x in (-1.0, 1.0)
-        for z in (-1.0, 1.0)
-    ]
+    legs = four_legs((0.185, 0.155, 0.155), (0.200, 0.0, 0.170), circle(0.016, 16))
     return thing(
         name,
         "bedside table",
@@ -226,19 +222,8 @@ def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth
                 knob.turned("x", 90.0).moved(x + s * front * 0.26, y + 0.01, depth / 2.0 - 0.001) for s in (-1.0, 1.0)
             ]
         bottom += tall
-    legs = [
-        sweep(
-            [
-                [x * (width / 2 - 0.07), 0.145, z * (depth / 2 - 0.06)],
-                [x * (width / 2 - 0.05), 0.0, z * (depth / 2 - 0.045)],
-            ],
-            circle(0.022, 16),
-            scale=[1.0, 0.65],
-            up=(0.0, 0.0, 1.0),
-        )
-        for x in (-1.0, 1.0)
-        for z in (-1.0, 1.0)
-    ]
+    top, foot = (width / 2 - 0.07, 0.145, depth / 2 - 0.06), (width / 2 - 0.05, 0.0, depth / 2 - 0.045)
+    legs = four_legs(top, foot, circle(0.022, 16))
     return thing(
         name,
         "chest of drawers",
@@ -253,16 +238,7 @@ def bench(name: str, width: float = 1.10) -> Thing:
     seat = cushion(width, 0.10, 0.38, 320, 0.014, 0.032).moved(0.0, 0.395, 0.0)
     frame = [rounded_box((width - 0.05, 0.045, 0.020), 0.004).moved(0.0, 0.325, z) for z in (-0.15, 0.15)]
     frame += [rounded_box((0.020, 0.045, 0.30), 0.004).moved(x * (width / 2 - 0.035), 0.325, 0.0) for x in (-1.0, 1.0)]
-    frame += [
-        sweep(
-            [[x * (width / 2 - 0.06), 0.345, z * 0.145], [x * (width / 2 - 0.025), 0.0, z * 0.175]],
-            circle(0.019, 16),
-            scale=[1.0, 0.62],
-            up=(0.0, 0.0, 1.0),
-        )
-        for x in (-1.0, 1.0)
-        for z in (-1.0, 1.0)
-    ]
+    frame += four_legs((width / 2 - 0.06, 0.345, 0.145), (width / 2 - 0.025, 0.0, 0.175), circle(0.019, 16))
     return thing(name, "bench", ("Seat", "Oatmeal", seat), ("Frame", "Oak", frame))
 
 
@@ -272,7 +248,8 @@ def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Thi
     outline = rectangle(width, height, corner, 10)
     path = np.insert(outline, 2, 0.013, axis=1)
     rim = sweep(path, rectangle(0.018, 0.026, 0.004), up=(0.0, 0.0, 1.0), closed=True)
-    return thing(name, "mirror", ("Rim", "Oak", rim), ("Glass", "MirrorSilver", plate(outline * 0.985, 0.016)))
+    whole = thing(name, "mirror", ("Rim", "Oak", rim), ("Glass", "MirrorSilver", plate(outline * 0.985, 0.016)))
+    return whole.simplified(Rim=rounded_box((width + 0.018, height + 0.018, 0.014)).moved(0.0, 0.0, 0.007))
 
 
 def plate(outline: Array, z: float) -> Mesh:

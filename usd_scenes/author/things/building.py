@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from usd_scenes.author.mesh import Mesh, grid, merged
-from usd_scenes.author.shapes import circle, cylinder, fillet, moulding, rounded_box, sphere, sweep
+from usd_scenes.author.shapes import bars, circle, cylinder, fillet, moulding, rounded_box, sphere, sweep
 from usd_scenes.author.soft import curtain
 from usd_scenes.author.textures.wood import STRIPS
 from usd_scenes.author.thing import Thing, thing
+
+ROOT = 0.004  # m; how deep mouldings reach into what they lie against: edges that merely touch let light through
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def wall(
 ) -> Thing:
     """A wall from start to end (x, z), the room to the right of the way, its body to the left.
 
-    Cut into boxes round its openings; faces that meet are not made. The reveals are 3 mm rounds.
+    Cut into boxes round its openings; faces that meet are not made.
     """
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
@@ -118,7 +120,28 @@ def wall(
                 face([[x0, y0, t], [x1, y0, t], [x1, y0, 0], [x0, y0, 0]], 0, 2)
     right = np.array([-along[1], along[0]])
     matrix = np.array([[along[0], 0.0, right[0]], [0.0, 1.0, 0.0], [along[1], 0.0, right[1]]])
-    return thing(name, "wall", ("Plaster", look, merged(faces).mapped(matrix).moved(a[0], 0.0, a[1])))
+    boxes = blocks(-thickness, length + thickness, height, -thickness, openings)
+    plaster, *boxes = (mesh.mapped(matrix).moved(a[0], 0.0, a[1]) for mesh in (merged(faces), *boxes))
+    return thing(name, "wall", ("Plaster", look, plaster)).simplified(Plaster=boxes)
+
+
+def blocks(start: float, end: float, height: float, depth: float, openings: Sequence[Opening] = ()) -> list[Mesh]:
+    """A wall from start to end along x and from z = 0 to depth as boxes: beside, below and above its openings."""
+    boxes = []
+
+    def block(x0: float, x1: float, y0: float, y1: float) -> None:
+        if x1 > x0 and y1 > y0:
+            box = rounded_box((x1 - x0, y1 - y0, abs(depth)))
+            boxes.append(box.moved((x0 + x1) / 2.0, (y0 + y1) / 2.0, depth / 2.0))
+
+    x = start
+    for opening in sorted(openings, key=lambda each: each.start):
+        block(x, opening.start, 0.0, height)
+        block(opening.start, opening.end, 0.0, opening.sill)
+        block(opening.start, opening.end, opening.head, height)
+        x = opening.end
+    block(x, end, 0.0, height)
+    return boxes
 
 
 def window(name: str, width: float, height: float, thickness: float) -> Thing:
@@ -179,25 +202,22 @@ def curtain_pair(name: str, opening: float, height: float, seed: int, width: flo
 
 def skirting(name: str, runs: Sequence[Sequence[Sequence[float]]]) -> Thing:
     """A skirting board, 0.10 m, along runs of floor points (x, z), the room to the right of the way."""
-    profile = fillet([[0.0165, 0.0], [0.0165, 0.082], [0.010, 0.094], [0.008, 0.102], [0.0, 0.102]], 0.004, 3)
-    return thing(
-        name,
-        "skirting",
-        (
-            "Timber",
-            "TrimPaint",
-            [moulding(np.insert(np.asarray(run, dtype=np.float64), 1, 0.0, axis=1), profile) for run in runs],
-        ),
-    )
+    outline = [[0.0165, -ROOT], [0.0165, 0.082], [0.010, 0.094], [0.008, 0.102], [-ROOT, 0.102]]
+    profile = fillet(outline, 0.004, 3)
+    boards = [moulding(np.insert(np.asarray(run, dtype=np.float64), 1, 0.0, axis=1), profile) for run in runs]
+    boxes = [box for run in runs for box in bars(run, 0.0165, 0.0, 0.102)]
+    return thing(name, "skirting", ("Timber", "TrimPaint", boards)).simplified(Timber=boxes)
 
 
 def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Thing:
     """A plain coved cornice round a ceiling; corners (x, z) with the room to the right of the way."""
     angle = np.linspace(0.0, np.pi / 2.0, 7)
     cove = np.stack([0.012 + 0.055 * (1.0 - np.cos(angle)), -0.067 + 0.055 * np.sin(angle)], -1)
-    profile = np.concatenate([[[0.0, -0.085], [0.012, -0.085]], cove, [[0.085, -0.012], [0.085, 0.0]]])
+    profile = np.concatenate([[[-ROOT, -0.085], [0.012, -0.085]], cove, [[0.085, -0.012], [0.085, ROOT]]])
     path = np.insert(np.asarray(corners, dtype=np.float64), 1, height, axis=1)
-    return thing(name, "cornice", ("Plaster", "CeilingPaint", moulding(path, fillet(profile, 0.002, 2), closed=True)))
+    plaster = moulding(path, fillet(profile, 0.002, 2), closed=True)
+    boxes = bars([*corners, corners[0]], 0.06, height - 0.085, height)
+    return thing(name, "cornice", ("Plaster", "CeilingPaint", plaster)).simplified(Plaster=boxes)
 
 
 def ceiling(width: float, depth: float, height: float, thickness: float = 0.25) -> Thing:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh, grid, merged, normalized, rotation
-from usd_scenes.author.shapes import circle, curve, fillet, lathe, sweep
+from usd_scenes.author.shapes import circle, curve, fillet, lathe, sphere, sweep
 from usd_scenes.author.sheets import shell as solid_sheet
 from usd_scenes.author.thing import Thing, thing
 from usd_scenes.author.things.tableware import shell
@@ -39,6 +41,7 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
         64,
     )
     soil = lathe([[0.176, 0.285], [0.10, 0.292], [0.0, 0.296]], 32)
+    trunks: list[Mesh] = []
     stems: list[Mesh] = []
     young: list[Mesh] = []
     old: list[Mesh] = []
@@ -49,7 +52,8 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
         foot = np.array([0.05 * np.sin(turn), 0.28, 0.05 * np.cos(turn)])
         tip = np.array([np.sin(turn) * lean, top, np.cos(turn) * lean])
         line = curve([foot, foot * 0.45 + tip * 0.55 + rng.normal(0.0, 0.02, 3), tip], 24)
-        stems.append(sweep(line, circle(0.010, 10), np.linspace(1.0, 0.45, 24), up=(1.0, 0.0, 0.0)))
+        trunks.append(sweep(line, circle(0.010, 10), np.linspace(1.0, 0.45, 24), up=(1.0, 0.0, 0.0)))
+        stems.append(trunks[-1])
         for n, t in enumerate(np.linspace(0.16, 1.0, 15 - 3 * index)):
             at = line[int(t * 23)]
             yaw = turn * 57.3 + n * 137.5 + rng.uniform(-14.0, 14.0)
@@ -69,9 +73,16 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
         ("Leaves", "Leaf", old),
         ("YoungLeaves", "LeafPale", young),
     )
-    return thing(
-        name, "plant", *((part, look, merged(meshes).scaled(scale, scale, scale)) for part, look, meshes in parts)
-    )
+    plant = thing(name, "plant", *parts)
+    plant = plant.simplified(Stems=trunks, Leaves=_crown(old), YoungLeaves=_crown(young))
+    sized = (part.changed(lambda mesh: mesh.scaled(scale, scale, scale)) for part in plant.parts)
+    return replace(plant, parts=tuple(sized))
+
+
+def _crown(leaves: list[Mesh]) -> Mesh:
+    """The ellipsoid that leaves fill."""
+    bounds = merged(leaves).bounds
+    return sphere(0.5, 24).scaled(*(bounds[1] - bounds[0])).moved(*bounds.mean(axis=0))
 
 
 def branches(name: str, seed: int = 9) -> Thing:
@@ -97,7 +108,8 @@ def branches(name: str, seed: int = 9) -> Thing:
             side = normalized(np.array([np.cos(n * 2.4), 0.35, np.sin(n * 2.4)]))
             yaw = np.degrees(np.arctan2(side[0], side[2]))
             leaves.append(leaf(0.055, 0.026, 0.2, 0.3).turned("x", -25.0).turned("y", yaw).moved(*line[n]))
-    return thing(name, "plant", ("Twigs", "Bark", twigs), ("Leaves", "LeafPale", leaves))
+    whole = thing(name, "plant", ("Twigs", "Bark", twigs), ("Leaves", "LeafPale", leaves))
+    return whole.simplified(Leaves=_crown(leaves))
 
 
 def snake_plant(name: str) -> Thing:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh
-from usd_scenes.author.shapes import circle, curve, cylinder, lathe, rectangle, rounded_box, sphere, sweep
+from usd_scenes.author.shapes import circle, curve, cylinder, lathe, leg, rectangle, rounded_box, sphere, sweep
 from usd_scenes.author.sheets import shell
 from usd_scenes.author.soft import cushion, pillow, throw, wrinkles
 from usd_scenes.author.thing import Thing, thing
@@ -24,12 +24,7 @@ def chair(name: str) -> Thing:
         return bent
 
     legs = [
-        sweep(
-            [[side * 0.175, 0.432, 0.165], [side * 0.200, 0.0, 0.190]],
-            rectangle(0.036, 0.036, 0.008),
-            scale=[1.0, 0.62],
-            up=(0.0, 0.0, 1.0),
-        )
+        leg([side * 0.175, 0.432, 0.165], [side * 0.200, 0.0, 0.190], rectangle(0.036, 0.036, 0.008), 0.62)
         for side in (-1.0, 1.0)
     ]
     for side in (-1.0, 1.0):
@@ -113,9 +108,8 @@ def shell_chair(name: str) -> Thing:
     legs, feet = [], []
     for x in (-1.0, 1.0):
         for z, back in ((1.0, 0.165), (-1.0, -0.195)):
-            line_ = [[0.135 * x, 0.405, 0.12 * z - 0.02], [0.225 * x, 0.006, back + 0.045 * z]]
-            legs.append(sweep(line_, circle(0.0145, 16), [1.0, 0.68], up=(0.0, 0.0, 1.0)))
-            foot = np.array(line_[1])
+            foot = [0.225 * x, 0.006, back + 0.045 * z]
+            legs.append(leg([0.135 * x, 0.405, 0.12 * z - 0.02], foot, circle(0.0145, 16), 0.68))
             feet.append(cylinder(0.0105, 0.010, 0.002, 16).moved(foot[0], 0.005, foot[2]))
     wires = []
     for z in (0.11, -0.13):

@@ -141,7 +141,10 @@ def picture(name: str, look: str, width: float, height: float, frame: str = "Oak
         parts.append(("Mat", "Paper", _quad(w, h, 0.010)))
         w, h = width / 2.0 - mat, height / 2.0 - mat
     parts.append(("Picture", look, _quad(w, h, 0.012, unit=True)))
-    return thing(name, "painting", *parts)
+    across, upright = rounded_box((width + 2.0 * face, face, 0.030)), rounded_box((face, height, 0.030))
+    sides = [across.moved(0.0, side * (height + face) / 2.0, 0.015) for side in (-1.0, 1.0)]
+    sides += [upright.moved(side * (width + face) / 2.0, 0.0, 0.015) for side in (-1.0, 1.0)]
+    return thing(name, "painting", *parts).simplified(Frame=sides)
 
 
 def hanging_picture(name: str) -> Thing:
@@ -154,19 +157,10 @@ def hanging_picture(name: str) -> Thing:
         curve([[-0.34, 0.09, -0.004], [-0.1, 0.125, -0.005], [0.1, 0.125, -0.005], [0.34, 0.09, -0.004]], 16),
         circle(0.0012, 6),
     )
-    return thing(
-        name,
-        "painting",
-        *((part.name, part.look, part.mesh) for part in front.parts),
-        ("Canvas", "Linen", canvas),
-        ("Stretcher", "PineWood", bars),
-        ("Wire", "Steel", wire),
-    ).simplified(
-        Frame=[
-            *(rounded_box((0.764, 0.022, 0.030)).moved(0.0, 0.251 * side, 0.015) for side in (-1.0, 1.0)),
-            *(rounded_box((0.022, 0.48, 0.030)).moved(0.371 * side, 0.0, 0.015) for side in (-1.0, 1.0)),
-        ]
+    back = thing(
+        name, "painting", ("Canvas", "Linen", canvas), ("Stretcher", "PineWood", bars), ("Wire", "Steel", wire)
     )
+    return replace(front, parts=front.parts + back.parts)
 
 
 def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -> Mesh:

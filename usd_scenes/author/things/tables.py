@@ -7,7 +7,18 @@ from dataclasses import replace
 import numpy as np
 
 from usd_scenes.author.mesh import Mesh, merged
-from usd_scenes.author.shapes import circle, curve, cylinder, fillet, lathe, rectangle, rounded_box, sphere, sweep
+from usd_scenes.author.shapes import (
+    circle,
+    curve,
+    cylinder,
+    fillet,
+    four_legs,
+    lathe,
+    rectangle,
+    rounded_box,
+    sphere,
+    sweep,
+)
 from usd_scenes.author.thing import Thing, thing
 
 
@@ -15,16 +26,7 @@ def coffee_table(name: str) -> Thing:
     """An oval walnut table, 1.20 × 0.68 × 0.40 m, with a shelf below, on splayed legs."""
     top = _oval_slab(1.20, 0.68, 0.026).moved(0.0, 0.387, 0.0)
     shelf = _oval_slab(0.86, 0.42, 0.016).moved(0.0, 0.155, 0.0)
-    legs = [
-        sweep(
-            [[x * 0.36, 0.376, z * 0.17], [x * 0.46, 0.0, z * 0.25]],
-            circle(0.021, 16),
-            scale=[1.0, 0.6],
-            up=(0.0, 0.0, 1.0),
-        )
-        for x in (-1.0, 1.0)
-        for z in (-1.0, 1.0)
-    ]
+    legs = four_legs((0.36, 0.376, 0.17), (0.46, 0.0, 0.25), circle(0.021, 16), 0.6)
     return thing(name, "coffee table", ("Top", "Walnut", top), ("Shelf", "Walnut", shelf), ("Legs", "Walnut", legs))
 
 

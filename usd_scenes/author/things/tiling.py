@@ -10,7 +10,7 @@ import numpy as np
 
 from usd_scenes.author.mesh import Array, Mesh, grid, merged
 from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things.building import Opening
+from usd_scenes.author.things.building import Opening, blocks
 
 JOINT, THICK, RECESS = 0.0022, 0.0085, 0.0016
 
@@ -52,16 +52,15 @@ def tiled_wall(
             if not any(o.start < x < o.end and o.sill < y < o.head for o in openings):
                 grout.append(_plane(x0, x1, y0, y1, THICK - RECESS))
     edge = [_plane_edge(width, height)]
-    return thing(name, "tiles", ("Tiles", look, tiles), ("Grout", "Grout", [*grout, *edge]))
+    slabs = (blocks(0.0, width, height, depth, openings) for depth in (THICK, THICK - RECESS))
+    whole = thing(name, "tiles", ("Tiles", look, tiles), ("Grout", "Grout", [*grout, *edge]))
+    return whole.simplified(**dict(zip(("Tiles", "Grout"), slabs, strict=True)))
 
 
 def tiled_floor(name: str, width: float, depth: float, look: str, tile: float, seed: int) -> Thing:
     """Square tiles about the origin, their top at y = 0."""
     wall = tiled_wall(name, width, depth, look, (tile, tile), seed, crooked=0.05)
-    parts = tuple(
-        replace(part, mesh=part.mesh.turned("x", -90.0).moved(-width / 2.0, -THICK, depth / 2.0)) for part in wall.parts
-    )
-    return Thing(name, "floor", parts)
+    return replace(wall.turned("x", -90.0).moved(-width / 2.0, -THICK, depth / 2.0), label="floor")
 
 
 def _without(piece: tuple[float, float, float, float], hole: Opening) -> list[tuple[float, float, float, float]]:
