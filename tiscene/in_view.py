@@ -28,14 +28,26 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
         [x * right + y * up - backward for x in (-aspect * tangent, aspect * tangent) for y in (-tangent, tangent)]
     )
     sides = np.array([np.cross(rays[a], rays[b]) for a, b in ((0, 1), (1, 3), (3, 2), (2, 0))])
+    sides *= np.sign(sides @ rays.sum(axis=0))[:, None]  # inwards
     corners = boxes[:, None, 0] + _CORNERS * (boxes[:, None, 1] - boxes[:, None, 0])
     corners = np.einsum("nij,ncj->nci", poses[:, :, :3], corners) + poses[:, None, :, 3] - np.asarray(camera.position)
+    inwards = np.einsum("nci,si->ncs", corners, sides)
+    result: NDArray[np.bool_] = (inwards > 0.0).all(axis=2).any(axis=1)  # a corner is in view
+    # Of most others all corners are beyond one side; the few that are left are looked at closely.
+    left = np.flatnonzero(~result & (inwards >= 0.0).any(axis=1).all(axis=1))
+    if len(left):
+        result[left] = _not_separated(rays, sides, poses[left], corners[left])
+    return result
+
+
+def _not_separated(rays: Array, sides: Array, poses: Array, corners: Array) -> NDArray[np.bool_]:
+    """Whether no plane separates each of the boxes from the pyramid of the view."""
     edges = np.moveaxis(poses[:, :, :3], 2, 1)  # [n, 3, 3], the boxes' axes
     axes = np.concatenate(
         [
-            np.broadcast_to(sides, (len(boxes), *sides.shape)),
+            np.broadcast_to(sides, (len(poses), *sides.shape)),
             edges,
-            np.cross(edges[:, :, None], rays[None, None]).reshape(len(boxes), -1, 3),
+            np.cross(edges[:, :, None], rays[None, None]).reshape(len(poses), -1, 3),
         ],
         axis=1,
     )

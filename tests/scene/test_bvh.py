@@ -195,6 +195,29 @@ def test_times_have_their_own_trees(layout: str) -> None:
         tree.root(1)
 
 
+@both_layouts
+def test_a_tree_that_was_placed_lately_is_not_built_again(layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tree = Bvh(layout)
+    built: list[int] = []
+    build = Bvh._build
+    monkeypatch.setattr(Bvh, "_build", lambda self, boxes, *rest: built.append(len(boxes)) or build(self, boxes, *rest))
+    rows = np.arange(40, dtype=np.int32)
+    boxes = np.random.default_rng(3).uniform(0, 9, (7, 40, 6))
+    boxes[..., 3:] += boxes[..., :3]
+    for frame in range(1, 6):
+        tree.clear_instances()
+        for time in (0, 1, 2):
+            tree.place(time, boxes[frame + time - 1], rows, capacity=40)
+        tree.place(3, boxes[frame, :5], rows[:5], capacity=40)
+        tree.place(3, boxes[frame, :4], rows[:4], capacity=40)
+        lows = [boxes[frame + time - 1, :, :3].min(axis=0) for time in (0, 1, 2)] + [boxes[frame, :4, :3].min(axis=0)]
+        for time, low in enumerate(lows):
+            assert sorted(tlas_instances(tree, time)) == list(range(40 if time < 3 else 4))
+            corners = [box[:3] for box, _ in Tree(tree).children(tree.root(time))]
+            np.testing.assert_allclose(np.min(corners, axis=0), low, atol=1e-4)
+    assert built == [40, 40, 40, 5, 4] + [40, 5, 4] * 4
+
+
 def test_unknown_layout() -> None:
     with pytest.raises(ArgumentError, match="'octal': must be one of wide, binary"):
         Bvh("octal")

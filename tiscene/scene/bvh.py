@@ -83,6 +83,7 @@ class Bvh:
         self._used_packs = 0
         self._instance_capacity = 0
         self._roots: dict[int, int] = {}
+        self._kept: dict[int, tuple[NDArray[np.float64], NDArray[np.int32]]] = {}  # by root, what the tree is over
         self.nodes = self._new_nodes(1)
         self.packs = self._new_packs(1)
         self._write_nodes(1, EMPTY_NODE, 0, bvh_write.NAME)
@@ -146,7 +147,7 @@ class Bvh:
             bvh_refit.refit_binary(self.nodes, nodes.start, len(nodes), self.packs)
 
     def clear_instances(self) -> None:
-        """Forget the trees over instances."""
+        """Let nothing be placed."""
         self._roots.clear()
 
     def place(self, time: int, boxes: NDArray[np.float64], rows: NDArray[np.int32], capacity: int) -> None:
@@ -154,14 +155,34 @@ class Bvh:
         if capacity > self._instance_capacity:
             self._instance_capacity = max(64, 1 << (capacity - 1).bit_length())
             self._reserve(0, 0)
-            self._roots.clear()
+            self._forget()
+        self._roots.pop(time, None)
         if not len(rows):
             self._roots[time] = EMPTY_NODE
             return
-        nodes, _ = self._build(_widened(boxes), rows, 1, 1, bvh_write.NAME)
-        first = self._node_capacity() - (TREES - time) * self._instance_capacity
-        self._write_nodes(nodes, first, 0, bvh_write.NAME)
-        self._roots[time] = first * self.layout.unit
+        self._roots[time] = first = self._kept_tree(boxes, rows)
+        if first not in self._kept:
+            nodes, _ = self._build(_widened(boxes), rows, 1, 1, bvh_write.NAME)
+            self._write_nodes(nodes, first // self.layout.unit, 0, bvh_write.NAME)
+        self._kept[first] = self._kept.pop(first, (boxes, rows))  # the one that was not used for longest is first
+
+    def _kept_tree(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
+        """The root of a tree over the same instances, or one where nothing is that is needed: what comes at one frame
+        is there at the next."""
+        for root, (kept_boxes, kept_rows) in self._kept.items():
+            if np.array_equal(kept_rows, rows) and np.array_equal(kept_boxes, boxes):
+                return root
+        end = self._node_capacity()
+        regions = range(end - TREES * self._instance_capacity, end, self._instance_capacity)
+        roots = [first * self.layout.unit for first in regions if first * self.layout.unit not in self._kept]
+        free = next(root for root in (*roots, *self._kept) if root not in self._roots.values())
+        self._kept.pop(free, None)
+        return free
+
+    def _forget(self) -> None:
+        """Forget the trees over instances: they are to be elsewhere."""
+        self._roots.clear()
+        self._kept.clear()
 
     def place_for_good(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
         """Build a tree over instances that stays, whatever is placed later; returns the reference of its first node."""
@@ -205,7 +226,7 @@ class Bvh:
         needed = self._used_nodes + nodes + TREES * self._instance_capacity
         if needed > self._node_capacity():
             self.nodes = _grown(self.nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
-            self._roots.clear()
+            self._forget()
         if self._used_packs + packs > self._pack_capacity():
             needed = self._used_packs + packs
             self.packs = _grown(self.packs, self._new_packs(max(needed, 2 * self._pack_capacity())))
