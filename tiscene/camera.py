@@ -18,10 +18,12 @@ Quaternion = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole or thin-lens camera.
+    """A pinhole, thin-lens or orthographic camera.
 
     position: m, world. rotation: unit quaternion (w, x, y, z). vertical_fov: rad.
     lens_radius: m, 0 for a pinhole. focus_distance: m along the optical axis.
+    view_height: m; an orthographic camera, which sees so much from below to above, in front of its position, without
+    perspective: vertical_fov means nothing then. None: a perspective camera.
     near, far: m, only what a view frustum for moving objects is made of; nothing is clipped.
     exposure: stops; radiance is multiplied by 2**exposure. None: metered once, at the stream's first frame.
     dynamic: what moves the camera (any `dynamics.Dynamic`), None for a fixed one.
@@ -36,6 +38,7 @@ class Camera:
     near: float = 0.1
     far: float = 1000.0
     exposure: float | None = None
+    view_height: float | None = None
     dynamic: Any = None
 
     def __post_init__(self) -> None:
@@ -48,8 +51,8 @@ class Camera:
             if not _are_numbers(getattr(self, name), count):
                 raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
-        for name in ("vertical_fov", "lens_radius", "focus_distance", "near", "far", "exposure"):
-            if name == "exposure" and self.exposure is None:
+        for name in ("vertical_fov", "lens_radius", "focus_distance", "near", "far", "exposure", "view_height"):
+            if name in ("exposure", "view_height") and getattr(self, name) is None:
                 continue
             if not _are_numbers((getattr(self, name),), 1):
                 raise refuse(name, "must be finite")
@@ -66,6 +69,10 @@ class Camera:
             raise refuse("lens_radius", "must be 0 m or more")
         if self.focus_distance <= 0.0:
             raise refuse("focus_distance", "must be greater than 0 m")
+        if self.view_height is not None and self.view_height <= 0.0:
+            raise refuse("view_height", "must be greater than 0 m")
+        if self.view_height is not None and self.lens_radius > 0.0:
+            raise refuse("lens_radius", "an orthographic camera has none")
         if not 0.0 < self.near < self.far:
             raise refuse("near", f"must be 0 < near < far, far={self.far}")
 
@@ -109,28 +116,38 @@ class Camera:
         return matrix
 
     def intrinsics(self, width: int, height: int) -> NDArray[np.float64]:
-        """The 3x3 matrix K of OpenCV's rule: pixel centres at integers, so cx = (width - 1) / 2; px."""
-        focal = 0.5 * height / math.tan(0.5 * self.vertical_fov)
+        """The 3x3 matrix K of OpenCV's rule: pixel centres at integers, so cx = (width - 1) / 2; px.
+
+        Of an orthographic camera it takes (x, y, 1) to pixels, whatever z is.
+        """
+        focal = self.pixels(height)
         return np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+
+    def pixels(self, height: int) -> float:
+        """The focal length in a picture of that height, px; of an orthographic camera, px per metre."""
+        if self.view_height is not None:
+            return height / self.view_height
+        return 0.5 * height / math.tan(0.5 * self.vertical_fov)
+
+    def half_height(self, depth: float) -> float:
+        """Half of what is seen from below to above, m, at so many metres along the axis."""
+        return depth * math.tan(0.5 * self.vertical_fov) if self.view_height is None else 0.5 * self.view_height
 
     def frustum_planes(self, aspect: float, far: float | None = None) -> NDArray[np.float64]:
         """The six planes [6, 4] of the view: inside where n·x + d >= 0. Order: left, right, bottom, top, near, far.
 
         aspect: width / height. far: m, default the camera's own.
         """
-        tangent = math.tan(0.5 * self.vertical_fov)
         right, up, backward = self.axes().T
-        normals = [
-            right - backward * (tangent * aspect),
-            -right - backward * (tangent * aspect),
-            up - backward * tangent,
-            -up - backward * tangent,
-        ]
         position = np.asarray(self.position)
+        tangent, half = math.tan(0.5 * self.vertical_fov), 0.0
+        if self.view_height is not None:
+            tangent, half = 0.0, 0.5 * self.view_height
         planes = []
-        for normal in normals:
+        for across, size in ((right, aspect), (-right, aspect), (up, 1.0), (-up, 1.0)):
+            normal = across - backward * (tangent * size)
             unit = normal / np.linalg.norm(normal)
-            planes.append([*unit, -unit @ position])
+            planes.append([*unit, half * size - unit @ position])
         planes.append([*-backward, backward @ position - self.near])
         planes.append([*backward, -(backward @ position) + (self.far if far is None else far)])
         return np.array(planes)

@@ -6,7 +6,6 @@ meets nothing. Elsewhere, behind things or out of view, a ball must keep clear o
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +31,6 @@ class FreeSpace:
         """aspect: width / height of the view. Starts Taichi unless it runs."""
         self.camera = camera
         self.aspect = aspect
-        self._tangent = math.tan(0.5 * camera.vertical_fov)
         self._depth = _depth_image(stage, camera, max(1, round(ROWS * aspect)), ROWS)
         self.bounds = stage.bounds()
         # What nobody sees is in the way too.
@@ -52,7 +50,8 @@ class FreeSpace:
 
     def points(self, x: Array, y: Array, depth: Array) -> Array:
         """Points [n, 3] of the world at places of the image (0..1 from the left and from the top) and depths, m."""
-        local = [(2.0 * x - 1.0) * self._tangent * self.aspect * depth, (1.0 - 2.0 * y) * self._tangent * depth, -depth]
+        half = self._half_height(depth)
+        local = [(2.0 * x - 1.0) * self.aspect * half, (1.0 - 2.0 * y) * half, -depth]
         places: Array = np.stack(local, axis=1) @ self.camera.axes().T + self.camera.position
         return places
 
@@ -60,10 +59,15 @@ class FreeSpace:
         """x and y (0..1 in the image, from the left and from the top) and depth (m) of points [n, 3]."""
         local = (points - self.camera.position) @ self.camera.axes()
         depth = -local[:, 2]
-        ahead = np.where(depth > 1e-9, depth, np.nan)
-        x = 0.5 + 0.5 * local[:, 0] / (ahead * self._tangent * self.aspect)
-        y = 0.5 - 0.5 * local[:, 1] / (ahead * self._tangent)
+        half = self._half_height(np.where(depth > 1e-9, depth, np.nan))
+        x = 0.5 + 0.5 * local[:, 0] / (half * self.aspect)
+        y = 0.5 - 0.5 * local[:, 1] / half
         return x, y, depth
+
+    def _half_height(self, depth: Array) -> Array:
+        """Half of what is seen from below to above at some depths, m."""
+        half = self.camera.half_height(1.0)
+        return half * (depth if self.camera.view_height is None else np.where(np.isnan(depth), np.nan, 1.0))
 
     def in_view(self, points: Array) -> NDArray[np.bool_]:
         """Which of the points [n, 3] lie within the four sides of the view."""
@@ -87,7 +91,7 @@ class FreeSpace:
         x, y, depth = self.project(points)
         result = np.zeros(len(points), np.bool_)
         for row in np.flatnonzero(depth > radius + self.camera.near):
-            reach = radius / ((depth[row] - radius) * 2.0 * self._tangent)  # of the image's height
+            reach = radius / (2.0 * self.camera.half_height(float(depth[row]) - radius))  # of the image's height
             left, right = x[row] - reach / self.aspect, x[row] + reach / self.aspect
             top, bottom = y[row] - reach, y[row] + reach
             if left >= 0.0 and right <= 1.0 and top >= 0.0 and bottom <= 1.0:

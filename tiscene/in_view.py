@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tiscene.camera import Camera
 
 Array = NDArray[np.float64]
+_AFAR = 1e6  # heights of what an orthographic camera sees
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
 
 
@@ -24,19 +25,25 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
         return np.zeros(0, np.bool_)
     tangent = math.tan(0.5 * camera.vertical_fov)
     right, up, backward = camera.axes().T
+    tip = np.asarray(camera.position)
+    if camera.view_height is not None:  # as one that looks from very far away
+        tangent = 0.5 / _AFAR
+        tip = tip + backward * (_AFAR * camera.view_height)
     rays = np.array(
         [x * right + y * up - backward for x in (-aspect * tangent, aspect * tangent) for y in (-tangent, tangent)]
     )
     sides = np.array([np.cross(rays[a], rays[b]) for a, b in ((0, 1), (1, 3), (3, 2), (2, 0))])
     sides *= np.sign(sides @ rays.sum(axis=0))[:, None]  # inwards
     corners = boxes[:, None, 0] + _CORNERS * (boxes[:, None, 1] - boxes[:, None, 0])
-    corners = np.einsum("nij,ncj->nci", poses[:, :, :3], corners) + poses[:, None, :, 3] - np.asarray(camera.position)
+    corners = np.einsum("nij,ncj->nci", poses[:, :, :3], corners) + poses[:, None, :, 3] - tip
     inwards = np.einsum("nci,si->ncs", corners, sides)
     result: NDArray[np.bool_] = (inwards > 0.0).all(axis=2).any(axis=1)  # a corner is in view
     # Of most others all corners are beyond one side; the few that are left are looked at closely.
     left = np.flatnonzero(~result & (inwards >= 0.0).any(axis=1).all(axis=1))
     if len(left):
         result[left] = _not_separated(rays, sides, poses[left], corners[left])
+    if camera.view_height is not None:
+        result &= (corners @ -backward > _AFAR * camera.view_height).any(axis=1)
     return result
 
 

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.usd.helpers import problems_of, read, read_with_warning
+import tiscene as ts
+from tests.usd.helpers import problems_of, read, read_with_warning, write
 
 
 def camera(lines: str = "") -> str:
@@ -79,8 +80,27 @@ def test_exposure(tmp_path, lines, stops):
     assert only(read(tmp_path, camera(lines))).exposure == pytest.approx(stops)
 
 
+def test_an_orthographic_camera_sees_its_aperture(tmp_path):
+    """Apertures are tenths of a scene unit; focal length and lens mean nothing."""
+    lines = """token projection = "orthographic"
+    float verticalAperture = 300
+    float focalLength = 0
+    float fStop = 2
+    float focusDistance = 5"""
+    eye = only(read(tmp_path, camera(lines), meters=0.01))
+    assert eye.view_height == pytest.approx(0.3)
+    assert eye.lens_radius == 0.0
+
+
+def test_an_orthographic_camera_survives_a_file(tmp_path):
+    write(tmp_path, 'def Cube "C"\n{\n}', meters=0.01, name="scene.usda")
+    eye = ts.Camera((1, 2, 3), view_height=1.7, name="Plan")
+    for name in ("run.usda", "run.json"):
+        ts.Scenario(str(tmp_path / "scene.usda"), camera=eye).save(tmp_path / name)
+        assert ts.Scenario.load(tmp_path / name).camera == eye
+
+
 OMITTED = [
-    ('token projection = "orthographic"', "orthographic cameras are not supported: </Eye>", 0),
     ("float verticalApertureOffset = 1", "aperture offset is not applied: </Eye>", 1),
     ("float2 clippingRange = (5, 1)", "clippingRange of 5 to 1 m is not used: </Eye>", 1),
 ]

@@ -218,7 +218,7 @@ class SceneMeasures:
             scene.vertex_position, np.array([[each.start, each.stop] for each in rows], np.int32),
             placed.world_from_object[CURRENT, instances].reshape(-1, 12),
             view.camera_from_world()[CURRENT].ravel(), view.current.near, float(view.focal_lengths()[CURRENT]),
-            0.5 * view.width, 0.5 * view.height, found,
+            int(view.orthographic), 0.5 * view.width, 0.5 * view.height, found,
         )  # fmt: skip
         return found
 
@@ -259,7 +259,8 @@ class SceneMeasures:
         share = (near - a[:, 2]) / (b[:, 2] - a[:, 2])
         points = np.concatenate([points[inside], a + share[:, None] * (b - a)])
         centre = 0.5 * self._view.width, 0.5 * self._view.height
-        pixels = points[:, :2] / points[:, 2:] * self._view.focal_lengths()[CURRENT] + centre
+        depths = np.ones((len(points), 1)) if self._view.orthographic else points[:, 2:]
+        pixels = points[:, :2] / depths * self._view.focal_lengths()[CURRENT] + centre
         return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
     @cached_property

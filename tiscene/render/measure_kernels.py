@@ -59,6 +59,7 @@ def measure_extents(
     camera_from_world: DOUBLES_1D,
     near: ti.f64,
     focal: ti.f64,
+    orthographic: ti.i32,
     half_width: ti.f64,
     half_height: ti.f64,
     extents: DOUBLES_2D,
@@ -82,7 +83,10 @@ def measure_extents(
                     seen[a] += camera_from_world[4 * a + c] * point[c]
             low, high = ti.min(low, point), ti.max(high, point)
             if seen[2] >= near:
-                pixel = ti.Vector([seen[0], seen[1]]) * (focal / seen[2]) + ti.Vector([half_width, half_height])
+                scale = focal
+                if orthographic == 0:
+                    scale = focal / seen[2]
+                pixel = ti.Vector([seen[0], seen[1]]) * scale + ti.Vector([half_width, half_height])
                 box_low, box_high = ti.min(box_low, pixel), ti.max(box_high, pixel)
             else:
                 behind += 1

@@ -14,8 +14,9 @@ from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
-VIEW_COLUMNS = 18
+VIEW_COLUMNS = 19
 POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND = 0, 3, 6, 9, 12, 13, 14, 15
+HALF_HEIGHT = 18
 SKY = (-1.0, -1.0, -1.0)  # as a background: there is none but the lights at infinity
 
 
@@ -46,21 +47,26 @@ class View:
         return self.previous, self.current, self.next
 
     def rows(self) -> NDArray[np.float32]:
-        """float32 [3, 18], per time: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12,
-        lens radius 13, focus distance 14, background 15-17."""
+        """float32 [3, 19], per time: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12,
+        lens radius 13, focus distance 14, background 15-17, half of an orthographic camera's view height 18.
+
+        Of tangent and half height one is 0: a pixel's row and column lead to a direction, or to an origin.
+        """
         rows = np.zeros((3, VIEW_COLUMNS), np.float32)
         for time in (PREVIOUS, CURRENT, NEXT):
             camera = self.cameras[time]
             right, up, backward = camera.axes().T
+            orthographic = camera.view_height is not None
             rows[time] = [
                 *camera.position,
                 *right,
                 *up,
                 *-backward,
-                np.tan(0.5 * camera.vertical_fov),
+                0.0 if orthographic else np.tan(0.5 * camera.vertical_fov),
                 camera.lens_radius,
                 camera.focus_distance,
                 *self.background,
+                0.5 * (camera.view_height or 0.0),
             ]
         return rows
 
@@ -83,9 +89,13 @@ class View:
         return matrices
 
     def focal_lengths(self) -> NDArray[np.float64]:
-        """[3], per time: the focal length, px."""
-        tangents = np.array([np.tan(0.5 * camera.vertical_fov) for camera in self.cameras])
-        return 0.5 * self.height / tangents
+        """[3], per time: the focal length, px; of an orthographic camera px per metre."""
+        return np.array([camera.pixels(self.height) for camera in self.cameras])
+
+    @property
+    def orthographic(self) -> bool:
+        """Whether the camera now is an orthographic one."""
+        return self.current.view_height is not None
 
 
 @ti.func
@@ -96,14 +106,20 @@ def view_vector(view: ti.template(), time: ti.i32, column: ti.i32) -> ti.math.ve
 
 @ti.func
 def camera_ray(view: ti.template(), time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32, height: ti.i32):
-    """The pinhole's ray through the pixel coordinates (x, y), fractions allowed: origin and unit direction, world."""
-    scale = 2.0 * view[time, TANGENT] / height
+    """The ray through the pixel coordinates (x, y), fractions allowed: origin and unit direction, world.
+
+    Of a pinhole, or of an orthographic camera: then it begins in the plane of the camera.
+    """
+    scale = 2.0 * (view[time, TANGENT] + view[time, HALF_HEIGHT]) / height
     right = (x - 0.5 * (width - 1)) * scale
     down = (y - 0.5 * (height - 1)) * scale
-    direction = (
-        view_vector(view, time, FORWARD) + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
-    )
-    return view_vector(view, time, POSITION), direction.normalized()
+    origin = view_vector(view, time, POSITION)
+    direction = view_vector(view, time, FORWARD)
+    if view[time, HALF_HEIGHT] > 0.0:
+        origin = origin + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
+    else:
+        direction = direction + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
+    return origin, direction.normalized()
 
 
 @ti.func
@@ -112,7 +128,7 @@ def project(view: ti.template(), time: ti.i32, point: ti.math.vec3, width: ti.i3
     no meaning."""
     offset = point - view_vector(view, time, POSITION)
     z = offset.dot(view_vector(view, time, FORWARD))
-    scale = height / (2.0 * view[time, TANGENT] * z)
+    scale = height / (2.0 * (view[time, TANGENT] * z + view[time, HALF_HEIGHT]))
     x = 0.5 * (width - 1) + offset.dot(view_vector(view, time, RIGHT)) * scale
     y = 0.5 * (height - 1) - offset.dot(view_vector(view, time, UP)) * scale
     return ti.math.vec3(x, y, z)

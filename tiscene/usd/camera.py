@@ -19,7 +19,7 @@ _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:f
 def read_camera(
     prim: Usd.Prim, world_from_prim: Matrix, time: Usd.TimeCode, meters_per_unit: float, report: Report
 ) -> Camera | None:
-    """A perspective camera; None, with the reason reported, for one that cannot be used.
+    """A camera; None, with the reason reported, for one that cannot be used.
 
     Without any exposure attribute its exposure is None: the stream meters it.
     """
@@ -30,14 +30,14 @@ def read_camera(
         value = prim.GetAttribute(name).Get(time)
         return math.nan if value is None else float(value)
 
-    if camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic:
-        report.omission(path, "orthographic cameras are not supported")
-        return None
+    orthographic = camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic
     pose = rigid(world_from_prim)
     if pose is None:
         report.problem(path, "camera", "its transform is singular or not finite")
         return None
     aperture, focal_length = number("verticalAperture"), number("focalLength")
+    if orthographic:
+        focal_length = 1.0  # it means nothing
     if not (aperture > 0.0 and focal_length > 0.0 and math.isfinite(aperture) and math.isfinite(focal_length)):
         text = f"verticalAperture {aperture} and focalLength {focal_length} must be positive numbers"
         report.problem(path, "camera", text)
@@ -47,7 +47,9 @@ def read_camera(
             report.omission(path, "a camera's aperture offset is not applied")
     others: dict[str, Any] = {}
     f_stop, focus = number("fStop"), number("focusDistance")
-    if f_stop > 0.0 and focus > 0.0:
+    if orthographic:
+        others["view_height"] = aperture / 10.0 * meters_per_unit
+    elif f_stop > 0.0 and focus > 0.0:
         others["lens_radius"] = focal_length / 10.0 * meters_per_unit / (2.0 * f_stop)
     if focus > 0.0:
         others["focus_distance"] = focus * meters_per_unit
@@ -68,7 +70,7 @@ def read_camera(
         return Camera(
             position=(float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3])),
             rotation=quaternion_from_matrix(pose[:3, :3]),
-            vertical_fov=2.0 * math.atan(aperture / (2.0 * focal_length)),
+            vertical_fov=Camera.vertical_fov if orthographic else 2.0 * math.atan(aperture / (2.0 * focal_length)),
             name=prim.GetName(),
             **others,
         )

@@ -311,6 +311,7 @@ CAMERA_VALUES = {
     "near": "near",
     "far": "far",
     "exposure": "exposure",
+    "view_height": "viewHeight",
 }
 
 

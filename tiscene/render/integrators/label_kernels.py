@@ -27,7 +27,7 @@ from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 # Columns of the instance motion array: three matrices to camera coordinates, then these.
 DISPLACEMENT, PRESENT, MOTION_COLUMNS = 36, 48, 51
-FOCAL_LENGTH = 9  # of the camera motion array, after a rotation
+FOCAL_LENGTH, ORTHOGRAPHIC = 9, 10  # of the camera motion array, after a rotation
 
 # The buffers that `surface_labels` writes, in the order of its arguments; a buffer's number is its place in `wanted`.
 SURFACE_BUFFERS = (
@@ -82,9 +82,12 @@ def rotate(rows: ti.template(), row: ti.i32, v: vec3) -> vec3:
 
 
 @ti.func
-def from_principal_point(p: vec3, focal_length: ti.f32) -> vec2:
-    """Where a point in camera coordinates appears, px right and down of the picture's centre."""
-    return vec2(p.x, p.y) * (focal_length / ti.max(p.z, _NEAREST))
+def from_principal_point(p: vec3, camera_motion: ti.template(), time: ti.i32) -> vec2:
+    """Where a point in camera coordinates of that time appears, px right and down of the picture's centre."""
+    scale = camera_motion[time, FOCAL_LENGTH]
+    if camera_motion[time, ORTHOGRAPHIC] == 0.0:
+        scale = scale / ti.max(p.z, _NEAREST)
+    return vec2(p.x, p.y) * scale
 
 
 @ti.func
@@ -202,7 +205,9 @@ def surface_labels(
         x, y = pixel % width, pixel // width
         row = hit_ids[pixel, 0]
         focal = camera_motion[CURRENT, FOCAL_LENGTH]
-        towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, 1.0)
+        # Before an orthographic camera the background has no direction of its own: it turns as the picture does.
+        ahead = 1.0 - camera_motion[CURRENT, ORTHOGRAPHIC]
+        towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, ahead)
         object_point = vec3(0.0)
         if row >= 0:
             object_point = object_point_at(
@@ -210,12 +215,13 @@ def surface_labels(
             )
         triangle, b1, b2 = hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2]
         now = seen_from(CURRENT, row, object_point, towards, instance_motion, camera_motion)
-        here = from_principal_point(now, focal)
+        here = from_principal_point(now, camera_motion, CURRENT)
 
         if wanted[DEPTH]:
             depth[y, x] = now.z if row >= 0 else ti.math.inf
         if wanted[DISTANCE]:
-            distance[y, x] = now.norm() if row >= 0 else ti.math.inf
+            length = now.norm() if ahead > 0.0 else now.z
+            distance[y, x] = length if row >= 0 else ti.math.inf
         if wanted[SEMANTIC]:
             category = instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
             semantic[y, x] = ti.cast(category, ti.u16)
@@ -228,13 +234,13 @@ def surface_labels(
                 vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
             )
             after = seen_from(NEXT, row, then, towards, instance_motion, camera_motion)
-            write2(forward_flow, y, x, from_principal_point(after, camera_motion[NEXT, FOCAL_LENGTH]) - here)
+            write2(forward_flow, y, x, from_principal_point(after, camera_motion, NEXT) - here)
         if wanted[BACKWARD_FLOW]:
             then = point_then(
                 vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, PREVIOUS
             )
             before = seen_from(PREVIOUS, row, then, towards, instance_motion, camera_motion)
-            write2(backward_flow, y, x, from_principal_point(before, camera_motion[PREVIOUS, FOCAL_LENGTH]) - here)
+            write2(backward_flow, y, x, from_principal_point(before, camera_motion, PREVIOUS) - here)
         if wanted[SCENE_FLOW]:
             displacement = vec3(0.0)
             if row >= 0:
@@ -308,12 +314,16 @@ def occlusion_rays(
                 vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], moved
             )
             seen = affine(instance_motion, row, 12 * time, object_point)
-            place = from_principal_point(seen, camera_motion[time, FOCAL_LENGTH])
+            place = from_principal_point(seen, camera_motion, time)
             inside = ti.abs(place.x) < 0.5 * width and ti.abs(place.y) < 0.5 * height and seen.z > _NEAREST
             if inside and instance_motion[row, PRESENT + time] > 0.0:
                 target = transform_point(world_from_instance, time, row, object_point)
-                length = (target - origin).norm()
-                direction = (target - origin) / length
+                if camera_motion[time, ORTHOGRAPHIC] == 0.0:
+                    length = (target - origin).norm()
+                    direction = (target - origin) / length
+                else:
+                    length = seen.z
+                    origin = target - length * direction
                 # Coordinates far from the world's origin are coarse, however near the camera is.
                 coarse = ti.max(ti.abs(target.x), ti.abs(target.y), ti.abs(target.z))
                 t_max = length - _TOLERANCE * (length + 0.1 * coarse)

@@ -76,8 +76,9 @@ class StillLabels:
         return seen.picture, changed
 
     def _look(self, view: View, placement: Placement) -> _Seen | None:
-        """What is known of a view, None if it is new; what moves now stands still no more."""
-        if not view.previous == view.current == view.next or view.width * view.height > KEPT_PIXELS:
+        """What is known of a view, None if it is new, or orthographic; what moves now stands still no more."""
+        fixed = view.previous == view.current == view.next
+        if not fixed or view.orthographic or view.width * view.height > KEPT_PIXELS:
             return None
         key = view.current, view.width, view.height
         seen = self._seen.pop(key, None)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tiscene.errors import BufferNotFound
 from tiscene.render.aovs import AOVS, LABELS, times_needed
 from tiscene.render.integrators import label_kernels as kernels
+from tiscene.render.integrators.label_coverage import CoverageLabels
 from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_materials import MATERIAL_BUFFERS, MaterialLabels
 from tiscene.render.integrators.label_still import Picture, StillLabels
@@ -34,6 +35,7 @@ class LabelPass:
         self._rays = RayArrays()
         self._other = RayArrays()
         self._materials = MaterialLabels(scene)
+        self._coverage = CoverageLabels(scene)
         self._still = StillLabels(scene)
 
     def render(self, view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -76,6 +78,10 @@ class LabelPass:
         first_hits(self.scene, CURRENT, rays, queue, count)
         if picture is not None:
             picture.reach[...] = rays.hits.to_numpy()[:, 0].reshape(picture.reach.shape)
+
+        if "coverage" in arrays:
+            reach = np.zeros((view.height, view.width), np.float32) if picture is None else picture.reach
+            self._coverage.render(view, queue, count, arrays["coverage"], reach)
 
         motion = instance_motion(self.scene.placement, view)
         cameras = camera_motion(view)
@@ -188,13 +194,14 @@ def instance_motion(placement: Placement, view: View) -> NDArray[np.float32]:
 
 
 def camera_motion(view: View) -> NDArray[np.float32]:
-    """float32 [3, 10], per time: the rotation from the current camera's coordinates to that camera's, 3x3, and its
-    focal length in px."""
+    """float32 [3, 11], per time: the rotation from the current camera's coordinates to that camera's, 3x3, its focal
+    length in px, and whether it is orthographic."""
     rotations = view.camera_from_world()[:, :, :3]
-    motion = np.empty((3, 10), np.float32)
+    motion = np.empty((3, 11), np.float32)
     for time in (PREVIOUS, CURRENT, NEXT):
         motion[time, :9] = _product(rotations[time], rotations[CURRENT].T).ravel()
-    motion[:, 9] = view.focal_lengths()
+    motion[:, kernels.FOCAL_LENGTH] = view.focal_lengths()
+    motion[:, kernels.ORTHOGRAPHIC] = [camera.view_height is not None for camera in view.cameras]
     return motion
 
 
