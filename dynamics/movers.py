@@ -29,8 +29,8 @@ class Mover:
     shape: its proxy spheres; None: it passes through everything, and nothing meets it.
     limited: whether walls hold it.
     first_frame, last_frame: both inclusive; it meets things only while it is there. None: for ever.
-    moves: in the order in which they are done. What is Still stays there; what follows a path returns to it; what
-    bounces goes on from there.
+    moves: in the order of their frames. What is Still stays there; what follows a path returns to it; what bounces goes
+    on from there.
     """
 
     body: Body

@@ -14,6 +14,7 @@ from dynamics import columns as at
 from dynamics.contact import MOVER, OBSTACLE, TOUCH_COLUMNS, TOUCHES, WALL
 from dynamics.movers import Array, Contact, Moment, Mover
 from dynamics.obstacles import Obstacles
+from dynamics.others import WALLS
 from dynamics.stepping import substep
 
 KINDS = {OBSTACLE: "obstacle", MOVER: "mover", WALL: "wall"}
@@ -38,6 +39,7 @@ class StepDevice:
         self.bodies: Array = np.zeros((rows, at.FLOATS))
         self.integers: NDArray[np.int32] = np.zeros((rows, at.INTEGERS), dtype=np.int32)
         self._shaped = np.array([mover.shape is not None for mover in movers], dtype=np.bool_)
+        self._limited = np.array([mover.limited for mover in movers], dtype=np.bool_)
         self._shapes = (
             _uploaded(groups_array),
             _uploaded(np.concatenate(spheres) if spheres else np.zeros((1, 4), np.float32)),
@@ -74,8 +76,10 @@ class StepDevice:
         """They are others from now on: nobody knows any more what is ahead."""
         self.bodies[:, at.AHEAD] = 0.0
 
-    def substep(self, targets: Array, active: Array, planes: Array, length: float, obstacles: Obstacles) -> None:
-        planes = np.ascontiguousarray(planes, dtype=np.float32)
+    def substep(self, targets: Array, active: Array, walls: Array | None, length: float, obstacles: Obstacles) -> None:
+        """walls: planes [6, 4], None if there are none now. length: s."""
+        self.integers[: self.count, at.LIMITED] = self._limited & (walls is not None)
+        planes = np.zeros((WALLS, 4), np.float32) if walls is None else np.ascontiguousarray(walls, dtype=np.float32)
         arrays = (*self._frozen, planes, targets, active, length, *self._found)
         substep(self.bodies, self.integers, *self._shapes, *arrays, *obstacles.arguments())
 

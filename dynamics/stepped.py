@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import hashlib
 import math
 from collections import OrderedDict
@@ -20,7 +21,6 @@ from dynamics.clocks import exact
 from dynamics.closed_form import Still
 from dynamics.movers import Array, Moment, Mover
 from dynamics.obstacles import Obstacles, nothing
-from dynamics.others import WALLS
 from dynamics.paths import Paths
 from dynamics.step_device import StepDevice
 from dynamics.timings import AllTogether, Timing
@@ -29,6 +29,9 @@ SUBSTEP = Fraction(1, 200)  # s, at most: how long movers do not look at each ot
 KEPT_FRAMES = 16  # results kept for asking again
 CHECKPOINT = 16  # frames between checkpoints, until there are too many
 MOST_CHECKPOINTS = 1024
+RECENT_FRAMES = 4
+
+State = tuple[Array, NDArray[np.int32]]  # the columns of all bodies
 
 
 class SteppedSimulation:
@@ -46,28 +49,32 @@ class SteppedSimulation:
         *,
         fps: float | Rational,
         obstacles: Callable[[int], Obstacles] | None = None,
-        walls: Callable[[Fraction], Array] | None = None,
+        walls: Callable[[Fraction], Array | None] | None = None,
     ) -> None:
         """timings: default AllTogether(0).
 
         obstacles: what is in the way from a frame to the next, one object as long as nothing changes. None: nothing.
 
-        walls: planes [6, 4] at a time, s: inside where n . x + d >= 0, n a unit vector. None: there are none.
+        walls: planes [6, 4] at a time, s: inside where n . x + d >= 0, n a unit vector; None while there are none.
         Raises ValueError if the timings cannot work, TypeError for a dynamic that is neither a bounce nor closed form.
         """
         self.movers = tuple(movers)
         self.timings = AllTogether(0.0) if timings is None else timings
         check.positive(fps, "fps")
         self.fps = exact(fps)
-        self._walls = walls
+        self._walls = walls or (lambda _time: None)
         self._obstacles = obstacles or _Nothing()
         self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
-        self._paths = Paths([mover.body for mover in self.movers], self.timings, "movers")
+        self._paths = self._made_paths()
         self._device: StepDevice | None = None
         self._reached = -1  # the frame that the device stands at
-        self._checkpoints: dict[int, tuple[Array, NDArray[np.int32]]] = {}
+        self._checkpoints: dict[int, State] = {}
+        self._recent: dict[int, State] = {}  # of the last frames, for edits of the next one
         self._interval = CHECKPOINT
         self._moments: OrderedDict[int, Moment] = OrderedDict()
+
+    def _made_paths(self) -> Paths:
+        return Paths([mover.body for mover in self.movers], self.timings, "movers")
 
     def frame(self, number: int) -> Moment:
         """All movers at frame `number` (0 or more), k / fps seconds after the start."""
@@ -88,12 +95,13 @@ class SteppedSimulation:
 
     def _go_back(self, device: StepDevice, number: int) -> None:
         """Stand at the last checkpoint before `number`, from which that frame is computed again; or where it is."""
-        before = [frame for frame in self._checkpoints if frame < number]
+        states = self._checkpoints | self._recent
+        before = [frame for frame in states if frame < number]
         latest = max(before, default=0)
         if 0 <= self._reached < number and self._reached >= latest:
             return
         if before:
-            device.restore(*self._checkpoints[latest])
+            device.restore(*self._whole(latest, states[latest]))
             self._reached = latest
         else:
             device.restore(*self._start(0))
@@ -101,10 +109,22 @@ class SteppedSimulation:
             self._keep(0, self._moved(device, device.moment()))
             self._save(device)
 
+    def _whole(self, frame: int, state: State) -> State:
+        """The state at a frame with the movers that were not known when it was kept."""
+        bodies, integers = state
+        if len(bodies) == max(1, len(self.movers)):
+            return state
+        all_bodies, all_integers = self._start(frame)
+        all_bodies[: len(bodies)], all_integers[: len(bodies)] = bodies, integers
+        return all_bodies, all_integers
+
     def _save(self, device: StepDevice) -> None:
+        self._recent[self._reached] = device.state()
+        while len(self._recent) > RECENT_FRAMES:
+            del self._recent[next(iter(self._recent))]
         if self._reached % self._interval or self._reached in self._checkpoints:
             return
-        self._checkpoints[self._reached] = device.state()
+        self._checkpoints[self._reached] = self._recent[self._reached]
         if len(self._checkpoints) > MOST_CHECKPOINTS:
             # Every other one goes, so that memory is bounded and the distance between them grows with the stream.
             self._interval *= 2
@@ -128,9 +148,9 @@ class SteppedSimulation:
     def _last_moves(self, frame: int, exactly: bool) -> Iterator[tuple[int, tuple[Sequence[float], Sequence[float]]]]:
         """The last move of every mover up to `frame`, or at it: row, position and rotation."""
         for row, mover in enumerate(self.movers):
-            moves = [move for move in mover.moves if (move.frame == frame if exactly else move.frame <= frame)]
-            if moves:
-                yield row, (moves[-1].position, moves[-1].rotation)
+            done = bisect.bisect_right(mover.moves, frame, key=lambda move: move.frame)
+            if done and not (exactly and mover.moves[done - 1].frame < frame):
+                yield row, (mover.moves[done - 1].position, mover.moves[done - 1].rotation)
 
     def _advance(self, device: StepDevice, frame: int) -> Moment:
         """From frame `frame` to the next."""
@@ -142,10 +162,9 @@ class SteppedSimulation:
             device.forget_obstacles()
         device.begin_frame(targets[0], [self._there(mover, frame) for mover in self.movers])
         for part in range(self.substeps):
-            planes = np.zeros((WALLS, 4)) if self._walls is None else self._walls(times[part + 1])
             active = clocks[part + 1] - clocks[part]
             length = float(times[part + 1] - times[part])
-            device.substep(targets[part + 1], active, planes, length, obstacles)
+            device.substep(targets[part + 1], active, self._walls(times[part + 1]), length, obstacles)
         return device.moment(float(1 / self.fps))
 
     def _path(self, times: Sequence[Fraction], frame: int) -> Array:
@@ -159,29 +178,35 @@ class SteppedSimulation:
                 poses[:, row] = _pose(*last)
         return poses
 
-    def continue_from(self, other: SteppedSimulation | None, frame: int) -> None:
-        """Take over what another simulation has computed, to save time: before `frame` everything is as there.
+    def amend(self, movers: Sequence[Mover], frame: int) -> None:
+        """Go on with others from a frame on; before it everything stays as it was computed.
 
-        Its movers must be the first of this one, and the others not there before `frame`. None: what follows paths
-        met nothing before, and nothing bounced.
+        movers: as before, but for moves and last frames from `frame` on; new ones follow that are not there before it.
         """
-        if other is None:
-            if frame > 0:
-                self._checkpoints[frame - 1] = self._start(frame - 1)
-            return
-        self._interval = other._interval
-        rows = len(other.movers)
-        for number, (bodies, integers) in other._checkpoints.items():
-            if number < frame:
-                start_bodies, start_integers = self._start(number)
-                start_bodies[:rows], start_integers[:rows] = bodies[:rows], integers[:rows]
-                self._checkpoints[number] = start_bodies, start_integers
+        grown = len(movers) > len(self.movers)
+        self.movers = tuple(movers)
+        if grown:
+            self._paths = self._made_paths()
+            self._device = None
+        for known in (self._moments, self._checkpoints, self._recent):
+            for number in [each for each in known if each >= frame or (grown and known is self._moments)]:
+                del known[number]
+        if grown or self._reached >= frame:
+            self._reached = -1
+
+    def start_at(self, frame: int) -> None:
+        """Have nothing computed before a frame, up to which all paths were free and nothing bounced."""
+        self._reached = -1
+        for known in (self._moments, self._checkpoints, self._recent):
+            known.clear()
+        if frame > 0:
+            self._checkpoints[frame - 1] = self._start(frame - 1)
 
     @staticmethod
     def _there(mover: Mover, frame: int) -> bool:
         return mover.first_frame <= frame and (mover.last_frame is None or frame <= mover.last_frame)
 
-    def _start(self, frame: int) -> tuple[Array, NDArray[np.int32]]:
+    def _start(self, frame: int) -> State:
         """The columns of bodies that met nothing before a frame; of what bounces, where it starts."""
         bodies = np.zeros((max(1, len(self.movers)), at.FLOATS))
         integers = np.zeros((max(1, len(self.movers)), at.INTEGERS), dtype=np.int32)
@@ -192,7 +217,6 @@ class SteppedSimulation:
             shape = mover.shape
             integers[row, at.KIND] = at.FOLLOWS
             integers[row, at.ON_PATH] = 1
-            integers[row, at.LIMITED] = int(mover.limited and self._walls is not None)
             integers[row, at.FIRST_GROUP] = group
             if shape is not None:
                 integers[row, at.GROUPS] = len(shape.groups)

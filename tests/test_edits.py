@@ -1,9 +1,12 @@
 """Edits of a running world: from the next frame on, kept, replayed to the bit."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 import tiscene as ts
+from dynamics import SteppedSimulation
 from tests.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
 from tiscene.edits import Despawn, Move, Spawn
 from tiscene.errors import ObjectNotFound, ScenarioError, TemplateNotFound
@@ -287,3 +290,46 @@ def test_what_was_put_into_another_comes_out():
     places = np.array([made.objects(k)[-1].position for k in range(60)])
     assert np.isfinite(places).all()
     assert np.linalg.norm(places - (-2.0, 0.0, 0.0), axis=1).max() > 0.6
+
+
+def test_an_edit_of_every_frame_costs_no_frame_twice(monkeypatch):
+    """As of an agent whose walls go where it goes."""
+    advanced = []
+    advance = SteppedSimulation._advance
+
+    def counted(self, device, frame):
+        advanced.append(frame)
+        return advance(self, device, frame)
+
+    monkeypatch.setattr(SteppedSimulation, "_advance", counted)
+    scenario, stage = SCENARIOS["bouncing"]
+    made, seen = world(scenario, stage), []
+    for frame in range(80):
+        made.next_frame = frame
+        if frame >= 10:
+            made.enclose(ts.Frustum(4.0), ts.Camera((0, 0, 2 - 0.01 * frame)))
+        if frame % 9 == 0:
+            made.move("a", (0.0, 0.5, -0.01 * frame), (0, frame, 0))
+        seen.append(made.placement(frame).world_from_object)
+    assert len(made.scenario.edits) == 79
+    # Each frame has been computed as the next of the one before it, and again once that is edited.
+    assert len(advanced) <= 2 * 80
+    replay = world(made.scenario, stage)
+    for frame in (79, 9, 10, 30, 63):
+        np.testing.assert_array_equal(replay.placement(frame).world_from_object, seen[frame])
+    plain = world(scenario, stage)
+    assert not (plain.placement(30).world_from_object == seen[30]).all(), "the walls hold what had none before"
+
+
+def test_walls_set_up_later_but_at_an_earlier_frame_win():
+    scenario, stage = SCENARIOS["walls"]
+    made = world(scenario, stage)
+    for frame, far in ((20, 5.0), (40, 2.5), (30, 4.0)):
+        made.next_frame = frame
+        made.enclose(ts.Frustum(far), ts.Camera((0, 0, 2)))
+    planes = {frame: made._motion._walls(Fraction(frame, 25)) for frame in (20, 21, 30, 31, 41)}
+    far = {frame: round(float(plane[5, 3]), 6) for frame, plane in planes.items()}
+    assert far[20] != far[21] == far[30] != far[31] == far[41]
+    replay = world(made.scenario, stage)
+    for frame in (50, 25, 35):
+        assert same(replay.placement(frame), made.placement(frame))

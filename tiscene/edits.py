@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -109,13 +110,19 @@ class Life:
     def rests(self, known: int) -> bool:
         """Whether it is always there and never moves, as far as was known when frame `known` was made."""
         planned = self.planned
-        edited = self.spawned, self.despawned, *(move.frame for move in self.moves)
+        edited = self.spawned, self.despawned, self.moves[0].frame if self.moves else None
         return (
             (planned.dynamic is None or isinstance(planned.dynamic, Still))
             and planned.first_frame == 0
             and planned.last_frame is None
             and not any(frame is not None and frame <= known for frame in edited)
         )
+
+    def edited(self, edit: Move | Despawn) -> Life:
+        """With one edit more."""
+        if isinstance(edit, Despawn):
+            return replace(self, despawned=edit.frame)
+        return replace(self, moves=_with(self.moves, edit))
 
 
 @dataclass(frozen=True)
@@ -131,57 +138,71 @@ class StageLife:
 
     def move(self, frame: int, known: int) -> Move | None:
         """The move that put it where it is at a frame, as known at `known`; None: it is where it always was."""
-        done = [move for move in self.moves if move.frame <= min(frame, known)]
-        return done[-1] if done else None
+        done = bisect.bisect_right(self.moves, min(frame, known), key=lambda move: move.frame)
+        return self.moves[done - 1] if done else None
 
-
-def stage_lives(objects: Sequence[Object], edits: Sequence[Edit]) -> dict[str, StageLife]:
-    """What was done to things of the stage, by their prim paths. Raises ValueError for an edit that cannot be."""
-    own = {each.id for each in objects} | {edit.object.id for edit in edits if isinstance(edit, Spawn)}
-    result: dict[str, StageLife] = {}
-    for row, edit in enumerate(edits):
-        if not isinstance(edit, Move | Despawn) or edit.id in own:
-            continue
-        life = result.get(edit.id, StageLife())
-        if not life.alive(edit.frame, edit.frame):
-            raise ValueError(f"edits[{row}]: {edit.id!r} is not there at frame {edit.frame}")
+    def edited(self, edit: Move | Despawn) -> StageLife:
+        """With one edit more."""
         if isinstance(edit, Despawn):
-            result[edit.id] = replace(life, despawned=edit.frame)
-        else:
-            result[edit.id] = replace(life, moves=_in_order((*life.moves, edit)))
-    return result
+            return replace(self, despawned=edit.frame)
+        return replace(self, moves=_with(self.moves, edit))
 
 
-def _in_order(moves: Sequence[Move]) -> tuple[Move, ...]:
-    return tuple(sorted(moves, key=lambda move: move.frame))
-
-
-def lives(objects: Sequence[Object], edits: Sequence[Edit]) -> list[Life]:
-    """All objects that ever are, the spawned ones after the others. Raises ValueError for an edit that cannot be.
+class EditLog:
+    """What the edits make of the objects of a scenario and of the things of its stage; grows by one edit at a time.
 
     Edits stand in the order in which they were made; their frames may go back where the stream was sought back.
+    edits: all of them. lives: all objects that ever are, the spawned ones after the others. stage: of the things that
+    something was done to, by their prim paths. enclosures: those that count, in the order of their frames.
     """
-    result = {each.id: Life(each) for each in objects}
-    for row, edit in enumerate(edits):
-        if isinstance(edit, Spawn):
-            if edit.object.id in result:
-                raise ValueError(f"edits[{row}]: there is an object {edit.object.id!r} already; ids are never reused")
-            result[edit.object.id] = Life(edit.object, spawned=edit.frame)
-            continue
+
+    def __init__(self, objects: Sequence[Object], edits: Sequence[Edit] = ()) -> None:
+        """Raises ValueError for an edit that cannot be."""
+        self.edits: list[Edit] = []
+        self.lives = [Life(each) for each in objects]
+        self.stage: dict[str, StageLife] = {}
+        self.enclosures: list[Enclose] = []
+        self._rows = {each.id: row for row, each in enumerate(objects)}
+        for edit in edits:
+            self.add(edit)
+
+    def row(self, id: str) -> int | None:
+        """Of an object in `lives`; None: there is none, as for things of the stage."""
+        return self._rows.get(id)
+
+    def add(self, edit: Edit) -> None:
+        """Raises ValueError for an edit that cannot be, changing nothing."""
+        where = f"edits[{len(self.edits)}]"
         if isinstance(edit, Enclose):
-            continue
-        life = result.get(edit.id)
-        if life is None:
-            if edit.id.startswith("/"):
-                continue  # a thing of the stage
-            raise ValueError(f"edits[{row}]: no object {edit.id!r} was there before it")
-        if not life.alive(edit.frame, edit.frame):
-            raise ValueError(f"edits[{row}]: the object {edit.id!r} is not there at frame {edit.frame}")
-        if isinstance(edit, Despawn):
-            result[edit.id] = replace(life, despawned=edit.frame)
+            # One that stands later in the log wins from its frame on.
+            while self.enclosures and self.enclosures[-1].frame >= edit.frame:
+                self.enclosures.pop()
+            self.enclosures.append(edit)
+        elif isinstance(edit, Spawn):
+            if edit.object.id in self._rows:
+                raise ValueError(f"{where}: there is an object {edit.object.id!r} already; ids are never reused")
+            self._rows[edit.object.id] = len(self.lives)
+            self.lives.append(Life(edit.object, spawned=edit.frame))
+        elif edit.id in self._rows:
+            row = self._rows[edit.id]
+            if not self.lives[row].alive(edit.frame, edit.frame):
+                raise ValueError(f"{where}: the object {edit.id!r} is not there at frame {edit.frame}")
+            self.lives[row] = self.lives[row].edited(edit)
+        elif edit.id.startswith("/"):
+            life = self.stage.get(edit.id, StageLife())
+            if not life.alive(edit.frame, edit.frame):
+                raise ValueError(f"{where}: {edit.id!r} is not there at frame {edit.frame}")
+            self.stage[edit.id] = life.edited(edit)
         else:
-            result[edit.id] = replace(life, moves=_in_order((*life.moves, edit)))
-    return list(result.values())
+            raise ValueError(f"{where}: no object {edit.id!r} was there before it")
+        self.edits.append(edit)
+
+
+def _with(moves: tuple[Move, ...], move: Move) -> tuple[Move, ...]:
+    """In the order of frames; of two at one frame the later one wins."""
+    if not moves or moves[-1].frame <= move.frame:
+        return (*moves, move)
+    return tuple(sorted((*moves, move), key=lambda each: each.frame))
 
 
 def _frame(value: Any) -> int:

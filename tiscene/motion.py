@@ -7,6 +7,7 @@ follow paths have the same poses as by the formula, to the bit, as long as nothi
 from __future__ import annotations
 
 import bisect
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -32,7 +33,7 @@ from dynamics.free_paths import all_free
 from dynamics.obstacles import Obstacles, placed
 from dynamics.rotation import quaternion
 from tiscene.camera import Camera
-from tiscene.edits import Enclose, Life
+from tiscene.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn
 from tiscene.errors import ScenarioError
 from tiscene.scenario import Scenario
 from tiscene.scene.description import Instance, SceneDescription
@@ -81,44 +82,59 @@ class Setting:
 class Motion:
     """The poses of a scenario's objects, cameras and lights as float64 [n, 7]: position, m, and unit quaternion."""
 
-    def __init__(self, scenario: Scenario, setting: Setting, before: tuple[Motion, int] | None = None) -> None:
-        """before: the motion that this one replaces, and the first frame from which on the scenario has other edits.
+    def __init__(self, scenario: Scenario, log: EditLog, setting: Setting) -> None:
+        """log: what the scenario's edits make of it; `amend` says what was added to it.
 
         Raises ScenarioError if the timings or dynamics cannot work. Nothing is computed before a frame is asked for.
         """
         self._scenario = scenario
+        self._log = log
         self._setting = setting
         self._fps = exact(setting.fps)
-        self._lives = scenario.lives()
-        self._count = len(self._lives)
-        # What bounces has no formula: for this simulation it stands, which also tells where it starts.
-        bodies = [self._body(life, bounces=False) for life in self._lives]
-        for camera in setting.cameras:
-            dynamic = camera.dynamic or Still()
-            bodies.append(Body(dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
-        for motion, position, rotation in setting.lights:
-            bodies.append(Body(motion or Still(), position, rotation, name="light", timed=False))  # type: ignore[arg-type]
-        try:
-            self._formulas = Simulation(bodies, scenario.timings)
-        except TypeError as error:
-            raise ScenarioError(str(error)) from error
+        self._formulas = self._simulation()
         # Frames from which on the stage is another one: first as it was read.
-        lives = scenario.stage_lives().values()
-        moved = [move.frame for life in lives for move in life.moves]
-        self._changes = sorted({*moved, *(life.despawned for life in lives if life.despawned is not None)})
-        self._before = before
-        self._shapes: dict[tuple[object, ...], Shape | None] = before[0]._shapes if before else {}
-        # By the number of changes of the stage so far; those before the frame of the new edits stay what they were.
+        moved = [move.frame for life in log.stage.values() for move in life.moves]
+        gone = [life.despawned for life in log.stage.values() if life.despawned is not None]
+        self._changes = sorted({*moved, *gone})
+        self._shapes: dict[tuple[object, ...], Shape | None] = {}
+        # By the number of changes of the stage so far.
         self._obstacles: dict[int, Obstacles] = {}
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
-        if before:
-            kept = bisect.bisect_left(self._changes, before[1])
-            self._obstacles = {epoch: each for epoch, each in before[0]._obstacles.items() if epoch <= kept}
-            self._obstacle_rows = before[0]._obstacle_rows
+        self._movers: list[Mover] = []
         self._stepped: SteppedSimulation | None = None
         self._free_until = 0  # before this frame nothing could be met
         self._is_stepped: bool | None = None
         self._poses_by_frame: dict[int, Array] = {}
+
+    def amend(self, edit: Edit) -> None:
+        """The log has one edit more. Frames before the edit's stay what they are, and are not computed again."""
+        spawned = isinstance(edit, Spawn)
+        if spawned:
+            self._formulas = self._simulation()
+        for frame in [each for each in self._poses_by_frame if spawned or each >= edit.frame]:
+            del self._poses_by_frame[frame]
+        row = None
+        if not isinstance(edit, Enclose):
+            row = self._log.row(edit.object.id if isinstance(edit, Spawn) else edit.id)
+        if isinstance(edit, Move | Despawn) and row is None:
+            # What the stage was before the edit's frame stays what it was.
+            kept = bisect.bisect_left(self._changes, edit.frame)
+            self._obstacles = {epoch: each for epoch, each in self._obstacles.items() if epoch <= kept}
+            if edit.frame not in self._changes[kept : kept + 1]:
+                self._changes.insert(kept, edit.frame)
+        if self._stepped is None:
+            if self._is_stepped is not None:
+                self._free_until = edit.frame
+            else:
+                self._free_until = min(self._free_until, edit.frame)
+            self._is_stepped = None
+            return
+        if row is not None:
+            self._movers[row : row + 1] = [self._mover(row)]
+        self._stepped.amend(self._movers, edit.frame)
+        if edit.frame < self._free_until:
+            self._free_until = edit.frame
+            self._stepped.start_at(edit.frame)
 
     def poses(self, frame: int) -> Array:
         """Before frame 0 everything is where it starts."""
@@ -127,7 +143,7 @@ class Motion:
             poses = self._formulas.poses(Fraction(frame) / self._fps)
             stepped = self._stepping(frame)
             if stepped is not None:
-                poses[: self._count] = stepped.frame(max(frame, 0)).poses
+                poses[: len(self._log.lives)] = stepped.frame(max(frame, 0)).poses
             while len(self._poses_by_frame) >= KEPT_FRAMES:
                 self._poses_by_frame.pop(next(iter(self._poses_by_frame)))
             self._poses_by_frame[frame] = poses
@@ -139,13 +155,13 @@ class Motion:
         stepped = self._stepping(frame)
         if stepped is not None:
             poses = poses.copy()
-            poses[: self._count] = stepped.frame(max(frame, 0)).arrivals
+            poses[: len(self._log.lives)] = stepped.frame(max(frame, 0)).arrivals
         return poses
 
     def blocked(self, frame: int) -> list[bool]:
         """Of every object of the scenario, whether something kept it from its way since the frame before."""
         stepped = self._stepping(frame)
-        return [False] * self._count if stepped is None else stepped.frame(frame).blocked.tolist()
+        return [False] * len(self._log.lives) if stepped is None else stepped.frame(frame).blocked.tolist()
 
     def meetings(self, frame: int) -> list[Meeting]:
         """What the scenario's objects met since the frame before."""
@@ -170,48 +186,53 @@ class Motion:
         """The simulation of what collides at a frame, None if nothing can."""
         if self._is_stepped is None:
             self._is_stepped = self._must_step()
-            self._before = None
         return None if frame < self._free_until else self._stepped
 
     def _must_step(self) -> bool:
-        dynamics = [life.planned.dynamic for life in self._lives]
+        lives = self._log.lives
+        dynamics = [life.planned.dynamic for life in lives]
         moving = [not isinstance(dynamic, Still | None) for dynamic in dynamics]
         bouncing = any(isinstance(dynamic, UniformMovementRandomBounce) for dynamic in dynamics)
-        put_elsewhere = any(life.moves for life in self._lives) or bool(self._changes)
-        enclosures = [edit.frustum for edit in self._scenario.edits if isinstance(edit, Enclose)]
-        walled = any(frustum is not None for frustum in (self._scenario.frustum, *enclosures))
-        solid = any(life.planned.collide and (moves or walled) for life, moves in zip(self._lives, moving, strict=True))
-        if not bouncing and not solid and not any(life.moves for life in self._lives):
+        put_elsewhere = any(life.moves for life in lives) or bool(self._changes)
+        walled = any(each is not None for each in (self._scenario.frustum, *(e.frustum for e in self._log.enclosures)))
+        solid = any(life.planned.collide and (moves or walled) for life, moves in zip(lives, moving, strict=True))
+        if not bouncing and not solid and not any(life.moves for life in lives):
             return False
-        movers = [self._mover(row, life) for row, life in enumerate(self._lives)]
-        if not bouncing and not put_elsewhere and all_free(movers, self._obstacles_at(0), walled):
+        self._movers = [self._mover(row) for row in range(len(lives))]
+        if not bouncing and not put_elsewhere and all_free(self._movers, self._obstacles_at(0), walled):
             return False
         self._stepped = SteppedSimulation(
-            movers,
-            self._scenario.timings,
-            fps=self._fps,
-            obstacles=self._obstacles_at,
-            walls=self._walls if walled else None,
+            self._movers, self._scenario.timings, fps=self._fps, obstacles=self._obstacles_at, walls=self._walls
         )
-        if self._before is not None:
-            earlier, frame = self._before
-            self._free_until = frame if earlier._stepping(frame) is None else earlier._free_until
-            self._stepped.continue_from(earlier._stepping(frame), frame)
+        self._stepped.start_at(self._free_until)
         return True
 
-    def _mover(self, row: int, life: Life) -> Mover:
-        moves = []
-        for move in life.moves:
-            w, x, y, z = quaternion(move.rotation).tolist()
-            moves.append(Teleport(move.frame, move.position, (w, x, y, z)))
+    def _mover(self, row: int) -> Mover:
+        life = self._log.lives[row]
+        moves = self._movers[row].moves if row < len(self._movers) else ()
+        if moves and (len(moves) > len(life.moves) or moves[-1].frame > life.moves[len(moves) - 1].frame):
+            moves = ()  # one was made before the others
         return Mover(
             self._body(life, bounces=True),
             self._shape(row, life) if life.planned.collide else None,
             life.planned.frustum_limited,
             life.planned.first_frame,
             life.last_frame,
-            tuple(moves),
+            (*moves, *(_teleport(move) for move in life.moves[len(moves) :])),
         )
+
+    def _simulation(self) -> Simulation:
+        """All paths. What bounces has no formula: here it stands, which also tells where it starts."""
+        bodies = [self._body(life, bounces=False) for life in self._log.lives]
+        for camera in self._setting.cameras:
+            dynamic = camera.dynamic or Still()
+            bodies.append(Body(dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
+        for motion, position, rotation in self._setting.lights:
+            bodies.append(Body(motion or Still(), position, rotation, name="light", timed=False))  # type: ignore[arg-type]
+        try:
+            return Simulation(bodies, self._scenario.timings)
+        except TypeError as error:
+            raise ScenarioError(str(error)) from error
 
     def _obstacles_at(self, frame: int) -> Obstacles:
         """The stage as obstacles, from one frame to the next."""
@@ -240,16 +261,21 @@ class Motion:
             self._shapes[key] = cover(surface) if len(surface) else None
         return self._shapes[key]
 
-    def _walls(self, time: Fraction) -> Array:
-        """The planes that hold objects on the way to a time, s."""
+    def _walls(self, time: Fraction) -> Array | None:
+        """The planes that hold objects on the way to a time, s; None if there are none then."""
         frustum, camera, aspect = self._scenario.frustum, self._setting.cameras[0], self._setting.aspect
-        enclosed = False
-        for edit in self._scenario.edits:
-            if isinstance(edit, Enclose) and edit.frame < time * self._fps:
-                frustum, camera, aspect, enclosed = edit.frustum, edit.camera, edit.aspect, True
+        made = bisect.bisect_left(self._log.enclosures, math.ceil(time * self._fps), key=lambda edit: edit.frame)
+        if made:
+            last = self._log.enclosures[made - 1]
+            frustum, camera, aspect = last.frustum, last.camera, last.aspect
         if frustum is None:
-            return np.tile([0.0, 0.0, 0.0, 1e9], (len(WALLS), 1))
-        if camera.dynamic is not None and not enclosed:
-            x, y, z, a, b, c, d = self._formulas.poses(time)[self._count].tolist()
+            return None
+        if camera.dynamic is not None:
+            x, y, z, a, b, c, d = self._formulas.poses(time)[len(self._log.lives)].tolist()
             camera = camera.posed((x, y, z), (a, b, c, d))
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
+
+
+def _teleport(move: Move) -> Teleport:
+    w, x, y, z = quaternion(move.rotation).tolist()
+    return Teleport(move.frame, move.position, (w, x, y, z))

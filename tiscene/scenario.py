@@ -26,7 +26,7 @@ import dynamics
 from dynamics import AllTogether, Dynamic, Still, Timing, check
 from tiscene import catalog, scenario_json
 from tiscene.camera import Camera, Vector3
-from tiscene.edits import Despawn, Edit, Enclose, Life, Move, Spawn, StageLife, lives, stage_lives
+from tiscene.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn, StageLife
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError
 from tiscene.light_motion import LightMotion
 
@@ -135,16 +135,19 @@ class Scenario:
                 raise ScenarioError(f"timings: {error}") from error
             object.__setattr__(self, "edits", _check_edits(self.edits))
             object.__setattr__(self, "lights", _check_lights(self.lights))
-            self.lives()
-            self.stage_lives()
+            self.log()
 
     def lives(self) -> list[Life]:
         """All objects that ever are, with what the edits do to them; spawned ones after the others, in their order."""
-        return lives(self.objects, self.edits)
+        return self.log().lives
 
     def stage_lives(self) -> dict[str, StageLife]:
         """What the edits do to things of the stage, by their prim paths."""
-        return stage_lives(self.objects, self.edits)
+        return self.log().stage
+
+    def log(self) -> EditLog:
+        """What the edits make of the objects and the stage, to go on with."""
+        return EditLog(self.objects, self.edits)
 
     @property
     def cameras(self) -> tuple[Camera | str | None, ...]:

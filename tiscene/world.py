@@ -44,8 +44,7 @@ class World:
     A stream that runs may be edited: `spawn`, `despawn`, `move` take effect at its next frame and are kept in
     `scenario.edits`, so that a world made of that scenario does the same at the same frames.
 
-    scenario: what was asked for, and the edits. next_frame: the one that the stream gives next. cameras: all that
-    watch, as the scenario has them.
+    next_frame: the one that the stream gives next. cameras: all that watch, as the scenario has them.
     """
 
     def __init__(
@@ -66,7 +65,8 @@ class World:
         """
         if isinstance(fps, bool) or not np.isfinite(fps) or fps <= 0:
             raise ArgumentError(f"fps={fps!r}: must be a positive number of frames per second")
-        self.scenario = scenario
+        self._asked = scenario
+        self._log = scenario.log()
         self.stage = stage
         self.fps = fps
         self.cameras = tuple(_chosen_camera(camera, stage) for camera in scenario.cameras)
@@ -77,10 +77,10 @@ class World:
         self._seen_by_view: dict[tuple[int, Camera, float], set[int]] = {}
         self._aspect = aspect
         self._inventory = Inventory(stage, load_template)
-        self._lives = scenario.lives()
+        self._lives = self._log.lives
         inventory = self._inventory
         self._things = StageThings(stage, inventory.stage_rows, inventory.stage_owner, inventory.stage_tracks, fps)
-        self._things.settle(scenario.stage_lives())
+        self._things.settle(self._log.stage)
         self._inventory.settle(self._lives)
         self._lighting = Lighting(stage, scenario.lights)
         self._setting = Setting(
@@ -95,7 +95,14 @@ class World:
             trees=functools.cache(trees or (lambda: MeshTrees.built(stage.meshes))),
             instances=self._things.instances,
         )
-        self._motion = Motion(scenario, self._setting)
+        self._motion = Motion(scenario, self._log, self._setting)
+
+    @property
+    def scenario(self) -> Scenario:
+        """What was asked for, and the edits."""
+        if len(self._asked.edits) < len(self._log.edits):
+            self._asked = replace(self._asked, edits=tuple(self._log.edits))
+        return self._asked
 
     @property
     def camera(self) -> Camera:
@@ -160,7 +167,7 @@ class World:
     def _lights(self, frame: int) -> tuple[tuple[int, Light], ...] | None:
         """Each with the row of its description; None if they are the stage's as it was read, always."""
         carried = self._inventory.carried
-        if not (self.scenario.lights or carried or self._things.lives):
+        if not (self._asked.lights or carried or self._things.lives):
             return None
         poses = self._motion.poses(frame)
         first = len(self._lives) + len(self.cameras)
@@ -295,7 +302,7 @@ class World:
         collide, scale. Raises ScenarioError, TemplateNotFound, changing nothing.
         """
         if id is None:
-            id = f"spawned_{sum(isinstance(edit, Spawn) for edit in self.scenario.edits) + 1}"
+            id = f"spawned_{len(self._lives) - len(self._asked.objects) + 1}"
         new = Object(id, template, position, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
         self._inventory.template(new)
         self._edit(Spawn(self.next_frame, new))
@@ -361,13 +368,15 @@ class World:
         return (there | things)[int(object)]
 
     def _edit(self, edit: Edit) -> None:
-        scenario = replace(self.scenario, edits=(*self.scenario.edits, edit))
-        self._things.settle(scenario.stage_lives())
-        self.scenario = scenario
-        self._lives = self.scenario.lives()
-        self._inventory.settle(self._lives)
+        try:
+            self._log.add(edit)
+        except ValueError as error:
+            raise ScenarioError(str(error)) from error
+        self._things.settle(self._log.stage)
+        if isinstance(edit, Spawn):
+            self._inventory.settle(self._lives)
         self._seen_by_view.clear()
-        self._motion = Motion(self.scenario, self._setting, (self._motion, edit.frame))
+        self._motion.amend(edit)
 
 
 def _chosen_camera(wanted: Camera | str | None, stage: SceneDescription) -> Camera:

@@ -3,6 +3,7 @@
 import hashlib
 import subprocess
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -380,22 +381,30 @@ def test_a_moved_mover_goes_on_from_there():
     np.testing.assert_array_equal(poses[6:, 3], path[6:])
 
 
-def test_what_another_simulation_has_computed_is_taken_over():
+def test_movers_are_amended_from_a_frame_on():
     moved = Mover(Body(Still(), (0.0, 0.9, 1.2), name="m"), CUBE, moves=(Move(70, (0.0, 0.5, 0.5), (1, 0, 0, 0)),))
     first = [bouncer("a"), Mover(moved.body, CUBE)]
     late = Mover(Body(first[0].body.dynamic, (1.0, 0.0, 0.0), birth=Fraction(70, 25), name="c"), CUBE, first_frame=70)
-    old = SteppedSimulation(first, fps=25, obstacles=obstacles(ROOM))
-    run(old, 72)
+    taken = SteppedSimulation(first, fps=25, obstacles=obstacles(ROOM))
+    run(taken, 72)
     fresh = SteppedSimulation([first[0], moved, late], fps=25, obstacles=obstacles(ROOM))
-    taken = SteppedSimulation([first[0], moved, late], fps=25, obstacles=obstacles(ROOM))
-    taken.continue_from(old, 70)
+    taken.amend([first[0], moved], 70)
+    assert taken._reached == -1
+    taken.frame(71)
+    taken.amend([first[0], moved, late], 70)
     assert max(taken._checkpoints) == 64
+    assert max(taken._recent) == 69, "no frame is computed again"
     for k in (75, 69, 70, 130, 30):
+        assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
+    # At a frame far back.
+    taken.amend([first[0], replace(moved, moves=(Move(20, (0, 0, 0), (1, 0, 0, 0)), *moved.moves)), late], 20)
+    fresh = SteppedSimulation(taken.movers, fps=25, obstacles=obstacles(ROOM))
+    for k in (19, 21, 75):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
     # And from paths that were formulas so far.
     loop = Mover(Body(WAY, name="f"), CUBE)
     fresh, taken = (SteppedSimulation([loop, late], fps=25, obstacles=obstacles(ROOM)) for _ in range(2))
-    taken.continue_from(None, 70)
+    taken.start_at(70)
     assert list(taken._checkpoints) == [69]
     for k in (90, 70, 10):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
