@@ -8,7 +8,7 @@ import pytest
 import tiscene as ts
 from tests.test_stream import moving_scenario
 from tiscene.render.renderer import QUALITIES, Quality
-from tiscene.render.upsample import FLOOR, light, reduced, upsample
+from tiscene.render.upsample import FLOOR, downsample, light, reduced, upsample
 
 
 @pytest.mark.parametrize(
@@ -59,6 +59,20 @@ def test_light_does_not_leak_across_an_edge() -> None:
     for region, expected in ((result[5:, :7], 10.0), (result[5:, 7:], 1.0), (result[:5], 100.0)):
         assert np.abs(region / expected - 1.0).max() < 0.35
         assert np.median(np.abs(region / expected - 1.0)) < 0.01
+
+
+@pytest.mark.parametrize("size", [(32, 24), (33, 25)])
+def test_a_slope_keeps_its_place_when_it_is_reduced_and_enlarged(size: tuple[int, int]) -> None:
+    width, height = size
+    slope = np.repeat((np.arange(width) + 2.0 * np.arange(height)[:, None])[..., None], 3, axis=-1).astype(np.float32)
+    normal = np.zeros_like(slope)
+    normal[..., 2] = 1.0
+    albedo = np.full_like(slope, 1.0 - FLOOR)
+    small = downsample(slope, 2)
+    assert small.shape == (-(-height // 2), -(-width // 2), 3)
+    result = upsample(small, downsample(normal, 2), albedo, normal, 2)
+    np.testing.assert_allclose(result[3:-3, 3:-3], slope[3:-3, 3:-3], atol=0.3)
+    np.testing.assert_allclose((result - slope)[4:-4, 4:-4].mean(), 0.0, atol=0.01)
 
 
 def test_a_fast_frame_is_near_a_full_one_and_repeats(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from tiscene.errors import ArgumentError
 from tiscene.render.aovs import COLORS, times_needed
 from tiscene.render.base_image import BaseImages
-from tiscene.render.denoise import denoise
+from tiscene.render.clean import Cleaner
 from tiscene.render.film import meter, tone_map
 from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.integrators.path import PathImage, PathPass
-from tiscene.render.integrators.replay import CACHE_BYTES, ReplayImage, ReplayPass, Report
-from tiscene.render.upsample import light, reduced, upsample
+from tiscene.render.integrators.path import PathPass
+from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass, Report
+from tiscene.render.upsample import reduced
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
-FloatImage = NDArray[np.float32]
 GUIDES = ("albedo", "normal")  # the labels that a picture traced in a smaller size is enlarged along
 
 
@@ -36,7 +35,7 @@ class Quality:
     denoiser: how well, one of `denoise.QUALITIES`; "high" takes some four times as long as "fast".
     base_spp: paths per pixel of the base image of what stands still, where frames are differences to it.
     reduction: light is traced in a picture so many times smaller each way, and brought to full size along the surfaces
-    that the labels show.
+    that the labels show; where frames are differences to a base, it is denoised in that size only.
     """
 
     spp: int = 16
@@ -84,12 +83,13 @@ class Renderer:
         self.width = width
         self.height = height
         self.quality = quality
-        self._traced_size = reduced(width, height, quality.reduction)
         self._labels = LabelPass(scene)
-        self._paths = PathPass(scene, *self._traced_size)
+        self._paths = PathPass(scene, *reduced(width, height, quality.reduction))
+        self._replay_paths = self._paths if quality.reduction == 1 else PathPass(scene, width, height)
         self._replay = ReplayPass(
-            scene, *self._traced_size, memory_limit=cache_bytes, images=BaseImages(), report=report, paths=self._paths
-        )
+            scene, width, height,
+            memory_limit=cache_bytes, images=BaseImages(), report=report, paths=self._replay_paths,
+        )  # fmt: skip
 
     def render(
         self,
@@ -107,24 +107,21 @@ class Renderer:
         moving: bool [n], the instances that move before a camera and under lights that do not: colour is then a
         difference to an image of the others. None: colour is traced from nothing.
         """
-        self._paths.background = view.background
+        self._paths.background = self._replay_paths.background = view.background
+        quality = self.quality
         colored = not COLORS.isdisjoint(buffers)
-        traced = view
-        if self.quality.reduction > 1:
-            traced = replace(view, width=self._traced_size[0], height=self._traced_size[1])
-        if moving is not None and colored:
-            quality = self.quality
+        labels = [name for name in buffers if name not in COLORS]
+        if colored and moving is not None:
             self._replay.prepare(
-                traced, placement, moving,
+                view, placement, moving,
                 seed=seed, spp=quality.spp, max_depth=quality.max_depth, base_spp=max(quality.base_spp, quality.spp),
             )  # fmt: skip
-        labels = [name for name in buffers if name not in COLORS]
-        if colored and self.quality.reduction > 1:
+        elif colored and quality.reduction > 1:
             labels += [name for name in GUIDES if name not in labels]
         self.scene.place(placement, times=times_needed([*buffers, *labels]))
         result = self._labels.render(view, labels)
         if colored:
-            result |= self._color(traced, frame_index, seed, exposure, buffers, moving, result)
+            result |= self._color(view, frame_index, seed, exposure, buffers, moving, result)
         return {name: result[name] for name in buffers}
 
     def _color(
@@ -137,44 +134,34 @@ class Renderer:
         moving: NDArray[np.bool_] | None,
         labels: dict[str, NDArray[Any]],
     ) -> dict[str, NDArray[Any]]:
-        """view: of the size that is traced. labels: the frame's, of full size."""
-        image: PathImage
-        if moving is not None:
-            image = self._replay.render(moving)
-        else:
-            image = self._paths.render(
-                view, frame_index=frame_index, seed=seed, spp=self.quality.spp, max_depth=self.quality.max_depth
-            )
+        quality, sharp = self.quality, view.current.lens_radius == 0.0
+        cleaner = Cleaner(quality.denoiser if quality.denoise else None, quality.reduction, sharp)
+        raw = replace(cleaner, denoiser=None)
         result: dict[str, NDArray[Any]] = {}
-        if "hdr" in buffers:
-            result["hdr"] = self._enlarged(image.hdr, image, labels, view, denoised=False)
+        if moving is not None:
+            difference = self._replay.render(moving)
+            result["hdr"] = difference.hdr
+            guides = difference.albedo, difference.normal
+            if "rgb" in buffers:
+                radiance = cleaner.difference(difference)
+        else:
+            if quality.reduction > 1:
+                view = replace(view, width=self._paths.width, height=self._paths.height)
+            image = self._paths.render(
+                view, frame_index=frame_index, seed=seed, spp=quality.spp, max_depth=quality.max_depth
+            )
+            guides = (image.albedo, image.normal) if quality.reduction == 1 else [labels[name] for name in GUIDES]
+            if "hdr" in buffers:
+                result["hdr"] = raw.traced(image, *guides)
+            if "rgb" in buffers:
+                radiance = cleaner.traced(image, *guides)
         if "rgb" in buffers:
-            radiance = image.even if isinstance(image, ReplayImage) else image.hdr
-            radiance = np.maximum(radiance, 0.0)  # a difference may overshoot
-            radiance = self._enlarged(radiance, image, labels, view, denoised=self.quality.denoise)
             if any(view.ambient):
-                albedo, normal = image.albedo, image.normal
-                if self.quality.reduction > 1:
-                    albedo, normal = (labels[name] for name in GUIDES)
+                albedo, normal = guides
                 surface = normal.any(axis=-1, keepdims=True)
                 radiance = radiance + np.where(surface, albedo, 0.0) * np.array(view.ambient, np.float32)
             result["rgb"] = tone_map(radiance, exposure)
         return result
-
-    def _enlarged(
-        self, radiance: FloatImage, image: PathImage, labels: dict[str, NDArray[Any]], view: View, *, denoised: bool
-    ) -> FloatImage:
-        """Radiance of the size that is traced in full size, denoised or not."""
-        sharp = view.current.lens_radius == 0.0
-        albedo, reduction = image.albedo, self.quality.reduction
-        if reduction > 1:
-            radiance, albedo = light(radiance, albedo, image.normal)
-        if denoised:
-            clean = sharp and reduction == 1
-            radiance = denoise(radiance, albedo, image.normal, self.quality.denoiser, clean=clean)
-        if reduction > 1:
-            radiance = upsample(radiance, image.normal, *(labels[name] for name in GUIDES))
-        return radiance
 
     def meter(self, view: View, placement: Placement, *, seed: int) -> float:
         """The exposure in stops that shows this placement well, from a small picture of it."""

@@ -31,13 +31,36 @@ def light(radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> tuple
     return radiance / np.where(surface, albedo + np.float32(FLOOR), np.float32(1.0)), white
 
 
-def upsample(light: FloatImage, normal: FloatImage, full_albedo: FloatImage, full_normal: FloatImage) -> FloatImage:
+def downsample(image: FloatImage, reduction: int) -> FloatImage:
+    """Means of squares of so many pixels; the last rows and columns count as often as it takes to fill them."""
+    height, width = image.shape[:2]
+    image = np.pad(image, ((0, -height % reduction), (0, -width % reduction), (0, 0)), mode="edge")
+    rows = sum(image[first::reduction] for first in range(reduction))
+    columns = sum(rows[:, first::reduction] for first in range(reduction))
+    return np.ascontiguousarray(columns / np.float32(reduction**2), np.float32)
+
+
+def upsample(
+    light: FloatImage,
+    normal: FloatImage,
+    full_albedo: FloatImage,
+    full_normal: FloatImage,
+    reduction: int | None = None,
+) -> FloatImage:
     """Radiance, float32 [h, w, 3], of the size of the full albedo and normal; no normal (0) says that nothing is there.
 
-    light, normal: as of `light`, of the size that `reduced` says.
+    light, normal: as of `light`, of a picture of the size that `reduced` says, or with a reduction of `downsample`.
     """
+    height, width = full_albedo.shape[:2]
+    low_height, low_width = light.shape[:2]
+    if reduction is None:
+        scale = low_height / height
+        first_y, first_x = 0.5 * (low_height - 1 - (height - 1) * scale), 0.5 * (low_width - 1 - (width - 1) * scale)
+    else:
+        scale = 1.0 / reduction
+        first_y = first_x = 0.5 * scale - 0.5
     radiance = np.empty_like(full_albedo)
-    _upsample(light, normal, full_albedo, full_normal, radiance)
+    _upsample(light, normal, full_albedo, full_normal, scale, first_y, first_x, radiance)
     return radiance
 
 
@@ -53,14 +76,22 @@ def spline(offset: ti.f32) -> vec3:
 
 
 @ti.kernel
-def _upsample(light: Image, normal: Image, full_albedo: Image, full_normal: Image, radiance: Image):
+def _upsample(
+    light: Image,
+    normal: Image,
+    full_albedo: Image,
+    full_normal: Image,
+    scale: ti.f32,
+    first_y: ti.f32,
+    first_x: ti.f32,
+    radiance: Image,
+):
+    """first_y, first_x: where in the smaller picture the first pixel's centre is."""
     height, width = full_albedo.shape[0], full_albedo.shape[1]
     low_height, low_width = light.shape[0], light.shape[1]
-    scale = ti.cast(low_height, ti.f32) / height
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
-        low_y = 0.5 * (low_height - 1) + (y - 0.5 * (height - 1)) * scale
-        low_x = 0.5 * (low_width - 1) + (x - 0.5 * (width - 1)) * scale
+        low_y, low_x = first_y + y * scale, first_x + x * scale
         centre_y, centre_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
         weights_y, weights_x = spline(low_y - centre_y), spline(low_x - centre_x)
         n = read(full_normal, y, x)

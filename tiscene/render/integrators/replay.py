@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -46,9 +46,13 @@ Report = Callable[[str, float], None]  # what is being made, and how much of it 
 
 @dataclass(frozen=True, eq=False)
 class ReplayImage(PathImage):
-    """even: `hdr` without lone spikes, for the denoiser; the same sum."""
+    """even: `hdr` without lone spikes, for the denoiser; the same sum. base: what it is a difference to.
+    unmoved: float32 [h, w, 1], 1 where no mover has come into the pixel itself, else 0.
+    """
 
     even: NDArray[np.float32]
+    base: Base
+    unmoved: NDArray[np.float32]
 
 
 class ReplayPass:
@@ -76,7 +80,7 @@ class ReplayPass:
         self._images = images
         self._report = report or (lambda doing, done: None)
         self._paths = paths or PathPass(scene, width, height)
-        self._bases: dict[tuple[Any, ...], _Base] = {}  # the one used last at the end
+        self._bases: dict[tuple[Any, ...], Base] = {}  # the one used last at the end
         self._scratch: _Scratch | None = None
         self._paths_on_way: PathState | None = None
 
@@ -125,7 +129,7 @@ class ReplayPass:
             radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
             image = self._base_image(view, still, seed, base_spp, max_depth)
             self._report("paths", 0.0)
-            base = _Base(radius, image, self._kept_paths(view, radius, seed, spp, max_depth))
+            base = Base(radius, image, self._kept_paths(view, radius, seed, spp, max_depth))
             self._report("paths", 1.0)
             while self._bases and self.cached_bytes + base.cache.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
@@ -150,14 +154,15 @@ class ReplayPass:
             self._replay(scene, cache, block, scratch, groups)
         self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
         hdr, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(3))
+        unmoved = np.empty((self.height, self.width, 1), np.float32)
         kernels.combine(
             cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, base.image,
-            hdr, albedo, normal,
+            hdr, albedo, normal, unmoved,
         )  # fmt: skip
         even, spikes = np.empty_like(hdr), np.empty((self.height, self.width, 4), np.float32)
         find_spikes(self.width, self.height, scratch.change, hdr, spikes)
         spread_spikes(self.width, self.height, scratch.change, spikes, hdr, even)
-        return ReplayImage(hdr, albedo, normal, even)
+        return ReplayImage(hdr, albedo, normal, even, base, unmoved)
 
     def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
         """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
@@ -257,12 +262,22 @@ class ReplayPass:
 
 
 @dataclass(frozen=True, eq=False)
-class _Base:
-    """What never moves. radius: about it, m. image: f32 [h, w, 9], radiance, albedo, normal."""
+class Base:
+    """What never moves. radius: about it, m. image: f32 [h, w, 9], radiance, albedo, normal.
+
+    kept: what others have made of it, by name, for as long as there is use for it.
+    """
 
     radius: float
     image: NDArray[np.float32]
     cache: PathCache
+    kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Radiance, albedo and normal as arrays of their own."""
+        radiance, albedo, normal = (self.image[..., first : first + 3].copy() for first in (0, 3, 6))
+        return radiance, albedo, normal
 
 
 class _Scratch:

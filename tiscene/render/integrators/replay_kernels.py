@@ -192,10 +192,12 @@ def combine(
     hdr: Image,
     albedo: Image,
     normal: Image,
+    unmoved: Image,
 ):
     """The picture: the change added to the base image, and where movers cover most of a pixel, to its own paths' mean.
 
     covered: of each of the LOOKS of a pixel, whether a mover is in front. mean, change: f32 [n, 9]; base: [h, w, 9].
+    unmoved: 1 where what is seen first has not changed, else 0.
     """
     for rank in range(width * height):
         pixel = pixels[rank]
@@ -203,6 +205,10 @@ def combine(
         looks = 0
         for k in ti.static(range(LOOKS)):
             looks += covered[rank * LOOKS + k]
+        changed = ti.cast(looks, ti.f32)
+        for c in ti.static(range(3, 9)):
+            changed += ti.abs(change[pixel, c])
+        unmoved[y, x, 0] = ti.cast(changed == 0.0, ti.f32)
         for c in ti.static(range(3)):
             below = vec3(base[y, x, c], base[y, x, 3 + c], base[y, x, 6 + c])
             if 2 * looks > LOOKS:
