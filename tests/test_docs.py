@@ -22,7 +22,7 @@ def buffer_table() -> str:
     """The buffers as a Markdown table."""
     lines = ["| Buffer | Array | Unit | Nothing hit | Meaning |", "|---|---|---|---|---|"]
     for aov in AOVS.values():
-        shape = "H, W" if aov.channels == 1 else f"H, W, {aov.channels}"
+        shape = ", ".join(["H", "W", *map(str, aov.channels)])
         background = {None: "computed", True: "True"}.get(aov.background)
         if background is None:
             background = "NaN" if np.isnan(aov.background) else "+∞" if np.isinf(aov.background) else "0"

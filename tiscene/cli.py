@@ -72,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
     render.add_argument(
         "--buffers", metavar="NAMES", type=_names, help="separated by commas, or 'all' (default: those of Stream)"
     )
-    render.add_argument("--format", default="png", help="png, exr, npz or sailenv (default: %(default)s)")
+    render.add_argument("--format", default="png", help="png, exr, npz, cryptomatte or sailenv (default: %(default)s)")
     render.add_argument("--objects", action="store_true", help="write the table of objects of each frame as well")
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
     _add_size(render, width=256, height=192)

@@ -52,6 +52,8 @@ def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
         values = unit * 256
     elif name in ("semantic", "instance", "part"):
         values = unit * 6
+    elif name == "coverage":
+        values = unit * (6.0, 1.0 / 6.0)
     elif "flow" in name or "normal" in name:
         values = 2.0 * unit - 1.0
     elif name in ("depth", "distance"):

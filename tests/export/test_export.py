@@ -109,7 +109,7 @@ def test_overwrite_removes_what_the_manifest_lists_and_nothing_else(tmp_path):
 
 
 def test_bad_calls(tmp_path):
-    with pytest.raises(ArgumentError, match="format='jpg': must be one of exr, npz, png, sailenv"):
+    with pytest.raises(ArgumentError, match="format='jpg': must be one of cryptomatte, exr, npz, png, sailenv"):
         export(FakeStream(), tmp_path, format="jpg", frames=range(1))
     with pytest.raises(ArgumentError, match=r"frames=range"):
         export(FakeStream(), tmp_path)

@@ -47,8 +47,11 @@ def test_every_buffer_is_a_part_of_its_type(parts):
     for name in ("semantic", "instance", "part"):
         np.testing.assert_array_equal(loaded[name]["id"], frame.buffers[name])
         assert loaded[name]["id"].dtype == np.uint32
+    for rank in range(6):
+        for k, what in enumerate(("id", "weight")):
+            np.testing.assert_array_equal(loaded["coverage"][f"{what}{rank}"], frame.coverage[..., rank, k])
     for name, buffer in frame.buffers.items():
-        if name not in (*exr.COLORS, "semantic", "instance", "part"):
+        if name not in (*exr.COLORS, "semantic", "instance", "part", "coverage"):
             letters = "XYZ" if "X" in loaded[name] else "UV" if "U" in loaded[name] else loaded[name]
             planes = np.stack([loaded[name][letter] for letter in letters], axis=2)
             np.testing.assert_array_equal(planes.reshape(buffer.shape), buffer.astype(np.float32))

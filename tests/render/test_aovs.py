@@ -1,6 +1,6 @@
 import numpy as np
 
-from tiscene.render.aovs import AOVS, COLORS, LABELS, times_needed
+from tiscene.render.aovs import AOVS, COLORS, LABELS, RANKS, times_needed
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 
@@ -8,7 +8,7 @@ def test_every_buffer_of_the_conventions_is_there() -> None:
     expected = {
         "rgb", "hdr", "depth", "distance", "position", "normal", "geometric_normal", "normal_camera", "albedo",
         "roughness", "metallic", "semantic", "instance", "part", "forward_flow", "backward_flow", "forward_occlusion",
-        "backward_occlusion", "scene_flow", "uv", "object_coordinates",
+        "backward_occlusion", "scene_flow", "uv", "object_coordinates", "coverage",
     }  # fmt: skip
     assert set(AOVS) == expected
     assert set(LABELS) | COLORS == expected
@@ -18,6 +18,7 @@ def test_every_buffer_of_the_conventions_is_there() -> None:
 def test_arrays_have_the_shape_and_type_of_the_table() -> None:
     assert AOVS["depth"].empty(4, 3).shape == (3, 4)
     assert AOVS["forward_flow"].empty(4, 3).shape == (3, 4, 2)
+    assert AOVS["coverage"].empty(4, 3).shape == (3, 4, RANKS, 2)
     assert AOVS["semantic"].empty(4, 3).dtype == np.uint16
     assert AOVS["backward_occlusion"].empty(4, 3).dtype == np.bool_
 

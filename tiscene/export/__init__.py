@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import exr, labels, npz, png, sailenv
+from tiscene.export import cryptomatte, exr, labels, npz, png, sailenv
 from tiscene.export.manifest import NAME, Manifest, views_by_folder, write_atomically
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tiscene.stream import Stream
 
 EXPORTERS: Mapping[str, Callable[[Frame], dict[str, bytes]]] = {
+    "cryptomatte": cryptomatte.encode,
     "exr": exr.encode,
     "npz": npz.encode,
     "png": png.encode,
@@ -32,7 +33,7 @@ SUMMARIES: Mapping[str, tuple[Sequence[str], Callable[[Stream, Manifest], dict[s
     "sailenv": (sailenv.SUMMARY, sailenv.summary)
 }
 # The buffers of a format that cannot do with others.
-NEEDED: Mapping[str, Sequence[str]] = {"sailenv": sailenv.BUFFERS}
+NEEDED: Mapping[str, Sequence[str]] = {"cryptomatte": cryptomatte.BUFFERS, "sailenv": sailenv.BUFFERS}
 
 __all__ = ["EXPORTERS", "NEEDED", "Manifest", "export", "made_by"]
 

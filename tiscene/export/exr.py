@@ -7,6 +7,7 @@ buffer                            channels    type
 `depth`, `distance`               Z           float, m; no hit is +inf
 `semantic`, `instance`, `part`    id          uint
 flows, `uv`                       U V         float
+`coverage`                        id0 weight0 float; id1 weight1 and so on, the most first
 other vectors                     X Y Z       float
 other scalars                     Y           float; masks half, 1 is True
 ================================  ==========  ==========================================================
@@ -34,14 +35,18 @@ def encode(frame: Frame) -> dict[str, bytes]:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    parts = [OpenEXR.Part(dict(header), _channels(name, buffer), name=name) for name, buffer in frame.buffers.items()]
+    parts = [OpenEXR.Part(dict(header), channels(name, buffer), name=name) for name, buffer in frame.buffers.items()]
     data = io.BytesIO()
     OpenEXR.File(parts).write(data)
     return {f"{frame.index:06d}.exr": data.getvalue()}
 
 
-def _channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Channel names to contiguous arrays [h, w] of the channel's type."""
+    if name == "coverage":
+        ranks = range(buffer.shape[2])
+        pairs = {f"{what}{rank}": buffer[..., rank, k] for rank in ranks for k, what in enumerate(("id", "weight"))}
+        return {channel: np.ascontiguousarray(plane) for channel, plane in pairs.items()}
     if name in COLORS:
         linear = _linear(buffer) if buffer.dtype == np.uint8 else np.asarray(buffer, dtype=np.float32)
         names, values = "RGB", np.minimum(linear, LARGEST_HALF).astype(np.float16)

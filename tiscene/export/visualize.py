@@ -52,6 +52,8 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
     if name in ("instance", "part", "semantic"):
         count = np.count_nonzero(np.unique(buffer))
         return Picture(id_picture(buffer), f"{count} id{'' if count == 1 else 's'}")
+    if name == "coverage":
+        return Picture(coverage_picture(buffer), f"{100.0 * (buffer[..., 1, 1] > 0).mean():.1f} % shared")
     if buffer.dtype == np.bool_:
         return Picture(mask_picture(buffer), f"{100.0 * buffer.mean():.1f} % true")
     if "normal" in name:
@@ -120,6 +122,14 @@ def id_colors(ids: ArrayLike) -> Pixels:
     colors = oklch(lightness, np.full(ids.shape, 0.135), ids * GOLDEN_ANGLE)
     colors[ids == 0] = BACKGROUND
     return colors
+
+
+def coverage_picture(coverage: NDArray[np.floating]) -> Pixels:
+    """The colours of `id_picture`, mixed as the ids share the pixel, over the background colour."""
+    colors = id_picture(np.round(coverage[..., 0]).astype(np.int64)).astype(np.float64)
+    weights = coverage[..., 1, None]
+    mixed = (weights * colors).sum(axis=2) + (1.0 - weights.sum(axis=2)) * np.array(BACKGROUND)
+    return _to_bytes(mixed / 255.0)
 
 
 def mask_picture(mask: NDArray[np.bool_]) -> Pixels:

@@ -20,50 +20,61 @@ from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 class AOV:
     """One per-pixel output ("arbitrary output variable" in renderers; the public word is buffer).
 
-    dtype: of the numpy array. channels: 1 for an array [height, width]. unit: "" where there is none.
+    dtype: of the numpy array. channels: () for an array [height, width], else the lengths of its further axes.
+    unit: "" where there is none.
     background: the value where a ray meets nothing; None where that is computed. doc: one sentence for the tables.
     """
 
     name: str
     dtype: str
-    channels: int
+    channels: tuple[int, ...]
     unit: str
     background: float | None
     doc: str
 
     def shape(self, width: int, height: int) -> tuple[int, ...]:
         """The array's shape for a picture of that size."""
-        return (height, width) if self.channels == 1 else (height, width, self.channels)
+        return (height, width, *self.channels)
 
     def empty(self, width: int, height: int) -> NDArray[Any]:
         """A new array for a picture of that size, its values not set."""
         return np.empty(self.shape(width, height), self.dtype)
 
 
+RANKS = 6  # objects that `coverage` tells apart in one pixel
+
 AOVS: dict[str, AOV] = {
     aov.name: aov
     for aov in (
-        AOV("rgb", "uint8", 3, "", None, "Display sRGB after exposure and tone map."),
-        AOV("hdr", "float32", 3, "W/m²/sr", None, "Scene-linear Rec.709 radiance."),
-        AOV("depth", "float32", 1, "m", np.inf, "Distance along the optical axis (z, not ray length)."),
-        AOV("distance", "float32", 1, "m", np.inf, "Distance from the camera (ray length)."),
-        AOV("position", "float32", 3, "m", np.nan, "World position of the surface."),
-        AOV("normal", "float32", 3, "", 0.0, "Unit shading normal, world, on the side that is seen."),
-        AOV("geometric_normal", "float32", 3, "", 0.0, "Unit normal of the triangle, world, on the side that is seen."),
-        AOV("normal_camera", "float32", 3, "", 0.0, "Shading normal in camera axes (x right, y down, z forward)."),
-        AOV("albedo", "float32", 3, "", 0.0, "Base colour, scene-linear, of the first surface that is not a mirror."),
-        AOV("roughness", "float32", 1, "", 0.0, "Roughness, 0..1, of the first surface that is not a mirror."),
-        AOV("metallic", "float32", 1, "", 0.0, "Metalness, 0..1, of the first surface that is not a mirror."),
-        AOV("semantic", "uint16", 1, "id", 0, "Category id; `frame.categories` names them."),
-        AOV("instance", "int32", 1, "id", 0, "Object id, stable for the whole stream and never reused."),
-        AOV("part", "int32", 1, "id", 0, "Part of the object, 1 and up; its row in `frame.objects` names them."),
-        AOV("forward_flow", "float32", 2, "px", None, "Where the point will be at frame k+1, minus where it is."),
-        AOV("backward_flow", "float32", 2, "px", None, "Where the point was at frame k-1, minus where it is."),
-        AOV("forward_occlusion", "bool", 1, "", True, "True: the point is not visible at frame k+1."),
-        AOV("backward_occlusion", "bool", 1, "", True, "True: the point was not visible at frame k-1."),
-        AOV("scene_flow", "float32", 3, "m", 0.0, "World displacement of the point to frame k+1."),
-        AOV("uv", "float32", 2, "", 0.0, "Texture coordinates of the surface; 0 where the mesh has none."),
-        AOV("object_coordinates", "float32", 3, "", 0.0, "Position in the object's own bounding box, 0..1 an axis."),
+        AOV("rgb", "uint8", (3,), "", None, "Display sRGB after exposure and tone map."),
+        AOV("hdr", "float32", (3,), "W/m²/sr", None, "Scene-linear Rec.709 radiance."),
+        AOV("depth", "float32", (), "m", np.inf, "Distance along the optical axis (z, not ray length)."),
+        AOV("distance", "float32", (), "m", np.inf, "Distance from the camera (ray length)."),
+        AOV("position", "float32", (3,), "m", np.nan, "World position of the surface."),
+        AOV("normal", "float32", (3,), "", 0.0, "Unit shading normal, world, on the side that is seen."),
+        AOV(
+            "geometric_normal",
+            "float32",
+            (3,),
+            "",
+            0.0,
+            "Unit normal of the triangle, world, on the side seen.",
+        ),
+        AOV("normal_camera", "float32", (3,), "", 0.0, "Shading normal in camera axes (x right, y down, z forward)."),
+        AOV("albedo", "float32", (3,), "", 0.0, "Base colour, linear, of the first surface that is not a mirror."),
+        AOV("roughness", "float32", (), "", 0.0, "Roughness, 0..1, of the first surface that is not a mirror."),
+        AOV("metallic", "float32", (), "", 0.0, "Metalness, 0..1, of the first surface that is not a mirror."),
+        AOV("semantic", "uint16", (), "id", 0, "Category id; `frame.categories` names them."),
+        AOV("instance", "int32", (), "id", 0, "Object id, stable for the whole stream and never reused."),
+        AOV("part", "int32", (), "id", 0, "Part of the object, 1 and up; its row in `frame.objects` names them."),
+        AOV("coverage", "float32", (RANKS, 2), "", 0.0, "Object ids and the part of the pixel each fills, most first."),
+        AOV("forward_flow", "float32", (2,), "px", None, "Where the point will be at frame k+1, minus where it is."),
+        AOV("backward_flow", "float32", (2,), "px", None, "Where the point was at frame k-1, minus where it is."),
+        AOV("forward_occlusion", "bool", (), "", True, "True: the point is not visible at frame k+1."),
+        AOV("backward_occlusion", "bool", (), "", True, "True: the point was not visible at frame k-1."),
+        AOV("scene_flow", "float32", (3,), "m", 0.0, "World displacement of the point to frame k+1."),
+        AOV("uv", "float32", (2,), "", 0.0, "Texture coordinates of the surface; 0 where the mesh has none."),
+        AOV("object_coordinates", "float32", (3,), "", 0.0, "Position in the object's own bounding box, 0..1 an axis."),
     )
 }
 

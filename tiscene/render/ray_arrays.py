@@ -65,6 +65,33 @@ class RayArrays:
         return self._some, len(queue)
 
 
+class RayWave:
+    """Rays that belong to no pixel, and what they hit. Kept, made anew where more are needed.
+
+    queue: all of them, in order. further: two queues for the rays that go on after a hit.
+    """
+
+    def __init__(self) -> None:
+        self._room = 0
+        self.rays: Any = None
+        self.hits: Any = None
+        self.hit_ids: Any = None
+        self.queue: Any = None
+        self.further: tuple[Any, Any] = (None, None)
+
+    def sized(self, count: int) -> Self:
+        """Itself, with `count` rows or more."""
+        if self._room < count:
+            self._room = 1 << (count - 1).bit_length()
+            self.rays = ti.ndarray(ti.f32, (self._room, 8))
+            self.hits = ti.ndarray(ti.f32, (self._room, 4))
+            self.hit_ids = ti.ndarray(ti.i32, (self._room, 2))
+            self.queue = ti.ndarray(ti.i32, (self._room,))
+            self.queue.from_numpy(np.arange(self._room, dtype=np.int32))
+            self.further = ti.ndarray(ti.i32, (self._room,)), ti.ndarray(ti.i32, (self._room,))
+        return self
+
+
 class AnyHitArrays:
     """Rays that each ask whether they meet one instance. Kept, made anew where more are needed."""
 

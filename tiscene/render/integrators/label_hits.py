@@ -11,7 +11,7 @@ import taichi as ti
 
 from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.intersect import closest
-from tiscene.render.ray_arrays import RayArrays
+from tiscene.render.ray_arrays import RayArrays, RayWave
 from tiscene.render.surface import (
     FLOATS_1D,
     FLOATS_2D,
@@ -33,7 +33,7 @@ MAX_LAYERS = 32  # the last of so many absent surfaces behind each other counts 
 TRAVELLED = 3  # column of a ray: how far from its first origin it starts
 
 
-def first_hits(scene: DeviceScene, time: int, rays: RayArrays, queue: Any, count: int) -> None:
+def first_hits(scene: DeviceScene, time: int, rays: RayArrays | RayWave, queue: Any, count: int) -> None:
     """Trace rays of a queue and fill their hits and hit_ids; distances count from where the rays began.
 
     Rays that pass through something are moved on: their rows are not what they were.
@@ -111,7 +111,7 @@ def pass_absent(
         if row >= 0:
             direction = vec3(rays[ray, 4], rays[ray, 5], rays[ray, 6])
             surface = surface_at(geometry, row, hit_ids[ray, 1], hits[ray, 1], hits[ray, 2], time, direction)
-            point = material_at(materials, textures, surface.material, surface.uv)
+            point = material_at(materials, textures, surface)
             if point.flags & COVERAGE and point.opacity < PRESENT_FROM:
                 origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):

@@ -1,0 +1,132 @@
+"""Cryptomatte: hashes that others have published, and mattes that come back as the labels they were."""
+
+import json
+import math
+import struct
+from types import SimpleNamespace
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from tests.export.fake_stream import FakeStream
+from tiscene.errors import BufferNotFound, ExportError
+from tiscene.export import cryptomatte
+from tiscene.export.cryptomatte import decode, hash_of, murmur3
+
+HEIGHT, WIDTH = 3, 4
+
+
+def row(id, name, category="", prim_path=""):
+    return SimpleNamespace(id=id, name=name, category=category, prim_path=prim_path)
+
+
+OBJECTS = (
+    row(1, "Wall", "structure", "/Room/Wall"),
+    row(2, "left", "chair", "/Room/Left"),
+    row(7, 'Mädchen, the "2nd"', "chair"),
+    row(9, "nobody", "ghost", "/Room/Nobody"),
+)
+
+
+def frame(coverage, **buffers):
+    return SimpleNamespace(index=12, objects=OBJECTS, coverage=coverage, buffers={"coverage": coverage, **buffers})
+
+
+@pytest.fixture
+def coverage():
+    """Left half wall; in the middle wall, both chairs and background; right column background."""
+    pixels = np.zeros((HEIGHT, WIDTH, 6, 2), np.float32)
+    pixels[:, :2, 0] = 1, 1.0
+    pixels[:, 2, 0], pixels[:, 2, 1], pixels[:, 2, 2] = (1, 0.375), (2, 0.25), (7, 0.1875)
+    return pixels
+
+
+@pytest.fixture
+def written(tmp_path, coverage):
+    hdr = np.full((HEIGHT, WIDTH, 3), 2.5, np.float32)
+    ((name, data),) = cryptomatte.encode(frame(coverage, hdr=hdr)).items()
+    assert name == "000012.exr"
+    (tmp_path / name).write_bytes(data)
+    return tmp_path / name
+
+
+def as_float(bits):
+    return struct.unpack("<f", struct.pack("<I", bits))[0]
+
+
+def test_hashes_are_those_that_the_reference_tools_test_for():
+    # From the tests of Psyop's Nuke tools.
+    expected = {
+        "hello": 6.07056271024e-17, "cube": -4.08461912519e15, "sphere": 2.79018604383e15, "plane": 3.66557617593e-11,
+        "равнина": -1.31926312125e-25, "mädchen": 6.23612982120e25,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert as_float(hash_of(name)) == pytest.approx(value, rel=1e-6), name
+    assert f"{hash_of('bunny'):08x}" == "13851a76"  # the example in the specification
+    assert f"{hash_of('default'):08x}" == "42c9679f"
+    assert murmur3(b"") == 0
+
+
+def test_hashes_are_normal_numbers():
+    values = [as_float(hash_of(f"object {number}")) for number in range(5000)]
+    assert all(math.isfinite(value) and abs(value) >= 2.0**-126 for value in values)
+    exponents = [murmur3(f"object {number}".encode()) >> 23 & 0xFF for number in range(5000)]
+    assert 0 in exponents
+    assert 255 in exponents  # such names were among them
+
+
+def test_the_file_has_what_the_specification_asks_for(written):
+    with OpenEXR.File(str(written), separate_channels=True) as file:
+        assert len(file.parts) == 1
+        header, channels, compression = dict(file.header()), file.channels(), file.parts[0].compression()
+        types = {name: channel.pixels.dtype for name, channel in channels.items()}
+    assert compression == OpenEXR.ZIP_COMPRESSION  # lossless
+    for layer in ("CryptoObject", "CryptoCategory"):
+        key = f"{murmur3(layer.encode()):08x}"[:7]
+        assert header[f"cryptomatte/{key}/name"] == layer
+        assert header[f"cryptomatte/{key}/hash"] == "MurmurHash3_32"
+        assert header[f"cryptomatte/{key}/conversion"] == "uint32_to_float32"
+        for level in ("00", "01", "02"):
+            assert all(types[f"{layer}{level}.{channel}"] == np.float32 for channel in "RGBA")
+    assert {types[channel] for channel in "RGB"} == {np.dtype(np.float16)}
+    manifest = json.loads(header[f"cryptomatte/{murmur3(b'CryptoObject'):08x}"[:19] + "/manifest"])
+    assert manifest["/Room/Left"] == f"{hash_of('/Room/Left'):08x}"
+    assert set(manifest) == {"/Room/Wall", "/Room/Left", 'Mädchen, the "2nd"', "/Room/Nobody"}
+
+
+def test_mattes_of_objects_come_back(written, coverage):
+    objects = decode(written)["CryptoObject"]
+    for each in OBJECTS:
+        expected = np.where(coverage[..., 0] == each.id, coverage[..., 1], 0.0).sum(axis=-1)
+        np.testing.assert_array_equal(objects.matte(each.prim_path or each.name), expected)
+    assert (np.diff(objects.weights, axis=-1) <= 0.0).all()
+    with pytest.raises(ExportError, match="no matte 'left'; there are"):
+        objects.matte("left")
+
+
+def test_what_shares_a_category_shares_a_matte_and_is_ranked_anew(written):
+    categories = decode(written)["CryptoCategory"]
+    np.testing.assert_array_equal(categories.matte("chair")[:, 2], 0.4375)
+    np.testing.assert_array_equal(categories.matte("structure")[0], [1.0, 1.0, 0.375, 0.0])
+    assert not categories.matte("ghost").any()
+    np.testing.assert_array_equal(categories.weights[0, 2], [0.4375, 0.375, 0, 0, 0, 0])
+    np.testing.assert_array_equal(categories.ids[0, 3], 0)
+
+
+def test_two_exports_have_the_same_bytes(coverage):
+    assert cryptomatte.encode(frame(coverage)) == cryptomatte.encode(frame(coverage))
+
+
+def test_other_files_are_told_apart(tmp_path):
+    from tiscene.export import exr
+
+    ((name, data),) = exr.encode(FakeStream(("depth",))[0]).items()
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(ExportError, match="holds no Cryptomatte"):
+        decode(tmp_path / name)
+
+
+def test_without_coverage_there_is_nothing_to_write():
+    with pytest.raises(BufferNotFound, match=r"coverage.*Ask for it"):
+        cryptomatte.encode(FakeStream(("depth",))[0])
