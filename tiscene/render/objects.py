@@ -324,11 +324,9 @@ class ObjectTable(Sequence[ObjectRow]):
         }
 
 
+_NO_COUNTS: NDArray[np.int64] = np.zeros(0, np.int64)
 _OF_NOTHING = Measured(
-    *(np.zeros((0, *shape), np.int64 if shape == () else np.float64) for shape in ((), (4,), (4,), (2, 3))),
-    [],
-    *np.zeros((2, 0), np.int64),
-    [],
+    _NO_COUNTS, np.zeros((0, 4)), np.zeros((0, 4)), np.zeros((0, 2, 3)), [], _NO_COUNTS, _NO_COUNTS, []
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,7 @@ from tiscene.render.integrators.path_shading import SceneArrays, shade
 from tiscene.render.integrators.path_shadows import pass_shadows
 from tiscene.render.integrators.path_state import CHUNK, FILM_COLUMNS, PathState
 from tiscene.render.intersect import closest, occluded
+from tiscene.render.pixel_filter import pixel_filter as pixel_filter_named
 from tiscene.render.ray_arrays import tiled_order
 from tiscene.render.sampler import frame_key, index_bits
 from tiscene.render.surface import geometry_of
@@ -54,8 +56,20 @@ class PathPass:
     nonfinite: how many samples of the last picture were infinite or not numbers; they are left out of the means.
     """
 
-    def __init__(self, scene: DeviceScene, width: int, height: int, batch_size: int | None = None) -> None:
-        """batch_size: paths in flight; no effect on any byte of the result."""
+    def __init__(
+        self,
+        scene: DeviceScene,
+        width: int,
+        height: int,
+        batch_size: int | None = None,
+        *,
+        pixel_filter: str = "box",
+        clamp: float | None = None,
+    ) -> None:
+        """batch_size: paths in flight; no effect on any byte of the result. pixel_filter: of `PIXEL_FILTERS`.
+
+        clamp: the most that a path brings in any channel, W/m²/sr, which takes light away; None: all of it.
+        """
         if width < 1 or height < 1:
             raise ArgumentError(f"a picture of {width}x{height} pixels: both must be at least 1")
         self.scene = scene
@@ -65,6 +79,8 @@ class PathPass:
         self.background = SKY
         self._batch_size = batch_size or BATCH_SIZE
         self._state: PathState | None = None
+        self.pixel_filter = upload(pixel_filter_named(pixel_filter).table())
+        self._clamp = math.inf if clamp is None else clamp
         self._pixels = upload(tiled_order(width, height))
         self._film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
         self._energy: Any = None
@@ -89,29 +105,66 @@ class PathPass:
         report: called now and then with how much is done, 0..1.
         Raises ArgumentError for numbers out of range or a view of another size.
         """
-        if spp < 1 or max_depth < 1:
-            raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
-        if (view.width, view.height) != (self.width, self.height):
-            raise ArgumentError(f"a view of {view.width}x{view.height} pixels for a {self.width}x{self.height} picture")
-        total = self.width * self.height * spp
-        if total >= 1 << 31:
-            raise ArgumentError(f"{self.width}x{self.height} pixels at spp={spp}: more than 2^31 paths in one frame")
-        size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
-        if self._state is None or self._state.size != size:
-            self._state = PathState(size)
-        self.background = view.background
-        scene = self.scene_arrays()
-        numbers = (spp, index_bits(spp), frame_key(seed, frame_index))
-        for first in range(0, total, size):
-            self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
-            if report is not None:
-                report(min(1.0, (first + size) / total))
+        self._check(view, spp, max_depth)
+        self._expose(
+            view,
+            self.width * self.height,
+            spp,
+            frame_key(seed, frame_index),
+            max_depth,
+            mis,
+            report or (lambda _: None),
+        )
         shape = (self.height, self.width)
         hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
         dropped = np.empty(shape, np.int32)
         kernels.develop(self._film, self.width, self.height, spp, hdr, albedo, normal, dropped)
         self.nonfinite = int(dropped.sum())
         return PathImage(hdr, albedo, normal)
+
+    def sums(self, view: View, pixels: NDArray[np.int32], *, spp: int, key: int, max_depth: int) -> NDArray[np.float32]:
+        """`spp` paths through each of some pixels (rows y * width + x): the film's rows, float32 [n, FILM_COLUMNS].
+
+        key: of their random numbers, see `frame_key`.
+        """
+        self._check(view, spp, max_depth)
+        every, self._pixels = self._pixels, upload(pixels)
+        try:
+            self._expose(view, len(pixels), spp, key, max_depth, True, lambda _: None)
+        finally:
+            self._pixels = every
+        rows: NDArray[np.float32] = self._film.to_numpy()[pixels]
+        return rows
+
+    def _check(self, view: View, spp: int, max_depth: int) -> None:
+        if spp < 1 or max_depth < 1:
+            raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
+        if (view.width, view.height) != (self.width, self.height):
+            raise ArgumentError(f"a view of {view.width}x{view.height} pixels for a {self.width}x{self.height} picture")
+        if self.width * self.height * spp >= 1 << 31:
+            raise ArgumentError(f"{self.width}x{self.height} pixels at spp={spp}: more than 2^31 paths in one frame")
+
+    def _expose(
+        self,
+        view: View,
+        pixels: int,
+        spp: int,
+        key: int,
+        max_depth: int,
+        mis: bool,
+        report: Callable[[float], None],
+    ) -> None:
+        """Trace the paths of the first so many of `self._pixels` onto the film."""
+        total = pixels * spp
+        size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
+        if self._state is None or self._state.size < size:
+            self._state = PathState(size)
+        self.background = view.background
+        scene = self.scene_arrays()
+        numbers = (spp, index_bits(spp), key)
+        for first in range(0, total, size):
+            self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
+            report(min(1.0, (first + size) / total))
 
     def _trace(
         self,
@@ -127,7 +180,7 @@ class PathPass:
         """Trace the paths first .. first + count - 1 to their ends and add them to the film."""
         spp, bits, key = numbers
         kernels.start_paths(
-            view.array(), self._pixels, self.width, self.height, first, count, spp, bits, key,
+            view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
             s.rays, s.shadow_rays, s.state, s.features, s.status, s.queue,
         )  # fmt: skip
         live = count
@@ -138,7 +191,8 @@ class PathPass:
             if not live:
                 break
         kernels.expose(
-            self._pixels, first, count, spp, s.shadow_rays, s.occluded, s.state, s.features, self._film
+            self.pixel_filter, self._clamp, self._pixels, first, count, spp, bits, key,
+            s.shadow_rays, s.occluded, s.state, s.features, self._film,
         )  # fmt: skip
 
     def advance(

@@ -20,6 +20,7 @@ from tiscene.render.integrators.path_state import (
     SPREAD,
     THROUGHPUT,
 )
+from tiscene.render.pixel_filter import offset_weight, sample_offset
 from tiscene.render.ray_arrays import write_ray
 from tiscene.render.sampler import combine, first_two, last_two, pixel_key, shuffled_index
 from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, TANGENT, UP, camera_ray, view_vector
@@ -40,9 +41,18 @@ def path_key(pixels: ti.template(), frame_key: ti.i32, path: ti.i32, spp: ti.i32
     return pixel_key(frame_key, pixels[path // spp])
 
 
+@ti.func
+def pixel_offset(pixel_filter: ti.template(), key: ti.u32, sample: ti.i32, bits: ti.i32) -> ti.math.vec2:
+    """Where a path goes through its pixel, px from the centre. key: `path_key`. sample: its number in the pixel."""
+    camera_key = combine(key, ti.u32(CAMERA_SET))
+    u = first_two(camera_key, shuffled_index(camera_key, sample), bits)
+    return ti.math.vec2(sample_offset(pixel_filter, u.x), sample_offset(pixel_filter, u.y))
+
+
 @ti.kernel
 def start_paths(
     view: Floats2,
+    pixel_filter: Floats1,
     pixels: Ints1,
     width: ti.i32,
     height: ti.i32,
@@ -64,17 +74,18 @@ def start_paths(
     for i in range(count):
         path = first + i
         pixel = pixels[path // spp]
-        key = combine(path_key(pixels, frame_key, path, spp), ti.u32(CAMERA_SET))
-        index = shuffled_index(key, path % spp)
-        u = first_two(key, index, bits)
-        x, y = pixel % width + (u.x - 0.5), pixel // width + (u.y - 0.5)
-        origin, direction = camera_ray(view, CURRENT, x, y, width, height)
+        key = path_key(pixels, frame_key, path, spp)
+        offset = pixel_offset(pixel_filter, key, path % spp, bits)
+        origin, direction = camera_ray(
+            view, CURRENT, pixel % width + offset.x, pixel // width + offset.y, width, height
+        )
         radius = view[CURRENT, LENS_RADIUS]
         if radius > 0.0:
             focus = origin + direction * (
                 view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
             )
-            lens = radius * warp.disk(last_two(key, index, bits))
+            camera_key = combine(key, ti.u32(CAMERA_SET))
+            lens = radius * warp.disk(last_two(camera_key, shuffled_index(camera_key, path % spp), bits))
             origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
             direction = (focus - origin).normalized()
         write_ray(rays, i, origin, direction, ti.math.inf)
@@ -139,17 +150,24 @@ def compact(
 
 @ti.kernel
 def expose(
+    pixel_filter: Floats1,
+    clamp: ti.f32,
     pixels: Ints1,
     first: ti.i32,
     count: ti.i32,
     spp: ti.i32,
+    bits: ti.i32,
+    frame_key: ti.i32,
     shadow_rays: Floats2,
     occluded: Ints1,
     state: Floats2,
     features: Floats2,
     film: Floats2,
 ):
-    """Add a batch to the sums of its pixels, sample by sample in their order."""
+    """Add a batch to the sums of its pixels, sample by sample in their order.
+
+    clamp: what the largest channel of a path's radiance is brought down to; infinite for all of it.
+    """
     for rank in range(first // spp, (first + count - 1) // spp + 1):
         pixel = pixels[rank]
         begin, end = ti.max(first, rank * spp), ti.min(first + count, (rank + 1) * spp)
@@ -164,6 +182,11 @@ def expose(
             if shadow_rays[i, 7] > 0.0 and occluded[i] == 0:
                 radiance += vec3(state[i, DIRECT], state[i, DIRECT + 1], state[i, DIRECT + 2])
             if ti.abs(radiance.sum()) < ti.math.inf:  # false for nan too
+                if radiance.max() > clamp:
+                    radiance *= clamp / radiance.max()
+                if pixel_filter[0] != 1.0:  # some weights are negative
+                    offset = pixel_offset(pixel_filter, path_key(pixels, frame_key, path, spp), path % spp, bits)
+                    radiance *= offset_weight(pixel_filter, offset.x, offset.y)
                 for c in ti.static(range(3)):
                     sums[c] += radiance[c]
             else:

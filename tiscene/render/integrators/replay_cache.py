@@ -110,7 +110,8 @@ class PathCache:
         first = number * self._block_size
         s, (spp, bits, key) = self.state, self.numbers
         path_kernels.start_paths(
-            self._view.array(), self.pixels, self._view.width, self._view.height, first, count, spp, bits, key,
+            self._view.array(), self._paths.pixel_filter, self.pixels, self._view.width, self._view.height,
+            first, count, spp, bits, key,
             s.rays, s.shadow_rays, s.state, s.features, s.status, s.queue,
         )  # fmt: skip
         row_counts, segment_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
