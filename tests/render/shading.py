@@ -12,6 +12,7 @@ from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.lights import all_lights
 from tiscene.render.lights.light_sample import Lights
+from tiscene.render.surface import VisibleSurface
 from tiscene.render.textures import Textures
 from tiscene.scene.description import Light, Material, Texture
 from tiscene.scene.device_array import upload
@@ -53,7 +54,7 @@ def scatter(
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(outgoing.shape[0]):
-        point = material_at(materials, textures, row, vec2(uv[i, 0], uv[i, 1]))
+        point = material_at(materials, textures, VisibleSurface(material=row, uv=vec2(uv[i, 0], uv[i, 1])))
         closure = bsdf.closure_at(point, energy, row_of(outgoing, i), front)
         if samples != 0:
             wi = bsdf.sample(closure, row_of(numbers, i))

@@ -91,14 +91,6 @@ def test_display_color(description):
     )
 
 
-def test_display_color_that_varies_within_faces_is_averaged_there(tmp_path):
-    line = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 0), (0, 0, 1)] (interpolation = "vertex")'
-    body = f'def Mesh "M"\n{{\n{QUAD}\n{line}\n}}'
-    description = read_with_warning(tmp_path, body, "'displayColor' varies within faces.*</M>")
-    (mesh,) = description.meshes
-    assert {description.materials[row].diffuse_color for row in mesh.materials} == {(0.25, 0.25, 0.25)}
-
-
 TWO_FACES = """
 def Mesh "M"
 {
@@ -118,7 +110,6 @@ def Mesh "M"
         'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "uniform")',
         'color3f[] primvars:displayColor = [(0, 0, 1), (1, 0, 0)] (interpolation = "uniform")\n'
         "int[] primvars:displayColor:indices = [1, 0]",
-        f'color3f[] primvars:displayColor = [{"(1, 0, 0), " * 4}{"(0, 0, 1), " * 3}] (interpolation = "faceVarying")',
     ],
 )
 def test_display_color_of_faces(tmp_path, scheme, lines):
@@ -346,7 +337,7 @@ def test_a_primvar_that_the_mesh_lacks_is_named(textures):
     np.testing.assert_array_equal(description.meshes[0].uv, description.meshes[0].positions[:, :2])
 
 
-def test_two_primvars_in_one_material_are_named(textures):
+def test_a_primvar_that_a_mesh_has_not_is_named(textures):
     file = "asset inputs:file = @./textures/color.png@\n"
     shaders = (
         shader(
@@ -364,7 +355,9 @@ def test_two_primvars_in_one_material_are_named(textures):
         + shader("R", "UsdPrimvarReader_float2", 'string inputs:varname = "st"', "float2 outputs:result")
         + shader("S", "UsdPrimvarReader_float2", 'string inputs:varname = "map2"', "float2 outputs:result")
     )
-    read_with_warning(textures, material(shaders), "textures read both 'st' and 'map2'")
+    read_with_warning(
+        textures, material(shaders), "has no primvar 'map2' that its material reads, 'st' is read instead: </M>"
+    )
 
 
 def test_subsets_may_read_different_primvars(textures):

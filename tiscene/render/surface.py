@@ -10,9 +10,11 @@ import taichi as ti
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
+vec4 = ti.math.vec4
 
 INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART, INFO_MOVED = range(1, 8)
-HAS_NORMALS, HAS_UV = 1, 2
+INFO_COLORS = 8
+HAS_NORMALS, HAS_UV, HAS_COLORS = 1, 2, 8
 
 # How far a new ray starts from the surface it leaves, as a part of the surface's `reach`: some 80 steps of a float.
 _OFFSET = 1e-5
@@ -52,6 +54,8 @@ class VisibleSurface:
     geometric_normal: vec3  # of the triangle, on the side that the ray came from
     normal: vec3  # interpolated, on the same side of the triangle as geometric_normal
     uv: vec2  # 0 where the mesh has none
+    second_uv: vec2  # and the colours of the vertices, with opacity; 0 where the mesh has none
+    color: vec4
     dp_du: vec3  # change of the position with u, and with v; not unit, and not of one length
     dp_dv: vec3
     reach: ti.f32  # the largest coordinate that the position was computed from: what its rounding errors grow with
@@ -174,6 +178,16 @@ def surface_at(
         uv1 = vec2(geometry.vertex_uv[i1, 0], geometry.vertex_uv[i1, 1])
         uv2 = vec2(geometry.vertex_uv[i2, 0], geometry.vertex_uv[i2, 1])
     uv = b0 * uv0 + b1 * uv1 + b2 * uv2
+    second_uv, color = vec2(0.0), vec4(0.0)
+    if flags & HAS_COLORS:
+        first = geometry.instance_info[instance, INFO_COLORS] - 3 * moved
+        for corner in ti.static(range(3)):
+            row = first + 3 * ti.Vector([i0, i1, i2])[corner]
+            share = ti.Vector([b0, b1, b2])[corner]
+            for c in ti.static(range(2)):
+                second_uv[c] += share * geometry.vertex_uv[row, c]
+                color[c] += share * geometry.vertex_uv[row + 1, c]
+                color[2 + c] += share * geometry.vertex_uv[row + 2, c]
     duv1, duv2 = uv1 - uv0, uv2 - uv0
     determinant = duv1.x * duv2.y - duv1.y * duv2.x
     dp_du, dp_dv = e1, e2  # where there is no uv map, or a degenerate one, any two directions in the plane do
@@ -191,6 +205,8 @@ def surface_at(
         geometric_normal=geometric_normal,
         normal=normal,
         uv=uv,
+        second_uv=second_uv,
+        color=color,
         dp_du=transform_vector(geometry.world_from_instance, time, instance, dp_du),
         dp_dv=transform_vector(geometry.world_from_instance, time, instance, dp_dv),
         reach=ti.max(ti.abs(position), sides).max(),

@@ -28,6 +28,7 @@ class Mesh:
 
     positions: float32 [n, 3], m. triangles: int32 [m, 3]. normals: float32 [n, 3], unit, or None for flat shading.
     uv: float32 [n, 2] or None. materials: int32 [m], rows of `SceneDescription.materials`.
+    second_uv: float32 [n, 2], colors: float32 [n, 4], RGB and opacity: what some materials read, both or neither.
     parts: int32 [m], which of the mesh's parts each triangle is of; None for one part.
     deformation: where the vertices are over time, if they move; `positions` are those of the time that was read.
     """
@@ -40,6 +41,8 @@ class Mesh:
     uv: FloatArray | None = None
     parts: IntArray | None = None
     deformation: Deformation | None = None
+    second_uv: FloatArray | None = None
+    colors: FloatArray | None = None
 
     def corners(self) -> FloatArray:
         """Points [k, 3] whose hull holds the mesh at all times: its vertices, wherever they are."""
@@ -61,12 +64,17 @@ class Texture:
     wrap_t: Literal["repeat", "clamp", "mirror", "black"] = "repeat"
 
 
+VERTEX_COLORS = -1
+
+
 @dataclass(frozen=True)
 class TextureLookup:
     """A material input that is read from a texture: `value = pixel[channel] * scale + bias`.
 
-    texture: row of `SceneDescription.textures`. channel: "rgb" or one of "r", "g", "b", "a".
+    texture: row of `SceneDescription.textures`; or VERTEX_COLORS, the colours of the mesh's vertices instead of pixels.
+    channel: "rgb" or one of "r", "g", "b", "a".
     uv_transform: 2x3 row-major affine map applied to uv before the lookup (UsdTransform2d).
+    uv_set: 1 for the mesh's second uv.
     """
 
     texture: int
@@ -74,6 +82,7 @@ class TextureLookup:
     scale: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     bias: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     uv_transform: tuple[float, float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    uv_set: Literal[0, 1] = 0
 
 
 ColorInput = Color | TextureLookup

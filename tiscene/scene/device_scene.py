@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.texture_atlas import TextureAtlas
 
-HAS_NORMALS, HAS_UV, MIRRORED = 1, 2, 4  # bits of `instance_info` column 5
+HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
+INFO_COLUMNS = instance_arrays.INFO_COLUMNS
 
 
 class DeviceScene:
@@ -34,12 +35,15 @@ class DeviceScene:
     every `place`:
 
     vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
+    Behind those of all vertices, vertex_uv has three rows for each vertex of a mesh with colours: second uv, red and
+    green, blue and opacity.
     A mesh that deforms has its vertices there three times: as they are now, at the next frame, and at the last one.
     triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
     triangle_part: i32 [m], which part of its mesh.
-    instance_info: i32 [i, 8], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
-    5 flags (HAS_NORMALS | HAS_UV | MIRRORED), 6 first part, 7 vertices of a mesh that deforms, else 0. As rays find
-    them at CURRENT; `instances_at` has those of other times.
+    instance_info: i32 [i, 9], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
+    5 flags (HAS_NORMALS | HAS_UV | MIRRORED | HAS_COLORS), 6 first part, 7 vertices of a mesh that deforms, else 0,
+    8 first row of colours less 3 times the first vertex. As rays find them at CURRENT; `instances_at` has those of
+    other times.
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
     descriptions: what was added, each with the row of its first mesh (host).
@@ -64,7 +68,7 @@ class DeviceScene:
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # of every description
-        self._mesh_table = np.zeros((0, 4), np.int32)
+        self._mesh_table = np.zeros((0, 5), np.int32)
         self._first_vertices = np.zeros(1, np.int64)
         self._boxes = np.zeros((3, 0, 2, 3))
         self._deforming: dict[int, DeformingMesh] = {}  # by row of mesh
@@ -205,16 +209,19 @@ class DeviceScene:
         self.vertex_normal = upload(
             _stacked([np.zeros_like(m.positions) if m.normals is None else m.normals for m in every], 3, np.float32)
         )
-        self.vertex_uv = upload(
-            _stacked([np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in every], 2, np.float32)
-        )
+        uvs = [np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in every]
+        colors, first_colors = _colors(meshes, int(first_vertices[-1]))
+        self.vertex_uv = upload(_stacked([*uvs, *colors], 2, np.float32))
         self.triangle_vertices = upload(
             _stacked([m.triangles + first for m, first in zip(meshes, first_vertices, strict=False)], 3, np.int32)
         )
         self.triangle_material = upload(np.concatenate([np.zeros(0, np.int32), *self._triangle_materials]))
         parts = [np.zeros(len(m.triangles), np.int32) if m.parts is None else m.parts for m in meshes]
         self.triangle_part = upload(np.concatenate([np.zeros(0, np.int32), *parts]))
-        flags = [HAS_NORMALS * (mesh.normals is not None) + HAS_UV * (mesh.uv is not None) for mesh in meshes]
+        flags = [
+            HAS_NORMALS * (m.normals is not None) + HAS_UV * (m.uv is not None) + HAS_COLORS * (m.colors is not None)
+            for m in meshes
+        ]
         entries = [blas.entry for blas in self._blas]
         moved = np.where(np.array(copies) > 1, vertex_counts, 0)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
@@ -223,15 +230,15 @@ class DeviceScene:
             entries[row] = deforming.blas[CURRENT].entry
             self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
             deforming.forget()
-        columns = [entries, self._first_triangles[:-1], flags, moved]
-        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 4)
+        columns = [entries, self._first_triangles[:-1], flags, moved, first_colors - 3 * first_vertices[:-1]]
+        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 5)
         self._mesh_arrays_are_old = False
 
     def _upload_instances(self, inverse: NDArray[np.float64], determinant: NDArray[np.float64]) -> None:
         placement = self.placement
         count = len(placement.mesh)
-        info = np.zeros((count, 8), np.int32)
-        info[:, [0, 1, 5, 7]] = self._mesh_table[placement.mesh]
+        info = np.zeros((count, INFO_COLUMNS), np.int32)
+        info[:, [0, 1, 5, 7, 8]] = self._mesh_table[placement.mesh]
         info[:, 2] = placement.instance_id
         info[:, 3] = placement.category_id
         info[:, 4] = placement.mesh
@@ -239,7 +246,7 @@ class DeviceScene:
         mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)
         if count != self.instance_count or self.instance_info is None:
-            self.instance_info = ti.ndarray(ti.i32, (max(count, 1), 8))
+            self.instance_info = ti.ndarray(ti.i32, (max(count, 1), INFO_COLUMNS))
             self.world_from_instance = ti.ndarray(ti.f32, (3, max(count, 1), 12))
             self.instance_from_world = ti.ndarray(ti.f32, (3, max(count, 1), 12))
             self.box_from_instance = ti.ndarray(ti.f32, (max(count, 1), 12))
@@ -272,6 +279,17 @@ _NOTHING = Placement(
     box_from_object=np.zeros((0, 3, 4)),
     present=np.zeros((3, 0), bool),
 )
+
+
+def _colors(meshes: Sequence[Mesh], first: int) -> tuple[list[NDArray[np.float32]], NDArray[np.int64]]:
+    """Rows for the second uv and the colours of meshes that have them, from row `first` on; where each mesh's begin."""
+    blocks, starts = [], []
+    for mesh in meshes:
+        starts.append(first)
+        if mesh.colors is not None and mesh.second_uv is not None:
+            blocks.append(np.concatenate([mesh.second_uv, mesh.colors], axis=1).reshape(-1, 2))
+            first += len(blocks[-1])
+    return blocks, np.array(starts, np.int64)
 
 
 def _stacked(parts: list[Any], width: int, dtype: Any) -> NDArray[Any]:

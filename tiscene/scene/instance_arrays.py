@@ -2,6 +2,8 @@
 
 import taichi as ti
 
+INFO_COLUMNS = 9
+
 Table = ti.types.ndarray(ti.f32, 2)
 Tables = ti.types.ndarray(ti.f32, 3)
 Ids = ti.types.ndarray(ti.i32, 2)
@@ -18,9 +20,9 @@ def fill(
     inverse: Tables,
     box: Table,
 ):
-    """Copy host arrays to device arrays of the same shapes: [n, 8], [3, n, 12] twice, [n, 12]."""
+    """Copy host arrays to device arrays of the same shapes: [n, 9], [3, n, 12] twice, [n, 12]."""
     for i in range(given_info.shape[0]):
-        for c in ti.static(range(8)):
+        for c in ti.static(range(INFO_COLUMNS)):
             info[i, c] = given_info[i, c]
         for c in range(12):
             box[i, c] = given_box[i, c]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tiscene.scene.description import Material, TextureLookup
+from tiscene.scene.description import VERTEX_COLORS, Material, TextureLookup
 from tiscene.scene.device_array import upload
 
 # Columns of `values`, where each input's constant is (3 for a colour, 1 for a number).
@@ -31,10 +31,11 @@ INPUTS = (
 NORMAL = VALUE_COLUMNS  # stands for the input without a constant
 
 # Columns of `lookups`. LOOKUP_INPUT: the column of `values` that it replaces, or NORMAL. LOOKUP_SCALED_AREA: by how
-# much the transform scales areas. A UNIT_NORMAL is an rgb whose length, with this scale and bias, is 1 in every pixel.
+# much the transform scales areas. LOOKUP_TEXTURE: below 0, the vertices' colours. A UNIT_NORMAL is an rgb whose length,
+# with this scale and bias, is 1 in every pixel.
 LOOKUP_COLUMNS = 20
 LOOKUP_TEXTURE, LOOKUP_CHANNEL, LOOKUP_SCALE, LOOKUP_BIAS, LOOKUP_TRANSFORM, LOOKUP_INPUT = 0, 1, 2, 6, 10, 16
-LOOKUP_SCALED_AREA = 17
+LOOKUP_SCALED_AREA, LOOKUP_SET = 17, 18
 CHANNELS = ("rgb", "r", "g", "b", "a")
 UNIT_NORMAL = len(CHANNELS)
 
@@ -165,5 +166,6 @@ def _lookup_row(lookup: TextureLookup, column: int, first_texture: int) -> list[
     pairs = zip(lookup.scale[:3], lookup.bias[:3], strict=True)
     if column == NORMAL and all(abs(scale) == 2.0 and scale == -2.0 * bias for scale, bias in pairs):
         channel = UNIT_NORMAL
-    row = [first_texture + lookup.texture, channel, *lookup.scale, *lookup.bias, *lookup.uv_transform]
-    return [*row, column, abs(a * d - b * c), 0.0, 0.0]
+    texture = lookup.texture if lookup.texture == VERTEX_COLORS else first_texture + lookup.texture
+    row = [texture, channel, *lookup.scale, *lookup.bias, *lookup.uv_transform]
+    return [*row, column, abs(a * d - b * c), lookup.uv_set, 0.0]

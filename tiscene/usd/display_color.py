@@ -37,6 +37,17 @@ def constant_primvar(
     return tuple(round(v, 7) for v in values.mean(axis=0).tolist())
 
 
+def varies(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool = False) -> bool:
+    """Whether a primvar of a mesh has different values, which its vertices must then have. within_faces: in a face."""
+    primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name) if name else None
+    if not primvar or not gprim.IsA(UsdGeom.Mesh) or not primvar.HasValue():
+        return False
+    if primvar.GetInterpolation() not in ("vertex", "varying", "faceVarying", *(() if within_faces else ("uniform",))):
+        return False
+    values = np.asarray(primvar.Get(time))
+    return len(values) > 1 and bool((values != values[0]).any())
+
+
 def varying_display(gprim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Floats | None:
     """Colour and opacity [elements, 4] of each face, point or curve; None if they are the same everywhere."""
     if not any(_varies(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):

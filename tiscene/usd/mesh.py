@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 
 from tiscene.usd.deforming import points_over_time
 from tiscene.usd.polygons import triangulate
-from tiscene.usd.primvar import Topology, array_of, read_normals, read_uv
+from tiscene.usd.primvar import Primvars, Topology, array_of, read_normals, read_vertex_values
 from tiscene.usd.problems import Report
 from tiscene.usd.subdivision import Creases, subdivide
 from tiscene.usd.surface import Attribute, Surface, weld, with_moved
@@ -23,13 +23,13 @@ def read_mesh(
     prim: Usd.Prim,
     time: Usd.TimeCode,
     report: Report,
-    uv_names: Sequence[str],
-    uv_of_face: NDArray[np.intp] | None,
+    wanted: Sequence[Primvars],
+    of_face: NDArray[np.intp] | None,
     times: Sequence[float] = (),
 ) -> Surface | None:
     """The triangles of a mesh, counter-clockwise from outside. None, with a reason reported, if it has none.
 
-    uv_names: texture coordinates to read ("" for any). uv_of_face: [faces] which of them each face uses.
+    wanted: what its vertices must have; of_face: [faces] which of it each face uses.
     times: time codes at which it has another shape.
     """
     mesh = UsdGeom.Mesh(prim)
@@ -43,7 +43,7 @@ def read_mesh(
     smooth = scheme in ("catmullClark", "loop")
     normals = None if smooth else read_normals(prim, topology, time, report)
     moved = points_over_time(prim, times, len(points), report)
-    uv = _read_uvs(prim, topology, time, report, uv_names, uv_of_face)
+    uv = _read_values(prim, topology, time, report, wanted, of_face)
     drawn = np.ones(len(topology.counts), dtype=bool)
     holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
     if len(holes) and (holes.min() < 0 or holes.max() >= len(drawn)):
@@ -135,20 +135,21 @@ def _report_outside(topology: Topology, outside: NDArray[np.bool_], path: object
     report.problem(path, "mesh", f"{refer} to point {worst}{more}, but there are {topology.points} points (0-{last})")
 
 
-def _read_uvs(
+def _read_values(
     prim: Usd.Prim,
     topology: Topology,
     time: Usd.TimeCode,
     report: Report,
-    names: Sequence[str],
+    wanted: Sequence[Primvars],
     of_face: NDArray[np.intp] | None,
 ) -> Attribute | None:
-    """The texture coordinates; where faces use different ones, each corner's from the primvar its face uses."""
-    read = [read_uv(prim, name, topology, time, report) for name in names]
+    """Texture coordinates and colours; where faces use different ones, each corner has those its face uses."""
+    many = any(each.many for each in wanted)
+    read = [read_vertex_values(prim, each, many, topology, time, report) for each in wanted]
     if len(read) == 1 or of_face is None:
         return read[0]
     everything = np.arange(len(topology.indices))
-    per_corner = np.zeros((len(topology.indices), 2), dtype=np.float32)
+    per_corner = np.zeros((len(topology.indices), 8 if many else 2), dtype=np.float32)
     for row, attribute in enumerate(read):
         if attribute is not None:
             uses = of_face[topology.face_of_corner] == row

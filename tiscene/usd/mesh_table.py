@@ -18,7 +18,7 @@ from tiscene.usd.gprim import read_gprim
 from tiscene.usd.material import Binding, MaterialTable
 from tiscene.usd.mesh import face_count, read_mesh
 from tiscene.usd.polygons import cross
-from tiscene.usd.primvar import array_of
+from tiscene.usd.primvar import SECOND_UV, UV, array_of
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import Surface
 
@@ -109,7 +109,7 @@ class MeshTable:
     def _subsets(self, prim: Usd.Prim, whole: Binding) -> Subsets:
         """The faces that have a material of their own: by displayColor, or the subsets of the family materialBind."""
         found: list[tuple[Binding, NDArray[np.int64]]] = []
-        if whole.is_display_color:
+        if whole.is_display_color and not whole.primvars.many:
             found += self._materials.by_element(prim)
         if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
             return found
@@ -129,18 +129,18 @@ class MeshTable:
 
     def _surface(self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets) -> Surface | None:
         """The triangles of a gprim, read once for each prototype and choice of texture coordinates."""
-        uv_names = tuple(dict.fromkeys(binding.uv for binding in bindings))
-        uv_of_face = None
-        key: Any = (source, uv_names)
-        if len(uv_names) > 1:
+        wanted = tuple(dict.fromkeys(binding.primvars for binding in bindings))
+        of_face = None
+        key: Any = (source, wanted)
+        if len(wanted) > 1:
             key = (source, bindings)
-            uv_of_face = np.full(face_count(prim, self._time), uv_names.index(bindings[0].uv))
+            of_face = np.full(face_count(prim, self._time), wanted.index(bindings[0].primvars))
             for binding, indices in subsets:
-                uv_of_face[indices] = uv_names.index(binding.uv)
+                of_face[indices] = wanted.index(binding.primvars)
         if key not in self._surfaces:
             times = shape_times(prim, self._report)
             if prim.IsA(UsdGeom.Mesh):
-                surface = read_mesh(prim, self._time, self._report, uv_names, uv_of_face, times)
+                surface = read_mesh(prim, self._time, self._report, wanted, of_face, times)
             else:
                 read = _READERS[str(prim.GetTypeName())]
                 surface = read(prim, self._time, self._report)
@@ -161,6 +161,9 @@ class MeshTable:
         parts = None if partition[1] is None else partition[1][surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
         digest = hashlib.blake2b(digest_size=16)
+        uv, second_uv, colors = surface.uv, None, None
+        if uv is not None and uv.shape[1] > 2:
+            uv, second_uv, colors = (np.ascontiguousarray(uv[:, each]) for each in (UV, SECOND_UV, slice(4, 8)))
         arrays = [positions, surface.triangles, materials, surface.normals, surface.uv, parts]
         if deformation is not None:
             arrays += [deformation.times, deformation.positions, deformation.normals]
@@ -170,6 +173,6 @@ class MeshTable:
         content = digest.digest()
         if content not in self._rows_by_content:
             self._rows_by_content[content] = len(self.meshes)
-            faces = surface.triangles, materials, surface.normals, surface.uv, parts
-            self.meshes.append(Mesh(prim.GetName(), positions, *faces, deformation))
+            faces = surface.triangles, materials, surface.normals, uv, parts
+            self.meshes.append(Mesh(prim.GetName(), positions, *faces, deformation, second_uv, colors))
         return self._rows_by_content[content]

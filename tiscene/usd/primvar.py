@@ -21,6 +21,29 @@ _TEXTURE_COORDINATE_TYPES = (
 )
 
 
+@dataclass(frozen=True)
+class Primvars:
+    """Names of the primvars that a material reads of vertices. uv: "" for any; of the others for none.
+
+    color: three or four numbers; opacity: one.
+    """
+
+    uv: str = ""
+    second_uv: str = ""
+    color: str = ""
+    opacity: str = ""
+
+    @property
+    def many(self) -> bool:
+        """Whether there is more than a uv."""
+        return bool(self.second_uv or self.color or self.opacity)
+
+
+NO_PRIMVARS = Primvars()
+# Columns of what `read_vertex_values` returns where more than a uv is read; else it has the first two.
+UV, SECOND_UV, COLOR, OPACITY = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 8)
+
+
 @dataclass(frozen=True, eq=False)
 class Topology:
     """Faces over points. counts: [faces]; indices: [corners], the point of each corner of each face."""
@@ -83,6 +106,37 @@ def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, r
             return None
         primvar = others[0]
     return read_primvar(primvar, 2, topology, time, report)
+
+
+def read_vertex_values(
+    prim: Usd.Prim, names: Primvars, many: bool, topology: Topology, time: Usd.TimeCode, report: Report
+) -> Attribute | None:
+    """The uv of a mesh; where many, with the second one, the colour and the opacity of its vertices: 8 columns."""
+    uv = read_uv(prim, names.uv, topology, time, report)
+    if not many:
+        return uv
+    second = read_uv(prim, names.second_uv, topology, time, report) if names.second_uv else None
+    api = UsdGeom.PrimvarsAPI(prim)
+    color = opacity = None
+    if names.color and (primvar := api.FindPrimvarWithInheritance(names.color)):
+        color = read_primvar(primvar, 4 if _width(primvar, time) == 4 else 3, topology, time, report)
+    if names.opacity and (primvar := api.FindPrimvarWithInheritance(names.opacity)):
+        opacity = read_primvar(primvar, 1, topology, time, report)
+    parts = ((uv, UV), (second, SECOND_UV), (color, COLOR), (opacity, OPACITY))
+    per_corner = any(each is not None and each.per_corner for each, _ in parts)
+    values = np.zeros((len(topology.indices) if per_corner else topology.points, 8), np.float32)
+    values[:, COLOR], values[:, OPACITY] = 0.18, 1.0
+    points = topology.indices if per_corner else np.arange(topology.points)
+    for each, columns in parts:
+        if each is not None:
+            own = each.at(points, np.arange(len(values)))
+            values[:, columns] = own[:, : columns.stop - columns.start]
+    return Attribute(values, per_corner)
+
+
+def _width(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
+    values = np.asarray(primvar.Get(time))
+    return int(values.shape[1]) if values.ndim == 2 else 1
 
 
 def read_primvar(

@@ -17,7 +17,8 @@ class Surface:
     """A gprim's triangles in its own space, before materials.
 
     positions: float32 [n, 3], stage units. triangles: int32 [m, 3]. normals: float32 [n, 3] or None for flat.
-    uv: float32 [n, 2] or None. face: int32 [m], the authored face that each triangle is part of.
+    uv: float32 [n, 2] or None; or [n, 8], with a second one, colour and opacity.
+    face: int32 [m], the authored face that each triangle is part of.
     point, corner: [n], the authored ones that each vertex was made of.
     moved, moved_normals: float32 [s, n, 3], positions and normals at other `times` (time codes).
     """

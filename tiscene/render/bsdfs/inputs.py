@@ -23,6 +23,7 @@ from tiscene.scene.material_table import (
     LOOKUP_INPUT,
     LOOKUP_SCALE,
     LOOKUP_SCALED_AREA,
+    LOOKUP_SET,
     LOOKUP_TEXTURE,
     LOOKUP_TRANSFORM,
     METALLIC,
@@ -97,23 +98,29 @@ def lookup_value(
     materials: ti.template(),
     textures: ti.template(),
     row: ti.i32,
-    uv: vec2,
+    surface: ti.template(),
     exact: ti.template(),
     footprint: ti.template(),
 ):
-    """A row of the lookups at uv: rgb as it is, or one channel four times; scaled and biased. exact: 1 for the
-    interpolated value, 0 for one of the footprint's pixels."""
+    """A row of the lookups at a point of a surface: rgb as it is, or one channel four times; scaled and biased.
+
+    exact: 1 for the interpolated value, 0 for one of the footprint's pixels.
+    """
     transform = LOOKUP_TRANSFORM
     lookups = ti.static(materials.lookups)
+    uv = surface.uv
+    if lookups[row, LOOKUP_SET] > 0.0:
+        uv = surface.second_uv
     u = lookups[row, transform] * uv.x + lookups[row, transform + 1] * uv.y + lookups[row, transform + 2]
     v = lookups[row, transform + 3] * uv.x + lookups[row, transform + 4] * uv.y + lookups[row, transform + 5]
     texture = ti.cast(lookups[row, LOOKUP_TEXTURE], ti.i32)
-    value = vec4(0.0)
-    if ti.static(exact):
-        value = lookup(textures, texture, vec2(u, v))
-    else:
-        pixels = textures.info[texture, WIDTH] * textures.info[texture, HEIGHT] * lookups[row, LOOKUP_SCALED_AREA]
-        value = lookup_one(textures, texture, vec2(u, v), footprint.uv_area * pixels, footprint.u)
+    value = surface.color
+    if texture >= 0:
+        if ti.static(exact):
+            value = lookup(textures, texture, vec2(u, v))
+        else:
+            pixels = textures.info[texture, WIDTH] * textures.info[texture, HEIGHT] * lookups[row, LOOKUP_SCALED_AREA]
+            value = lookup_one(textures, texture, vec2(u, v), footprint.uv_area * pixels, footprint.u)
     for channel in ti.static(range(4)):
         value[channel] = value[channel] * lookups[row, LOOKUP_SCALE + channel] + lookups[row, LOOKUP_BIAS + channel]
     channel = ti.cast(lookups[row, LOOKUP_CHANNEL], ti.i32)
@@ -123,22 +130,22 @@ def lookup_value(
 
 
 @ti.func
-def material_at(materials: ti.template(), textures: ti.template(), row: ti.i32, uv: vec2):
-    """Every input of the material at uv: a MaterialPoint."""
-    return material_about(materials, textures, row, uv, 1, Footprint())
+def material_at(materials: ti.template(), textures: ti.template(), surface: ti.template()):
+    """Every input of the material at a point of a surface: a MaterialPoint."""
+    return material_about(materials, textures, surface, 1, Footprint())
 
 
 @ti.func
 def material_about(
     materials: ti.template(),
     textures: ti.template(),
-    row: ti.i32,
-    uv: vec2,
+    surface: ti.template(),
     exact: ti.template(),
     footprint: ti.template(),
 ):
     """`material_at`, or where exact is 0, what one path sees of the footprint: the mean over paths is right."""
     values = ti.static(materials.values)
+    row = surface.material
     point = MaterialPoint(
         diffuse_color=vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2]),
         emissive_color=vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2]),
@@ -158,7 +165,7 @@ def material_about(
         shortness = 0.0
         for lookup_row in range(first, first + materials.info[row, LOOKUP_COUNT]):
             column = ti.cast(materials.lookups[lookup_row, LOOKUP_INPUT], ti.i32)
-            value = lookup_value(materials, textures, lookup_row, uv, exact, footprint)
+            value = lookup_value(materials, textures, lookup_row, surface, exact, footprint)
             if column == DIFFUSE:
                 point.diffuse_color = value.xyz
             elif column == ROUGHNESS:
@@ -222,7 +229,7 @@ def shaded_material_at(
             point.emissive_color = ti.max(point.emissive_color, 0.0)
     else:
         footprint = footprint_at(surface, direction, width, key)
-        point = material_about(materials, textures, row, surface.uv, 0, footprint)
+        point = material_about(materials, textures, surface, 0, footprint)
     return point
 
 

@@ -130,7 +130,7 @@ def material_labels(
         if row >= 0:
             direction = vec3(rays[ray, 4], rays[ray, 5], rays[ray, 6])
             surface = surface_at(geometry, row, hit_ids[ray, 1], hits[ray, 1], hits[ray, 2], CURRENT, direction)
-            point = material_at(materials, textures, surface.material, surface.uv)
+            point = material_at(materials, textures, surface)
             color, rough, metal = point.diffuse_color, point.roughness, point.metallic
             mirror = follow != 0 and is_mirror_like(point) != 0 and (point.flags & GLASS) == 0
             if mirror:

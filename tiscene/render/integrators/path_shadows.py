@@ -81,7 +81,7 @@ def pass_shadows(
                 occluded[i] = 1
                 direction = vec3(shadow_rays[i, 4], shadow_rays[i, 5], shadow_rays[i, 6])
                 surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
-                point = material_at(materials, textures, surface.material, surface.uv)
+                point = material_at(materials, textures, surface)
                 if point.flags & COVERAGE:
                     key = combine(
                         path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)

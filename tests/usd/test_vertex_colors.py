@@ -1,0 +1,258 @@
+"""Colours and second texture coordinates that vertices have: what interpolates over faces, to the pixel."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import tiscene as ts
+from tests.usd.helpers import read, read_with_warning, write
+from tiscene.scene.description import VERTEX_COLORS, TextureLookup
+
+QUAD = """
+def Mesh "M" (%s)
+{
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    %s
+}
+"""
+# Linear over the plane: red grows to the right, green upwards, blue falls to the right.
+COLORS = 'color3f[] primvars:displayColor = [(0, 0, 1), (1, 0, 0), (1, 1, 0), (0, 1, 1)] (interpolation = "%s")'
+READER = """
+def Material "Look"
+{
+    token outputs:surface.connect = </Look/Surface.outputs:surface>
+    def Shader "Surface"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        token outputs:surface
+        float inputs:roughness = 1
+        %s
+    }
+    %s
+}
+"""
+BOUND = 'prepend apiSchemas = ["MaterialBindingAPI"]'
+
+
+def albedo(path, width=40, height=40, buffers=("albedo", "instance")):
+    """What a camera 2 m high sees that looks straight at the quad: pixel centres at -0.975 .. 0.975."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        camera = ts.Camera(position=(0, 0, 3), view_height=2.0)
+        return ts.Stream(path, width=width, height=height, buffers=buffers, camera=camera)[0]
+
+
+def expected(size=40):
+    at = (np.arange(size) + 0.5) / size
+    u, v = np.meshgrid(at, at[::-1])
+    return u, v
+
+
+@pytest.mark.parametrize("interpolation", ["vertex", "varying", "faceVarying"])
+def test_display_color_interpolates(tmp_path, interpolation):
+    frame = albedo(write(tmp_path, QUAD % ("", COLORS % interpolation)))
+    u, v = expected()
+    np.testing.assert_allclose(frame.albedo, np.stack([u, v, 1.0 - u], axis=-1), atol=1e-5)
+
+
+def test_display_color_of_corners_has_edges(tmp_path):
+    """Two faces with an edge between them and different colours at it: nothing bleeds across."""
+    body = """
+def Mesh "M"
+{
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [4, 4]
+    int[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
+    point3f[] points = [(-1, -1, 0), (0, -1, 0), (1, -1, 0), (-1, 1, 0), (0, 1, 0), (1, 1, 0)]
+    color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "faceVarying")
+    int[] primvars:displayColor:indices = [0, 0, 0, 0, 1, 1, 1, 1]
+}
+"""
+    frame = albedo(write(tmp_path, body))
+    np.testing.assert_allclose(frame.albedo[:, :20], np.broadcast_to((1, 0, 0), (40, 20, 3)), atol=1e-6)
+    np.testing.assert_allclose(frame.albedo[:, 20:], np.broadcast_to((0, 0, 1), (40, 20, 3)), atol=1e-6)
+
+
+def test_display_opacity_interpolates(tmp_path):
+    """It is coverage: labels see what is more than half there."""
+    opacity = 'float[] primvars:displayOpacity = [0, 1, 1, 0] (interpolation = "vertex")'
+    path = write(tmp_path, QUAD % ("", opacity))
+    (mesh,) = read(tmp_path, QUAD % ("", opacity)).meshes
+    np.testing.assert_allclose(mesh.colors[:, :3], 0.18)
+    frame = albedo(path)
+    u, _ = expected()
+    np.testing.assert_array_equal(frame.instance == 1, u > 0.5)
+
+
+def test_a_subdivided_mesh_interpolates_its_colors_too(tmp_path):
+    body = (QUAD % ("", COLORS % "vertex")).replace('"none"', '"catmullClark"')
+    frame = albedo(write(tmp_path, body))
+    u, v = expected()
+    hit = frame.instance == 1
+    assert hit.mean() > 0.7
+    inside = (np.abs(u - 0.5) < 0.3) & (np.abs(v - 0.5) < 0.3)
+    assert np.corrcoef(frame.albedo[inside][:, 0], u[inside])[0, 1] > 0.999
+    np.testing.assert_allclose(frame.albedo[hit][:, 0] + frame.albedo[hit][:, 2], 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("kind", "type"), [("float3", "color3f"), ("float4", "color4f")])
+def test_a_material_reads_a_primvar_that_varies(tmp_path, kind, type):
+    surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
+    reader = f"""
+    def Shader "Reader"
+    {{
+        uniform token info:id = "UsdPrimvarReader_{kind}"
+        string inputs:varname = "Cd"
+        {kind} outputs:result
+    }}"""
+    values = [(0, 0, 1), (1, 0, 0), (1, 1, 0), (0, 1, 1)]
+    values = [(*value, 1) for value in values] if kind == "float4" else values
+    mesh = QUAD % (
+        BOUND,
+        f'{type}[] primvars:Cd = {values} (interpolation = "vertex")\n rel material:binding = </Look>',
+    )
+    frame = albedo(write(tmp_path, READER % (surface, reader) + mesh))
+    u, v = expected()
+    np.testing.assert_allclose(frame.albedo, np.stack([u, v, 1.0 - u], axis=-1), atol=1e-5)
+
+
+def test_meshes_with_and_without_colors_share_a_material(tmp_path):
+    """One has a colour for all, one for each face, one for each vertex, one none: the reader's fallback."""
+    surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
+    reader = """
+    def Shader "Reader"
+    {
+        uniform token info:id = "UsdPrimvarReader_float3"
+        string inputs:varname = "Cd"
+        float3 inputs:fallback = (0.1, 0.2, 0.3)
+        float3 outputs:result
+    }"""
+    colors = [
+        'color3f[] primvars:Cd = [(0.5, 0.25, 0)] (interpolation = "constant")',
+        'color3f[] primvars:Cd = [(0.5, 0.25, 0)] (interpolation = "uniform")',
+        'color3f[] primvars:Cd = [(0, 0, 1), (1, 0, 0), (1, 1, 0), (0, 1, 1)] (interpolation = "vertex")',
+        "",
+    ]
+    bind = "\n rel material:binding = </Look>"
+    meshes = "".join((QUAD % (BOUND, each + bind)).replace('"M"', f'"M{row}"') for row, each in enumerate(colors))
+    description = read(tmp_path, READER % (surface, reader) + meshes)
+    looks = [description.materials[description.meshes[each.mesh].materials[0]] for each in description.instances]
+    assert [look.diffuse_color for look in looks] == [
+        (0.5, 0.25, 0.0), (0.5, 0.25, 0.0), TextureLookup(VERTEX_COLORS), pytest.approx((0.1, 0.2, 0.3)),
+    ]  # fmt: skip
+    assert [description.meshes[each.mesh].colors is None for each in description.instances] == [True, True, False, True]
+
+
+def test_a_number_that_varies_over_a_mesh(tmp_path):
+    surface = "float inputs:metallic.connect = </Look/Reader.outputs:result>"
+    reader = """
+    def Shader "Reader"
+    {
+        uniform token info:id = "UsdPrimvarReader_float"
+        string inputs:varname = "wear"
+        float outputs:result
+    }"""
+    wear = 'float[] primvars:wear = [0, 1, 1, 0] (interpolation = "vertex")\n rel material:binding = </Look>'
+    frame = albedo(write(tmp_path, READER % (surface, reader) + QUAD % (BOUND, wear)), buffers=("metallic",))
+    np.testing.assert_allclose(frame.metallic, expected()[0], atol=1e-5)
+
+
+TEXTURES = """
+    def Shader "A"
+    {
+        uniform token info:id = "UsdUVTexture"
+        float4 inputs:scale = (0.4, 1, 1, 1)
+        asset inputs:file = @./ramp.png@
+        token inputs:sourceColorSpace = "raw"
+        token inputs:wrapS = "clamp"
+        token inputs:wrapT = "clamp"
+        float2 inputs:st.connect = </Look/%s.outputs:result>
+        float outputs:r
+    }
+    def Shader "B"
+    {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @./ramp.png@
+        token inputs:sourceColorSpace = "raw"
+        token inputs:wrapS = "clamp"
+        token inputs:wrapT = "clamp"
+        float2 inputs:st.connect = </Look/%s.outputs:result>
+        float outputs:r
+    }
+    def Shader "One"
+    {
+        uniform token info:id = "UsdPrimvarReader_float2"
+        string inputs:varname = "st"
+        float2 outputs:result
+    }
+    def Shader "Two"
+    {
+        uniform token info:id = "UsdPrimvarReader_float2"
+        token inputs:varname = "st1"
+        float2 outputs:result
+    }"""
+TWO_INPUTS = """float inputs:metallic.connect = </Look/A.outputs:r>
+        float inputs:roughness.connect = </Look/B.outputs:r>"""
+UVS = """
+    texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")
+    texCoord2f[] primvars:st1 = [(0, 0), (0, 1), (1, 1), (1, 0)] (interpolation = "faceVarying")
+    rel material:binding = </Look>"""
+
+
+@pytest.mark.parametrize(("a", "b"), [("One", "Two"), ("Two", "One"), ("Two", "Two")])
+def test_two_sets_of_texture_coordinates(tmp_path, a, b):
+    """A ramp from left to right: by the second set, which is transposed, from bottom to top."""
+    Image.fromarray(np.tile(np.linspace(0, 255, 256).astype(np.uint8), (4, 1))).save(tmp_path / "ramp.png")
+    surface = TWO_INPUTS
+    body = READER.replace("float inputs:roughness = 1", "") % (surface, TEXTURES % (a, b)) + QUAD % (BOUND, UVS)
+    frame = albedo(write(tmp_path, body), buffers=("metallic", "roughness"))
+    u, v = expected()
+    ramp = {"One": u, "Two": v}
+    np.testing.assert_allclose(frame.metallic, 0.4 * ramp[a], atol=0.005)
+    np.testing.assert_allclose(frame.roughness, ramp[b], atol=0.005)
+
+
+def test_colors_of_a_mesh_that_deforms(tmp_path):
+    moving = """point3f[] points.timeSamples = {
+        0: [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], 24: [(-3, -1, 0), (1, -1, 0), (1, 1, 0), (-3, 1, 0)] }"""
+    body = (QUAD % ("", COLORS % "vertex")).replace(
+        "point3f[] points = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]", moving
+    )
+    path = write(tmp_path, body)
+    camera = ts.Camera(position=(0, 0, 3), view_height=2.0)
+    frame = ts.Stream(path, width=40, height=40, buffers=("albedo",), camera=camera, fps=24.0)[24]
+    u, v = expected()
+    np.testing.assert_allclose(frame.albedo[..., 0], 0.5 + 0.5 * u, atol=1e-5)
+    np.testing.assert_allclose(frame.albedo[..., 1], v, atol=1e-5)
+
+
+def test_a_third_set_is_named(tmp_path):
+    Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "ramp.png")
+    third = TEXTURES % ("One", "Two") + (
+        TEXTURES[: TEXTURES.index('    def Shader "B"')].replace('"A"', '"C"') % "Three"
+        + TEXTURES[TEXTURES.index('    def Shader "Two"') :].replace('"Two"', '"Three"').replace("st1", "st2")
+    )
+    surface = TWO_INPUTS + "\n float inputs:clearcoat.connect = </Look/C.outputs:r>"
+    body = READER.replace("float inputs:roughness = 1", "") % (surface, third) + QUAD % (BOUND, UVS)
+    read_with_warning(tmp_path, body, "textures read 'st', 'st1' and 'st2', the first serves for the third")
+
+
+def test_light_comes_by_vertex_colors(tmp_path):
+    """The path pass reads them as labels do: a floor under an even sky shows its colours."""
+    sky = 'def DomeLight "Sky"\n{\n float inputs:intensity = 1\n}\n'
+    path = write(tmp_path, sky + QUAD % ("", COLORS % "vertex"))
+    camera = ts.Camera(position=(0, 0, 3), view_height=2.0)
+    stream = ts.Stream(path, width=8, height=8, buffers=("hdr",), camera=camera, spp=256, max_depth=2)
+    u, v = expected(8)
+    hdr = stream[0].hdr
+    for channel, value in enumerate((u, v, 1.0 - u)):
+        slope, offset = np.polyfit(value.ravel(), hdr[..., channel].ravel(), 1)
+        assert slope == pytest.approx(1.0, rel=0.06)  # and what its gloss reflects
+        assert 0.0 <= offset < 0.1
