@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tests.benchmarks.room import room, still
 from tiscene.camera import Camera
 from tiscene.render import intersect
+from tiscene.render.ray_arrays import hit, hit_id, upload_rays
 from tiscene.scene.description import RectLight, SceneDescription
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
@@ -132,8 +133,8 @@ def run(traversal: str = "wide") -> list[tuple[str, float, float, str]]:
     rows = []
     for name, rays in ray_sets(description, triangles, embree).items():
         count = len(rays)
-        on_device, queue = upload(rays), upload(np.arange(count, dtype=np.int32))
-        hits, hit_ids = ti.ndarray(ti.f32, (count, 4)), ti.ndarray(ti.i32, (count, 2))
+        on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
+        hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
         result = ti.ndarray(ti.i32, count)
 
         def job(

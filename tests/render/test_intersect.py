@@ -24,10 +24,12 @@ from tests.render.tracing import (
     shape,
     soup,
     trace,
+    untouched,
 )
 from tiscene.errors import ArgumentError
 from tiscene.render import intersect
 from tiscene.render.intersect import binary, wide
+from tiscene.render.ray_arrays import upload_rays
 from tiscene.scene import bvh
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
@@ -303,8 +305,8 @@ def test_only_queued_rays_are_written(traversal: str) -> None:
     rays = rays[:1000]
     everything = trace(scene, rays)
     queue = upload(np.arange(999, -1, -3, dtype=np.int32))
-    hits, ids = upload(np.full((1000, 4), 7.0)), upload(np.full((1000, 2), 7, np.int32))
-    intersect.closest(scene, CURRENT, upload(rays), queue, 200, hits, ids)
+    hits, ids = untouched(1000)
+    intersect.closest(scene, CURRENT, upload_rays(rays), queue, 200, hits, ids)
     queued = np.zeros(1000, bool)
     queued[np.arange(999, -1, -3)[:200]] = True
     np.testing.assert_array_equal(hits.to_numpy()[queued, 0], everything.t[queued])
@@ -320,7 +322,7 @@ def test_one_instance_behind_others(traversal: str) -> None:
     targets = np.arange(600, dtype=np.int32) % 12 * 5
     result = ti.ndarray(ti.i32, 600)
     queue = upload(np.arange(600, dtype=np.int32))
-    intersect.occluded_by_instance(scene, CURRENT, upload(rays), queue, upload(targets), 600, result)
+    intersect.occluded_by_instance(scene, CURRENT, upload_rays(rays), queue, upload(targets), 600, result)
     for target in range(0, 60, 5):
         chosen = targets == target
         alone = placed([placement.mesh[target]], placement.world_from_object[CURRENT, target : target + 1])

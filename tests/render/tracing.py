@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -10,6 +10,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from tiscene.render import intersect
+from tiscene.render.ray_arrays import hit, hit_id, upload_rays
 from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
@@ -97,11 +98,19 @@ def random_matrices(random: np.random.Generator, count: int, extent: float) -> N
     return matrices
 
 
+def untouched(count: int) -> tuple[Any, Any]:
+    """Hits and hit ids, all 7."""
+    hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
+    hits.from_numpy(np.full((count, 4), 7.0, np.float32))
+    hit_ids.from_numpy(np.full((count, 2), 7, np.int32))
+    return hits, hit_ids
+
+
 def trace(scene: DeviceScene, rays: NDArray[np.float32], time: int = CURRENT) -> Traced:
     """All rays, closest hit and any hit."""
     count = len(rays)
-    on_device, queue = upload(rays), upload(np.arange(count, dtype=np.int32))
-    hits, hit_ids = upload(np.full((count, 4), 7.0)), upload(np.full((count, 2), 7, np.int32))
+    on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
+    hits, hit_ids = untouched(count)
     result = ti.ndarray(ti.i32, count)
     result.fill(7)
     intersect.closest(scene, time, on_device, queue, count, hits, hit_ids)

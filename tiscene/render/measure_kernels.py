@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from tiscene.render.ray_arrays import write_ray
+from tiscene.render.ray_arrays import Rays, write_ray
 from tiscene.render.surface import FLOATS_2D, INTS_1D, INTS_2D
 from tiscene.render.view import camera_ray
 from tiscene.scene.placement import CURRENT
@@ -23,7 +23,7 @@ def pixel_rays(
     width: ti.i32,
     height: ti.i32,
     samples: INTS_2D,
-    rays: FLOATS_2D,
+    rays: Rays,
     targets: INTS_1D,
 ):
     """Rays through the centres of pixels, in the picture or not, and what they ask about.

@@ -9,15 +9,36 @@ from numpy.typing import NDArray
 
 _TILE = 8
 
+# Kernels take rays and their hits as vectors: the address of a number is then known without the array's shape.
+ray = ti.types.vector(8, ti.f32)
+hit = ti.types.vector(4, ti.f32)
+hit_id = ti.types.vector(2, ti.i32)
+Rays = ti.types.ndarray(ray, 1)
+Hits = ti.types.ndarray(hit, 1)
+HitIds = ti.types.ndarray(hit_id, 1)
+
 
 @ti.func
 def write_ray(rays: ti.template(), row: ti.i32, origin: ti.math.vec3, direction: ti.math.vec3, t_max: ti.f32):
     """A row of an array of rays, as tiscene.render.intersect takes them."""
-    for c in ti.static(range(3)):
-        rays[row, c] = origin[c]
-        rays[row, 4 + c] = direction[c]
-    rays[row, 3] = 0.0
-    rays[row, 7] = t_max
+    rays[row] = ray(origin.x, origin.y, origin.z, 0.0, direction.x, direction.y, direction.z, t_max)
+
+
+@ti.func
+def ray_origin(rays: ti.template(), row: ti.i32) -> ti.math.vec3:
+    return ti.math.vec3(rays[row][0], rays[row][1], rays[row][2])
+
+
+@ti.func
+def ray_direction(rays: ti.template(), row: ti.i32) -> ti.math.vec3:
+    return ti.math.vec3(rays[row][4], rays[row][5], rays[row][6])
+
+
+def upload_rays(rays: NDArray[np.float32]) -> Any:
+    """Rays, float32 [n, 8], as kernels take them."""
+    array = ti.ndarray(ray, len(rays))
+    array.from_numpy(np.ascontiguousarray(rays, np.float32))
+    return array
 
 
 class RayArrays:
@@ -45,9 +66,9 @@ class RayArrays:
         if self._size != (width, height):
             self._size = (width, height)
             self.count = width * height
-            self.rays = ti.ndarray(ti.f32, (self.count, 8))
-            self.hits = ti.ndarray(ti.f32, (self.count, 4))
-            self.hit_ids = ti.ndarray(ti.i32, (self.count, 2))
+            self.rays = ti.ndarray(ray, self.count)
+            self.hits = ti.ndarray(hit, self.count)
+            self.hit_ids = ti.ndarray(hit_id, self.count)
             self.distance = ti.ndarray(ti.f32, (self.count,))
             self.queue = ti.ndarray(ti.i32, (self.count,))
             self.queue.from_numpy(tiled_order(width, height))
@@ -83,9 +104,9 @@ class RayWave:
         """Itself, with `count` rows or more."""
         if self._room < count:
             self._room = 1 << (count - 1).bit_length()
-            self.rays = ti.ndarray(ti.f32, (self._room, 8))
-            self.hits = ti.ndarray(ti.f32, (self._room, 4))
-            self.hit_ids = ti.ndarray(ti.i32, (self._room, 2))
+            self.rays = ti.ndarray(ray, self._room)
+            self.hits = ti.ndarray(hit, self._room)
+            self.hit_ids = ti.ndarray(hit_id, self._room)
             self.queue = ti.ndarray(ti.i32, (self._room,))
             self.queue.from_numpy(np.arange(self._room, dtype=np.int32))
             self.further = ti.ndarray(ti.i32, (self._room,)), ti.ndarray(ti.i32, (self._room,))
@@ -106,7 +127,7 @@ class AnyHitArrays:
         """Itself, with `count` rows or more."""
         if self._room < count:
             self._room = 1 << (count - 1).bit_length()
-            self.rays = ti.ndarray(ti.f32, (self._room, 8))
+            self.rays = ti.ndarray(ray, self._room)
             self.targets = ti.ndarray(ti.i32, (self._room,))
             self.result = ti.ndarray(ti.i32, (self._room,))
             self.queue = ti.ndarray(ti.i32, (self._room,))

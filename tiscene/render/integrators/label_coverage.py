@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tiscene.render.aovs import RANKS
 from tiscene.render.integrators.label_hits import first_hits
-from tiscene.render.ray_arrays import RayWave, write_ray
+from tiscene.render.ray_arrays import HitIds, Hits, Rays, RayWave, write_ray
 from tiscene.render.surface import FLOATS_2D, INFO_INSTANCE_ID, INTS_1D, INTS_2D
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.device_scene import DeviceScene
@@ -43,7 +43,7 @@ class CoverageLabels:
 
 @ti.kernel
 def coverage_rays(
-    queue: INTS_1D, first: ti.i32, count: ti.i32, view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: FLOATS_2D
+    queue: INTS_1D, first: ti.i32, count: ti.i32, view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: Rays
 ):
     for i in range(count * SAMPLES):
         pixel, sample = queue[first + i // SAMPLES], i % SAMPLES
@@ -61,8 +61,8 @@ def coverage_labels(
     queue: INTS_1D,
     first: ti.i32,
     count: ti.i32,
-    hits: FLOATS_2D,
-    hit_ids: INTS_2D,
+    hits: Hits,
+    hit_ids: HitIds,
     instance_info: INTS_2D,
     width: ti.i32,
     coverage: RANKED,
@@ -76,9 +76,9 @@ def coverage_labels(
         counts = ti.Vector([0] * SAMPLES)  # of an id, where it is met for the first time
         for s in range(SAMPLES):
             ray = i * SAMPLES + s
-            row = hit_ids[ray, 0]
+            row = hit_ids[ray][0]
             ids[s] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
-            reach[y, x] = ti.max(reach[y, x], hits[ray, 0])
+            reach[y, x] = ti.max(reach[y, x], hits[ray][0])
         for s in range(SAMPLES):
             place = s
             for earlier in range(s):

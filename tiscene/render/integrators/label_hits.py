@@ -11,7 +11,7 @@ import taichi as ti
 
 from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.intersect import closest
-from tiscene.render.ray_arrays import RayArrays, RayWave
+from tiscene.render.ray_arrays import HitIds, Hits, RayArrays, Rays, RayWave, ray_direction
 from tiscene.render.surface import (
     FLOATS_1D,
     FLOATS_2D,
@@ -22,7 +22,6 @@ from tiscene.render.surface import (
     geometry_of,
     offset_origin,
     surface_at,
-    vec3,
 )
 from tiscene.render.textures import Textures
 from tiscene.scene.device_scene import DeviceScene
@@ -67,9 +66,9 @@ def first_hits(scene: DeviceScene, time: int, rays: RayArrays | RayWave, queue: 
 def pass_absent(
     queue: INTS_1D,
     count: ti.i32,
-    rays: FLOATS_2D,
-    hits: FLOATS_2D,
-    hit_ids: INTS_2D,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
     vertex_position: FLOATS_2D,
     vertex_normal: FLOATS_2D,
     vertex_uv: FLOATS_2D,
@@ -105,17 +104,17 @@ def pass_absent(
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(count):
         ray = queue[i]
-        row = hit_ids[ray, 0]
-        step = hits[ray, 0]
-        hits[ray, 0] = rays[ray, TRAVELLED] + step
+        row = hit_ids[ray][0]
+        step = hits[ray][0]
+        hits[ray][0] = rays[ray][TRAVELLED] + step
         if row >= 0:
-            direction = vec3(rays[ray, 4], rays[ray, 5], rays[ray, 6])
-            surface = surface_at(geometry, row, hit_ids[ray, 1], hits[ray, 1], hits[ray, 2], time, direction)
+            direction = ray_direction(rays, ray)
+            surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], time, direction)
             point = material_at(materials, textures, surface)
             if point.flags & COVERAGE and point.opacity < PRESENT_FROM:
                 origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):
-                    rays[ray, c] = origin[c]
-                rays[ray, TRAVELLED] += step
-                rays[ray, 7] -= step
+                    rays[ray][c] = origin[c]
+                rays[ray][TRAVELLED] += step
+                rays[ray][7] -= step
                 further[ti.atomic_add(further_count[0], 1)] = ray

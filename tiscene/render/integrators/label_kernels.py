@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from tiscene.render.ray_arrays import write_ray
+from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.surface import (
     FLOATS_1D,
     FLOATS_2D,
@@ -129,7 +129,7 @@ def point_then(
 
 
 @ti.kernel
-def primary_rays(queue: INTS_1D, count: ti.i32, view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: FLOATS_2D):
+def primary_rays(queue: INTS_1D, count: ti.i32, view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: Rays):
     for i in range(count):
         pixel = queue[i]
         origin, direction = camera_ray(
@@ -154,9 +154,9 @@ def write3(array: ti.template(), y: ti.i32, x: ti.i32, value: vec3):
 def surface_labels(
     queue: INTS_1D,
     count: ti.i32,
-    rays: FLOATS_2D,
-    hits: FLOATS_2D,
-    hit_ids: INTS_2D,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
     vertex_position: FLOATS_2D,
     vertex_normal: FLOATS_2D,
     vertex_uv: FLOATS_2D,
@@ -203,7 +203,7 @@ def surface_labels(
     for i in range(count):
         pixel = queue[i]
         x, y = pixel % width, pixel // width
-        row = hit_ids[pixel, 0]
+        row = hit_ids[pixel][0]
         focal = camera_motion[CURRENT, FOCAL_LENGTH]
         # Before an orthographic camera the background has no direction of its own: it turns as the picture does.
         ahead = 1.0 - camera_motion[CURRENT, ORTHOGRAPHIC]
@@ -211,9 +211,9 @@ def surface_labels(
         object_point = vec3(0.0)
         if row >= 0:
             object_point = object_point_at(
-                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], 0
+                vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], 0
             )
-        triangle, b1, b2 = hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2]
+        triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
         now = seen_from(CURRENT, row, object_point, towards, instance_motion, camera_motion)
         here = from_principal_point(now, camera_motion, CURRENT)
 
@@ -228,7 +228,7 @@ def surface_labels(
         if wanted[INSTANCE]:
             instance[y, x] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
         if wanted[PART]:
-            part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel, 1]] if row >= 0 else 0
+            part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel][1]] if row >= 0 else 0
         if wanted[FORWARD_FLOW]:
             then = point_then(
                 vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
@@ -262,8 +262,8 @@ def surface_labels(
             shading, flat = vec3(0.0), vec3(0.0)
             texture = vec2(0.0)
             if row >= 0:
-                direction = vec3(rays[pixel, 4], rays[pixel, 5], rays[pixel, 6])
-                s = surface_at(geometry, row, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], CURRENT, direction)
+                direction = ray_direction(rays, pixel)
+                s = surface_at(geometry, row, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], CURRENT, direction)
                 point, shading, flat, texture = s.position, s.normal, s.geometric_normal, s.uv
             if wanted[POSITION_OF_POINT]:
                 write3(position, y, x, point)
@@ -284,8 +284,8 @@ def occlusion_rays(
     queue: INTS_1D,
     count: ti.i32,
     time: ti.i32,
-    hits: FLOATS_2D,
-    hit_ids: INTS_2D,
+    hits: Hits,
+    hit_ids: HitIds,
     vertex_position: FLOATS_2D,
     triangle_vertices: INTS_2D,
     instance_info: INTS_2D,
@@ -295,7 +295,7 @@ def occlusion_rays(
     view: FLOATS_2D,
     width: ti.i32,
     height: ti.i32,
-    rays: FLOATS_2D,
+    rays: Rays,
     expected: FLOATS_1D,
 ):
     """Rays from the camera of another time to where each pixel's point is then; `expected`: its distance, m.
@@ -304,14 +304,14 @@ def occlusion_rays(
     """
     for i in range(count):
         pixel = queue[i]
-        row = hit_ids[pixel, 0]
+        row = hit_ids[pixel][0]
         origin = view_vector(view, time, POSITION)
         direction = view_vector(view, time, FORWARD)
         t_max, length = 0.0, -1.0
         if row >= 0:
             moved = moved_by(instance_info, row, time)
             object_point = object_point_at(
-                vertex_position, triangle_vertices, hit_ids[pixel, 1], hits[pixel, 1], hits[pixel, 2], moved
+                vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], moved
             )
             seen = affine(instance_motion, row, 12 * time, object_point)
             place = from_principal_point(seen, camera_motion, time)
@@ -335,10 +335,10 @@ def occlusion_rays(
 def occlusion_labels(
     queue: INTS_1D,
     count: ti.i32,
-    hit_ids: INTS_2D,
+    hit_ids: HitIds,
     expected: FLOATS_1D,
-    other_hits: FLOATS_2D,
-    other_ids: INTS_2D,
+    other_hits: Hits,
+    other_ids: HitIds,
     width: ti.i32,
     occluded: FLAGS,
 ):
@@ -351,9 +351,9 @@ def occlusion_labels(
         pixel = queue[i]
         length = expected[pixel]
         hidden = length < 0.0
-        if not hidden and other_ids[pixel, 0] >= 0:
-            own = other_ids[pixel, 0] == hit_ids[pixel, 0]
-            same = own and other_ids[pixel, 1] == hit_ids[pixel, 1]
-            near = own and other_hits[pixel, 0] >= length * (1.0 - _OWN_TOLERANCE)
+        if not hidden and other_ids[pixel][0] >= 0:
+            own = other_ids[pixel][0] == hit_ids[pixel][0]
+            same = own and other_ids[pixel][1] == hit_ids[pixel][1]
+            near = own and other_hits[pixel][0] >= length * (1.0 - _OWN_TOLERANCE)
             hidden = not (same or near)
         occluded[pixel // width, pixel % width] = ti.cast(hidden, ti.u8)

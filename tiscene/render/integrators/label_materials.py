@@ -10,7 +10,7 @@ from tiscene.render.aovs import AOVS
 from tiscene.render.bsdfs.inputs import Materials, is_mirror_like, material_at, shading_normal
 from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_kernels import write3
-from tiscene.render.ray_arrays import RayArrays, write_ray
+from tiscene.render.ray_arrays import HitIds, Hits, RayArrays, Rays, ray_direction, write_ray
 from tiscene.render.surface import (
     FLOATS_1D,
     FLOATS_2D,
@@ -79,9 +79,9 @@ class MaterialLabels:
 def material_labels(
     queue: INTS_1D,
     count: ti.i32,
-    rays: FLOATS_2D,
-    hits: FLOATS_2D,
-    hit_ids: INTS_2D,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
     vertex_position: FLOATS_2D,
     vertex_normal: FLOATS_2D,
     vertex_uv: FLOATS_2D,
@@ -124,12 +124,12 @@ def material_labels(
     for i in range(count):
         ray = queue[i]
         x, y = ray % width, ray // width
-        row = hit_ids[ray, 0]
+        row = hit_ids[ray][0]
         color, rough, metal = vec3(0.0), 0.0, 0.0
         mirror = False
         if row >= 0:
-            direction = vec3(rays[ray, 4], rays[ray, 5], rays[ray, 6])
-            surface = surface_at(geometry, row, hit_ids[ray, 1], hits[ray, 1], hits[ray, 2], CURRENT, direction)
+            direction = ray_direction(rays, ray)
+            surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], CURRENT, direction)
             point = material_at(materials, textures, surface)
             color, rough, metal = point.diffuse_color, point.roughness, point.metallic
             mirror = follow != 0 and is_mirror_like(point) != 0 and (point.flags & GLASS) == 0

@@ -181,7 +181,7 @@ class PathPass:
         spp, bits, key = numbers
         kernels.start_paths(
             view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
-            s.rays, s.shadow_rays, s.state, s.features, s.status, s.queue,
+            s.rays, s.state, s.status, s.queue,
         )  # fmt: skip
         live = count
         for step in range(scene.steps(max_depth)):
@@ -192,7 +192,7 @@ class PathPass:
                 break
         kernels.expose(
             self.pixel_filter, self._clamp, self._pixels, first, count, spp, bits, key,
-            s.shadow_rays, s.occluded, s.state, s.features, self._film,
+            s.status, s.occluded, s.state, s.features, self._film,
         )  # fmt: skip
 
     def advance(
@@ -223,7 +223,7 @@ class PathPass:
                 self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background, s.queue, live,
                 s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
             )  # fmt: skip
-        both = kernels.compact(s.status, s.shadow_rays, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
+        both = kernels.compact(s.status, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
         live, shadows = both & 0xFFFFFFFF, both >> 32
         s.swap()
         return live, shadows

@@ -3,11 +3,21 @@
 import taichi as ti
 
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2
-from tiscene.render.integrators.path_shading import LIGHT_FRONT, nearest_light, read3, seen_light, write3
-from tiscene.render.integrators.path_state import DIFFUSE_PART, DIRECT, ORIGIN, PDF, RADIANCE, THROUGHPUT
+from tiscene.render.integrators.path_shading import LIGHT_FRONT, nearest_light, seen_light
+from tiscene.render.integrators.path_state import (
+    DIFFUSE_PART,
+    DIRECT,
+    ORIGIN,
+    PDF,
+    RADIANCE,
+    SAMPLED,
+    THROUGHPUT,
+    States,
+    get3,
+    set3,
+)
 from tiscene.render.lights.light_sample import FAR, Lights
-from tiscene.render.ray_arrays import write_ray
-from tiscene.render.surface import row3
+from tiscene.render.ray_arrays import Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.textures import Textures
 
 vec3 = ti.math.vec3
@@ -25,10 +35,10 @@ def finish(
     mis: ti.i32,
     queue: Ints1,
     count: ti.i32,
-    rays: Floats2,
-    shadow_rays: Floats2,
+    rays: Rays,
+    shadow_rays: Rays,
     occluded: Ints1,
-    state: Floats2,
+    state: States,
     status: Ints1,
 ):
     """End the paths in the queue. Rays that would meet a light become shadow rays towards it."""
@@ -36,13 +46,11 @@ def finish(
     lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
     for k in range(count):
         i = queue[k]
+        if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
+            set3(state, i, RADIANCE, get3(state, i, RADIANCE) + get3(state, i, DIRECT))
         status[i] = 0
-        if shadow_rays[i, 7] > 0.0:
-            if occluded[i] == 0:
-                write3(state, i, RADIANCE, read3(state, i, RADIANCE) + read3(state, i, DIRECT))
-            shadow_rays[i, 7] = 0.0
-        origin, direction = row3(rays, i), read3(rays, i, 4)
-        pdf, part, last_vertex = state[i, PDF], state[i, DIFFUSE_PART], read3(state, i, ORIGIN)
+        origin, direction = ray_origin(rays, i), ray_direction(rays, i)
+        pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)
         light, distance = nearest_light(lights, origin, direction, ti.math.inf)
         seen, reach = vec3(0.0), FAR
         if light >= 0:
@@ -52,5 +60,6 @@ def finish(
             for row in range(light_solid, light_total):
                 seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, part, mis)
         if seen.max() > 0.0:
-            write3(state, i, DIRECT, read3(state, i, THROUGHPUT) * seen)
+            set3(state, i, DIRECT, get3(state, i, THROUGHPUT) * seen)
             write_ray(shadow_rays, i, origin, direction, reach)
+            status[i] = SAMPLED

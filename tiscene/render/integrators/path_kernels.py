@@ -17,11 +17,15 @@ from tiscene.render.integrators.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SAMPLED,
     SPREAD,
     THROUGHPUT,
+    States,
+    get3,
+    set3,
 )
 from tiscene.render.pixel_filter import offset_weight, sample_offset
-from tiscene.render.ray_arrays import write_ray
+from tiscene.render.ray_arrays import Rays, write_ray
 from tiscene.render.sampler import combine, first_two, last_two, pixel_key, shuffled_index
 from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
@@ -61,10 +65,8 @@ def start_paths(
     spp: ti.i32,
     bits: ti.i32,
     frame_key: ti.i32,
-    rays: Floats2,
-    shadow_rays: Floats2,
-    state: Floats2,
-    features: Floats2,
+    rays: Rays,
+    state: States,
     status: Ints1,
     queue: Ints1,
 ):
@@ -89,30 +91,25 @@ def start_paths(
             origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
             direction = (focus - origin).normalized()
         write_ray(rays, i, origin, direction, ti.math.inf)
-        for c in ti.static(range(3)):
-            state[i, THROUGHPUT + c] = 1.0
-            state[i, RADIANCE + c] = 0.0
-        state[i, PDF] = 0.0
-        state[i, RELATIVE_IOR2] = 1.0
-        state[i, SPREAD] = spread
-        for c in ti.static(range(FEATURE_COLUMNS)):
-            features[i, c] = 0.0
+        set3(state, i, THROUGHPUT, vec3(1.0))
+        set3(state, i, RADIANCE, vec3(0.0))
+        state[i][PDF] = 0.0
+        state[i][RELATIVE_IOR2] = 1.0
+        state[i][SPREAD] = spread
         status[i] = LIVE
-        shadow_rays[i, 7] = 0.0
         queue[i] = i
 
 
 @ti.kernel
 def compact(
     status: Ints1,
-    shadow_rays: Floats2,
     queue: Ints1,
     count: ti.i32,
     live: Ints1,
     shadows: Ints1,
     chunks: Ints2,
 ) -> ti.i64:
-    """Of queue[0..count) the live paths to `live` and those with a shadow ray to `shadows`, in the same order.
+    """Of queue[0..count) the live paths to `live` and the SAMPLED ones to `shadows`, in the same order.
 
     Returns how many: live + shadows * 2^32.
     """
@@ -123,7 +120,7 @@ def compact(
             i = queue[k]
             if status[i] & LIVE:
                 lives += 1
-            if shadow_rays[i, 7] > 0.0:
+            if status[i] & SAMPLED:
                 casts += 1
         chunks[chunk, 0] = lives
         chunks[chunk, 1] = casts
@@ -142,7 +139,7 @@ def compact(
             if status[i] & LIVE:
                 live[lives] = i
                 lives += 1
-            if shadow_rays[i, 7] > 0.0:
+            if status[i] & SAMPLED:
                 shadows[casts] = i
                 casts += 1
     return ti.cast(chunks[chunk_count, 0], ti.i64) + (ti.cast(chunks[chunk_count, 1], ti.i64) << 32)
@@ -158,9 +155,9 @@ def expose(
     spp: ti.i32,
     bits: ti.i32,
     frame_key: ti.i32,
-    shadow_rays: Floats2,
+    status: Ints1,
     occluded: Ints1,
-    state: Floats2,
+    state: States,
     features: Floats2,
     film: Floats2,
 ):
@@ -178,9 +175,9 @@ def expose(
                 sums[c] = film[pixel, c]
         for path in range(begin, end):
             i = path - first
-            radiance = vec3(state[i, RADIANCE], state[i, RADIANCE + 1], state[i, RADIANCE + 2])
-            if shadow_rays[i, 7] > 0.0 and occluded[i] == 0:
-                radiance += vec3(state[i, DIRECT], state[i, DIRECT + 1], state[i, DIRECT + 2])
+            radiance = get3(state, i, RADIANCE)
+            if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
+                radiance += get3(state, i, DIRECT)
             if ti.abs(radiance.sum()) < ti.math.inf:  # false for nan too
                 if radiance.max() > clamp:
                     radiance *= clamp / radiance.max()

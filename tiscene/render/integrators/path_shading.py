@@ -18,16 +18,20 @@ from tiscene.render.integrators.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SAMPLED,
     SEEN,
     SPREAD,
     THROUGHPUT,
+    States,
+    get3,
+    set3,
 )
 from tiscene.render.lights import all_lights
 from tiscene.render.lights.choice import choose
 from tiscene.render.lights.light_sample import Lights, no_sample
-from tiscene.render.ray_arrays import write_ray
+from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
-from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
+from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
 from tiscene.scene.light_table import ON_DIFFUSE, ON_SPECULAR, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, MATTE
@@ -171,12 +175,12 @@ def shade(
     background_blue: ti.f32,
     queue: Ints1,
     count: ti.i32,
-    rays: Floats2,
-    hits: Floats2,
-    hit_ids: Ints2,
-    shadow_rays: Floats2,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
+    shadow_rays: Rays,
     occluded: Ints1,
-    state: Floats2,
+    state: States,
     features: Floats2,
     status: Ints1,
 ):
@@ -202,22 +206,20 @@ def shade(
     ti.loop_config(block_dim=128)
     for k in range(count):
         i = queue[k]
-        origin, direction = row3(rays, i), read3(rays, i, 4)
-        throughput, radiance = read3(state, i, THROUGHPUT), read3(state, i, RADIANCE)
-        pdf, part, last_vertex = state[i, PDF], state[i, DIFFUSE_PART], read3(state, i, ORIGIN)
-        if shadow_rays[i, 7] > 0.0:
-            if occluded[i] == 0:
-                radiance += read3(state, i, DIRECT)
-            shadow_rays[i, 7] = 0.0
+        origin, direction = ray_origin(rays, i), ray_direction(rays, i)
+        throughput, radiance = get3(state, i, THROUGHPUT), get3(state, i, RADIANCE)
+        pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)
         bits_of_status = status[i]
+        if (bits_of_status & SAMPLED) != 0 and occluded[i] == 0:
+            radiance += get3(state, i, DIRECT)
         depth = bits_of_status & DEPTH_MASK
-        goes_on = False
+        goes_on, sampled = False, 0
 
-        instance = hit_ids[i, 0]
-        light, distance = nearest_light(lights, origin, direction, hits[i, 0])
+        instance = hit_ids[i][0]
+        light, distance = nearest_light(lights, origin, direction, hits[i][0])
         last = False  # the path's last surface, of which only what it emits would count, emits nothing
         if instance >= 0 and depth + 1 >= max_depth and (bits_of_status & SEEN) != 0:
-            last = (material_info[triangle_material[hit_ids[i, 1]], FLAGS] & (COVERAGE | EMITS)) == 0
+            last = (material_info[triangle_material[hit_ids[i][1]], FLAGS] & (COVERAGE | EMITS)) == 0
         seen = vec3(0.0)  # emitted towards the path by what it met
         if light >= 0:
             seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
@@ -227,12 +229,12 @@ def shade(
             for row in range(light_solid, light_total):
                 seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, part, mis)
         elif not last:
-            surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
+            surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             key = path_key(pixels, frame_key, first + i, spp)
             sample = (first + i) % spp
             # Choices and directions have a set of four dimensions each; many a path needs only the directions.
             choice_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
-            width = hits[i, 0] * state[i, SPREAD]
+            width = hits[i][0] * state[i][SPREAD]
             point = shaded_material_at(
                 materials, textures, surface, direction, width, choice_key + ti.cast(sample, ti.u32)
             )
@@ -286,35 +288,37 @@ def shade(
                             if light_solid > 1 or light_row >= light_solid:  # else there is only this one
                                 blocking, _ = nearest_light(lights, start, towards, reach * (1.0 - LIGHT_FRONT))
                             if blocking < 0:
+                                sampled = SAMPLED
                                 write_ray(shadow_rays, i, start, towards, reach)
-                                write3(state, i, DIRECT, direct)
+                                set3(state, i, DIRECT, direct)
 
                     if scattering.onward.w > 0.0:
                         throughput_onward = throughput * scattering.onward.xyz * (1.0 / scattering.onward.w)
-                        ior2 = state[i, RELATIVE_IOR2]
+                        ior2 = state[i][RELATIVE_IOR2]
                         if scattering.transmits != 0:
                             ior2 *= scattering.eta * scattering.eta
-                            state[i, RELATIVE_IOR2] = ior2
+                            state[i][RELATIVE_IOR2] = ior2
                         survival = 1.0
                         if depth >= RUSSIAN_ROULETTE_DEPTH:
                             # The root: least cost times error, as what a path yet brings varies more than its weight.
                             survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), LARGEST_SURVIVAL)
                         if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
                             goes_on = True
-                            write3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
-                            state[i, PDF] = scattering.onward.w
-                            state[i, DIFFUSE_PART] = scattering.diffuse_parts.y
+                            set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
+                            state[i][PDF] = scattering.onward.w
+                            state[i][DIFFUSE_PART] = scattering.diffuse_parts.y
                             spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
-                            state[i, SPREAD] = ti.max(state[i, SPREAD], spread)
-                            write3(state, i, ORIGIN, surface.position)
+                            state[i][SPREAD] = ti.max(state[i][SPREAD], spread)
+                            set3(state, i, ORIGIN, surface.position)
                             start = offset_origin(surface, scattering.direction)
                             write_ray(rays, i, start, scattering.direction, ti.math.inf)
         if seen.max() > 0.0:
             radiance += throughput * seen
-        if (bits_of_status & SEEN) == 0 and not goes_on:
-            write3(features, i, ALBEDO, ti.min(throughput * seen, 1.0))
-        write3(state, i, RADIANCE, radiance)
-        bits_of_status = depth | (bits_of_status & SEEN)
+        if (bits_of_status & SEEN) == 0 and (step == 0 or not goes_on):
+            write3(features, i, ALBEDO, vec3(0.0) if goes_on else ti.min(throughput * seen, 1.0))
+            write3(features, i, NORMAL, vec3(0.0))
+        set3(state, i, RADIANCE, radiance)
+        bits_of_status = depth | (bits_of_status & SEEN) | sampled
         if goes_on:
             bits_of_status |= LIVE
         status[i] = bits_of_status

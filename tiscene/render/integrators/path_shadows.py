@@ -4,9 +4,9 @@ import taichi as ti
 
 from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
-from tiscene.render.ray_arrays import write_ray
+from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.sampler import combine, uniform
-from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, row3, surface_at
+from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
 from tiscene.scene.material_table import COVERAGE
 from tiscene.scene.placement import CURRENT
@@ -45,9 +45,9 @@ def pass_shadows(
     layer: ti.i32,
     queue: Ints1,
     count: ti.i32,
-    shadow_rays: Floats2,
-    hits: Floats2,
-    hit_ids: Ints2,
+    shadow_rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
     occluded: Ints1,
 ) -> ti.i32:
     """Let the rays that met a surface through it, each with the chance that the surface is not there.
@@ -71,16 +71,16 @@ def pass_shadows(
     going_on = 0
     for k in range(count):
         i = queue[k]
-        t_max = shadow_rays[i, 7]
+        t_max = shadow_rays[i][7]
         if t_max > _DONE:
-            instance = hit_ids[i, 0]
+            instance = hit_ids[i][0]
             through = False
             if instance < 0:
                 occluded[i] = 0
             else:
                 occluded[i] = 1
-                direction = vec3(shadow_rays[i, 4], shadow_rays[i, 5], shadow_rays[i, 6])
-                surface = surface_at(geometry, instance, hit_ids[i, 1], hits[i, 1], hits[i, 2], CURRENT, direction)
+                direction = ray_direction(shadow_rays, i)
+                surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
                 point = material_at(materials, textures, surface)
                 if point.flags & COVERAGE:
                     key = combine(
@@ -88,11 +88,11 @@ def pass_shadows(
                     )
                     if uniform(combine(key, ti.cast((first + i) % spp, ti.u32))) >= point.opacity:
                         start = offset_origin(surface, direction)
-                        travelled = (start - row3(shadow_rays, i)).dot(direction)
+                        travelled = (start - ray_origin(shadow_rays, i)).dot(direction)
                         through = t_max > travelled
                         write_ray(shadow_rays, i, start, direction, t_max - travelled)
             if through:
                 going_on += 1  # an integer: any order gives the same sum
             else:
-                shadow_rays[i, 7] = _DONE
+                shadow_rays[i][7] = _DONE
     return going_on

@@ -4,8 +4,12 @@ from typing import Any
 
 import taichi as ti
 
+from tiscene.render.ray_arrays import hit, hit_id, ray
+
 # Columns of `state`.
 STATE_COLUMNS = 16
+state = ti.types.vector(STATE_COLUMNS, ti.f32)
+States = ti.types.ndarray(state, 1)
 THROUGHPUT, RADIANCE, PDF, RELATIVE_IOR2, DIRECT, ORIGIN, SPREAD, DIFFUSE_PART = 0, 3, 6, 7, 8, 11, 14, 15
 
 # Columns of `features`: what the denoiser is told about the first thing seen that is not a mirror.
@@ -16,6 +20,7 @@ ALBEDO, NORMAL = 0, 3
 DEPTH_MASK = 0xFFFF
 LIVE = 1 << 16
 SEEN = 1 << 17  # features are written
+SAMPLED = 1 << 18  # the light sampled at the last vertex is not yet counted
 
 # Columns of the film, sums over the samples of a pixel: radiance, albedo, normal, number of samples dropped.
 FILM_COLUMNS = 10
@@ -24,13 +29,24 @@ DROPPED = 9
 CHUNK = 128  # entries that one thread compacts
 
 
+@ti.func
+def get3(states: ti.template(), row: ti.i32, column: ti.i32) -> ti.math.vec3:
+    return ti.math.vec3(states[row][column], states[row][column + 1], states[row][column + 2])
+
+
+@ti.func
+def set3(states: ti.template(), row: ti.i32, column: ti.i32, v: ti.math.vec3):
+    for c in ti.static(range(3)):
+        states[row][column + c] = v[c]
+
+
 class PathState:
     """Room for `size` paths at a time.
 
     rays, hits, hit_ids, queue: as tiscene.render.intersect wants them; `queue` and `next_queue` swap roles.
-    shadow_rays: t_max 0 where no light was sampled. occluded: their answers. shadow_hits: made where shadow rays must
-    look at what they meet.
-    state: f32 [size, 16]: throughput 0-2, radiance 3-5, density of the last direction 6 (0: none, the camera's),
+    shadow_rays: of the paths that are SAMPLED. occluded: their answers. shadow_hits: made where shadow rays must look
+    at what they meet.
+    state: throughput 0-2, radiance 3-5, density of the last direction 6 (0: none, the camera's),
     squared index of refraction of where the path is 7, light sampled at the last vertex and not yet tested for shadow
     8-10, that vertex 11-13, by how much the path widens 14, m per m, the diffuse
     part of the last scattering 15. features: f32 [size, 6]. status: i32 [size].
@@ -38,12 +54,12 @@ class PathState:
 
     def __init__(self, size: int) -> None:
         self.size = size
-        self.rays = ti.ndarray(ti.f32, (size, 8))
-        self.hits = ti.ndarray(ti.f32, (size, 4))
-        self.hit_ids = ti.ndarray(ti.i32, (size, 2))
-        self.shadow_rays = ti.ndarray(ti.f32, (size, 8))
+        self.rays = ti.ndarray(ray, size)
+        self.hits = ti.ndarray(hit, size)
+        self.hit_ids = ti.ndarray(hit_id, size)
+        self.shadow_rays = ti.ndarray(ray, size)
         self.occluded = ti.ndarray(ti.i32, (size,))
-        self.state = ti.ndarray(ti.f32, (size, STATE_COLUMNS))
+        self.state = ti.ndarray(state, size)
         self.features = ti.ndarray(ti.f32, (size, FEATURE_COLUMNS))
         self.status = ti.ndarray(ti.i32, (size,))
         self.queue = ti.ndarray(ti.i32, (size,))
@@ -60,5 +76,5 @@ class PathState:
     def shadow_hits(self) -> tuple[Any, Any]:
         """(hits, hit_ids) of shadow rays."""
         if self._shadow_hits is None:
-            self._shadow_hits = ti.ndarray(ti.f32, (self.size, 4)), ti.ndarray(ti.i32, (self.size, 2))
+            self._shadow_hits = ti.ndarray(hit, self.size), ti.ndarray(hit_id, self.size)
         return self._shadow_hits

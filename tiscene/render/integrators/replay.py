@@ -197,7 +197,7 @@ class ReplayPass:
         starts = np.zeros(steps + 1, np.int32)
         kernels.settle(
             block.count, steps, block.offsets, block.rays, block.light, block.restore, scratch.cut,
-            s.rays, s.shadow_rays, s.state, s.features, s.status,
+            s.rays, s.state, s.features, s.status,
             scratch.difference, scratch.cut_at, scratch.path_chunks, scratch.entering, starts,
         )  # fmt: skip
         live = 0
@@ -211,7 +211,7 @@ class ReplayPass:
                     self._paths.cast_shadows(scene, s, casts, first, step, cache.numbers)
         kernels.collect(
             cache.pixels, first, block.count, cache.numbers[0], scratch.cut_at, block.restore, block.features,
-            s.shadow_rays, s.occluded, s.state, s.features, scratch.difference, scratch.change,
+            s.status, s.occluded, s.state, s.features, scratch.difference, scratch.change,
         )  # fmt: skip
 
     def _base_image(

@@ -14,7 +14,7 @@ from tiscene.render.integrators import replay_record as record
 from tiscene.render.integrators.path import PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK, FEATURE_COLUMNS, PathState
 from tiscene.render.intersect import closest
-from tiscene.render.ray_arrays import tiled_order
+from tiscene.render.ray_arrays import hit, hit_id, ray, tiled_order
 from tiscene.render.view import View
 from tiscene.scene.device_array import upload
 from tiscene.scene.placement import CURRENT
@@ -45,7 +45,7 @@ class Block:
     def bytes(self) -> int:
         """What it takes of memory."""
         arrays = (self.offsets, self.rays, self.light, self.restore, self.features)
-        return sum(4 * int(np.prod(array.shape)) for array in arrays)
+        return sum(4 * int(np.prod(array.shape + array.element_shape)) for array in arrays)
 
 
 def block_size(spp: int) -> int:
@@ -112,7 +112,7 @@ class PathCache:
         path_kernels.start_paths(
             self._view.array(), self._paths.pixel_filter, self.pixels, self._view.width, self._view.height,
             first, count, spp, bits, key,
-            s.rays, s.shadow_rays, s.state, s.features, s.status, s.queue,
+            s.rays, s.state, s.status, s.queue,
         )  # fmt: skip
         row_counts, segment_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
         written: list[tuple[Any, Any]] = []
@@ -140,7 +140,7 @@ class PathCache:
                 record.begin_shadows(s.shadow_queue, casts, s.shadow_rays, shadows.paths, shadows.rays)
                 self._paths.cast_shadows(self._scene, s, casts, first, step, self.numbers)
                 record.end_shadows(
-                    shadows.paths, casts, s.occluded, s.state, s.shadow_rays, shadows.rays, shadows.light, row_counts
+                    shadows.paths, casts, s.occluded, s.state, s.status, shadows.rays, shadows.light, row_counts
                 )
                 written.append((shadows, False))
             if not live:
@@ -159,7 +159,7 @@ class PathCache:
             count,
             rows,
             upload(offsets),
-            ti.ndarray(ti.f32, (max(rows, 1), 8)),
+            ti.ndarray(ray, max(rows, 1)),
             ti.ndarray(ti.f32, (max(rows, 1), 3)),
             ti.ndarray(ti.f32, (max(restorable, 1), record.RESTORE_COLUMNS)),
             ti.ndarray(ti.f32, (count, FEATURE_COLUMNS)),
@@ -181,8 +181,8 @@ class PathCache:
 
     def _look(self, pixel_count: int) -> Any:
         count = pixel_count * kernels.LOOKS
-        rays, queue = ti.ndarray(ti.f32, (count, 8)), ti.ndarray(ti.i32, (count,))
-        hits, hit_ids = ti.ndarray(ti.f32, (count, 4)), ti.ndarray(ti.i32, (count, 2))
+        rays, queue = ti.ndarray(ray, count), ti.ndarray(ti.i32, (count,))
+        hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
         kernels.look_rays(self._view.array(), self.pixels, self._view.width, self._view.height, rays, queue)
         closest(self._paths.scene, CURRENT, rays, queue, count, hits, hit_ids)
         kernels.end_looks(count, hits, rays)
@@ -195,6 +195,6 @@ class _Rows:
     def __init__(self, count: int, restore_columns: int = 0) -> None:
         self.count = count
         self.paths = ti.ndarray(ti.i32, (count,))
-        self.rays = ti.ndarray(ti.f32, (count, 8))
+        self.rays = ti.ndarray(ray, count)
         self.light = ti.ndarray(ti.f32, (count, 3))
         self.restore = ti.ndarray(ti.f32, (count, restore_columns)) if restore_columns else None

@@ -14,9 +14,13 @@ from tiscene.render.integrators.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SAMPLED,
     SEEN,
     SPREAD,
     THROUGHPUT,
+    States,
+    get3,
+    set3,
 )
 from tiscene.render.integrators.replay_near import ROWS, add_up
 from tiscene.render.integrators.replay_record import (
@@ -29,8 +33,7 @@ from tiscene.render.integrators.replay_record import (
     R_VERTEX,
     SEGMENT,
 )
-from tiscene.render.ray_arrays import write_ray
-from tiscene.render.surface import row3
+from tiscene.render.ray_arrays import Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.view import camera_ray
 from tiscene.scene.placement import CURRENT
 
@@ -45,13 +48,12 @@ def settle(
     count: ti.i32,
     steps: ti.i32,
     offsets: Ints1,
-    rays: Floats2,
+    rays: Rays,
     light: Floats2,
     restore: Floats2,
     cut: Ints1,
-    path_rays: Floats2,
-    shadow_rays: Floats2,
-    state: Floats2,
+    path_rays: Rays,
+    state: States,
     features: Floats2,
     status: Ints1,
     difference: Floats2,
@@ -74,11 +76,11 @@ def settle(
             at, step, begins, segments = -1, -1, -1, 0
             for row in range(offsets[i], offsets[i + 1]):
                 if at < 0 and cut[row] > 0:
-                    segment = ti.cast(rays[row, SEGMENT], ti.i32)
+                    segment = ti.cast(rays[row][SEGMENT], ti.i32)
                     if segment >= 0:
                         at, begins = segment, row
                         for earlier in range(offsets[i], row):
-                            if rays[earlier, SEGMENT] >= 0.0:
+                            if rays[earlier][SEGMENT] >= 0.0:
                                 segments += 1
                         step = segments
                 if at >= 0 or cut[row] > 0:
@@ -88,16 +90,15 @@ def settle(
             cut_at[i, 1] = step
             if at >= 0:
                 chunks[chunk, step] += 1
-                write_ray(path_rays, i, row3(rays, begins), read3(rays, begins, 4), ti.math.inf)
-                write3(state, i, THROUGHPUT, read3(restore, at, R_THROUGHPUT))
-                write3(state, i, RADIANCE, vec3(0.0))
-                state[i, PDF] = restore[at, R_PDF]
-                state[i, RELATIVE_IOR2] = restore[at, R_IOR2]
-                state[i, SPREAD] = restore[at, R_SPREAD]
-                state[i, DIFFUSE_PART] = restore[at, R_DIFFUSE]
-                write3(state, i, ORIGIN, read3(restore, at, R_VERTEX))
+                write_ray(path_rays, i, ray_origin(rays, begins), ray_direction(rays, begins), ti.math.inf)
+                set3(state, i, THROUGHPUT, read3(restore, at, R_THROUGHPUT))
+                set3(state, i, RADIANCE, vec3(0.0))
+                state[i][PDF] = restore[at, R_PDF]
+                state[i][RELATIVE_IOR2] = restore[at, R_IOR2]
+                state[i][SPREAD] = restore[at, R_SPREAD]
+                state[i][DIFFUSE_PART] = restore[at, R_DIFFUSE]
+                set3(state, i, ORIGIN, read3(restore, at, R_VERTEX))
                 status[i] = ti.cast(restore[at, R_STATUS], ti.i32)
-                shadow_rays[i, 7] = 0.0
                 for c in ti.static(range(FEATURE_COLUMNS)):
                     features[i, c] = 0.0
     ti.loop_config(serialize=True)
@@ -134,9 +135,9 @@ def collect(
     cut_at: Ints2,
     restore: Floats2,
     base_features: Floats2,
-    shadow_rays: Floats2,
+    status: Ints1,
     occluded: Ints1,
-    state: Floats2,
+    state: States,
     features: Floats2,
     difference: Floats2,
     film: Floats2,
@@ -148,9 +149,9 @@ def collect(
             change = read3(difference, i, 0)
             at = cut_at[i, 0]
             if at >= 0:
-                change += read3(state, i, RADIANCE)
-                if shadow_rays[i, 7] > 0.0 and occluded[i] == 0:
-                    change += read3(state, i, DIRECT)
+                change += get3(state, i, RADIANCE)
+                if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
+                    change += get3(state, i, DIRECT)
                 if (ti.cast(restore[at, R_STATUS], ti.i32) & SEEN) == 0:
                     for c in ti.static(range(FEATURE_COLUMNS)):
                         sums[3 + c] += features[i, c] - base_features[i, c]
@@ -162,7 +163,7 @@ def collect(
 
 
 @ti.kernel
-def look_rays(view: Floats2, pixels: Ints1, width: ti.i32, height: ti.i32, rays: Floats2, queue: Ints1):
+def look_rays(view: Floats2, pixels: Ints1, width: ti.i32, height: ti.i32, rays: Rays, queue: Ints1):
     """LOOKS rays through each pixel."""
     for k in range(width * height * LOOKS):
         pixel = pixels[k // LOOKS]
@@ -174,10 +175,10 @@ def look_rays(view: Floats2, pixels: Ints1, width: ti.i32, height: ti.i32, rays:
 
 
 @ti.kernel
-def end_looks(count: ti.i32, hits: Floats2, rays: Floats2):
+def end_looks(count: ti.i32, hits: Hits, rays: Rays):
     """Let each ray end where it met something."""
     for k in range(count):
-        rays[k, 7] = hits[k, 0]
+        rays[k][7] = hits[k][0]
 
 
 @ti.kernel
@@ -219,14 +220,14 @@ def combine(
 
 
 @ti.kernel
-def find_cut_shadows(candidates: Ints1, count: ti.i32, rays: Floats2, cut: Ints1, rows: Ints1, chunks: Ints1) -> ti.i32:
+def find_cut_shadows(candidates: Ints1, count: ti.i32, rays: Rays, cut: Ints1, rows: Ints1, chunks: Ints1) -> ti.i32:
     """The rows of the shadow rays that a mover is in the way of, in order. Returns how many."""
     chunk_count = (count + ROWS - 1) // ROWS
     for chunk in range(chunk_count):
         found = 0
         for k in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
             row = candidates[k]
-            if cut[row] > 0 and rays[row, SEGMENT] < 0.0:
+            if cut[row] > 0 and rays[row][SEGMENT] < 0.0:
                 found += 1
         chunks[chunk] = found
     ti.loop_config(serialize=True)
@@ -236,19 +237,18 @@ def find_cut_shadows(candidates: Ints1, count: ti.i32, rays: Floats2, cut: Ints1
         at = chunks[chunk]
         for k in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
             row = candidates[k]
-            if cut[row] > 0 and rays[row, SEGMENT] < 0.0:
+            if cut[row] > 0 and rays[row][SEGMENT] < 0.0:
                 rows[at] = row
                 at += 1
     return chunks[chunk_count]
 
 
 @ti.kernel
-def copy_rays(rows: Ints1, begin: ti.i32, count: ti.i32, rays: Floats2, shadow_rays: Floats2, queue: Ints1):
+def copy_rays(rows: Ints1, begin: ti.i32, count: ti.i32, rays: Rays, shadow_rays: Rays, queue: Ints1):
     """The rays rows[begin .. begin + count) to the first rows of `shadow_rays`."""
     for k in range(count):
         queue[k] = k
-        for c in ti.static(range(8)):
-            shadow_rays[k, c] = rays[rows[begin + k], c]
+        shadow_rays[k] = rays[rows[begin + k]]
 
 
 @ti.kernel

@@ -2,8 +2,9 @@
 
 import taichi as ti
 
-from tiscene.render.integrators.path_kernels import Floats2, Ints1
+from tiscene.render.integrators.path_kernels import Ints1
 from tiscene.render.intersect.wide import Wide, slabs
+from tiscene.render.ray_arrays import Rays
 
 ROWS = 256  # rows that one thread looks at before it takes the next
 
@@ -20,7 +21,7 @@ def add_up(chunks: ti.template(), count: ti.i32):
 
 
 @ti.kernel
-def find_near(rays: Floats2, count: ti.i32, boxes: Wide, near: Ints1, candidates: Ints1, chunks: Ints1) -> ti.i32:
+def find_near(rays: Rays, count: ti.i32, boxes: Wide, near: Ints1, candidates: Ints1, chunks: Ints1) -> ti.i32:
     """Rows whose rays come near one of the boxes, in order, to `candidates`; near[row] says so too. Returns how many.
 
     boxes: 6 vectors: least x, y, z and greatest x, y, z of eight boxes.
@@ -29,14 +30,14 @@ def find_near(rays: Floats2, count: ti.i32, boxes: Wide, near: Ints1, candidates
     for chunk in range(chunk_count):
         found = 0
         for row in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
-            ox, oy, oz = rays[row, 0], rays[row, 1], rays[row, 2]
-            ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(rays[row, 4], rays[row, 5], rays[row, 6])
+            ox, oy, oz = rays[row][0], rays[row][1], rays[row][2]
+            ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(rays[row][4], rays[row][5], rays[row][6])
             enters = ti.max(
                 ti.max((boxes[near_x] - ox) * ix, (boxes[near_y] - oy) * iy), ti.max((boxes[near_z] - oz) * iz, 0.0)
             )
             leaves = ti.min(
                 ti.min((boxes[3 - near_x] - ox) * fx, (boxes[5 - near_y] - oy) * fy),
-                ti.min((boxes[7 - near_z] - oz) * fz, rays[row, 7]),
+                ti.min((boxes[7 - near_z] - oz) * fz, rays[row][7]),
             )
             inside = leaves - enters
             best = inside[0]

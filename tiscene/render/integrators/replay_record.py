@@ -19,12 +19,16 @@ from tiscene.render.integrators.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SAMPLED,
     SEEN,
     SPREAD,
     THROUGHPUT,
+    States,
+    get3,
+    set3,
 )
 from tiscene.render.lights.light_sample import Lights
-from tiscene.render.surface import row3
+from tiscene.render.ray_arrays import Hits, Rays, ray_direction, ray_origin
 
 vec3 = ti.math.vec3
 
@@ -40,27 +44,26 @@ R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS, R_SPREAD, R_DIFFUSE = 0, 3, 4, 
 def begin_segments(
     queue: Ints1,
     count: ti.i32,
-    path_rays: Floats2,
-    state: Floats2,
+    path_rays: Rays,
+    state: States,
     status: Ints1,
     paths: Ints1,
-    rays: Floats2,
+    rays: Rays,
     restore: Floats2,
 ):
     """Before a step: note the paths in the queue as they are, and empty their radiance so that it tells what is new."""
     for k in range(count):
         i = queue[k]
         paths[k] = i
-        for c in ti.static(range(8)):
-            rays[k, c] = path_rays[i, c]
-        write3(restore, k, R_THROUGHPUT, read3(state, i, THROUGHPUT))
-        restore[k, R_PDF] = state[i, PDF]
-        restore[k, R_IOR2] = state[i, RELATIVE_IOR2]
-        write3(restore, k, R_VERTEX, read3(state, i, ORIGIN))
+        rays[k] = path_rays[i]
+        write3(restore, k, R_THROUGHPUT, get3(state, i, THROUGHPUT))
+        restore[k, R_PDF] = state[i][PDF]
+        restore[k, R_IOR2] = state[i][RELATIVE_IOR2]
+        write3(restore, k, R_VERTEX, get3(state, i, ORIGIN))
         restore[k, R_STATUS] = ti.cast(status[i], ti.f32)
-        restore[k, R_SPREAD] = state[i, SPREAD]
-        restore[k, R_DIFFUSE] = state[i, DIFFUSE_PART]
-        write3(state, i, RADIANCE, vec3(0.0))
+        restore[k, R_SPREAD] = state[i][SPREAD]
+        restore[k, R_DIFFUSE] = state[i][DIFFUSE_PART]
+        set3(state, i, RADIANCE, vec3(0.0))
 
 
 @ti.func
@@ -81,10 +84,10 @@ def end_segments(
     last_depth: ti.i32,
     paths: Ints1,
     count: ti.i32,
-    hits: Floats2,
-    state: Floats2,
+    hits: Hits,
+    state: States,
     restore: Floats2,
-    rays: Floats2,
+    rays: Rays,
     light: Floats2,
     rows: Ints1,
 ):
@@ -97,25 +100,24 @@ def end_segments(
     lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
     for k in range(count):
         i = paths[k]
-        _, end = nearest_light(lights, row3(rays, k), read3(rays, k, 4), hits[i, 0])
-        brought = finite(read3(state, i, RADIANCE))
+        _, end = nearest_light(lights, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])
+        brought = finite(get3(state, i, RADIANCE))
         status = ti.cast(restore[k, R_STATUS], ti.i32)
         if (status & DEPTH_MASK) >= last_depth and (status & SEEN) != 0 and brought.max() == 0.0:
             end = 0.0
         else:
             rows[i] += 1
-        rays[k, 7] = end
+        rays[k][7] = end
         write3(light, k, 0, brought)
 
 
 @ti.kernel
-def begin_shadows(queue: Ints1, count: ti.i32, shadow_rays: Floats2, paths: Ints1, rays: Floats2):
+def begin_shadows(queue: Ints1, count: ti.i32, shadow_rays: Rays, paths: Ints1, rays: Rays):
     """Note the shadow rays before they are cast, which may change them."""
     for k in range(count):
         i = queue[k]
         paths[k] = i
-        for c in ti.static(range(8)):
-            rays[k, c] = shadow_rays[i, c]
+        rays[k] = shadow_rays[i]
 
 
 @ti.kernel
@@ -123,46 +125,45 @@ def end_shadows(
     paths: Ints1,
     count: ti.i32,
     occluded: Ints1,
-    state: Floats2,
-    shadow_rays: Floats2,
-    rays: Floats2,
+    state: States,
+    status: Ints1,
+    rays: Rays,
     light: Floats2,
     rows: Ints1,
 ):
     """Note the light of those that reached it (t_max 0 for the others), and take it from the paths."""
     for k in range(count):
         i = paths[k]
-        shadow_rays[i, 7] = 0.0
+        status[i] &= ~SAMPLED
         if occluded[i] == 0:
-            write3(light, k, 0, finite(read3(state, i, DIRECT)))
+            write3(light, k, 0, finite(get3(state, i, DIRECT)))
             rows[i] += 1
         else:
-            rays[k, 7] = 0.0
+            rays[k][7] = 0.0
 
 
 @ti.kernel
 def sort_segments(
     paths: Ints1,
     count: ti.i32,
-    rays: Floats2,
+    rays: Rays,
     light: Floats2,
     restore: Floats2,
     next_row: Ints1,
     next_segment: Ints1,
-    sorted_rays: Floats2,
+    sorted_rays: Rays,
     sorted_light: Floats2,
     sorted_restore: Floats2,
 ):
     """Put one step's segments behind what their paths have already."""
     for k in range(count):
-        if rays[k, 7] > 0.0:
+        if rays[k][7] > 0.0:
             i = paths[k]
             row, segment = next_row[i], next_segment[i]
             next_row[i] += 1
             next_segment[i] += 1
-            for c in ti.static(range(8)):
-                sorted_rays[row, c] = rays[k, c]
-            sorted_rays[row, SEGMENT] = ti.cast(segment, ti.f32)
+            sorted_rays[row] = rays[k]
+            sorted_rays[row][SEGMENT] = ti.cast(segment, ti.f32)
             write3(sorted_light, row, 0, read3(light, k, 0))
             for c in ti.static(range(RESTORE_COLUMNS)):
                 sorted_restore[segment, c] = restore[k, c]
@@ -172,21 +173,20 @@ def sort_segments(
 def sort_shadows(
     paths: Ints1,
     count: ti.i32,
-    rays: Floats2,
+    rays: Rays,
     light: Floats2,
     next_row: Ints1,
-    sorted_rays: Floats2,
+    sorted_rays: Rays,
     sorted_light: Floats2,
 ):
     """Put one step's shadow rays that reached a light behind what their paths have already."""
     for k in range(count):
-        if rays[k, 7] > 0.0:
+        if rays[k][7] > 0.0:
             i = paths[k]
             row = next_row[i]
             next_row[i] += 1
-            for c in ti.static(range(8)):
-                sorted_rays[row, c] = rays[k, c]
-            sorted_rays[row, SEGMENT] = SHADOW
+            sorted_rays[row] = rays[k]
+            sorted_rays[row][SEGMENT] = SHADOW
             write3(sorted_light, row, 0, read3(light, k, 0))
 
 

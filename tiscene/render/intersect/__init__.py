@@ -1,6 +1,6 @@
 """Rays against the scene. All passes trace through these functions, over arrays of rays.
 
-rays: f32 [n, 8], origin x, y, z, unused, direction x, y, z, t_max; what lies in (0, t_max) is hit. `queue[0 .. count)`
+rays: [n] of 8, origin x, y, z, unused, direction x, y, z, t_max; what lies in (0, t_max) is hit. `queue[0 .. count)`
 (i32) are the rays to trace. time: PREVIOUS, CURRENT or NEXT of tiscene.scene.placement, for which the scene was placed,
 or MOVERS.
 Two surfaces at the same distance: the lower (instance row, triangle) wins, however the hierarchy is built.
@@ -21,8 +21,8 @@ __all__ = ["closest", "occluded", "occluded_by_instance"]
 def closest(scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, hits: Any, hit_ids: Any) -> None:
     """Find the first hit of each ray.
 
-    hits: f32 [n, 4], distance in units of the direction's length (+inf for none), barycentrics b1 and b2 of vertices 1
-    and 2, 0. hit_ids: i32 [n, 2], instance row and global triangle, -1 for none.
+    hits: [n] of 4, distance in units of the direction's length (+inf for none), barycentrics b1 and b2 of vertices 1
+    and 2, 0. hit_ids: [n] of 2, instance row and global triangle, -1 for none.
     Raises ArgumentError if the scene is not placed at `time`.
     """
     arrays = _arrays(scene, time)

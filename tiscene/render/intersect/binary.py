@@ -2,6 +2,8 @@
 
 import taichi as ti
 
+from tiscene.render.ray_arrays import HitIds, Hits, Rays, hit, hit_id, ray_direction, ray_origin
+
 Table = ti.types.ndarray(ti.f32, 2)
 Matrices = ti.types.ndarray(ti.f32, 3)
 Ids = ti.types.ndarray(ti.i32, 2)
@@ -104,9 +106,9 @@ def trace(
 
     only: the row of the one instance to test, -1 for all. any_hit (static): stop at the first hit found.
     """
-    world_origin = vec3(rays[ray, 0], rays[ray, 1], rays[ray, 2])
-    world_direction = vec3(rays[ray, 4], rays[ray, 5], rays[ray, 6])
-    best = ti.min(rays[ray, 7], LARGEST)  # below infinity, which is a miss
+    world_origin = ray_origin(rays, ray)
+    world_direction = ray_direction(rays, ray)
+    best = ti.min(rays[ray][7], LARGEST)  # below infinity, which is a miss
     b1 = 0.0
     b2 = 0.0
     hit_instance = -1
@@ -192,11 +194,11 @@ def closest(
     instances: Ids,
     time: ti.i32,
     root: ti.i32,
-    rays: Table,
+    rays: Rays,
     queue: Queue,
     count: ti.i32,
-    hits: Table,
-    hit_ids: Ids,
+    hits: Hits,
+    hit_ids: HitIds,
 ):
     ti.loop_config(block_dim=256)
     for i in range(count):
@@ -204,12 +206,8 @@ def closest(
         t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, -1, rays, ray, False)
         if instance < 0:
             t = INFINITY
-        hits[ray, 0] = t
-        hits[ray, 1] = b1
-        hits[ray, 2] = b2
-        hits[ray, 3] = 0.0
-        hit_ids[ray, 0] = instance
-        hit_ids[ray, 1] = triangle
+        hits[ray] = hit(t, b1, b2, 0.0)
+        hit_ids[ray] = hit_id(instance, triangle)
 
 
 @ti.kernel
@@ -220,7 +218,7 @@ def occluded(
     instances: Ids,
     time: ti.i32,
     root: ti.i32,
-    rays: Table,
+    rays: Rays,
     queue: Queue,
     count: ti.i32,
     targets: Queue,

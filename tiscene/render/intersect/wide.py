@@ -7,15 +7,17 @@ out by more than that error: what a box holds is never lost to rounding (Ize 201
 
 import taichi as ti
 
+from tiscene.render.ray_arrays import HitIds, Hits, Rays, hit, hit_id
+
 vec8 = ti.types.vector(8, ti.f32)
 vec4 = ti.types.vector(4, ti.f32)
 Wide = ti.types.ndarray(vec8, 1)
 Packs = ti.types.ndarray(vec4, 1)
-Rays = ti.types.ndarray(ti.f32, 2)
 Matrices = ti.types.ndarray(ti.f32, 3)
 Ids = ti.types.ndarray(ti.i32, 2)
 Queue = ti.types.ndarray(ti.i32, 1)
 
+BLOCK = 32  # rays of one thread that share a stack: Taichi clears it where it is made
 STACK = 112  # a BLAS and a TLAS need 56 entries each at most (scene/bvh.py)
 SLACK = 1.000002  # far planes and t_max are moved out by this
 INFINITY = ti.math.inf
@@ -145,18 +147,21 @@ def trace(
     rays: ti.template(),
     ray: ti.i32,
     any_hit: ti.template(),
+    references: ti.template(),
+    distances: ti.template(),
 ):
     """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
 
     only: the row of the one instance to test, -1 for all. any_hit (static): stop at the first hit found.
+    references, distances: room for the STACK of what waits; whatever is in it.
     """
-    wox = rays[ray, 0]
-    woy = rays[ray, 1]
-    woz = rays[ray, 2]
-    wdx = rays[ray, 4]
-    wdy = rays[ray, 5]
-    wdz = rays[ray, 6]
-    best = ti.min(rays[ray, 7], LARGEST)  # below infinity, which is a miss
+    wox = rays[ray][0]
+    woy = rays[ray][1]
+    woz = rays[ray][2]
+    wdx = rays[ray][4]
+    wdy = rays[ray][5]
+    wdz = rays[ray][6]
+    best = ti.min(rays[ray][7], LARGEST)  # below infinity, which is a miss
     bound = best * SLACK
     b1 = 0.0
     b2 = 0.0
@@ -170,8 +175,6 @@ def trace(
     dz = wdz
     ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
     px, py, pz, kx, ky, kz, shx, shy, shz = ox, oy, oz, 0, 1, 2, dx, dy, dz  # set on entering an instance
-    references = ti.Vector([0] * STACK)
-    distances = ti.Vector([0.0] * STACK)
     waiting = 0
     floor = -1  # waiting entries below it belong to the TLAS; -1 while in the TLAS
     instance = -1
@@ -287,21 +290,21 @@ def closest(
     rays: Rays,
     queue: Queue,
     count: ti.i32,
-    hits: Rays,
-    hit_ids: Ids,
+    hits: Hits,
+    hit_ids: HitIds,
 ):
-    ti.loop_config(block_dim=256)
-    for i in range(count):
-        ray = queue[i]
-        t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, -1, rays, ray, False)
-        if instance < 0:
-            t = INFINITY
-        hits[ray, 0] = t
-        hits[ray, 1] = b1
-        hits[ray, 2] = b2
-        hits[ray, 3] = 0.0
-        hit_ids[ray, 0] = instance
-        hit_ids[ray, 1] = triangle
+    for block in range((count + BLOCK - 1) // BLOCK):
+        references = ti.Vector([0] * STACK)
+        distances = ti.Vector([0.0] * STACK)
+        for i in range(block * BLOCK, ti.min(count, (block + 1) * BLOCK)):
+            ray = queue[i]
+            t, b1, b2, instance, triangle = trace(
+                nodes, packs, transforms, instances, time, root, -1, rays, ray, False, references, distances
+            )
+            if instance < 0:
+                t = INFINITY
+            hits[ray] = hit(t, b1, b2, 0.0)
+            hit_ids[ray] = hit_id(instance, triangle)
 
 
 @ti.kernel
@@ -319,13 +322,15 @@ def occluded(
     targeted: ti.i32,
     result: Queue,
 ):
-    ti.loop_config(block_dim=256)
-    for i in range(count):
-        ray = queue[i]
-        only = -1
-        if targeted > 0:
-            only = targets[ray]
-        _t, _b1, _b2, instance, _triangle = trace(
-            nodes, packs, transforms, instances, time, root, only, rays, ray, True
-        )
-        result[ray] = ti.select(instance >= 0, 1, 0)
+    for block in range((count + BLOCK - 1) // BLOCK):
+        references = ti.Vector([0] * STACK)
+        distances = ti.Vector([0.0] * STACK)
+        for i in range(block * BLOCK, ti.min(count, (block + 1) * BLOCK)):
+            ray = queue[i]
+            only = -1
+            if targeted > 0:
+                only = targets[ray]
+            _t, _b1, _b2, instance, _triangle = trace(
+                nodes, packs, transforms, instances, time, root, only, rays, ray, True, references, distances
+            )
+            result[ray] = ti.select(instance >= 0, 1, 0)
