@@ -18,7 +18,7 @@ from usd_scenes.author.thing import Thing
 Vector3 = tuple[float, float, float]
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 LIGHTING = ("day", "evening", "night")
-WARM_WHITE: Vector3 = (1.0, 0.68, 0.40)  # about 3000 K
+WARM_WHITE: Vector3 = (1.0, 0.76, 0.52)  # 3000 K as a camera balanced for 4500 K sees it
 T = TypeVar("T")
 Varied: TypeAlias = T | Mapping[str, T]
 """One value, or one for each of LIGHTING."""

@@ -91,12 +91,12 @@ def _furniture(room: Room) -> None:
     room.put("Furniture", bedroom.bench("Bench"), (-0.30, 0.0, 1.74), (0.0, 180.0, 0.0))
     room.put("Furnishings", building.rug("Rug", 2.3, 1.6, "Berber"), (-0.10, 0.0, BED - 0.05), (0.0, 3.0, 0.0))
     wall = (RIGHT - 0.001, 1.62)
-    for index, (look, z) in enumerate((("AbstractCool", BED - 0.36), ("AbstractWarm", BED + 0.36))):
+    for index, (look, z) in enumerate((("SprigLong", BED - 0.36), ("SprigRound", BED + 0.36))):
         art = small.picture(f"Print{index + 1}", look, 0.46, 0.60, "Oak", 0.055)
         room.put("Pictures", art, (wall[0], wall[1], z), TOWARDS_BED)
     coast = small.picture("Coast", "Coast", 0.60, 0.40, "Walnut", 0.05)
     room.put("Pictures", coast, (1.62, 1.50, NEAR - 0.001), (0.0, 180.0, 0.0))
-    landscape = small.picture("Landscape", "Landscape", 0.90, 0.60, "Oak")
+    landscape = small.picture("Landscape", "Meadow", 0.90, 0.60, "Oak")
     room.put("Pictures", landscape, (-0.42, 1.60, FAR + 0.001))
     room.put("Plants", plants.rubber_plant("RubberPlant", 1.35, 21), (-1.62, 0.0, 1.62))
     room.put("Furniture", tables.basket("Basket"), (1.02, 0.0, 1.72))
@@ -163,15 +163,15 @@ def _light(room: Room) -> None:
         at = (RIGHT - 0.23, 0.83, z + (-0.03, 0.02)[index])
         room.bulb(f"TableLampLight{index + 1}", at, 0.03, strength)
     room.glow("BedsideShade", {"day": 0.0, "evening": 0.8, "night": 0.8})
-    room.bulb("CeilingLight", (0.1, HEIGHT - 0.21, 0.0), 0.1305, {"day": 0.0, "evening": 0.0, "night": 2.2})
+    room.bulb("CeilingLight", (0.1, HEIGHT - 0.21, 0.0), 0.1305, {"day": 0.0, "evening": 0.0, "night": 5.0})
 
 
 def _cameras(room: Room) -> None:
-    exposure = {"day": 2.8, "evening": 3.4, "night": 3.3}
+    exposure = {"day": 2.8, "evening": 3.6, "night": 3.7}
     room.camera("Main", (-1.78, 1.35, -1.28), (1.6, 0.70, 0.72), fov=50.0, exposure=exposure)
     # SAILenv's published pose: Unity (-1.3, 2.0, 1.5), pitch 22 down, yaw 144 to the right.
     room.camera("SAILenv", (-1.3, 2.0, -1.5), turn=(-22.0, -144.0, 0.0), fov=60.0, exposure=exposure, focus=3.0)
     room.camera("Agent", (-1.2, 2.0, -1.35), turn=(-22.0, -144.0, 0.0), fov=60.0, exposure=exposure, focus=3.0)
-    room.camera("Chest", (2.05, 1.50, 1.65), (-1.6, 0.80, -0.25), fov=54.0, exposure=exposure)
-    close = {"day": 3.6, "evening": 3.2, "night": 3.2}
+    room.camera("Chest", (2.12, 1.50, 1.12), (-1.6, 0.80, -0.20), fov=54.0, exposure=exposure)
+    close = {"day": 3.6, "evening": 3.3, "night": 3.4}
     room.camera("Bedside", (1.05, 0.98, -0.95), (2.2, 0.66, -0.42), fov=36.0, exposure=close, f_stop=2.8)

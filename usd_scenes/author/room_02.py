@@ -73,7 +73,7 @@ def _sitting(room: Room) -> None:
     room.put_template("Furniture", "Armchair", "armchair_01", (-3.35, 0.0, -3.45), (0.0, 62.0, 0.0))
     room.put_template("Furniture", "Pouf", "pouf_01", (0.46, 0.0, -3.42), (0.0, 20.0, 0.0))
     room.put_template("Furniture", "Armchair2", "armchair_01", (-3.38, 0.0, -1.62), (0.0, 105.0, 0.0))
-    room.put_template("Furniture", "Pouf2", "pouf_01", (-2.62, 0.0, -1.28), (0.0, 64.0, 0.0))
+    room.put_template("Furniture", "Pouf2", "pouf_01", (-2.62, 0.0, -1.28), (0.0, 64.0, 0.0), "cream")
     room.put("Furniture", tables.floor_lamp("FloorLamp"), (0.02, 0.0, -5.55))
     room.put("Plants", plants.rubber_plant("RubberPlant"), (-3.75, 0.0, -5.45))
     for index, (look, x, z, turn, size) in enumerate(
@@ -247,17 +247,17 @@ def _light(room: Room) -> None:
         {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.60, 0.32), "night": (0.45, 0.62, 1.0)},
         {"day": 0.8, "evening": 1.2, "night": 0.8},
     )
-    room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, {"day": 16.0, "evening": 60.0, "night": 80.0})
+    room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, {"day": 16.0, "evening": 60.0, "night": 100.0})
     room.bulb(
         "PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, {"day": 14.0, "evening": 50.0, "night": 110.0}
     )
-    room.bulb("SideLampLight", SIDE_LAMP, 0.03, {"day": 0.0, "evening": 40.0, "night": 60.0})
+    room.bulb("SideLampLight", SIDE_LAMP, 0.03, {"day": 0.0, "evening": 70.0, "night": 150.0})
     room.glow("LampShade", {"day": 1.0, "evening": 2.6, "night": 2.6})
-    room.glow("BedsideShade", {"day": 0.0, "evening": 0.9, "night": 0.9})
+    room.glow("BedsideShade", {"day": 0.0, "evening": 0.9, "night": 1.2})
 
 
 def _exposure(day: float) -> dict[str, float]:
-    return {"day": day, "evening": day + 0.7, "night": day + 1.5}
+    return {"day": day, "evening": day + 0.9, "night": day + 2.0}
 
 
 def _cameras(room: Room) -> None:

@@ -138,9 +138,8 @@ def _toilet(room: Room) -> None:
     room.put("Furniture", bathroom.toilet_brush("ToiletBrush"), (LEFT + 0.14, 0.0, z + 0.40))
     room.put_template("Ornaments", "ToiletPaper", "toilet_paper_01", (LEFT + FACE + 0.09, 0.757, z - 0.11))
     room.put_template("Furniture", "Plunger", "plunger_01", (LEFT + 0.13, 0.0, z - 0.30))
-    for index, (look, y) in enumerate((("AbstractCool", 1.62),)):
-        art = small.picture(f"Print{index + 1}", look, 0.36, 0.48, "Oak", 0.045)
-        room.put("Pictures", art, (LEFT + 0.001, y, z), (0.0, 90.0, 0.0))
+    art = small.picture("Print1", "Arches", 0.36, 0.48, "Oak", 0.045)
+    room.put("Pictures", art, (LEFT + 0.001, 1.62, z), (0.0, 90.0, 0.0))
     for index, x in enumerate((-0.5, 0.02)):
         room.put("Furnishings", bathroom.hook(f"Hook{index + 1}"), (x, 1.72, NEAR), (0.0, 180.0, 0.0))
         look = ("TerryWhite", "TerryClay")[index]
@@ -164,18 +163,18 @@ def _light(room: Room) -> None:
             "night": 1.0,
         },  # the eye takes in a bright window and a room at once; film does not
     )
-    warm = (1.0, 0.72, 0.46)
     for index, side in enumerate((-1.0, 1.0)):
         at = (RIGHT - 0.11, 1.72, BASIN + 0.52 * side)
-        room.bulb(f"WallLampLight{index + 1}", at, 0.0665, {"day": 2.2, "evening": 6.0, "night": 6.0}, warm)
-    room.bulb("CeilingLight", (0.1, HEIGHT - 0.21, 0.05), 0.1005, {"day": 0.0, "evening": 1.2, "night": 4.5}, warm)
+        room.bulb(f"WallLampLight{index + 1}", at, 0.0665, {"day": 2.2, "evening": 6.0, "night": 6.0})
+    room.bulb("CeilingLight", (0.1, HEIGHT - 0.21, 0.05), 0.1005, {"day": 0.0, "evening": 1.2, "night": 4.5})
     room.dome("Outside", {"day": 0.5, "evening": 0.1, "night": 0.01})
 
 
 def _cameras(room: Room) -> None:
-    exposure = {"day": 2.55, "evening": 2.7, "night": 2.6}
+    exposure = {"day": 2.55, "evening": 2.9, "night": 2.8}
     room.camera("Main", (0.98, 1.42, 1.12), (-0.50, 0.80, -0.85), fov=62.0, exposure=exposure)
     room.camera("Agent", (1.22, 2.0, 1.05), turn=(-24.0, 42.0, 0.0), fov=60.0, exposure=exposure, focus=2.2)
     room.camera("Basin", (-1.15, 1.42, 0.35), (1.2, 1.10, -0.25), fov=50.0, exposure=exposure)
-    room.camera("Toilet", (0.72, 1.35, -0.62), (-1.25, 0.72, 0.75), fov=56.0, exposure=exposure)
+    facing = {**exposure, "day": 2.15}  # what the window shines on
+    room.camera("Toilet", (0.72, 1.35, -0.62), (-1.25, 0.72, 0.75), fov=56.0, exposure=facing)
     room.camera("Soap", (0.62, 1.16, 0.10), (1.33, 0.90, -0.42), fov=34.0, exposure=exposure, f_stop=2.8)

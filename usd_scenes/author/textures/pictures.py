@@ -10,36 +10,105 @@ from usd_scenes.author.textures.noise import mix, smoothstep, spectral
 Array = NDArray[np.float64]
 
 
-def landscape(width: int, height: int, seed: int) -> Array:
-    """An oil sketch: hills in haze under an evening sky, with a lake, in visible brush strokes."""
+def landscape(width: int, height: int, seed: int, light: tuple[float, float, float] = (0.92, 0.70, 0.36)) -> Array:
+    """An oil sketch: hills in haze under an evening sky, with a lake, in visible brush strokes. light: of the sun."""
     shape = (height, width)
     y, x = np.mgrid[0:height, 0:width]
-    stroke = 0.020 * spectral(shape, seed, (0.012, 0.06), slope=1.4)
-    v = 1.0 - (y + 0.5) / height + stroke
-    u = (x + 0.5) / width + np.roll(stroke, 11, axis=1)
-    sky = mix(np.broadcast_to((0.72, 0.42, 0.20), (*shape, 3)), (0.16, 0.28, 0.42), smoothstep(0.45, 1.0, v))
+    v, u = 1.0 - (y + 0.5) / height, (x + 0.5) / width
+    low = 0.25 * np.array(light) + 0.6 * np.array((0.72, 0.42, 0.20))
+    sky = mix(np.broadcast_to(low, (*shape, 3)), (0.16, 0.28, 0.42), smoothstep(0.45, 1.0, v))
     clouds = spectral(shape, seed + 1, (0.05, 0.22), slope=1.6)
     picture = mix(sky, (0.80, 0.60, 0.42), 0.75 * smoothstep(0.3, 1.6, clouds) * smoothstep(0.45, 0.7, v))
-    glow = np.exp(-(((u - 0.66) / 0.16) ** 2) - ((v - 0.52) / 0.07) ** 2)
-    picture = mix(picture, (0.92, 0.70, 0.36), glow)
     rng = np.random.default_rng(seed)
-    for layer, (level, tone) in enumerate(
-        [
-            (0.50, (0.26, 0.27, 0.33)),
-            (0.43, (0.14, 0.18, 0.22)),
-            (0.35, (0.075, 0.11, 0.085)),
-            (0.16, (0.06, 0.065, 0.03)),
-        ]
-    ):
+    glow = np.exp(-(((u - rng.uniform(0.3, 0.7)) / 0.16) ** 2) - ((v - 0.52) / 0.07) ** 2)
+    picture = mix(picture, light, glow)
+    tones = ((0.26, 0.27, 0.33), (0.14, 0.18, 0.22), (0.075, 0.11, 0.085), (0.06, 0.065, 0.03))
+    for layer, (level, tone) in enumerate(zip((0.50, 0.43, 0.35, 0.16), tones, strict=True)):
         phases = rng.uniform(0.0, 2.0 * np.pi, 6)
-        ridge = level + sum(0.05 / (n + 1) * np.sin((n + 1.3) * 3.1 * u + phases[n]) for n in range(6)) * (
-            1 - 0.1 * layer
-        )
-        picture = mix(picture, tone, smoothstep(-0.008, 0.008, ridge - v))
+        waves = sum(0.05 / (n + 1) * np.sin((n + 1.3) * 3.1 * u + phases[n]) for n in range(6))
+        ridge = level + waves * (1.0 - 0.1 * layer)
+        shade = np.exp(0.25 * spectral(shape, seed + 10 + layer, (0.03, 0.10), slope=1.4))[..., None]
+        picture = mix(picture, shade * tone, smoothstep(-0.008, 0.008, ridge - v))
     lake = smoothstep(0.27, 0.255, v) * smoothstep(0.14, 0.15, v + 0.04 * np.sin(5.0 * u + 1.0))
     picture = mix(picture, (0.45, 0.38, 0.33), 0.8 * lake * smoothstep(-1.0, 1.0, np.roll(clouds, 30, axis=0)))
-    strokes = spectral(shape, seed + 5, (0.008, 0.035), slope=1.2)
-    return np.asarray(picture * np.exp(0.13 * strokes)[..., None]).clip(0.02, 0.85)
+    return _brushed(picture, seed).clip(0.02, 0.85)
+
+
+def _brushed(picture: Array, seed: int) -> Array:
+    """A picture in strokes of a brush, broad ones first, each of the colour under its middle."""
+    height, width = picture.shape[:2]
+    rng = np.random.default_rng(seed)
+    canvas = picture.copy()
+    for long, wide, count in ((60.0, 15.0, 1500), (34.0, 9.0, 5000), (18.0, 4.5, 9000)):
+        length, breadth = long * width / 768.0, wide * width / 768.0
+        reach = int(length / 2.0) + 2
+        dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+        for row, column in zip(rng.integers(0, height, count), rng.integers(0, width, count), strict=True):
+            turn = rng.normal(0.0, 0.22) + 0.35 * np.sin(5.0 * column / width) * (row < 0.5 * height)
+            along, across = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
+            bristles = 0.75 + 0.25 * np.sin(across * 2.4 + rng.uniform(0.0, 6.3))
+            edge = np.maximum(np.abs(along) / (length / 2.0), np.abs(across) / (breadth / 2.0))
+            cover = bristles * smoothstep(1.0, 0.8, edge)
+            rows, columns = row + dy[:, 0], column + dx[0]
+            upright, sideways = (rows >= 0) & (rows < height), (columns >= 0) & (columns < width)
+            at = np.ix_(rows[upright], columns[sideways])
+            color = picture[row, column] * np.exp(rng.normal(0.0, 0.07) + rng.normal(0.0, 0.03, 3))
+            canvas[at] = mix(canvas[at], color, cover[np.ix_(upright, sideways)])
+    return canvas
+
+
+def sprig(width: int, height: int, seed: int) -> Array:
+    """A pressed twig with paired leaves, in ink and wash on paper."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0:height, 0:width]
+    u, v = (x + 0.5) / height - 0.5 * width / height, 1.0 - (y + 0.5) / height
+    grain = spectral((height, width), seed, 0.02, slope=1.2)
+    wash = spectral((height, width), seed + 1, 0.10, slope=1.8)
+    picture = np.broadcast_to((0.70, 0.67, 0.60), (height, width, 3))
+    bend = rng.uniform(-0.10, 0.10)
+
+    def stem(t: Array | float) -> Array | float:
+        return bend * np.sin(2.2 * np.asarray(t)) + 0.02 * np.sin(9.0 * np.asarray(t))
+
+    ink = (0.085, 0.115, 0.075)
+    inside = (v > 0.10) & (v < 0.90)
+    picture = mix(picture, ink, smoothstep(0.0045, 0.0025, np.abs(u - stem(v))) * inside)
+    pairs = int(rng.integers(7, 10))
+    for index, level in enumerate(np.linspace(0.24, 0.88, pairs)):
+        for side in (-1.0, 1.0):
+            size = 0.17 * (1.0 - 0.55 * index / pairs) * rng.uniform(0.9, 1.1)
+            turn = np.radians(rng.uniform(28.0, 46.0))
+            p, q = side * (u - stem(level)), v - level
+            along = (p * np.cos(turn) + q * np.sin(turn)) / size
+            across = (q * np.cos(turn) - p * np.sin(turn)) / size
+            half = 0.23 * np.sin(np.pi * along.clip(0.0, 1.0) ** 0.8)
+            blade = smoothstep(0.012, -0.012, np.abs(across - 0.10 * along * (1.0 - along)) - half) * (along > 0.0)
+            tone = np.array((0.16, 0.24, 0.15)) * rng.uniform(0.75, 1.3)
+            picture = mix(picture, tone * np.exp(0.18 * wash)[..., None], 0.88 * blade * (along < 1.0))
+            picture = mix(picture, ink, 0.5 * smoothstep(0.02, 0.008, np.abs(across)) * blade)
+    return np.asarray(picture * np.exp(0.03 * grain)[..., None]).clip(0.02, 0.85)
+
+
+def arches(width: int, height: int, seed: int) -> Array:
+    """Nested arches over a disc, block printed: dry edges and a little paper showing through."""
+    y, x = np.mgrid[0:height, 0:width]
+    worn = spectral((height, width), seed, 0.012, slope=1.0)
+    edge = 0.0025 * spectral((height, width), seed + 1, 0.04, slope=1.6)
+    u, v = (x + 0.5) / height - 0.5 * width / height, 1.0 - (y + 0.5) / height
+    picture = np.broadcast_to((0.70, 0.66, 0.58), (height, width, 3))
+    bands = (
+        (0.27, (0.10, 0.19, 0.19)),
+        (0.205, (0.56, 0.33, 0.19)),
+        (0.14, (0.62, 0.52, 0.38)),
+        (0.075, (0.33, 0.11, 0.06)),
+    )
+    for radius, color in bands:
+        reach = np.where(v > 0.46, np.hypot(u, v - 0.46), np.abs(u)) + edge
+        ring = smoothstep(0.0015, -0.0015, reach - radius) * (v > 0.16) * smoothstep(-2.4, -1.6, worn)
+        picture = mix(picture, (0.70, 0.66, 0.58), smoothstep(0.0015, -0.0015, reach - radius - 0.010) * (v > 0.15))
+        picture = mix(picture, color, 0.95 * ring)
+    disc = smoothstep(0.0015, -0.0015, np.hypot(u - 0.13, v - 0.84) + edge - 0.062) * smoothstep(-2.4, -1.6, worn)
+    return np.asarray(mix(picture, (0.60, 0.40, 0.12), 0.95 * disc)).clip(0.02, 0.85)
 
 
 def abstract(width: int, height: int, seed: int, palette: list[tuple[float, float, float]]) -> Array:

@@ -37,7 +37,8 @@ def afternoon(width: int, height: int, seed: int, sun: Array) -> Array:
     view = np.where((elevation < 0.0)[..., None], lawn, sky)
     view = _trees(view, elevation, seed + 10, 0.235, 0.045, (0.080, 0.105, 0.060), haze=0.20)
     view = _trees(view, elevation, seed + 20, 0.135, 0.055, (0.044, 0.068, 0.021), haze=0.05)
-    return _trees(view, elevation, seed + 30, 0.015, 0.028, (0.032, 0.055, 0.016), haze=0.0)
+    view = _trees(view, elevation, seed + 30, 0.015, 0.028, (0.032, 0.055, 0.016), haze=0.0)
+    return _trees(view, elevation, seed + 40, -0.26, 0.11, (0.036, 0.060, 0.020), haze=0.0, foot=-0.33)
 
 
 def dusk(width: int, height: int, seed: int, sun: Array) -> Array:
@@ -58,11 +59,22 @@ def dusk(width: int, height: int, seed: int, sun: Array) -> Array:
     lawn = lawn * np.exp(0.25 * spectral((height, width), seed + 1, (0.02, 0.05), slope=1.0))[..., None]
     view = np.where((elevation < 0.0)[..., None], lawn, sky)
     view = _trees(view, elevation, seed + 10, 0.16, 0.040, (0.055, 0.055, 0.055), haze=0.25)
-    return _trees(view, elevation, seed + 20, 0.085, 0.045, (0.018, 0.022, 0.014), haze=0.0)
+    view = _trees(view, elevation, seed + 20, 0.085, 0.045, (0.018, 0.022, 0.014), haze=0.0)
+    view = _trees(view, elevation, seed + 30, 0.012, 0.020, (0.013, 0.017, 0.010), haze=0.0)
+    return _trees(view, elevation, seed + 40, -0.26, 0.11, (0.010, 0.014, 0.008), haze=0.0, foot=-0.33)
 
 
-def _trees(view: Array, elevation: Array, seed: int, top: float, relief: float, leaf: object, haze: float) -> Array:
-    """A row of trees in front of `view`, up to about `top` rad: lobed crowns, lit from above, in thin haze."""
+def _trees(
+    view: Array,
+    elevation: Array,
+    seed: int,
+    top: float,
+    relief: float,
+    leaf: object,
+    haze: float,
+    foot: float = -0.042,
+) -> Array:
+    """A row of trees or shrubs in front of `view`, from `foot` to about `top` rad: lobed, lit from above, in haze."""
     height, width = elevation.shape
     crowns = spectral((1, width), seed, (1.0, 0.045), slope=1.3)
     ragged = spectral((height, width), seed + 1, (0.020, 0.011), slope=1.1)
@@ -71,5 +83,7 @@ def _trees(view: Array, elevation: Array, seed: int, top: float, relief: float, 
     leaves = spectral((height, width), seed + 3, (0.007, 0.0035), slope=0.9)
     light = np.exp(0.45 * clumps + 0.28 * leaves + 3.0 * (elevation - top))
     color = mix(np.asarray(leaf) * light[..., None], (0.34, 0.38, 0.40), np.full((height, width), haze))
-    inside = smoothstep(0.006, -0.006, elevation - outline) * smoothstep(-0.055, -0.030, elevation + 0.01 * ragged)
+    inside = smoothstep(0.006, -0.006, elevation - outline) * smoothstep(
+        -0.013, 0.012, elevation - foot + 0.01 * ragged
+    )
     return mix(view, color, inside)

@@ -9,6 +9,7 @@ import numpy as np
 from usd_scenes.author import cloth
 from usd_scenes.author.thing import Thing, thing
 from usd_scenes.author.things.bedroom import BED_LENGTH, BED_WIDTH, HEADBOARD, MATTRESS_TOP
+from usd_scenes.author.things.pillows import stuffed
 
 MATTRESS = cloth.box(
     (-BED_WIDTH / 2.0, 0.20, HEADBOARD), (BED_WIDTH / 2.0, MATTRESS_TOP, HEADBOARD + BED_LENGTH), 0.055
@@ -67,19 +68,8 @@ def bed_throw(name: str, look: str = "ThrowWool") -> Thing:
 
 
 def bed_pillow(name: str, look: str, width: float, height: float, thick: float, seed: int) -> Thing:
-    """A stuffed pillow that lies on y = 0, its height along z, sewn at its edges and creased there."""
-    flat = cloth.pattern(width, height, 0.014)
-    across, along = 2.0 * flat[..., 0] / width, 2.0 * flat[..., 1] / height
-    rng = np.random.default_rng(seed)
-    phase = rng.uniform(0.0, 6.28, 6)
-    lumps = np.sin(9.0 * flat[..., 0] + phase[0] + 3.0 * flat[..., 1]) * np.sin(13.0 * flat[..., 1] + phase[1])
-    lumps = lumps + 0.3 * np.sin(19.0 * flat[..., 0] - 11.0 * flat[..., 1] + phase[2])
-    gap = thick * ((1.0 - np.abs(across) ** 2.4).clip(0.0) * (1.0 - np.abs(along) ** 2.4).clip(0.0)) ** 0.6
-    gap = gap * (1.0 + 0.035 * lumps)
-    y = 0.5 * thick + 0.01 * np.sin(7.0 * flat[..., 0] + phase[3]) + 0.01 * np.sin(9.0 * flat[..., 1] + phase[4])
-    made = cloth.bag(flat, np.stack([flat[..., 0], y, flat[..., 1]], axis=-1), gap, shear=0.2, bend=0.10)
-    made.relax(0.6, [cloth.floor(0.0)], friction=0.2, gravity=0.4, drag=6.0)
-    return thing(name, "pillow", ("Cover", look, cloth.bag_mesh(made, flat, 2 if width < 0.5 else 1)))
+    """A stuffed pillow that lies in the xz plane, its height along z."""
+    return thing(name, "pillow", ("Cover", look, stuffed(width, thick, seed, 0.0125, height).turned("x", -90.0)))
 
 
 def leaning(item: Thing, at: tuple[float, float, float], pitch: float, yaw: float = 0.0, roll: float = 0.0) -> Thing:

@@ -9,10 +9,13 @@ from usd_scenes.author.mesh import Mesh
 from usd_scenes.author.thing import Thing, thing
 
 
-def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105) -> Mesh:
-    """Two squares of cloth sewn together, standing in the xy plane about the origin; uv 0..size over the front."""
-    flat = cloth.pattern(size, size, cell)
-    across, along = 2.0 * flat[..., 0] / size, 2.0 * flat[..., 1] / size
+def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105, height: float | None = None) -> Mesh:
+    """Two pieces of cloth sewn together, standing in the xy plane about the origin; uv in m over the front.
+
+    size: their width, and their height where none is given.
+    """
+    flat = cloth.pattern(size, height or size, cell)
+    across, along = 2.0 * flat[..., 0] / size, 2.0 * flat[..., 1] / (height or size)
     phase = np.random.default_rng(seed).uniform(0.0, 6.28, 4)
     lumps = np.sin(14.0 * flat[..., 0] + 5.0 * flat[..., 1] + phase[0]) * np.sin(17.0 * flat[..., 1] + phase[1])
     gap = thick * ((1.0 - across**2).clip(0.0) * (1.0 - along**2).clip(0.0)) ** 0.75 * (1.0 + 0.04 * lumps)

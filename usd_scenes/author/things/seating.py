@@ -252,30 +252,31 @@ def folded_throw(name: str) -> Thing:
 
 
 def pouf(name: str) -> Thing:
-    """A round pouf of sixteen stuffed lobes, gathered at a button."""
-    profile = curve(
-        [
-            [0.0, 0.0],
-            [0.17, 0.004],
-            [0.235, 0.05],
-            [0.268, 0.18],
-            [0.235, 0.32],
-            [0.15, 0.372],
-            [0.05, 0.372],
-            [0.0, 0.362],
-        ],
-        30,
-    )
-    body = lathe(profile, 128)
+    """A round upholstered pouf, 0.39 m: six panels in piping, dimpled at a button."""
+    outline = [
+        [0.0, 0.0],
+        [0.19, 0.0],
+        [0.243, 0.010],
+        [0.262, 0.06],
+        [0.268, 0.19],
+        [0.262, 0.32],
+        [0.243, 0.370],
+        [0.19, 0.386],
+        [0.09, 0.390],
+        [0.03, 0.378],
+        [0.0, 0.372],
+    ]
+    body = lathe(curve(outline, 44), 132)
 
-    def lobes(points: Array) -> Array:
+    def upholster(points: Array) -> Array:
         angle = np.arctan2(points[:, 0], points[:, 2])
         radius = np.hypot(points[:, 0], points[:, 2])
-        seam = 1.0 - np.abs(np.sin(8.0 * angle)) ** 0.6
-        reach = np.clip(radius / 0.10, 0.0, 1.0)
-        bent = points * (1.0 - 0.045 * seam * reach)[:, None]
-        bent[:, 1] = points[:, 1] * (1.0 - 0.03 * seam * reach) + 0.002 * wrinkles(points, 44, 0.2) * reach
-        return bent
+        seam = np.exp(-((np.sin(3.0 * angle) / 0.10) ** 2)) * np.clip(radius / 0.15, 0.0, 1.0)
+        bent = points * (1.0 - 0.012 * seam)[:, None]
+        return np.asarray(bent + 0.002 * wrinkles(points, 44, 0.16)[:, None] * (points[:, 1:2] > 0.004))
 
-    button = sphere(0.022, 24).scaled(1.0, 0.5, 1.0).moved(0.0, 0.366, 0.0)
-    return thing(name, "pouf", ("Cover", "ThrowWool", [body.deformed(lobes), button]))
+    turn = np.arange(72) * (2.0 * np.pi / 72)
+    ring = np.stack([0.249 * np.sin(turn), np.zeros(72), 0.249 * np.cos(turn)], axis=-1)
+    piping = [sweep(ring + np.array([0.0, y, 0.0]), circle(0.0055, 8), closed=True) for y in (0.016, 0.366)]
+    button = sphere(0.020, 24).scaled(1.0, 0.45, 1.0).moved(0.0, 0.376, 0.0)
+    return thing(name, "pouf", ("Cover", "ThrowWool", [body.deformed(upholster), *piping, button]))

@@ -91,7 +91,9 @@ def bath_mat(name: str, look: str, width: float = 0.80, depth: float = 0.52) -> 
     top = grid(points, flat)
     base = rounded_box((width, 0.010, depth), 0.0045, 2).moved(0.0, 0.0052, 0.0)
     bands = [
-        rounded_box((wide, 0.006, depth - 0.085), 0.0028, 2, (1, 1, 12)).moved(side * (width / 2.0 - at), 0.0165, 0.0)
+        rounded_box((wide, 0.007, depth - 0.085), 0.003, 2, (2, 1, 24))
+        .moved(side * (width / 2.0 - at), 0.0175, 0.0)
+        .deformed(lambda points: points + np.array([0.0, 0.0015, 0.0]) * wrinkles(points, 5, 0.09)[:, None])
         for side in (-1.0, 1.0)
         for at, wide in ((0.095, 0.030), (0.150, 0.014))
     ]
