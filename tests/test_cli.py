@@ -70,7 +70,7 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
 
 def test_render_hands_on_every_option(tmp_path, fake):
     options = ["--quality", "photo", "--spp", 64, "--camera", "Front", "--fps", 12.5, "--arch", "cpu"]
-    options += ["--taxonomy", "wikidata"]
+    options += ["--taxonomy", "wikidata", "--error", 0.02, "--clamp", 10, "--pixel-filter", "gaussian"]
     variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
     assert render("-o", tmp_path, *options, *variants) == 0
     assert fake.made[0].source == "somewhere"
@@ -78,6 +78,9 @@ def test_render_hands_on_every_option(tmp_path, fake):
     assert fake.made[0].others == {
         "quality": "photo",
         "spp": 64,
+        "error": 0.02,
+        "clamp": 10.0,
+        "pixel_filter": "gaussian",
         "camera": "Front",
         "fps": 12.5,
         "arch": "cpu",
@@ -96,7 +99,7 @@ def test_render_is_differential_where_it_pays_or_as_it_is_told(tmp_path, fake):
     for number, options in enumerate([[], ["--frames", ":60"], ["--frames", ":60", "--no-differential"]]):
         render("-o", tmp_path / str(number), *options)
     render("-o", tmp_path / "told", "--differential")
-    assert [stream.others["differential"] for stream in fake.made] == [False, True, False, True]
+    assert [stream.others["differential"] for stream in fake.made] == [False, None, False, True]  # None: if it can be
 
 
 def test_render_all_buffers_and_the_default_ones(tmp_path, fake):
@@ -124,7 +127,7 @@ def test_interrupted_render_says_how_to_go_on_and_does(tmp_path, fake, capsys, m
     [
         (["render", "nowhere", "-o", "x"], "tiscene: no scene 'nowhere'. Did you mean 'somewhere'?"),
         (["render", "s", "-o", "x", "--buffers", "dept"], "tiscene: no buffer 'dept'. Did you mean 'depth'?"),
-        (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of exr, npz, png"),
+        (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of cryptomatte, exr, npz, png"),
         (["demo", "-o", "x", "--frames", "0"], "tiscene: --frames 0: must be at least 1"),
         (["show", "kitchn"], "tiscene: no scene 'kitchn'. Did you mean 'kitchen'?"),
         (["show", "gone.usda"], "tiscene: no file 'gone.usda'"),

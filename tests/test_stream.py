@@ -129,6 +129,33 @@ def test_denoising_changes_rgb_and_never_hdr():
     assert not np.array_equal(noisy.rgb, clean.rgb)
 
 
+def test_paths_until_the_error_is_small_enough():
+    settings = {**SETTINGS, "buffers": ("hdr", "depth"), "differential": None, "spp": 48, "error": 0.1}
+    stream = ts.Stream(moving_scenario(), **settings)
+    assert not stream.differential  # though it is endless
+    frame = stream[4]
+    assert 16 < frame.spp < 48
+    again = ts.Stream(moving_scenario(), **settings)[4]
+    assert (again.hdr.tobytes(), again.spp) == (frame.hdr.tobytes(), frame.spp)
+    assert ts.Stream(moving_scenario(), **{**settings, "spp": None}).quality.spp == 1024
+    assert ts.Stream(moving_scenario(), **{**settings, "buffers": ("depth",)})[4].spp == 0.0
+
+
+def test_clamps_and_filters_change_colour_alone():
+    settings = {**SETTINGS, "buffers": ("hdr", "depth", "coverage"), "differential": False}
+    plain = ts.Stream(moving_scenario(), **settings)[4]
+    assert plain.spp == 2
+    brightest = float(plain.hdr.max())
+    for option in ({"clamp": 0.3 * brightest}, {"pixel_filter": "mitchell"}, {"pixel_filter": "gaussian"}):
+        other = ts.Stream(moving_scenario(), **settings, **option)[4]
+        assert not np.array_equal(other.hdr, plain.hdr)
+        assert np.array_equal(other.coverage, plain.coverage)
+        assert np.array_equal(other.depth, plain.depth)
+        if "clamp" in option:
+            assert other.hdr.max() <= 0.3 * brightest * 1.0001
+            assert (other.hdr <= plain.hdr * 1.0001).all()
+
+
 @pytest.mark.parametrize(
     ("error", "message", "source", "arguments"),
     [
@@ -142,6 +169,10 @@ def test_denoising_changes_rgb_and_never_hdr():
         (ArgumentError, "frames=0", "object_view", {"frames": 0}),
         (ArgumentError, "quality='best'", "object_view", {"quality": "best"}),
         (ArgumentError, "spp=0", "object_view", {"spp": 0}),
+        (ArgumentError, "error=2.0: must lie between 0 and 1", "object_view", {"error": 2.0}),
+        (ArgumentError, "clamp=-1.0: must be greater than 0", "object_view", {"clamp": -1.0}),
+        (ArgumentError, "pixel_filter='sinc': must be one of box", "object_view", {"pixel_filter": "sinc"}),
+        (ArgumentError, "differential=True: not with error=", "object_view", {"differential": True, "error": 0.1}),
         (ArgumentError, "arch='metal'", "object_view", {"arch": "metal"}),
         (CameraNotFound, "no camera 'Nobody'", "object_view", {"camera": "Nobody"}),
         (TemplateNotFound, "Did you mean 'Chair 01'", ts.Scenario("object_view", [ts.Object("c", "Chair 1")]), {}),

@@ -79,6 +79,13 @@ def parser() -> argparse.ArgumentParser:
     render.add_argument("--fps", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)")
     render.add_argument("--quality", default="standard", help="fast, preview, standard or photo (default: %(default)s)")
     render.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
+    render.add_argument(
+        "--error",
+        type=float,
+        help="samples until a pixel's error is this part of its light, such as 0.02 (at most --spp)",
+    )
+    render.add_argument("--clamp", type=float, help="the most that one sample brings, W/m²/sr: less noise, less light")
+    render.add_argument("--pixel-filter", metavar="NAME", help="box, triangle, gaussian, mitchell or blackman-harris")
     render.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
     render.add_argument(
         "--camera",

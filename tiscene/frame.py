@@ -74,6 +74,7 @@ class Frame:
     attributes, so that `frame.rgb` is `frame.buffers["rgb"]`. Nobody else holds the arrays: they may be written to.
     objects: one row for each live object, computed when first looked at. categories: what the ids of `semantic` mean.
     events: what was spawned, was despawned, met something, came into view or left it since the frame before.
+    spp: paths per pixel that colour was made of, in the mean; 0 where the frame has no colour.
     others: the same moment as the stream's other cameras see it; `views` has all by name.
     """
 
@@ -84,6 +85,7 @@ class Frame:
     objects: ObjectTable = field(default_factory=ObjectTable)
     categories: Mapping[int, str] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
+    spp: float = 0.0
     others: tuple[Frame, ...] = ()
 
     @property

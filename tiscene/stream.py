@@ -18,7 +18,8 @@ from tiscene.camera import Camera
 from tiscene.differential import is_fixed, moving, pays
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame import Frame, FrameCamera
-from tiscene.render.aovs import AOVS
+from tiscene.frame_range import FrameRange
+from tiscene.render.aovs import AOVS, COLORS
 from tiscene.render.integrators.replay import CACHE_BYTES, Report
 from tiscene.render.measure import Measurer
 from tiscene.render.renderer import Quality, Renderer, quality_named
@@ -47,6 +48,9 @@ class Stream(Iterator[Frame]):
     width, height: px. fps: frame k shows time k / fps. frames: how many; None for an endless stream.
     buffers: which of `tiscene.render.aovs.AOVS` each frame holds; the others cost nothing.
     quality: "fast", "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
+    error: paths go through each pixel until its error is estimated to be that part of its luminance (0.02: 2 %), spp of
+        them at most (by default 1024). clamp: the most that one path brings in a channel, W/m²/sr: less glaring noise,
+        and light that is missing. pixel_filter: "box", "triangle", "gaussian", "mitchell" or "blackman-harris".
     seed: of the rendering's random numbers (trajectories have their own).
     camera: a Camera, or the name of one on the stage, in the place of the scenario's. Several: one simulation that all
         of them watch; `frame` is what the first sees, `frame.views` has a frame of each by the camera's name.
@@ -83,6 +87,9 @@ class Stream(Iterator[Frame]):
         spp: int | None = None,
         max_depth: int | None = None,
         denoise: bool | None = None,
+        error: float | None = None,
+        clamp: float | None = None,
+        pixel_filter: str | None = None,
         seed: int = 0,
         camera: Camera | str | Sequence[Camera | str] | None = None,
         time_code: float | None = None,
@@ -103,13 +110,17 @@ class Stream(Iterator[Frame]):
             raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
         self.fps = float(fps)
         self.buffers = _buffer_names(buffers)
-        self.quality: Quality = quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
+        parts = {"max_depth": max_depth, "denoise": denoise, "clamp": clamp, "pixel_filter": pixel_filter}
+        self.quality: Quality = quality_named(quality, spp=spp, error=error, **parts)
         if untrusted and not isinstance(source, Scenario):
             source = Scenario(os.fspath(source))
         scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
         if camera is not None:
             scenario = replace(scenario, camera=camera)
-        self.differential = pays(self.frames) if differential is None else differential
+        if differential and not self.quality.may_be_differential:
+            raise ArgumentError("differential=True: not with error=, clamp= or pixel_filter='mitchell'")
+        pays_here = self.quality.may_be_differential and pays(self.frames)
+        self.differential = pays_here if differential is None else differential
         self._cache_bytes = _integer("cache_bytes", cache_bytes, 1, sys.maxsize)
         self._report = report or Waiting()
         self.time_code = time_code
@@ -233,6 +244,9 @@ class Stream(Iterator[Frame]):
             "seed": self.seed,
             "spp": self.quality.spp,
             "max_depth": self.quality.max_depth,
+            "error": self.quality.error,
+            "clamp": self.quality.clamp,
+            "pixel_filter": self.quality.pixel_filter,
             "reduction": self.quality.reduction,
             "denoiser": self.quality.denoiser if self.quality.denoise else None,
             "time_code": self.time_code,
@@ -285,7 +299,8 @@ class Stream(Iterator[Frame]):
         exposure = view.current.exposure
         if exposure is None:
             exposure = self.exposure if "rgb" in buffers else 0.0
-        rendered = self._renderer(view).render(
+        renderer = self._renderer(view)
+        rendered = renderer.render(
             view,
             placement,
             buffers,
@@ -301,6 +316,7 @@ class Stream(Iterator[Frame]):
             buffers=rendered,
             objects=self._measurer.table(placement, view, self.world.objects(index), rendered.get("instance")),
             categories=self.categories,
+            spp=renderer.spp if not COLORS.isdisjoint(buffers) else 0.0,
             events=tuple(self.world.events(index, (view.previous, view.current, view.next), view.width / view.height)),
         )
 
@@ -346,31 +362,6 @@ class Stream(Iterator[Frame]):
         """What rays walk through serves for collisions too."""
         self._load()
         return self._scene.trees
-
-
-class FrameRange(Sequence[Frame]):
-    """Some frames of a stream, each rendered when it is asked for."""
-
-    def __init__(self, stream: Stream, indices: range) -> None:
-        self.stream = stream
-        self.indices = indices
-
-    def __len__(self) -> int:
-        return len(self.indices)
-
-    def __iter__(self) -> Iterator[Frame]:
-        return (self.stream[index] for index in self.indices)
-
-    @overload
-    def __getitem__(self, index: int) -> Frame: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> FrameRange: ...
-
-    def __getitem__(self, index: int | slice) -> Frame | FrameRange:
-        if isinstance(index, slice):
-            return FrameRange(self.stream, self.indices[index])
-        return self.stream[self.indices[index]]
 
 
 def _integer(name: str, value: Any, low: int, high: int) -> int:

@@ -27,12 +27,15 @@ def run(args: argparse.Namespace) -> None:
                 buffers=buffers,
                 quality=args.quality,
                 spp=args.spp,
+                error=args.error,
+                clamp=args.clamp,
+                pixel_filter=args.pixel_filter,
                 seed=args.seed,
                 camera=args.camera[0] if args.camera and len(args.camera) == 1 else args.camera,
                 variants=dict(args.variant),
                 taxonomy=args.taxonomy,
                 arch=args.arch,
-                differential=pays(len(args.frames)) if args.differential is None else args.differential,
+                differential=_differential(args),
                 report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
             )
             step(0, doing="first frame")
@@ -56,3 +59,9 @@ def run(args: argparse.Namespace) -> None:
         note(f"Interrupted: {done} of {total} frames are in {args.output}. The same command goes on from there.")
         raise
     print(args.output)
+
+
+def _differential(args: argparse.Namespace) -> bool | None:
+    """What was asked for, else whether it pays for so many frames; the stream knows whether it can be."""
+    wanted: bool | None = args.differential
+    return wanted if wanted is not None or pays(len(args.frames)) else False

@@ -30,6 +30,7 @@ def frame_labels(frame: Frame, objects: bool) -> dict[str, Any]:
     labels: dict[str, Any] = {
         "index": frame.index,
         "time": frame.time,
+        "spp": frame.spp,
         "camera": {
             "name": camera.camera.name,
             "position": list(camera.position),

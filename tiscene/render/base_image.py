@@ -13,6 +13,7 @@ import os
 import platform
 import sys
 import tempfile
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ class BaseImages:
         self.size_limit = size_limit
         self._digests: dict[int, bytes] = {}
 
-    def key(self, scene: DeviceScene, still: NDArray[np.bool_], view: View, settings: dict[str, int]) -> str:
+    def key(self, scene: DeviceScene, still: NDArray[np.bool_], view: View, settings: Mapping[str, int | str]) -> str:
         """The name of the picture of those instances of what is placed: a digest of everything that it depends on."""
         placement = scene.placement
         digest = hashlib.sha256(_program())

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
+from tiscene.render.adaptive import render_to_error
 from tiscene.render.aovs import COLORS, times_needed
 from tiscene.render.base_image import BaseImages
 from tiscene.render.clean import Cleaner
 from tiscene.render.film import meter, tone_map
 from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.integrators.path import PathPass
+from tiscene.render.integrators.path import PathImage, PathPass
 from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass, Report
+from tiscene.render.pixel_filter import pixel_filter
 from tiscene.render.upsample import reduced
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
@@ -34,6 +36,9 @@ class Quality:
     denoise: run Intel Open Image Denoise over the radiance; False never touches a pixel.
     denoiser: how well, one of `denoise.QUALITIES`; "high" takes some four times as long as "fast".
     base_spp: paths per pixel of the base image of what stands still, where frames are differences to it.
+    error: paths go through each pixel until its standard error is estimated to be that part of its luminance, `spp` at
+    most; None: always `spp`. clamp: the most that one path brings in a channel, W/m²/sr; None: all that it brings.
+    pixel_filter: of `PIXEL_FILTERS`, that paths are spread by.
     reduction: light is traced in a picture so many times smaller each way, and brought to full size along the surfaces
     that the labels show; where frames are differences to a base, it is denoised in that size only.
     """
@@ -44,6 +49,9 @@ class Quality:
     denoiser: str = "balanced"
     base_spp: int = 256
     reduction: int = 1
+    error: float | None = None
+    clamp: float | None = None
+    pixel_filter: str = "box"
 
     def __post_init__(self) -> None:
         if self.spp < 1:
@@ -52,7 +60,19 @@ class Quality:
             raise ArgumentError(f"max_depth={self.max_depth}: a path has at least one edge")
         if self.reduction < 1:
             raise ArgumentError(f"reduction={self.reduction}: at least 1, which is full size")
+        if self.error is not None and not 0.0 < self.error < 1.0:
+            raise ArgumentError(f"error={self.error}: must lie between 0 and 1; 0.02 is 2 %")
+        if self.clamp is not None and not self.clamp > 0.0:
+            raise ArgumentError(f"clamp={self.clamp}: must be greater than 0")
+        pixel_filter(self.pixel_filter)
 
+    @property
+    def may_be_differential(self) -> bool:
+        """Whether paths can be kept: each counts for itself and for as much as any other."""
+        return self.error is None and self.clamp is None and self.pixel_filter != "mitchell"
+
+
+MOST_SPP = 1024  # where an error is asked for, but no number
 
 QUALITIES = {
     "fast": Quality(spp=2, max_depth=4, denoiser="fast", base_spp=64, reduction=2),
@@ -84,8 +104,10 @@ class Renderer:
         self.height = height
         self.quality = quality
         self._labels = LabelPass(scene)
-        self._paths = PathPass(scene, *reduced(width, height, quality.reduction))
-        self._replay_paths = self._paths if quality.reduction == 1 else PathPass(scene, width, height)
+        self.spp = 0.0
+        options: dict[str, Any] = {"pixel_filter": quality.pixel_filter, "clamp": quality.clamp}
+        self._paths = PathPass(scene, *reduced(width, height, quality.reduction), **options)
+        self._replay_paths = self._paths if quality.reduction == 1 else PathPass(scene, width, height, **options)
         self._replay = ReplayPass(
             scene, width, height,
             memory_limit=cache_bytes, images=BaseImages(), report=report, paths=self._replay_paths,
@@ -140,6 +162,7 @@ class Renderer:
         result: dict[str, NDArray[Any]] = {}
         if moving is not None:
             difference = self._replay.render(moving)
+            self.spp = float(quality.spp)
             result["hdr"] = difference.hdr
             guides = difference.albedo, difference.normal
             if "rgb" in buffers:
@@ -147,10 +170,8 @@ class Renderer:
         else:
             if quality.reduction > 1:
                 view = replace(view, width=self._paths.width, height=self._paths.height)
-            image = self._paths.render(
-                view, frame_index=frame_index, seed=seed, spp=quality.spp, max_depth=quality.max_depth
-            )
-            guides = (image.albedo, image.normal) if quality.reduction == 1 else [labels[name] for name in GUIDES]
+            image = self._trace(view, frame_index, seed)
+            guides = (image.albedo, image.normal) if quality.reduction == 1 else (labels[GUIDES[0]], labels[GUIDES[1]])
             if "hdr" in buffers:
                 result["hdr"] = raw.traced(image, *guides)
             if "rgb" in buffers:
@@ -162,6 +183,20 @@ class Renderer:
                 radiance = radiance + np.where(surface, albedo, 0.0) * np.array(view.ambient, np.float32)
             result["rgb"] = tone_map(radiance, exposure)
         return result
+
+    def _trace(self, view: View, frame_index: int, seed: int) -> PathImage:
+        quality = self.quality
+        if quality.error is None:
+            self.spp = float(quality.spp)
+            return self._paths.render(
+                view, frame_index=frame_index, seed=seed, spp=quality.spp, max_depth=quality.max_depth
+            )
+        image = render_to_error(
+            self._paths, view,
+            frame_index=frame_index, seed=seed, error=quality.error, most=quality.spp, max_depth=quality.max_depth,
+        )  # fmt: skip
+        self.spp = float(image.samples.mean())
+        return image
 
     def meter(self, view: View, placement: Placement, *, seed: int) -> float:
         """The exposure in stops that shows this placement well, from a small picture of it."""
@@ -175,7 +210,12 @@ class Renderer:
 
 
 def quality_named(name: str, **overrides: Any) -> Quality:
-    """The preset of that name with the given parts replaced (None keeps the preset's)."""
+    """The preset of that name with the given parts replaced (None keeps the preset's).
+
+    With an error, spp is the most, and MOST_SPP if it is not among the parts.
+    """
     if name not in QUALITIES:
         raise ArgumentError(f"quality={name!r}: must be one of {', '.join(QUALITIES)}")
+    if overrides.get("error") is not None and overrides.get("spp") is None:
+        overrides["spp"] = MOST_SPP
     return replace(QUALITIES[name], **{part: value for part, value in overrides.items() if value is not None})

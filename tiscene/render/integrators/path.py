@@ -79,6 +79,7 @@ class PathPass:
         self.background = SKY
         self._batch_size = batch_size or BATCH_SIZE
         self._state: PathState | None = None
+        self.pixel_filter_name = pixel_filter
         self.pixel_filter = upload(pixel_filter_named(pixel_filter).table())
         self._clamp = math.inf if clamp is None else clamp
         self._pixels = upload(tiled_order(width, height))

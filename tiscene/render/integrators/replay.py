@@ -217,7 +217,12 @@ class ReplayPass:
     def _base_image(
         self, view: View, still: NDArray[np.bool_], seed: int, spp: int, max_depth: int
     ) -> NDArray[np.float32]:
-        settings = {"seed": seed, "spp": spp, "max_depth": max_depth}
+        settings: dict[str, int | str] = {
+            "seed": seed,
+            "spp": spp,
+            "max_depth": max_depth,
+            "filter": self._paths.pixel_filter_name,
+        }
         key = self._images.key(self.scene, still, view, settings) if self._images else ""
         kept = self._images.load(key, (self.height, self.width, FILM_COLUMNS)) if self._images else None
         if kept is not None:
