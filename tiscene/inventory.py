@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Quaternion, Vector3, quaternion_from_matrix
+from tiscene.camera import Quaternion, Vector3
 from tiscene.edits import Life
 from tiscene.errors import ScenarioError
 from tiscene.lighting import Carried
 from tiscene.scenario import Object
-from tiscene.scene.animation import Track
-from tiscene.scene.description import Light, SceneDescription, Template
+from tiscene.scene.animation import Track, quaternions
+from tiscene.scene.description import Light, SceneDescription, Template, mesh_boxes
 from tiscene.scene.parts import Parts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.tracks import Tracks, box_over_time, changing, scaled
 
@@ -79,6 +79,7 @@ class Inventory:
             self._category_id(category)
         self.stage_rows, self._stage_parts = self._settle_stage()
         self.stage_owner = self._stage_parts.owner
+        self._stage_changing = changing(stage)[self._stage_order]
         self.carried: list[Carried] = []
         self.object_rows: list[WorldObject] = []
         self._planned: list[Object] = []
@@ -107,55 +108,49 @@ class Inventory:
 
     def _settle_stage(self) -> tuple[list[WorldObject], Parts]:
         """Rows and parts of the stage's things. Their own axes are those of their first mesh, without its scale."""
-        groups: list[list[int]] = [[] for _ in self.stage.objects]
-        for row, instance in enumerate(self.stage.instances):
-            groups[instance.object].append(row)
-        self._stage_order = np.array([row for group in groups for row in group], np.int64)
-        part_of = np.argsort(self._stage_order)  # of every instance
-        placed = np.array([self.stage.instances[row].world_from_object[:3] for row in self._stage_order])
-        tracks = [(part_of[track.instances], track) for track in self.stage.tracks]
-        self.stage_tracks = Tracks(placed.reshape(-1, 3, 4), tracks)
-        tracked = set(self.stage_tracks.rows.tolist())
-        rows, parts = [], []
-        for number, (thing, group) in enumerate(zip(self.stage.objects, groups, strict=True)):
-            axes = np.eye(4)
-            if group:
-                axes = rigid(self.stage.instances[group[0]].world_from_object)
-            own = [np.linalg.inv(axes) @ self.stage.instances[row].world_from_object for row in group]
-            meshes = [self.stage.instances[row].mesh for row in group]
-            box = bounding_box(self.stage, meshes, own)
-            if len(group) > 1 and tracked and not tracked.isdisjoint(part_of[group].tolist()):
-                moments = self.stage_tracks.over_time(part_of[group])
-                box = box_over_time(self.stage, meshes, moments, own=True)
-            x, y, z = axes[:3, 3].tolist()
-            rows.append(
-                WorldObject(
-                    id=number + 1,
-                    name=thing.name,
-                    template="",
-                    category=thing.category,
-                    category_id=self._category_id(thing.category),
-                    prim_path=thing.prim_path,
-                    position=(x, y, z),
-                    rotation=quaternion_from_matrix(axes[:3, :3]),
-                    velocity=(0.0, 0.0, 0.0),
-                    box=corners(box),
-                    first_frame=0,
-                    last_frame=None,
-                    parts=thing.parts,
-                )
+        stage = self.stage
+        instance_owner = np.array([instance.object for instance in stage.instances], np.int32)
+        self._stage_order = order = np.argsort(instance_owner, kind="stable")  # of the instances, as parts
+        owner, part_of = instance_owner[order], np.argsort(order)
+        placed = np.array([instance.world_from_object for instance in stage.instances]).reshape(-1, 4, 4)[order]
+        meshes = np.array([instance.mesh for instance in stage.instances], np.int32)[order]
+        self.stage_tracks = Tracks(placed[:, :3], [(part_of[track.instances], track) for track in stage.tracks])
+        some, first = np.unique(owner, return_index=True)  # objects of which something is drawn
+        axes = np.tile(np.eye(4), (len(stage.objects), 1, 1))
+        axes[some] = rigid(placed[first])
+        own = np.linalg.inv(axes)[owner] @ placed
+        every = mesh_boxes(stage.meshes, meshes.tolist(), own)
+        boxes = np.zeros((len(stage.objects), 2, 3))
+        if len(some):
+            low, high = np.minimum.reduceat(every[:, 0], first), np.maximum.reduceat(every[:, 1], first)
+            boxes[some] = np.where(low[:, :1, None] < np.inf, np.stack([low, high], axis=1), 0.0)
+        for number in np.unique(owner[self.stage_tracks.rows]).tolist():
+            rows = np.flatnonzero(owner == number)
+            if len(rows) > 1:
+                moments = self.stage_tracks.over_time(rows)
+                boxes[number] = box_over_time(stage, meshes[rows].tolist(), moments, own=True)
+        poses = zip(axes[:, :3, 3].tolist(), quaternions(axes[:, :3, :3]).tolist(), boxes, strict=True)
+        things = [
+            WorldObject(
+                id=number + 1,
+                name=thing.name,
+                template="",
+                category=thing.category,
+                category_id=self._category_id(thing.category),
+                prim_path=thing.prim_path,
+                position=(x, y, z),
+                rotation=tuple(rotation),
+                velocity=(0.0, 0.0, 0.0),
+                box=corners(box),
+                first_frame=0,
+                last_frame=None,
+                parts=thing.parts,
             )
-            parts.append(
-                Parts(
-                    np.array(meshes, dtype=np.int32),
-                    np.full(len(group), number, dtype=np.int32),
-                    # Not axes @ own: the stage's matrices are kept to the bit.
-                    np.array([self.stage.instances[row].world_from_object[:3] for row in group]).reshape(-1, 3, 4),
-                    box_matrices(box, own),
-                    np.array([self.stage.instances[row].part for row in group], dtype=np.int32),
-                )
-            )
-        return rows, joined(parts)
+            for number, (thing, ((x, y, z), rotation, box)) in enumerate(zip(stage.objects, poses, strict=True))
+        ]
+        numbers = np.array([instance.part for instance in stage.instances], np.int32)[order]
+        # Not axes @ own: the stage's matrices are kept to the bit.
+        return things, Parts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
 
     def settle(self, lives: Sequence[Life]) -> None:
         """Add the scenario's objects that are not there yet; `lives` begins with those that are."""
@@ -170,7 +165,7 @@ class Inventory:
             self.carried += [Carried(number, place, _scaled(light, lights_scale)) for light in description.lights]
         objects = joined(self._object_parts)
         self.object_tracks = Tracks(objects.matrix, self._object_track_rows())
-        changes = [changing(self.stage)[self._stage_order]]
+        changes = [self._stage_changing]
         changes += [changing(self.template(each).description) for each in self._planned]
         self.changing = np.concatenate(changes)
         self.owner = objects.owner
@@ -209,7 +204,7 @@ class Inventory:
             np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],
             np.full(len(meshes), number, dtype=np.int32),
             np.array([matrix[:3] for matrix in own]),
-            box_matrices(box, own),
+            box_matrices(np.tile(box, (len(own), 1, 1)), np.array(own)),
             np.array([instance.part for instance in description.instances], dtype=np.int32),
         )
         return row, parts

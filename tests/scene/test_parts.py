@@ -45,7 +45,7 @@ def test_the_box_is_around_all_mapped_vertices():
 
 def test_box_coordinates_run_from_0_to_1_and_stay_invertible():
     box = np.array([[-1.0, 2.0, 0.0], [3.0, 2.0, 1.0]])
-    (matrix,) = box_matrices(box, [np.diag([2.0, 1, 1, 1])])
+    (matrix,) = box_matrices(box[None], np.diag([2.0, 1, 1, 1])[None])
     np.testing.assert_allclose(matrix @ (-0.5, 2, 0, 1), (0, 0.5, 0))
     np.testing.assert_allclose(matrix @ (1.5, 2, 1, 1), (1, 0.5, 1))
     assert np.linalg.det(matrix[:, :3]) == pytest.approx(2 / 4 / LEAST_EXTENT)

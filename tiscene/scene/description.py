@@ -7,6 +7,7 @@ Normals and texture coordinates belong to vertices: a reader splits a vertex whe
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal
 
@@ -20,6 +21,7 @@ FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int32]
 Matrix = NDArray[np.float64]
 Color = tuple[float, float, float]
+_BATCH = 1 << 20  # points at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,13 +284,31 @@ class SceneDescription:
 
     def bounds(self) -> NDArray[np.float64]:
         """The box around every vertex of what is drawn, [2, 3]: lowest and highest corner, m; zeros if empty."""
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for instance in self.instances:
-            positions = self.meshes[instance.mesh].corners()
-            if len(positions):
-                world = positions @ instance.world_from_object[:3, :3].T + instance.world_from_object[:3, 3]
-                low, high = np.minimum(low, world.min(axis=0)), np.maximum(high, world.max(axis=0))
+        if not self.instances:
+            return np.zeros((2, 3))
+        matrices = np.array([instance.world_from_object for instance in self.instances])
+        every = mesh_boxes(self.meshes, [instance.mesh for instance in self.instances], matrices)
+        low, high = every[:, 0].min(axis=0), every[:, 1].max(axis=0)
         return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
+
+
+def mesh_boxes(meshes: Sequence[Mesh], rows: Sequence[int], matrices: Matrix) -> NDArray[np.float64]:
+    """[n, 2, 3]: the box around the vertices of each of the meshes `rows`, mapped by its matrix [n, 4, 4]; inf, -inf
+    for one without any."""
+    result = np.empty((len(rows), 2, 3))
+    result[:, 0], result[:, 1] = np.inf, -np.inf
+    chosen = np.asarray(rows, np.int64)
+    order = np.argsort(chosen, kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(chosen[order])) + 1) if len(order) else ():
+        positions = np.ascontiguousarray(meshes[chosen[group[0]]].corners().T, np.float64)  # [3, points]
+        count = positions.shape[1]
+        step = max(1, _BATCH // max(count, 1))
+        for start in range(0, len(group) if count else 0, step):
+            some = group[start : start + step]
+            mapped = matrices[some, :3, :3] @ positions
+            result[some, 0] = mapped.min(axis=2) + matrices[some, :3, 3]
+            result[some, 1] = mapped.max(axis=2) + matrices[some, :3, 3]
+    return result
 
 
 @dataclass(frozen=True, eq=False)

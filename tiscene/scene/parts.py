@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Vector3
-from tiscene.scene.description import Matrix, SceneDescription, SceneObject
+from tiscene.scene.description import Matrix, SceneDescription, SceneObject, mesh_boxes
 
 # m: how thick a flat object's box counts, so that the way into it can be turned round.
 LEAST_EXTENT = 1e-4
@@ -45,34 +45,32 @@ def joined(parts: Sequence[Parts]) -> Parts:
     )
 
 
-def rigid(matrix: Matrix) -> Matrix:
-    """The rotation nearest to a 4x4 matrix (polar decomposition), with its translation."""
-    left, _, right = np.linalg.svd(matrix[:3, :3])
-    if np.linalg.det(left @ right) < 0.0:
-        left = left * (1.0, 1.0, -1.0)
-    result = np.eye(4)
-    result[:3, :3] = left @ right
-    result[:3, 3] = matrix[:3, 3]
+def rigid(matrices: Matrix) -> Matrix:
+    """The rotations nearest to matrices [..., 4, 4] (polar decomposition), with their translations."""
+    left, _, right = np.linalg.svd(matrices[..., :3, :3])
+    left[..., 2] *= np.where(np.linalg.det(left @ right) < 0.0, -1.0, 1.0)[..., None]
+    result = np.zeros(matrices.shape)
+    result[..., :3, :3] = left @ right
+    result[..., :3, 3] = matrices[..., :3, 3]
+    result[..., 3, 3] = 1.0
     return result
 
 
 def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]) -> Matrix:
     """[2, 3]: the box around the vertices of `meshes`, each mapped by its 4x4 matrix; zeros if there are none."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for mesh, matrix in zip(meshes, matrices, strict=True):
-        positions = description.meshes[mesh].corners()
-        if len(positions):
-            mapped = positions @ matrix[:3, :3].T + matrix[:3, 3]
-            low, high = np.minimum(low, mapped.min(axis=0)), np.maximum(high, mapped.max(axis=0))
+    every = mesh_boxes(description.meshes, meshes, np.array(matrices).reshape(-1, 4, 4))
+    low, high = every[:, 0].min(axis=0, initial=np.inf), every[:, 1].max(axis=0, initial=-np.inf)
     return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
 
 
-def box_matrices(box: Matrix, matrices: Sequence[Matrix]) -> Matrix:
-    """[p, 3, 4]: from each mesh, by its 4x4 matrix, to 0..1 in the box. What is flat lies at 0.5."""
-    extent = np.maximum(box[1] - box[0], LEAST_EXTENT)
-    unit = np.diag([*(1.0 / extent), 1.0])
-    unit[:3, 3] = 0.5 - 0.5 * (box[0] + box[1]) / extent
-    return np.array([(unit @ matrix)[:3] for matrix in matrices]).reshape(-1, 3, 4)
+def box_matrices(boxes: Matrix, matrices: Matrix) -> Matrix:
+    """[p, 3, 4]: from each mesh, by its matrix [p, 4, 4], to 0..1 in its box [p, 2, 3]. What is flat lies at 0.5."""
+    extent = np.maximum(boxes[:, 1] - boxes[:, 0], LEAST_EXTENT)
+    unit = np.zeros((len(boxes), 4, 4))
+    unit[:, range(3), range(3)], unit[:, 3, 3] = 1.0 / extent, 1.0
+    unit[:, :3, 3] = 0.5 - 0.5 * (boxes[:, 0] + boxes[:, 1]) / extent
+    result: Matrix = (unit @ matrices)[:, :3]
+    return result
 
 
 def corners(box: Matrix) -> tuple[Vector3, Vector3]:
