@@ -130,3 +130,34 @@ def test_other_files_are_told_apart(tmp_path):
 def test_without_coverage_there_is_nothing_to_write():
     with pytest.raises(BufferNotFound, match=r"coverage.*Ask for it"):
         cryptomatte.encode(FakeStream(("depth",))[0])
+
+
+def test_mattes_of_a_stream_are_its_labels(tmp_path):
+    import tiscene as ts
+    from tiscene.export import export
+
+    scenario = ts.Scenario(
+        "object_view",
+        [ts.Object("cube", "Cube", (-0.2, 0.0, 0.0)), ts.Object("dish", "Dish 01", (0.3, 0.1, 0.0), (20, 30, 0))],
+        camera=ts.Camera.look_at((0.0, 0.3, 1.6), (0.0, 0.0, 0.0)),
+    )
+    stream = ts.Stream(scenario, width=48, height=36, buffers=("coverage", "instance", "semantic"))
+    export(stream, tmp_path, format="cryptomatte", frames=[0])
+    sets = decode(tmp_path / "000000.exr")
+    frame = stream[0]
+    whole = np.isin(frame.coverage[..., 0, 1], (0.0, 1.0))  # of one thing, or nothing
+    assert 0.5 < whole.mean() < 1.0
+    names = {row.id: row.prim_path or row.name for row in frame.objects}
+    assert {"cube", "dish"} <= set(names.values())
+    for layer, labels, of in (
+        ("CryptoObject", frame.instance, names),
+        ("CryptoCategory", frame.semantic, {id: name for id, name in frame.categories.items() if name}),
+    ):
+        mattes = sets[layer]
+        for id, name in of.items():
+            if name in mattes.names:
+                matte = mattes.matte(name)
+                np.testing.assert_array_equal((labels == id)[whole], matte[whole] == 1.0, name)
+                assert matte.sum() == pytest.approx(np.count_nonzero(labels == id), rel=0.1, abs=4)
+    edge = sets["CryptoObject"].matte("cube")
+    assert ((edge > 0.0) & (edge < 1.0)).any()
