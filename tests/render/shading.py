@@ -11,11 +11,14 @@ from tiscene.render.bsdfs import preview_surface as bsdf
 from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.bsdfs.inputs import Materials, material_at
 from tiscene.render.lights import all_lights
+from tiscene.render.lights.choice import weigh
 from tiscene.render.lights.light_sample import Lights
+from tiscene.render.sampler import mix, uniform
 from tiscene.render.surface import VisibleSurface
 from tiscene.render.textures import Textures
 from tiscene.scene.description import Light, Material, Texture
 from tiscene.scene.device_array import upload
+from tiscene.scene.light_nodes import MOST_ENTRIES
 from tiscene.scene.light_table import POINT, LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.texture_atlas import TextureAtlas
@@ -106,6 +109,7 @@ class Bsdf:
 @ti.kernel
 def illuminate(
     light_values: Floats2,
+    light_nodes: Floats2,
     light_distribution: Floats1,
     texture_info: Ints2,
     texture_words: Ints1,
@@ -121,12 +125,13 @@ def illuminate(
 
     Always afterwards: what a ray in that direction would see, as (density, distance, radiance's green) from column 3.
     """
-    lights = ti.static(Lights(light_values, light_distribution, 1, 1))
+    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(directions.shape[0]):
         origin = row_of(origins, 0)
         if samples != 0:
-            found = all_lights.sample(lights, textures, 0, origin, vec2(numbers[i, 0], numbers[i, 1]))
+            u = vec2(numbers[i, 0], numbers[i, 1])
+            found = all_lights.sample(lights, textures, origin, uniform(mix(ti.cast(i, ti.u32))), u)
             for c in ti.static(range(3)):
                 directions[i, c] = found.direction[c]
                 radiance[i, c] = found.radiance[c]
@@ -140,8 +145,10 @@ def illuminate(
         results[i, 4] = distance
         results[i, 5] = 0.0
         if distance < ti.math.inf or infinite:
-            results[i, 3] = all_lights.pdf(lights, 0, origin, direction, distance)
-            results[i, 5] = all_lights.emitted(lights, textures, 0, origin, direction, distance).y
+            cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+            count, scale = weigh(lights, origin, cut, weights)
+            results[i, 3] = all_lights.pdf(lights, cut, weights, count, scale, 0, origin, direction, distance)
+            results[i, 5] = all_lights.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
 
 
 @dataclass
@@ -155,8 +162,7 @@ class Illumination:
     def __post_init__(self) -> None:
         table, atlas = LightTable(), TextureAtlas()
         table.append((self.light,), atlas.append(self.textures))
-        lights = table.arrays(atlas, 1.0)
-        self.arrays: tuple[Any, ...] = (lights.values, lights.distribution, *atlas.arrays())
+        self.arrays: tuple[Any, ...] = (*table.arrays(atlas), *atlas.arrays())
 
     def sample(self, numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """(directions [n, 3], radiance [n, 3], results [n, 6]) as `illuminate` says."""

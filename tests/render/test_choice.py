@@ -4,25 +4,11 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene.render.lights.choice import EVEN_PART, chance_of, choose
+from tiscene.render.lights.choice import chance_of, choose, weigh
 from tiscene.render.lights.light_sample import Lights
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
-from tiscene.scene.light_table import (
-    DISTANT,
-    DOME,
-    FEW,
-    G_COUNT,
-    G_FIRST,
-    G_STRENGTH,
-    GROUP,
-    GROUP_COLUMNS,
-    GROUP_COUNT,
-    KIND,
-    RECT,
-    SPHERE,
-    STRENGTH,
-    LightTable,
-)
+from tiscene.scene.light_nodes import CHILD, EVEN_PART, FEW, H_DOMES, MOST_ENTRIES, PARENT, ROW, STRENGTH
+from tiscene.scene.light_table import DISTANT, DOME, KIND, PORTAL, RECT, SPHERE, LightTable
 from tiscene.scene.texture_atlas import TextureAtlas
 
 VALUES = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -32,9 +18,8 @@ NUMBERS = ti.types.ndarray(dtype=ti.f32, ndim=1)
 @ti.kernel
 def choices(
     values: VALUES,
+    nodes: VALUES,
     distribution: NUMBERS,
-    total: ti.i32,
-    solid: ti.i32,
     x: ti.f32,
     y: ti.f32,
     z: ti.f32,
@@ -43,30 +28,36 @@ def choices(
     mismatch: NUMBERS,
     samples: ti.i32,
 ):
-    lights = ti.static(Lights(values, distribution, total, solid))
+    lights = ti.static(Lights(values, nodes, distribution))
     point = ti.math.vec3(x, y, z)
     ti.loop_config(serialize=True)
-    for k in range(samples):
-        row, chance = choose(lights, point, (k + 0.5) / samples)
-        counts[row] += 1.0 / samples
-        mismatch[0] = ti.max(mismatch[0], ti.abs(chance - chance_of(lights, row, point)))
-    for row in range(total):
-        chances[row] = chance_of(lights, row, point)
+    for _ in range(1):
+        cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+        count, scale = weigh(lights, point, cut, weights)
+        for k in range(samples):
+            row, chance = choose(lights, cut, weights, count, scale, point, (k + 0.5) / samples)
+            counts[row] += 1.0 / samples
+            again = chance_of(lights, cut, weights, count, scale, row, point)
+            mismatch[0] = ti.max(mismatch[0], ti.abs(chance - again))
+        for row in range(chances.shape[0]):
+            chances[row] = chance_of(lights, cut, weights, count, scale, row, point)
 
 
 def chances_at(lights, point):
     """Kinds of the table's rows, and the chance of each at a point; checks that choosing agrees with them."""
     table = LightTable()
     table.append(lights, 0)
-    values, distribution, total, solid = table.arrays(TextureAtlas(), radius=5.0)
+    arrays = table.arrays(TextureAtlas())
+    kinds = arrays.values.to_numpy()[:, KIND].astype(int)
+    total = len(kinds)
     chances, counts, mismatch = (np.zeros(size, np.float32) for size in (total, total, 1))
     samples = 10_000 if total <= FEW else 200_000
-    choices(values, distribution, total, solid, *point, chances, counts, mismatch, samples)
+    choices(*arrays, *point, chances, counts, mismatch, samples)
     assert chances.sum() == pytest.approx(1.0, abs=1e-5)
     # One number serves for every step of the choice: what is left of it after many is as good as random.
     assert counts == pytest.approx(chances, abs=2e-4 if total <= FEW else 2e-3)
     assert mismatch[0] < 1e-6
-    return values.to_numpy()[:total, KIND].astype(int), chances
+    return kinds, chances
 
 
 def at(x, y, z):
@@ -92,7 +83,7 @@ def test_a_panel_gives_nothing_behind_it():
     _, behind = chances_at([panel, lamp(0.0, 0.0, -2.0)], (0.0, 0.0, 1.0))
     assert kinds[0] == RECT
     assert before[0] > 0.8
-    assert behind[0] == pytest.approx(EVEN_PART / 2.0)
+    assert behind[0] == 0.0
 
 
 def test_a_sun_counts_where_it_shines_through_a_portal():
@@ -100,12 +91,22 @@ def test_a_sun_counts_where_it_shines_through_a_portal():
     sky = DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0), None, (portal,))
     sun = DistantLight("sun", "/sun", np.eye(4), (50.0, 50.0, 50.0), 0.01)
     kinds, lit = chances_at([sky, sun], (0.2, 0.0, -2.0))
-    assert list(kinds) == [DISTANT, DOME]
+    assert list(kinds) == [DISTANT, DOME, PORTAL]
     assert lit[0] > 0.9
+    assert lit[1] == 0.0  # the sky is looked for where it comes in
     _, unlit = chances_at([sky, sun], (2.0, 0.0, -2.0))
-    assert unlit[0] == pytest.approx(EVEN_PART / 2.0)
+    assert unlit[0] == pytest.approx(EVEN_PART / 2.0, rel=0.02)
     _, outside = chances_at([sky, sun], (2.0, 0.0, 2.0))
-    assert outside[0] == pytest.approx(0.9 * 50.0 / (50.0 + np.pi) + 0.05, rel=1e-3)
+    assert outside[0] == pytest.approx(0.95 * 50.0 / (50.0 + np.pi) + 0.05, rel=1e-3)
+    assert outside[1] == pytest.approx(0.95 * np.pi / (50.0 + np.pi), rel=1e-3)
+
+
+def test_of_many_portals_the_near_ones():
+    portals = tuple(Portal(at(x, 0.0, 0.0), 1.0, 1.0) for x in np.linspace(-20.0, 20.0, 21))
+    kinds, chances = chances_at([DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0), None, portals)], (0.0, 0.0, -2.0))
+    assert list(kinds) == [DOME] + [PORTAL] * 21
+    assert chances[1 + 10] == chances.max()
+    assert chances[1 + 9 : 1 + 12].sum() > 0.5
 
 
 def many_lamps(count):
@@ -118,7 +119,7 @@ def test_of_many_lamps_the_near_and_bright_ones(count):
     lamps = [*many_lamps(count), DistantLight("sun", "/sun", np.eye(4), (0.01, 0.01, 0.01), 0.01)]
     point = np.array([1.0, 2.0, -3.0])
     _, chances = chances_at(lamps, tuple(point))
-    assert (chances >= EVEN_PART / len(lamps) * 0.999).all()
+    assert (chances > 0.0).all()
     gives = [each.radiance[0] / ((each.world_from_light[:3, 3] - point) ** 2).sum() for each in lamps[:-1]]
     ideal = np.array([*gives, 0.01 / (np.pi * 0.1**2)])
     ideal /= ideal.sum()
@@ -130,12 +131,12 @@ def test_of_many_lamps_the_near_and_bright_ones(count):
 def test_groups_hold_every_light_once():
     table = LightTable()
     table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
-    values, distribution, total, _ = table.arrays(TextureAtlas(), radius=5.0)
-    values, distribution = values.to_numpy(), distribution.to_numpy()
-    groups = distribution[: int(values[0, GROUP_COUNT]) * GROUP_COLUMNS].reshape(-1, GROUP_COLUMNS)
-    assert 6 <= len(groups) <= 17
-    rows = [distribution[int(g[G_FIRST]) : int(g[G_FIRST] + g[G_COUNT])].astype(int) for g in groups]
-    assert sorted(np.concatenate(rows)) == list(range(total))
-    for number, members in enumerate(rows):
-        assert (values[members, GROUP] == number).all()
-    assert groups[:, G_STRENGTH].sum() == pytest.approx(values[:total, STRENGTH].sum(), rel=1e-5)
+    arrays = table.arrays(TextureAtlas())
+    nodes = arrays.nodes.to_numpy()
+    assert nodes[0, H_DOMES] == 1 + 1 + 1
+    rows = nodes[1:, ROW].astype(int)
+    assert sorted(rows[rows >= 0]) == list(range(51))
+    for node in np.flatnonzero(nodes[:, CHILD] > 0.0):
+        child = int(nodes[node, CHILD])
+        assert (nodes[child : child + 2, PARENT] == node).all()
+        assert nodes[child : child + 2, STRENGTH].sum() == pytest.approx(nodes[node, STRENGTH], rel=1e-5)

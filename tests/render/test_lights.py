@@ -19,7 +19,7 @@ from tiscene.scene.description import (
     SphereLight,
     Texture,
 )
-from tiscene.scene.light_table import dome_distribution
+from tiscene.scene.light_images import dome_distribution
 
 COUNT = 100_000
 ORIGIN = (0.3, -0.2, 0.5)

@@ -10,9 +10,7 @@ from tests.render.path_scenes import described, device_scene, matte, quad, rende
 from tests.render.shading import Illumination
 from tests.render.test_lights import BRIGHT, SKY, placed
 from tiscene.camera import Camera
-from tiscene.scene.description import DistantLight, DomeLight, Portal, SceneDescription, Texture
-from tiscene.scene.light_table import CHANCE, PORTAL_COUNT, PORTALS, LightTable
-from tiscene.scene.texture_atlas import TextureAtlas
+from tiscene.scene.description import DomeLight, Portal, SceneDescription, Texture
 
 COUNT = 100_000
 ORIGIN = (0.3, -0.2, 0.5)
@@ -94,17 +92,6 @@ def test_who_faces_no_portal_samples_the_image() -> None:
     alone, plain = dome((BEHIND,)), dome(())
     for ours, theirs in zip(alone.sample(numbers(4)), plain.sample(numbers(4)), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-
-
-def test_light_from_infinity_is_chosen_by_what_the_portals_let_in() -> None:
-    sky = DomeLight("d", "/d", np.eye(4), (1.0, 1.0, 1.0), None, (LEFT, ABOVE))
-    sun = DistantLight("s", "/s", np.eye(4), (math.pi, math.pi, math.pi))
-    table = LightTable()
-    table.append((sky, sun), 0)
-    values = table.arrays(TextureAtlas(), 1000.0).values.to_numpy()
-    assert values.shape[0] == 4
-    assert values[:2, CHANCE] == pytest.approx(0.5)
-    assert values[1, [PORTALS, PORTAL_COUNT]].tolist() == [2.0, 2.0]
 
 
 CAMERA = Camera.look_at((0.9, 0.0, 0.0), (-0.2, -0.3, 0.0), vertical_fov=1.4)

@@ -5,7 +5,18 @@ import pytest
 
 from tiscene.scene.description import DistantLight, DomeLight, Material, RectLight, SphereLight, Texture, TextureLookup
 from tiscene.scene.device_array import upload
-from tiscene.scene.light_table import CHANCE, CUMULATIVE, DOME, KIND, POINT, RECT, SPHERE, TEXTURE, LightTable
+from tiscene.scene.light_nodes import (
+    EVEN,
+    H_DISTANT_ROW,
+    H_DOME_ROW,
+    H_DOMES,
+    H_PORTAL_ROW,
+    H_ROWS,
+    H_SOLID,
+    H_SOLID_COUNT,
+    STRENGTH,
+)
+from tiscene.scene.light_table import DOME, KIND, POINT, RECT, SPHERE, TEXTURE, LightTable
 from tiscene.scene.material_table import (
     COVERAGE,
     DIFFUSE,
@@ -115,30 +126,20 @@ def atlas() -> TextureAtlas:
 
 
 def test_lights_that_can_be_met_come_first() -> None:
-    arrays = lights().arrays(atlas(), radius=4.0)
-    values = arrays.values.to_numpy()
-    assert (arrays.total, arrays.solid) == (5, 2)
+    arrays = lights().arrays(atlas())
+    values, header = arrays.values.to_numpy(), arrays.nodes.to_numpy()[0]
     assert values[:, KIND].tolist() == [RECT, SPHERE, POINT, POINT + 1, DOME]
     assert values[0, TEXTURE] == 2
     assert values[4, TEXTURE] == 0
-
-
-def test_chances_are_a_distribution_that_follows_power_and_the_scenes_size() -> None:
-    table, images = lights(), atlas()
-    small = table.arrays(images, radius=1.0).values.to_numpy()
-    large = table.arrays(images, radius=100.0).values.to_numpy()
-    for values in (small, large):
-        assert values[:, CHANCE].sum() == pytest.approx(1.0, rel=1e-6)
-        assert (values[:, CHANCE] >= 0.2 / 5 * 0.999).all()  # none is starved
-        assert values[:, CUMULATIVE] == pytest.approx(np.cumsum(values[:, CHANCE]), rel=1e-6)
-    assert large[3:, CHANCE].sum() > 0.8  # in the open the sun and the sky are all
-    assert small[0, CHANCE] > small[1, CHANCE]
-    assert table.arrays(images, radius=1.0).values.to_numpy() == pytest.approx(small)
+    assert header[[H_SOLID, H_SOLID_COUNT]].tolist() == [1, 2]
+    assert header[[H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS]].tolist() == [3, 4, 5, 5]
 
 
 def test_no_lights_and_black_lights_are_no_error() -> None:
-    empty = LightTable().arrays(TextureAtlas(), radius=1.0)
-    assert (empty.total, empty.solid) == (0, 0)
+    empty = LightTable().arrays(TextureAtlas()).nodes.to_numpy()
+    assert empty[0, H_DOMES] == 1  # no entry
     dark = LightTable()
     dark.append([RectLight("off", "/off", EYE, (0.0, 0.0, 0.0), 1.0, 1.0)] * 2, first_texture=0)
-    assert dark.arrays(TextureAtlas(), radius=1.0).values.to_numpy()[:, CHANCE] == pytest.approx([0.5, 0.5])
+    nodes = dark.arrays(TextureAtlas()).nodes.to_numpy()
+    assert not nodes[1:, [STRENGTH, EVEN]].any()
+    assert nodes[0, H_SOLID_COUNT] == 2  # they are in the way all the same

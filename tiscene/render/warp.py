@@ -30,6 +30,8 @@ def _polynomial(function: Callable[[NDArray[np.float64]], NDArray[np.float64]], 
 _SINE = _polynomial(lambda s: 2.0 * math.pi * np.sinc(2.0 * np.sqrt(s)), 1.0 / 64.0, 5)
 _COSINE = _polynomial(lambda s: np.cos(2.0 * math.pi * np.sqrt(s)), 1.0 / 64.0, 5)
 _ARCTANGENT = _polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s), 1.0, 9)
+_TURNS = _polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s) * (0.5 / math.pi), 1.0, 7)
+_ARCCOSINE = _polynomial(lambda s: np.arccos(s) / np.sqrt(1.0 - s) / math.pi, 1.0, 7)
 
 
 @ti.func
@@ -68,6 +70,24 @@ def angle_of(direction: vec2) -> ti.f32:
     if steep:
         angle = (0.5 * math.pi if half > 0.0 else -0.5 * math.pi) - angle
     return 2.0 * angle
+
+
+@ti.func
+def azimuth(v: vec2) -> ti.f32:
+    """The angle of a vector of any length in turns, -0.5..0.5, to 1e-6."""
+    flat = ti.abs(v.x) > ti.abs(v.y)
+    t = ti.select(flat, v.y, -v.x) / ti.select(flat, v.x, ti.select(v.y == 0.0, 1.0, v.y))
+    turns = t * polynomial(_TURNS, t * t)
+    behind = ti.select(v.y < 0.0, -0.5, 0.5)
+    return turns + ti.select(flat, ti.select(v.x < 0.0, behind, 0.0), 0.5 * behind)
+
+
+@ti.func
+def polar_angle(cosine: ti.f32) -> ti.f32:
+    """From the pole, in half turns, 0..1, to 1e-6."""
+    c = ti.abs(cosine)
+    angle = ti.sqrt(ti.max(1.0 - c, 0.0)) * polynomial(_ARCCOSINE, c)
+    return ti.select(cosine < 0.0, 1.0 - angle, angle)
 
 
 @ti.func

@@ -1,7 +1,8 @@
-"""All lights of a scene: one row each, with the chance of being chosen, and the domes' sampling distributions."""
+"""All lights of a scene: a row each, the nodes that they are chosen by, and the distributions of their images."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -9,68 +10,77 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene import light_nodes
 from tiscene.scene.description import (
     CylinderLight,
     DiskLight,
     DistantLight,
     DomeLight,
     Light,
+    Portal,
     RectLight,
     Shaping,
     SphereLight,
-    Texture,
 )
 from tiscene.scene.device_array import upload
-from tiscene.scene.texture_atlas import TextureAtlas, linear_pixels
+from tiscene.scene.light_images import (
+    LUMINANCE,
+    dome_distribution,
+    image_part,
+    lamp_distribution,
+    mean_luminance,
+    small_copy,
+    sun_part,
+)
+from tiscene.scene.light_nodes import (
+    BACK,
+    CENTRE,
+    CONE,
+    FAR2,
+    H_DISTANT_ROW,
+    H_DOME_ROW,
+    H_PORTAL_ROW,
+    H_ROWS,
+    NODE_COLUMNS,
+    NORMAL,
+    RADIUS2,
+    ROUND,
+    ROW,
+    SIZE2,
+    STRENGTH,
+)
+from tiscene.scene.texture_atlas import TextureAtlas
 
-# Kinds of light, in the order of the rows: what a ray can meet comes first.
-RECT, DISK, SPHERE, CYLINDER, POINT, DISTANT, DOME = range(7)
+# Kinds of light, in the order of the rows: what a ray can meet comes first. A portal is sampled as a light of its own.
+RECT, DISK, SPHERE, CYLINDER, POINT, DISTANT, DOME, PORTAL = range(8)
 LAST_SOLID = CYLINDER
 
-# Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect width and height; disk and sphere radius;
-# cylinder radius and length; distant: cosine of half the angle, 1 - that cosine. CHANCE: of being chosen; CUMULATIVE:
-# the chances up to and including this row. TEXTURE: row of the atlas or -1. DISTRIBUTION, GRID: where a dome's begins,
-# its columns and rows.
-# PORTALS, PORTAL_COUNT: a dome's first, and how many. Portals are rows like rects, but dark, after those of the lights.
-# SUN_PART: how many of the samples of a dome with portals are drawn from its image all the same, see `sun_part`.
-# STRENGTH, by luminance: W/sr along the axis of what has a place, W/m² of a distant light, W/m²/sr of a dome.
+# Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect and portal width and height; disk and
+# sphere radius; cylinder radius and length; distant: cosine of half the angle, 1 - that cosine. TEXTURE: row of the
+# atlas or -1. DISTRIBUTION, GRID: where an image's begins, its columns and rows. IMAGE_PART: how many of the samples of
+# a rect are drawn from its image. NODE: the row's own. DOME_ROW: of a portal. SHADES: where in `distribution` begins by
+# which portals a distant light comes in, see `_shades`, or -1 without portals. SMALL_COPY: where there a dome's begins,
+# see `small_copy`, or -1.
+# ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its light off anything.
 # SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its cone's angle; CONE_EDGE: the angles at which the soft edge
 # begins and ends, and the cosine where it begins; FOCUS_TINT, PROFILE as TEXTURE.
-# GROUP: which group of lights it is in; GROUPS, GROUP_COUNT: where those begin in `distribution`, and how many.
-# ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its light off anything.
-COLUMNS = 44
-KIND, TRANSFORM, RADIANCE, SIZE, CHANCE, CUMULATIVE, TEXTURE, DISTRIBUTION, GRID = 0, 1, 13, 16, 18, 19, 20, 21, 22
-PORTALS, PORTAL_COUNT, SUN_PART, STRENGTH = 24, 25, 26, 27
-SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = (
-    28, 29, 30, 33, 34, 37, 38, 39, 40
-)  # fmt: skip
-GROUP, GROUPS, GROUP_COUNT = 41, 42, 43
-# A group in `distribution`: how many lights, the sum of their STRENGTH, the middle of them, their mean squared
-# distance from it (-1: they are looked at one by one, as light from infinity is); where the list of rows begins.
-GROUP_COLUMNS = 7
-G_COUNT, G_STRENGTH, G_MIDDLE, G_SIZE2, G_FIRST = 0, 1, 2, 5, 6
+COLUMNS = 38
+KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_PART = 0, 1, 13, 16, 18, 19, 20, 22
+NODE, DOME_ROW, SHADES, SMALL_COPY, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
+SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
 
-FEW = 16  # lights are looked at one by one
-
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-_LARGEST_GRID = (512, 1024)
-# This part of the choices ignores power, so that a strong light that is hidden from most of a scene (the sky of a
-# closed room) does not starve the weak ones.
-_UNIFORM_PART = 0.2
-# What is so many times brighter than the image's mean is its sun, which no sampling of directions alone would find.
-_SUN = 16.0
+# The light through a portal's frame counts a little beyond it, for rounding and the width of the sun.
+_MARGIN = 0.05
+SHADE_COLUMNS = 8
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n + portals, 44], columns as named above; distribution: f32 [m], see `dome_distribution`.
-
-    total: how many lights (n); solid: the first so many can be met by a ray.
-    """
+    """values: f32 [n + portals, 38], columns as named above; nodes: f32 [m, 16], see `light_nodes`; distribution: f32
+    [k], see `dome_distribution`."""
 
     values: Any
+    nodes: Any
     distribution: Any
-    total: int
-    solid: int
 
 
 def kind_of(light: Light) -> int:
@@ -91,51 +101,6 @@ def kind_of(light: Light) -> int:
     raise TypeError(f"{light.prim_path}: no kind of light for {type(light).__name__}")
 
 
-def dome_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int, int]]:
-    """What a latlong image is sampled by, in proportion to luminance times solid angle: (values, (columns, rows)).
-
-    values: rows + 1 cumulative probabilities over the rows (from the image's top), then columns + 1 for every row.
-    """
-    luminance = linear_pixels(texture)[..., :3].astype(np.float64) @ _LUMINANCE
-    # Lookups interpolate between pixel centres: this is each pixel's mean over its own square.
-    luminance = 0.75 * luminance + 0.125 * (np.roll(luminance, 1, axis=1) + np.roll(luminance, -1, axis=1))
-    padded = np.pad(luminance, ((1, 1), (0, 0)), mode="edge")
-    luminance = 0.75 * luminance + 0.125 * (padded[:-2] + padded[2:])
-    rows, columns = (min(size, limit) for size, limit in zip(luminance.shape, _LARGEST_GRID, strict=True))
-    weight = _block_means(_block_means(luminance, rows).T, columns).T
-    edges = np.cos(np.linspace(0.0, math.pi, rows + 1))
-    weight = np.maximum(weight, 0.0) * (edges[:-1] - edges[1:])[:, None]
-    weight += 1e-12 if weight.sum() <= 0.0 else 0.0
-    marginal = _cumulative(weight.sum(axis=1)[None])
-    conditional = _cumulative(weight + 1e-30)
-    return np.concatenate([marginal.ravel(), conditional.ravel()]).astype(np.float32), (columns, rows)
-
-
-def sun_part(texture: Texture) -> float:
-    """The part, 0..0.75, of a latlong image's light that comes from its sun."""
-    luminance = linear_pixels(texture)[..., :3].astype(np.float64) @ _LUMINANCE
-    edges = np.cos(np.linspace(0.0, math.pi, len(luminance) + 1))
-    light = np.maximum(luminance, 0.0) * ((edges[:-1] - edges[1:]) / (2.0 * luminance.shape[1]))[:, None]
-    mean = float(light.sum())
-    return 0.0 if mean <= 0.0 else min(float(light[luminance > _SUN * mean].sum()) / mean, 0.75)
-
-
-def _block_means(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Means over `count` equal parts of axis 0, which need not divide it."""
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    edges = np.linspace(0.0, len(values), count + 1)
-    low = np.minimum(edges.astype(int), len(values) - 1)
-    part = (edges - low)[:, None]
-    at_edges = sums[low] * (1.0 - part) + sums[low + 1] * part
-    return np.asarray(np.diff(at_edges, axis=0) * (count / len(values)))
-
-
-def _cumulative(weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of n weights to rows of n + 1 cumulative probabilities."""
-    sums = np.cumsum(weight, axis=1)
-    return np.concatenate([np.zeros((len(weight), 1)), sums / sums[:, -1:]], axis=1)
-
-
 def _shaping_columns(shaping: Shaping, first_texture: int) -> list[float]:
     """From SHAPED to PROFILE."""
     inner, outer = (1.0 - shaping.cone_softness) * shaping.cone_angle, shaping.cone_angle
@@ -146,46 +111,68 @@ def _shaping_columns(shaping: Shaping, first_texture: int) -> list[float]:
     return [1.0, cosines[0], inner, outer, cosines[1], shaping.focus, *shaping.focus_tint, profile]
 
 
-def grouped(values: NDArray[np.float32], count: int, offset: int) -> NDArray[np.float32]:
-    """The groups of the first `count` rows, to be read from `offset` of `distribution`: one if they are FEW, else about
-    as many as each has lights, by halving the longest side of their box. Notes in the rows which group they are in."""
-    placed = np.flatnonzero((values[:count, KIND] < DISTANT) & (count > FEW))
-    positions = values[:, TRANSFORM + 3 : TRANSFORM + 12 : 4]
-    groups = [np.setdiff1d(np.arange(count), placed)]
-    waiting = [placed]
-    while waiting:
-        rows = waiting.pop()
-        if len(rows) ** 2 <= len(placed) or len(rows) == 1:
-            groups.append(rows)
-            continue
-        longest = int(np.argmax(np.ptp(positions[rows], axis=0)))
-        rows = rows[np.argsort(positions[rows, longest], kind="stable")]
-        waiting += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
-    groups = [rows for rows in groups if len(rows)]
-    table = np.zeros((len(groups), GROUP_COLUMNS), np.float32)
-    first = offset + table.size
-    for number, rows in enumerate(groups):
-        middle = positions[rows].mean(axis=0)
-        size2 = float(positions[rows].var(axis=0).sum()) if rows[0] in placed else -1.0
-        table[number] = len(rows), values[rows, STRENGTH].sum(), *middle, size2, first
-        first += len(rows)
-        values[rows, GROUP] = number
-    values[:count, GROUPS], values[:count, GROUP_COUNT] = offset, len(groups)
-    return np.concatenate([table.ravel(), *groups, np.zeros(1)]).astype(np.float32)
+def _shades(towards: NDArray[np.float64], portals: Sequence[Portal]) -> NDArray[np.float64]:
+    """Of each portal, two affine maps of a point, [n, 8]: how far beside the portal's middle, across and along, the
+    line from the point along `towards` passes; from -1 to 1 within the frame."""
+    result = np.full((len(portals), SHADE_COLUMNS), 2.0)
+    result[:, [0, 1, 2, 4, 5, 6]] = 0.0
+    for row, portal in zip(result, portals, strict=True):
+        x, y, z, place = portal.world_from_portal[:3].T
+        climb = float(towards @ z)
+        if climb > 0.0:
+            for side, axis, size in ((0, x, portal.width), (4, y, portal.height)):
+                # Of p + towards * ((place - p) . z / climb) - place along the axis.
+                slope = (axis - z * (towards @ axis) / climb) / ((0.5 + _MARGIN) * size)
+                row[side : side + 4] = *slope, -slope @ place
+    return result
+
+
+class _Row(NamedTuple):
+    """What a row and its node are made of: strength about as a node's, flat or round, size as a node's SIZE2."""
+
+    sizes: tuple[float, ...]
+    strength: float
+    flat: bool
+    size2: float
+    radius2: float
+
+
+def _lamp(light: Light, brightness: float) -> _Row:
+    """Of a light that has a place."""
+    match light:
+        case RectLight():
+            area = light.width * light.height
+            radius2 = 0.25 * (light.width**2 + light.height**2)
+            return _Row((light.width, light.height), area * brightness, True, area / (2.0 * math.pi), radius2)
+        case DiskLight():
+            radius2 = light.radius**2
+            return _Row((light.radius,), math.pi * radius2 * brightness, True, 0.5 * radius2, radius2)
+        case SphereLight(radius=0.0):
+            return _Row((0.0,), brightness, False, 0.0, -1.0)
+        case SphereLight():
+            radius2 = light.radius**2
+            return _Row((light.radius,), math.pi * radius2 * brightness, False, 0.25 * radius2, radius2)
+        case CylinderLight():
+            strength = 2.0 * light.radius * light.length * brightness
+            size = max(light.radius, light.length)
+            radius2 = light.radius**2 + 0.25 * light.length**2
+            return _Row((light.radius, light.length), strength, False, 0.25 * size * size, radius2)
+    raise TypeError(type(light).__name__)
 
 
 class LightTable:
-    """Grows by `append`; the device arrays are made anew when the lights or the size of the scene change."""
+    """Grows by `append`; the device arrays are made anew when the lights change."""
 
     def __init__(self) -> None:
         self.lights: list[Light] = []
         self._first_texture: list[int] = []
-        self._built: tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]] | None = None
-        self._distribution: Any = None
         self._arrays: LightArrays | None = None
-        self._radius = -1.0
-        self._skies: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}  # by row of the atlas
-        self._means: dict[int, float] = {}  # luminance of the lights' textures, by row of the atlas
+        # Of images, by row of the atlas: of domes the distribution, its grid and the sun's part; of lamps the
+        # distribution, its grid and the image's part; the mean luminance.
+        self._skies: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}
+        self._copies: dict[int, NDArray[np.float32] | None] = {}
+        self._panels: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}
+        self._means: dict[int, float] = {}
 
     def __len__(self) -> int:
         return len(self.lights)
@@ -195,13 +182,13 @@ class LightTable:
         before = len(self.lights)
         self.lights.extend(lights)
         self._first_texture += [first_texture] * (len(self.lights) - before)
-        self._built = self._arrays = None
+        self._arrays = None
         return before
 
     def replace(self, row: int, light: Light) -> None:
         """Put another light of the same kind in the place of one."""
         self.lights[row] = light
-        self._built = self._arrays = None
+        self._arrays = None
 
     def place(self, lights: Sequence[Light], first_textures: Sequence[int]) -> None:
         """These are the lights from now on, in the place of all that were there; cheap where they are the same ones.
@@ -211,103 +198,106 @@ class LightTable:
         same = len(lights) == len(self.lights) and all(a is b for a, b in zip(lights, self.lights, strict=True))
         if not same:
             self.lights, self._first_texture = list(lights), list(first_textures)
-            self._built = self._arrays = None
+            self._arrays = None
 
-    def arrays(self, atlas: TextureAtlas, radius: float) -> LightArrays:
-        """What kernels read. radius: of a sphere about the scene, m; the share of light from infinity depends on it,
-        unless domes have portals: those say how much of it comes in.
-        """
-        if self._built is None:
-            self._build(atlas)
-        assert self._built is not None
-        if self._arrays is None or radius != self._radius:
-            values, power, power_per_area = self._built
-            self._radius = radius
-            count = len(self.lights)
-            portals = values[count:]
-            area = float(portals[:, SIZE] @ portals[:, SIZE + 1]) if len(portals) else math.pi * radius * radius
-            total = power + power_per_area * area
-            chance = np.full(len(total), 1.0 / max(len(total), 1))
-            if total.sum() > 0.0:
-                chance = _UNIFORM_PART * chance + (1.0 - _UNIFORM_PART) * total / total.sum()
-            values[:count, CHANCE] = chance
-            values[:count, CUMULATIVE] = np.cumsum(chance)
-            solid = int(np.count_nonzero(values[:count, KIND] <= LAST_SOLID))
-            self._arrays = LightArrays(upload(values), self._distribution, count, solid)
+    def arrays(self, atlas: TextureAtlas) -> LightArrays:
+        """What kernels read."""
+        if self._arrays is None:
+            self._arrays = self._build(atlas)
         return self._arrays
 
-    def _build(self, atlas: TextureAtlas) -> None:
-        """Rows without their chances; per light the power, W, and for light from infinity the power per area, W/m²."""
+    def _build(self, atlas: TextureAtlas) -> LightArrays:
         order = sorted(range(len(self.lights)), key=lambda row: kind_of(self.lights[row]))
-        portals = [portal for light in self.lights if isinstance(light, DomeLight) for portal in light.portals]
-        values = np.zeros((len(order) + len(portals), COLUMNS), np.float32)
-        next_portal = len(order)
-        power, power_per_area = np.zeros(len(order)), np.zeros(len(order))
+        lights = [self.lights[row] for row in order]
+        kinds = [kind_of(light) for light in lights]
+        domes = [(row, light) for row, light in enumerate(lights) if isinstance(light, DomeLight)]
+        portals = [(row, portal) for row, dome in domes for portal in dome.portals]
+        values = np.zeros((len(lights) + len(portals), COLUMNS), np.float32)
+        leaves = np.zeros((len(values), NODE_COLUMNS), np.float32)
+        leaves[:, ROW], leaves[:, RADIUS2] = np.arange(len(leaves)), -1.0
+        values[:, TEXTURE] = values[:, PROFILE] = -1.0
         distributions: list[NDArray[np.float32]] = []
         used = 0
-        for row, source in enumerate(order):
-            light = self.lights[source]
-            kind = kind_of(light)
+
+        def distribution(row: int, made: tuple[NDArray[np.float32], tuple[int, int], float]) -> float:
+            nonlocal used
+            values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, made[1]
+            distributions.append(made[0])
+            used += len(made[0])
+            return made[2]
+
+        through_portals = {}  # brightness of what comes in by each dome's portals, by row
+        for row, (light, kind, source) in enumerate(zip(lights, kinds, order, strict=True)):
             color = np.asarray(light.irradiance if isinstance(light, DistantLight) else light.radiance, np.float64)  # type: ignore[attr-defined]
-            brightness, strength = float(color @ _LUMINANCE), 0.0
+            brightness = float(color @ LUMINANCE)
+            first_texture = self._first_texture[source]
             values[row, KIND] = kind
             values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
-            values[row, TEXTURE] = -1.0
             values[row, ON_DIFFUSE : SHADOWLESS + 1] = light.diffuse, light.specular, not light.casts_shadows
             if light.shaping is not None and kind <= POINT:
-                values[row, SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, self._first_texture[source])
+                values[row, SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, first_texture)
+                leaves[row, BACK] = CONE
             texture = getattr(light, "texture", None)
             if texture is not None:
-                image_row = self._first_texture[source] + texture
+                image_row = first_texture + texture
                 image = atlas.textures[image_row]
                 values[row, TEXTURE] = image_row
                 if image_row not in self._means:
-                    self._means[image_row] = float((linear_pixels(image)[..., :3] @ _LUMINANCE).mean())
+                    self._means[image_row] = mean_luminance(image)
                 brightness *= self._means[image_row]
-            match light:
-                case RectLight():
-                    values[row, SIZE : SIZE + 2] = light.width, light.height
-                    strength = light.width * light.height * brightness
-                    power[row] = math.pi * strength
-                case DiskLight():
-                    values[row, SIZE] = light.radius
-                    strength = math.pi * light.radius**2 * brightness
-                    power[row] = math.pi * strength
-                case SphereLight():
-                    values[row, SIZE] = light.radius
-                    strength = brightness * (math.pi * light.radius**2 if kind == SPHERE else 1.0)
-                    power[row] = 4.0 * math.pi * strength
-                case CylinderLight():
-                    values[row, SIZE : SIZE + 2] = light.radius, light.length
-                    strength = 2.0 * light.radius * light.length * brightness
-                    power[row] = math.pi**2 * strength
-                case DistantLight():
-                    half = 0.5 * light.angle
-                    one_minus_cosine = 2.0 * math.sin(0.5 * half) ** 2
-                    values[row, SIZE : SIZE + 2] = math.cos(half), one_minus_cosine
-                    if light.angle > 0.0:
-                        color = color / (math.pi * math.sin(half) ** 2)
-                    strength = power_per_area[row] = brightness
-                    values[row, PORTALS], values[row, PORTAL_COUNT] = len(order), len(portals)
-                case DomeLight():
-                    # What passes through a flat portal from one side; a scene without them is lit from all sides.
-                    strength = brightness
-                    power_per_area[row] = (1.0 if portals else 4.0) * math.pi * brightness
-                    values[row, PORTALS], values[row, PORTAL_COUNT] = next_portal, len(light.portals)
-                    for portal in light.portals:
-                        values[next_portal, TRANSFORM : TRANSFORM + 12] = portal.world_from_portal[:3].ravel()
-                        values[next_portal, SIZE : SIZE + 2] = portal.width, portal.height
-                        values[next_portal, TEXTURE] = -1.0
-                        next_portal += 1
-                    if texture is not None:
-                        if image_row not in self._skies:
-                            self._skies[image_row] = (*dome_distribution(image), sun_part(image))
-                        distribution, grid, values[row, SUN_PART] = self._skies[image_row]
-                        values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, grid
-                        distributions.append(distribution)
-                        used += len(distribution)
-            values[row, STRENGTH] = strength
+            if kind <= POINT:
+                lamp = _lamp(light, brightness)
+                values[row, SIZE : SIZE + len(lamp.sizes)] = lamp.sizes
+                leaves[row, CENTRE : CENTRE + 3] = light.world_from_light[:3, 3]
+                leaves[row, NORMAL : NORMAL + 3] = light.world_from_light[:3, 2] * lamp.flat
+                leaves[row, [ROUND, STRENGTH, SIZE2, RADIUS2]] = (
+                    not lamp.flat, max(lamp.strength, 0.0), lamp.size2, lamp.radius2
+                )  # fmt: skip
+                if texture is not None:
+                    if image_row not in self._panels:
+                        self._panels[image_row] = (*lamp_distribution(image), image_part(image))
+                    values[row, IMAGE_PART] = distribution(row, self._panels[image_row])
+            elif isinstance(light, DistantLight):
+                half = 0.5 * light.angle
+                values[row, SIZE : SIZE + 2] = math.cos(half), 2.0 * math.sin(0.5 * half) ** 2
+                if light.angle > 0.0:
+                    color = color / (math.pi * math.sin(half) ** 2)
+                leaves[row, [ROUND, STRENGTH, SIZE2]] = 1.0, max(brightness, 0.0) * FAR2, FAR2
+                values[row, SHADES] = -1.0
+                if portals:
+                    shades = _shades(light.world_from_light[:3, 2], [portal for _, portal in portals])
+                    values[row, SHADES] = used
+                    distributions.append(shades.astype(np.float32).ravel())
+                    used += shades.size
+            elif isinstance(light, DomeLight):
+                part = 0.0
+                if texture is not None:
+                    if image_row not in self._skies:
+                        self._skies[image_row] = (*dome_distribution(image), sun_part(image))
+                        self._copies[image_row] = small_copy(image)
+                    part = distribution(row, self._skies[image_row])
+                    values[row, SMALL_COPY] = -1.0
+                    copy = self._copies[image_row]
+                    if part == 0.0 and copy is not None:
+                        values[row, SMALL_COPY] = used
+                        distributions.append(copy.ravel())
+                        used += copy.size
+                leaves[row, [ROUND, STRENGTH, SIZE2]] = not light.portals, max(brightness, 0.0), part / (1.0 - part)
+                through_portals[row] = max(brightness, 0.0)
             values[row, RADIANCE : RADIANCE + 3] = color
-        distributions.append(grouped(values, len(order), used))
-        self._distribution = upload(np.concatenate(distributions))
-        self._built = values, power, power_per_area
+        for row, (dome, portal) in enumerate(portals, len(lights)):
+            matrix, area = portal.world_from_portal[:3], portal.width * portal.height
+            values[row, KIND], values[row, DOME_ROW] = PORTAL, dome
+            values[row, TRANSFORM : TRANSFORM + 12] = matrix.ravel()
+            values[row, SIZE : SIZE + 2] = portal.width, portal.height
+            leaves[row, CENTRE : CENTRE + 3], leaves[row, NORMAL : NORMAL + 3] = matrix[:, 3], matrix[:, 2]
+            leaves[row, [STRENGTH, SIZE2]] = area * through_portals[dome], area / (2.0 * math.pi)
+
+        ends = [0, *(int(np.searchsorted(kinds, kind)) for kind in (DISTANT, DOME)), len(lights), len(values)]
+        lamp_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
+        nodes = light_nodes.assembled(lamp_rows, portal_rows, distant_rows, dome_rows)
+        nodes[0, [H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS]] = ends[1:]
+        single = np.flatnonzero(nodes[1:, ROW] >= 0.0) + 1
+        values[nodes[single, ROW].astype(int), NODE] = single
+        distributions.append(np.zeros(1, np.float32))
+        return LightArrays(upload(values), upload(nodes), upload(np.concatenate(distributions)))

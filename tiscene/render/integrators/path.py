@@ -214,15 +214,14 @@ class PathPass:
         spp, bits, key = numbers
         if scene.ends_at_lights and step == max_depth - 1 > 0:
             finish(
-                *scene.arrays.lighting, scene.light_total, scene.light_solid, mis,
+                *scene.arrays.lighting, mis,
                 s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
             )  # fmt: skip
         else:
             closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
             shade(
-                *scene.arrays, scene.light_total, scene.light_solid,
-                self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background, s.queue, live,
-                s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
+                *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
+                s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
             )  # fmt: skip
         both = kernels.compact(s.status, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
         live, shadows = both & 0xFFFFFFFF, both >> 32
@@ -254,30 +253,23 @@ class PathPass:
             if not going_on:
                 break
 
-    def scene_arrays(self, radius: float | None = None) -> SceneForPaths:
-        """The scene's arrays as they are now; tables that depend on the materials are made when those change.
-
-        radius: of the sphere about the scene that lights at infinity shine on, m; by default about what is placed.
-        """
+    def scene_arrays(self) -> SceneForPaths:
+        """The scene's arrays as they are now; tables that depend on the materials are made when those change."""
         scene = self.scene
         iors = tuple(scene.materials.glass_iors)
         if iors != self._energy_iors:
             self._energy = upload(energy_tables(iors))
             self._energy_iors = iors
-        if radius is None:
-            radius = 0.5 * float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
-        lights = scene.lights.arrays(scene.textures, radius)
         arrays = SceneArrays(
             *geometry_of(scene),
             *scene.materials.arrays(),
             *scene.textures.arrays(),
-            lights.values,
-            lights.distribution,
+            *scene.lights.arrays(scene.textures),
             self._energy,
         )
         materials = scene.materials
         ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        return SceneForPaths(arrays, lights.total, lights.solid, materials.any_coverage, ends_at_lights)
+        return SceneForPaths(arrays, materials.any_coverage, ends_at_lights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,8 +277,6 @@ class SceneForPaths:
     """What the kernels of one picture are told about the scene."""
 
     arrays: SceneArrays
-    light_total: int
-    light_solid: int
     any_coverage: bool
     ends_at_lights: bool  # no surface emits, and every path is as long as it has steps
 

@@ -3,7 +3,6 @@
 import taichi as ti
 
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2
-from tiscene.render.integrators.path_shading import LIGHT_FRONT, nearest_light, seen_light
 from tiscene.render.integrators.path_state import (
     DIFFUSE_PART,
     DIRECT,
@@ -17,6 +16,7 @@ from tiscene.render.integrators.path_state import (
     set3,
 )
 from tiscene.render.lights.light_sample import FAR, Lights
+from tiscene.render.lights.met import LIGHT_FRONT, nearest_light, seen_lights
 from tiscene.render.ray_arrays import Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.textures import Textures
 
@@ -29,9 +29,8 @@ def finish(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
+    light_nodes: Floats2,
     light_distribution: Floats1,
-    light_total: ti.i32,
-    light_solid: ti.i32,
     mis: ti.i32,
     queue: Ints1,
     count: ti.i32,
@@ -43,7 +42,7 @@ def finish(
 ):
     """End the paths in the queue. Rays that would meet a light become shadow rays towards it."""
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
-    lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
+    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
     for k in range(count):
         i = queue[k]
         if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
@@ -52,13 +51,8 @@ def finish(
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)
         light, distance = nearest_light(lights, origin, direction, ti.math.inf)
-        seen, reach = vec3(0.0), FAR
-        if light >= 0:
-            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
-            reach = distance * (1.0 - LIGHT_FRONT)
-        else:
-            for row in range(light_solid, light_total):
-                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, part, mis)
+        reach = distance * (1.0 - LIGHT_FRONT) if light >= 0 else FAR
+        seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
         if seen.max() > 0.0:
             set3(state, i, DIRECT, get3(state, i, THROUGHPUT) * seen)
             write_ray(shadow_rays, i, origin, direction, reach)

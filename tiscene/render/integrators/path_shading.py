@@ -27,22 +27,20 @@ from tiscene.render.integrators.path_state import (
     set3,
 )
 from tiscene.render.lights import all_lights
-from tiscene.render.lights.choice import choose
-from tiscene.render.lights.light_sample import Lights, no_sample
+from tiscene.render.lights.light_sample import Lights
+from tiscene.render.lights.met import LIGHT_FRONT, nearest_light, power_heuristic, response, seen_lights
 from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
-from tiscene.scene.light_table import ON_DIFFUSE, ON_SPECULAR, SHADOWLESS
+from tiscene.scene.light_nodes import H_SOLID_COUNT
+from tiscene.scene.light_table import KIND, LAST_SOLID, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, MATTE
 from tiscene.scene.placement import CURRENT
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
-# Lights are not in the tree of surfaces: rays are tested against each of them, shadow rays too, so that a light hides
-# what is behind it however a path gets there. One that lies on a surface wins over it, by this part of the distance.
-LIGHT_FRONT = 1e-4
 RUSSIAN_ROULETTE_DEPTH = 2
 # How much a path widens by a scattering of density 1/sr: its neighbours go apart, and make out no detail together.
 SCATTERED_SPREAD = 0.25
@@ -67,20 +65,14 @@ class SceneArrays(NamedTuple):
     texture_words: Any
     texture_floats: Any
     light_values: Any
+    light_nodes: Any
     light_distribution: Any
     energy: Any
 
     @property
     def lighting(self) -> tuple[Any, ...]:
         """The textures and the lights."""
-        return self[11:16]
-
-
-@ti.func
-def power_heuristic(a: ti.f32, b: ti.f32) -> ti.f32:
-    """Veach's weight, with exponent 2, of a sample of density a that could have been one of density b."""
-    ratio = b / a
-    return 1.0 / (1.0 + ratio * ratio)
+        return self[11:17]
 
 
 @ti.func
@@ -92,53 +84,6 @@ def write3(array: ti.template(), row: ti.i32, column: ti.i32, v: vec3):
 @ti.func
 def read3(array: ti.template(), row: ti.i32, column: ti.i32) -> vec3:
     return vec3(array[row, column], array[row, column + 1], array[row, column + 2])
-
-
-@ti.func
-def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_distance: ti.f32):
-    """(row, distance) of the light that a ray meets before the surface; row -1 for none."""
-    row, nearest = -1, surface_distance * (1.0 + LIGHT_FRONT)
-    for candidate in range(lights.solid):
-        distance = all_lights.intersect(lights, candidate, origin, direction)
-        if distance < nearest:
-            row, nearest = candidate, distance
-    return row, nearest
-
-
-@ti.func
-def response(values: ti.template(), row: ti.i32, diffuse_part: ti.f32) -> ti.f32:
-    """How much of a light a scattering reflects, by the light's multipliers of diffuse and other reflection."""
-    return values[row, ON_DIFFUSE] * diffuse_part + values[row, ON_SPECULAR] * (1.0 - diffuse_part)
-
-
-@ti.func
-def seen_light(
-    lights: ti.template(),
-    textures: ti.template(),
-    row: ti.i32,
-    origin: vec3,
-    direction: vec3,
-    distance: ti.f32,
-    last_vertex: vec3,
-    pdf: ti.f32,
-    diffuse_part: ti.f32,
-    mis: ti.i32,
-) -> vec3:
-    """Radiance from a light that a path ran into, weighted against having sampled it from the last vertex.
-
-    diffuse_part: of the scattering there.
-    """
-    radiance = all_lights.emitted(lights, textures, row, origin, direction, distance)
-    if pdf > 0.0 and radiance.max() > 0.0:
-        weight = 0.0  # without MIS, light sampling alone counts
-        # A light without shadows is sampled through what is in its way, where no path could run into it.
-        if mis != 0 and lights.values[row, SHADOWLESS] == 0.0:
-            from_vertex = distance
-            if distance < ti.math.inf:
-                from_vertex = (origin + direction * distance - last_vertex).norm()
-            weight = power_heuristic(pdf, all_lights.pdf(lights, row, last_vertex, direction, from_vertex))
-        radiance *= weight * response(lights.values, row, diffuse_part)
-    return radiance
 
 
 @ti.kernel
@@ -158,10 +103,9 @@ def shade(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
+    light_nodes: Floats2,
     light_distribution: Floats1,
     energy: Floats1,
-    light_total: ti.i32,
-    light_solid: ti.i32,
     pixels: Ints1,
     first: ti.i32,
     spp: ti.i32,
@@ -202,7 +146,7 @@ def shade(
     )
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
-    lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
+    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
     ti.loop_config(block_dim=128)
     for k in range(count):
         i = queue[k]
@@ -221,13 +165,10 @@ def shade(
         if instance >= 0 and depth + 1 >= max_depth and (bits_of_status & SEEN) != 0:
             last = (material_info[triangle_material[hit_ids[i][1]], FLAGS] & (COVERAGE | EMITS)) == 0
         seen = vec3(0.0)  # emitted towards the path by what it met
-        if light >= 0:
-            seen = seen_light(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
-        elif instance < 0 and pdf == 0.0 and background_red >= 0.0:
+        if light < 0 and instance < 0 and pdf == 0.0 and background_red >= 0.0:
             seen = vec3(background_red, background_green, background_blue)
-        elif instance < 0:
-            for row in range(light_solid, light_total):
-                seen += seen_light(lights, textures, row, origin, direction, ti.math.inf, last_vertex, pdf, part, mis)
+        elif light >= 0 or instance < 0:
+            seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
         elif not last:
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             key = path_key(pixels, frame_key, first + i, spp)
@@ -239,7 +180,7 @@ def shade(
                 materials, textures, surface, direction, width, choice_key + ti.cast(sample, ti.u32)
             )
             light_choice = vec2(0.0)
-            if light_total > 1 or (point.flags & COVERAGE) != 0:
+            if all_lights.any_choice(lights) != 0 or (point.flags & COVERAGE) != 0:
                 light_choice = first_two(choice_key, shuffled_index(choice_key, sample), bits)
             if (point.flags & COVERAGE) != 0 and light_choice.y >= point.opacity:
                 goes_on = True
@@ -258,11 +199,7 @@ def shade(
                     direction_key = combine(key, ti.cast(2 + 2 * step, ti.u32))
                     direction_index = shuffled_index(direction_key, sample)
                     light_u = first_two(direction_key, direction_index, bits)
-                    light_row, light_chance = 0, 0.0
-                    light_sample = no_sample()
-                    if light_total > 0:
-                        light_row, light_chance = choose(lights, surface.position, light_choice.x)
-                        light_sample = all_lights.sample(lights, textures, light_row, surface.position, light_u)
+                    light_sample = all_lights.sample(lights, textures, surface.position, light_choice.x, light_u)
                     bsdf_u = last_two(direction_key, direction_index, bits)
                     lobe_and_survival = vec2(0.0)
                     if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
@@ -272,12 +209,12 @@ def shade(
                     )
 
                     if light_sample.pdf > 0.0:
-                        light_pdf = light_sample.pdf * light_chance
-                        direct = throughput * scattering.towards_light.xyz * light_sample.radiance * (1.0 / light_pdf)
-                        direct *= response(light_values, light_row, scattering.diffuse_parts.x)
+                        light_row = light_sample.row
+                        direct = throughput * scattering.towards_light.xyz * light_sample.radiance
+                        direct *= response(lights, light_row, scattering.diffuse_parts.x) / light_sample.pdf
                         shadowless = light_values[light_row, SHADOWLESS] > 0.0
                         if mis != 0 and light_sample.delta == 0 and not shadowless:
-                            direct *= power_heuristic(light_pdf, scattering.towards_light.w)
+                            direct *= power_heuristic(light_sample.pdf, scattering.towards_light.w)
                         if shadowless:
                             radiance += direct
                         elif direct.max() > 0.0:
@@ -285,7 +222,10 @@ def shade(
                             start = offset_origin(surface, towards)
                             reach = light_sample.distance * (1.0 - LIGHT_FRONT)
                             blocking = -1
-                            if light_solid > 1 or light_row >= light_solid:  # else there is only this one
+                            others = light_nodes[0, H_SOLID_COUNT]
+                            if (
+                                others > 1.0 or light_values[light_row, KIND] > LAST_SOLID
+                            ):  # else there is only this one
                                 blocking, _ = nearest_light(lights, start, towards, reach * (1.0 - LIGHT_FRONT))
                             if blocking < 0:
                                 sampled = SAMPLED

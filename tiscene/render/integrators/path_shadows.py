@@ -35,6 +35,7 @@ def pass_shadows(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
+    light_nodes: Floats2,
     light_distribution: Floats1,
     energy: Floats1,
     pixels: Ints1,

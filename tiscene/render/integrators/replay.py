@@ -126,10 +126,9 @@ class ReplayPass:
         base = self._bases.pop(key, None)
         if base is None:
             self.scene.place(replace(placement, present=placement.present & ~moving))
-            radius = 0.5 * float(np.linalg.norm(self.scene.bounds[1] - self.scene.bounds[0]))
             image = self._base_image(view, still, seed, base_spp, max_depth)
             self._report("paths", 0.0)
-            base = Base(radius, image, self._kept_paths(view, radius, seed, spp, max_depth))
+            base = Base(image, self._kept_paths(view, seed, spp, max_depth))
             self._report("paths", 1.0)
             while self._bases and self.cached_bytes + base.cache.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
@@ -149,7 +148,7 @@ class ReplayPass:
         cache = base.cache
         groups = ti.ndarray(vec8, 6)
         groups.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
-        scene = self._paths.scene_arrays(base.radius)
+        scene = self._paths.scene_arrays()
         for block in cache.blocks:
             self._replay(scene, cache, block, scratch, groups)
         self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
@@ -240,9 +239,9 @@ class ReplayPass:
             self._images.save(key, base)
         return base
 
-    def _kept_paths(self, view: View, radius: float, seed: int, spp: int, max_depth: int) -> PathCache:
+    def _kept_paths(self, view: View, seed: int, spp: int, max_depth: int) -> PathCache:
         """As many paths a pixel as are asked for, or half of them and so on until they fit."""
-        scene = self._paths.scene_arrays(radius)
+        scene = self._paths.scene_arrays()
         key, movers_key = frame_key(seed, CACHE_FRAME), frame_key(seed, MOVERS_FRAME)
 
         def cache(spp: int) -> PathCache:
@@ -268,12 +267,11 @@ class ReplayPass:
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What never moves. radius: about it, m. image: f32 [h, w, 9], radiance, albedo, normal.
+    """What never moves. image: f32 [h, w, 9], radiance, albedo, normal.
 
     kept: what others have made of it, by name, for as long as there is use for it.
     """
 
-    radius: float
     image: NDArray[np.float32]
     cache: PathCache
     kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)

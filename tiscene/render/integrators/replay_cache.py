@@ -129,8 +129,7 @@ class PathCache:
             live, casts = self._paths.advance(self._scene, s, live, first, step, self.numbers, self.max_depth, 1)
             if not ends:  # else only the shadow rays that the segments became can bring light
                 record.end_segments(
-                    self._scene.arrays.light_values, self._scene.arrays.light_distribution,
-                    self._scene.light_total, self._scene.light_solid, last_depth,
+                    *self._scene.arrays.lighting[-3:], last_depth,
                     segments.paths, segments.count, s.hits, s.state, segments.restore, segments.rays, segments.light,
                     segment_counts,
                 )  # fmt: skip

@@ -9,7 +9,7 @@ seen (-1), with the light sampled. Rows of a path stand in the order in which it
 import taichi as ti
 
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1
-from tiscene.render.integrators.path_shading import nearest_light, read3, write3
+from tiscene.render.integrators.path_shading import read3, write3
 from tiscene.render.integrators.path_state import (
     DEPTH_MASK,
     DIFFUSE_PART,
@@ -28,6 +28,7 @@ from tiscene.render.integrators.path_state import (
     set3,
 )
 from tiscene.render.lights.light_sample import Lights
+from tiscene.render.lights.met import nearest_light
 from tiscene.render.ray_arrays import Hits, Rays, ray_direction, ray_origin
 
 vec3 = ti.math.vec3
@@ -78,9 +79,8 @@ def finite(light: vec3) -> vec3:
 @ti.kernel
 def end_segments(
     light_values: Floats2,
+    light_nodes: Floats2,
     light_distribution: Floats1,
-    light_total: ti.i32,
-    light_solid: ti.i32,
     last_depth: ti.i32,
     paths: Ints1,
     count: ti.i32,
@@ -97,7 +97,7 @@ def end_segments(
     last_depth: of what is met after so many surfaces only the emission counts, and no mover has any; what brought no
     light is then not worth a row (t_max 0).
     """
-    lights = ti.static(Lights(light_values, light_distribution, light_total, light_solid))
+    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
     for k in range(count):
         i = paths[k]
         _, end = nearest_light(lights, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])

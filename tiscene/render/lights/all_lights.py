@@ -2,42 +2,100 @@
 
 import taichi as ti
 
-from tiscene.render.lights import cylinder, disk, distant, dome, point, rect, shaping, sphere
-from tiscene.render.lights.choice import chance_of
-from tiscene.render.lights.light_sample import no_sample
-from tiscene.scene.light_table import KIND, SHAPED
+from tiscene.render.lights import cylinder, disk, distant, dome, point, portal, rect, shaping, sphere
+from tiscene.render.lights.choice import chance_of, choose, weigh
+from tiscene.render.lights.light_sample import integer, no_sample
+from tiscene.scene.light_nodes import CHILD, H_DOMES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
+from tiscene.scene.light_table import DOME, DOME_ROW, KIND, SHAPED
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
 # In the order of the kinds in tiscene.scene.light_table. Each has sample, pdf, intersect, emitted.
-LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome)
+LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
-    """A direction to the light of that row: a LightSample. The chance of the row is not in its pdf."""
+def any_choice(lights: ti.template()):
+    """Whether there are several lights: 1 or 0. Of one, `sample` needs no number to choose it."""
+    return ti.cast(lights.nodes[0, H_DOMES] > 2.0 or lights.nodes[1, CHILD] > 0.0, ti.i32)
+
+
+@ti.func
+def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice: ti.f32, u: vec2):
+    """A direction to some light: a LightSample. choice, u: uniform numbers. The density is that of all ways to it."""
     result = no_sample()
-    kind = ti.cast(lights.values[row, KIND], ti.i32)
-    for k in ti.static(range(len(LIGHTS))):
-        if kind == k:
-            result = LIGHTS[k].sample(lights, textures, row, origin, u)
-    if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
-        met = origin + result.direction * result.distance
-        result.radiance *= shaping.scale(lights.values, textures, row, met, -result.direction)
+    if lights.nodes[0, H_DOMES] > 1.0:
+        cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+        count, scale = weigh(lights, origin, cut, weights)
+        row, chance = choose(lights, cut, weights, count, scale, origin, choice)
+        if chance > 0.0:
+            kind = integer(lights.values, row, KIND)
+            result.row = row
+            for k in ti.static(range(len(LIGHTS))):
+                if kind == k:
+                    result = LIGHTS[k].sample(lights, textures, row, origin, u)
+                    if ti.static(LIGHTS[k] != portal):
+                        result.row = row
+            result.pdf *= chance
+            if kind >= DOME and result.pdf > 0.0:
+                result.pdf += other_ways(lights, cut, weights, count, scale, result.row, row, origin, result.direction)
+            if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
+                met = origin + result.direction * result.distance
+                result.radiance *= shaping.scale(lights.values, textures, row, met, -result.direction)
     return result
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of choosing the row and of its `sample`, for a direction that meets it."""
+def other_ways(
+    lights: ti.template(),
+    cut: ti.template(),
+    weights: ti.template(),
+    count: ti.i32,
+    scale: ti.f32,
+    row: ti.i32,
+    but: ti.i32,
+    origin: vec3,
+    direction: vec3,
+) -> ti.f32:
+    """The density of a dome's direction by its image and all its portals, leaving out the row `but`."""
     result = 0.0
-    kind = ti.cast(lights.values[row, KIND], ti.i32)
-    for k in ti.static(range(len(LIGHTS))):
-        if kind == k:
-            result = LIGHTS[k].pdf(lights, row, origin, direction, distance)
-    if result > 0.0:
-        result *= chance_of(lights, row, origin)
+    if row != but:
+        chance = chance_of(lights, cut, weights, count, scale, row, origin)
+        if chance > 0.0:
+            result += chance * dome.pdf(lights, row, origin, direction, ti.math.inf)
+    for other in range(integer(lights.nodes, 0, H_PORTAL_ROW), integer(lights.nodes, 0, H_ROWS)):
+        if other != but:
+            distance = rect.intersect(lights, other, origin, direction)
+            if distance < ti.math.inf and integer(lights.values, other, DOME_ROW) == row:
+                chance = chance_of(lights, cut, weights, count, scale, other, origin)
+                result += chance * rect.pdf(lights, other, origin, direction, distance)
+    return result
+
+
+@ti.func
+def pdf(
+    lights: ti.template(),
+    cut: ti.template(),
+    weights: ti.template(),
+    count: ti.i32,
+    scale: ti.f32,
+    row: ti.i32,
+    origin: vec3,
+    direction: vec3,
+    distance: ti.f32,
+) -> ti.f32:
+    """Density of `sample` for a direction that meets the light. cut ... scale: `weigh` at the origin."""
+    result = 0.0
+    kind = integer(lights.values, row, KIND)
+    if kind == DOME:
+        result = other_ways(lights, cut, weights, count, scale, row, -1, origin, direction)
+    else:
+        for k in ti.static(range(DOME)):
+            if kind == k:
+                result = LIGHTS[k].pdf(lights, row, origin, direction, distance)
+        if result > 0.0:
+            result *= chance_of(lights, cut, weights, count, scale, row, origin)
     return result
 
 
@@ -45,7 +103,7 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
 def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Distance to the light of that row, +inf for a miss."""
     result = ti.math.inf
-    kind = ti.cast(lights.values[row, KIND], ti.i32)
+    kind = integer(lights.values, row, KIND)
     for k in ti.static(range(len(LIGHTS))):
         if kind == k:
             result = LIGHTS[k].intersect(lights, row, origin, direction)
@@ -54,14 +112,23 @@ def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3)
 
 @ti.func
 def emitted(
-    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
+    lights: ti.template(),
+    textures: ti.template(),
+    row: ti.i32,
+    origin: vec3,
+    direction: vec3,
+    distance: ti.f32,
+    density: ti.f32,
 ) -> vec3:
-    """Radiance from the light of that row along a ray that meets it."""
+    """Radiance from the light of that row along a ray that meets it. density: of its direction, 0 for a camera's."""
     result = vec3(0.0)
-    kind = ti.cast(lights.values[row, KIND], ti.i32)
+    kind = integer(lights.values, row, KIND)
     for k in ti.static(range(len(LIGHTS))):
         if kind == k:
-            result = LIGHTS[k].emitted(lights, textures, row, origin, direction, distance)
+            if ti.static(LIGHTS[k] == dome):
+                result = dome.arriving(lights, textures, row, direction, density)
+            else:
+                result = LIGHTS[k].emitted(lights, textures, row, origin, direction, distance)
     if lights.values[row, SHAPED] > 0.0:
         result *= shaping.scale(lights.values, textures, row, origin + direction * distance, -direction)
     return result

@@ -12,12 +12,11 @@ FAR = 1e30  # stands for infinity where a ray has to have an end
 
 
 class Lights(NamedTuple):
-    """The arrays of a LightTable, bundled inside a kernel; total and solid as in `LightArrays`."""
+    """The arrays of a LightTable, bundled inside a kernel."""
 
     values: Any
+    nodes: Any
     distribution: Any
-    total: Any
-    solid: Any
 
 
 @ti.dataclass
@@ -29,12 +28,19 @@ class LightSample:
     radiance: vec3  # for a delta light: irradiance on a surface that faces it
     pdf: ti.f32
     delta: ti.i32
+    row: ti.i32  # of the light; of a portal that of its dome
 
 
 @ti.func
 def no_sample():
     """Nothing of the light is seen from there."""
-    return LightSample(direction=vec3(0.0, 0.0, 1.0), distance=0.0, radiance=vec3(0.0), pdf=0.0, delta=0)
+    return LightSample(direction=vec3(0.0, 0.0, 1.0), distance=0.0, radiance=vec3(0.0), pdf=0.0, delta=0, row=0)
+
+
+@ti.func
+def integer(array: ti.template(), row: ti.i32, column: ti.template()) -> ti.i32:
+    """A whole number among floats."""
+    return ti.cast(array[row, column], ti.i32)
 
 
 @ti.func

@@ -1,12 +1,13 @@
 """A rectangle that emits from one side, towards the light's -z. Near by it is sampled uniformly in the solid angle it
-subtends, from afar in its area."""
+subtends, from afar in its area; where it has an image with bright spots, so many of the samples by that's luminance."""
 
 import taichi as ti
 
 from tiscene.render import warp
-from tiscene.render.lights.light_sample import axis, color, no_sample
+from tiscene.render.lights import image
+from tiscene.render.lights.light_sample import axis, color, from_light, integer, no_sample, to_light
 from tiscene.render.textures import CLAMP, lookup_wrapped
-from tiscene.scene.light_table import SIZE, TEXTURE
+from tiscene.scene.light_table import GRID, IMAGE_PART, SIZE, TEXTURE
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
@@ -29,21 +30,23 @@ def extent_from(values: ti.template(), row: ti.i32, origin: vec3):
 
 
 @ti.func
-def view_from(values: ti.template(), row: ti.i32, origin: vec3):
-    """The same as a RectangleView."""
-    x0, x1, y0, y1, z = extent_from(values, row, origin)
-    return warp.rectangle_view(x0, x1, y0, y1, z)
-
-
-@ti.func
 def radiance_at(values: ti.template(), textures: ti.template(), row: ti.i32, x: ti.f32, y: ti.f32) -> vec3:
     """What the point (x, y) of the light emits. The image stands upright for who looks at the lit side."""
     result = color(values, row)
-    image = ti.cast(values[row, TEXTURE], ti.i32)
-    if image >= 0:
+    picture = integer(values, row, TEXTURE)
+    if picture >= 0:
         uv = vec2(0.5 - x / values[row, SIZE], 0.5 + y / values[row, SIZE + 1])
-        result *= lookup_wrapped(textures, image, uv, CLAMP, CLAMP).xyz
+        result *= lookup_wrapped(textures, picture, uv, CLAMP, CLAMP).xyz
     return result
+
+
+@ti.func
+def image_density(lights: ti.template(), row: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
+    """Of a point (x, y) that is drawn from the image, over that of one that is uniform in area."""
+    values = ti.static(lights.values)
+    column = ti.cast((0.5 - x / values[row, SIZE]) * values[row, GRID], ti.i32)
+    line = ti.cast((0.5 - y / values[row, SIZE + 1]) * values[row, GRID + 1], ti.i32)
+    return image.density(lights, row, column, line)
 
 
 @ti.func
@@ -66,42 +69,53 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
     result = no_sample()
     x0, x1, y0, y1, z0 = extent_from(values, row, origin)
     if z0 > 0.0:
-        p = vec2(x0 + u.x * (x1 - x0), y0 + u.y * (y1 - y0))
-        by_area = True
+        part, v = values[row, IMAGE_PART], u
+        from_image = u.x < part
+        if part > 0.0:
+            v.x = ti.min(u.x / part if from_image else (u.x - part) / (1.0 - part), 0.99999994)
+        p = vec2(x0 + v.x * (x1 - x0), y0 + v.y * (y1 - y0))
+        density = 0.0
         if is_far(x0, x1, y0, y1, z0) == 0:
             view = warp.rectangle_view(x0, x1, y0, y1, z0)
             if view.solid_angle > _SMALL:
-                by_area = False
-                p = warp.rectangle(view, u)
-                result.pdf = warp.rectangle_pdf(view)
+                density = warp.rectangle_pdf(view)
+                if not from_image:
+                    p = warp.rectangle(view, v)
+        if from_image:
+            point = image.sample(lights, row, v)
+            p = vec2(x1 - (x1 - x0) * point.x / values[row, GRID], y1 - (y1 - y0) * point.y / values[row, GRID + 1])
         distance = ti.sqrt(p.x * p.x + p.y * p.y + z0 * z0)
         offset = vec3(p.x, p.y, z0) * (1.0 / distance)
-        if by_area:
-            result.pdf = area_pdf(values, row, offset.z, distance)
-        result.direction = (
-            axis(values, row, 0) * offset.x + axis(values, row, 1) * offset.y + axis(values, row, 2) * offset.z
-        )
+        by_area = area_pdf(values, row, offset.z, distance)
+        x, y = p.x - 0.5 * (x0 + x1), p.y - 0.5 * (y0 + y1)
+        result.pdf = by_area if density == 0.0 else density
+        if part > 0.0:
+            result.pdf += part * (by_area * image_density(lights, row, x, y) - result.pdf)
+        result.direction = from_light(values, row, offset)
         result.distance = distance
-        result.radiance = radiance_at(values, textures, row, p.x - 0.5 * (x0 + x1), p.y - 0.5 * (y0 + y1))
-    return result
-
-
-@ti.func
-def pdf_in(view: ti.template(), values: ti.template(), row: ti.i32, direction: vec3, distance: ti.f32) -> ti.f32:
-    """`pdf`, by a view from the origin."""
-    result = 0.0
-    if view.z0 > 0.0:
-        if view.solid_angle > _SMALL and is_far(view.x0, view.x1, view.y0, view.y1, view.z0) == 0:
-            result = warp.rectangle_pdf(view)
-        else:
-            result = area_pdf(values, row, axis(values, row, 2).dot(direction), distance)
+        result.radiance = radiance_at(values, textures, row, x, y)
     return result
 
 
 @ti.func
 def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample` for a direction that meets the light at that distance."""
-    return pdf_in(view_from(lights.values, row, origin), lights.values, row, direction, distance)
+    values = ti.static(lights.values)
+    result = 0.0
+    x0, x1, y0, y1, z0 = extent_from(values, row, origin)
+    if z0 > 0.0:
+        w = to_light(values, row, direction)
+        by_area = area_pdf(values, row, w.z, distance)
+        result = by_area
+        if is_far(x0, x1, y0, y1, z0) == 0:
+            view = warp.rectangle_view(x0, x1, y0, y1, z0)
+            if view.solid_angle > _SMALL:
+                result = warp.rectangle_pdf(view)
+        part = values[row, IMAGE_PART]
+        if part > 0.0:
+            x, y = w.x * distance - 0.5 * (x0 + x1), w.y * distance - 0.5 * (y0 + y1)
+            result += part * (by_area * image_density(lights, row, x, y) - result)
+    return result
 
 
 @ti.func

@@ -1,0 +1,112 @@
+"""Lights that a ray meets. They are not in the tree of surfaces: rays are tested against them apart, shadow rays too,
+so that a light hides what is behind it however a path gets there."""
+
+import taichi as ti
+
+from tiscene.render.lights import all_lights
+from tiscene.render.lights.choice import node3, weigh
+from tiscene.render.lights.light_sample import integer
+from tiscene.scene.light_nodes import (
+    CENTRE,
+    CHILD,
+    H_DISTANT_ROW,
+    H_PORTAL_ROW,
+    H_SOLID,
+    MOST_ENTRIES,
+    NEXT,
+    RADIUS2,
+    ROW,
+)
+from tiscene.scene.light_table import ON_DIFFUSE, ON_SPECULAR, SHADOWLESS
+
+vec3 = ti.math.vec3
+
+# A light that lies on a surface wins over it, by this part of the distance.
+LIGHT_FRONT = 1e-4
+# Of the squared distance to a light, what a float's rounding can do to how far a ray passes it.
+_ROUNDING = 1e-6
+
+
+@ti.func
+def power_heuristic(a: ti.f32, b: ti.f32) -> ti.f32:
+    """Veach's weight, with exponent 2, of a sample of density a that could have been one of density b."""
+    ratio = b / a
+    return 1.0 / (1.0 + ratio * ratio)
+
+
+@ti.func
+def response(lights: ti.template(), row: ti.i32, diffuse_part: ti.f32) -> ti.f32:
+    """How much of a light a scattering reflects, by the light's multipliers of diffuse and other reflection."""
+    return lights.values[row, ON_DIFFUSE] * diffuse_part + lights.values[row, ON_SPECULAR] * (1.0 - diffuse_part)
+
+
+@ti.func
+def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_distance: ti.f32):
+    """(row, distance) of the light that a ray meets before the surface; row -1 for none."""
+    nodes = ti.static(lights.nodes)
+    row, nearest = -1, surface_distance * (1.0 + LIGHT_FRONT)
+    node = integer(nodes, 0, H_SOLID)
+    while node > 0:
+        following = integer(nodes, node, NEXT)
+        offset = node3(nodes, node, CENTRE) - origin
+        along, distance2 = offset.dot(direction), offset.dot(offset)
+        radius2 = nodes[node, RADIUS2] + _ROUNDING * distance2
+        beyond = along - nearest
+        # The sphere about the light or the group is not passed by, not behind, and not behind what was met.
+        if (
+            (distance2 - along * along <= radius2)
+            & ((along > 0.0) | (distance2 <= radius2))
+            & ((beyond <= 0.0) | (beyond * beyond <= radius2))
+        ):
+            child = integer(nodes, node, CHILD)
+            if child > 0:
+                following = child
+            else:
+                candidate = integer(nodes, node, ROW)
+                distance = all_lights.intersect(lights, candidate, origin, direction)
+                if distance < nearest:
+                    row, nearest = candidate, distance
+        node = following
+    return row, nearest
+
+
+@ti.func
+def seen_lights(
+    lights: ti.template(),
+    textures: ti.template(),
+    light: ti.i32,
+    origin: vec3,
+    direction: vec3,
+    distance: ti.f32,
+    last_vertex: vec3,
+    pdf: ti.f32,
+    diffuse_part: ti.f32,
+    mis: ti.i32,
+) -> vec3:
+    """Radiance from the light that a path ran into at that distance, weighted against having sampled it from the last
+    vertex; from all lights at infinity where `light` is -1.
+
+    diffuse_part: of the scattering there.
+    """
+    result = vec3(0.0)
+    first, end, from_vertex = light, light + 1, distance
+    if light < 0:
+        first, end = integer(lights.nodes, 0, H_DISTANT_ROW), integer(lights.nodes, 0, H_PORTAL_ROW)
+    else:
+        from_vertex = (origin + direction * distance - last_vertex).norm()
+    weighed, count, scale = False, 0, 0.0
+    cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+    for row in range(first, end):
+        radiance = all_lights.emitted(lights, textures, row, origin, direction, distance, pdf)
+        if pdf > 0.0 and radiance.max() > 0.0:
+            weight = 0.0  # without MIS, light sampling alone counts
+            # A light without shadows is sampled through what is in its way, where no path could run into it.
+            if mis != 0 and lights.values[row, SHADOWLESS] == 0.0:
+                if not weighed:
+                    count, scale = weigh(lights, last_vertex, cut, weights)
+                    weighed = True
+                there = all_lights.pdf(lights, cut, weights, count, scale, row, last_vertex, direction, from_vertex)
+                weight = power_heuristic(pdf, there)
+            radiance *= weight * response(lights, row, diffuse_part)
+        result += radiance
+    return result
