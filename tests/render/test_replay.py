@@ -118,6 +118,21 @@ def test_every_path_is_the_one_that_tracing_would_give(mover: str, others: dict[
     np.testing.assert_allclose(scene.replayed_mean(), stacked(scene.trace(*AT)), rtol=1e-4, atol=1e-4)
 
 
+def test_a_difference_pays_where_most_paths_are_left_alone() -> None:
+    """Small movers, none, and one that fills the picture; the answer is the frame's own, whatever was asked before."""
+    scene = Box()
+    ask = {"seed": 1, "max_depth": 5}
+    near = scene.view.current.position
+    filling = (near[0], near[1], near[2] - 0.21)
+    answers = [
+        scene.passes.pays(scene.view, scene.at(*places), scene.moving, **ask)
+        for places in (AT, (), (filling, AT[1]), AT)
+    ]
+    assert answers == [True, True, False, True]
+    scene.passes.prepare(scene.view, scene.at(*AT), scene.moving, base_spp=16, spp=4, **ask)
+    assert not scene.passes.pays(scene.view, scene.at(filling, AT[1]), scene.moving, **ask)
+
+
 def test_nothing_changes_where_nothing_moves() -> None:
     """No noise at all: the base image to the bit, without movers and where they are out of all paths' way."""
     scene = Box()

@@ -127,16 +127,19 @@ class Renderer:
         """The buffers named, in that order, each a new array. exposure: stops, for `rgb`.
 
         moving: bool [n], the instances that move before a camera and under lights that do not: colour is then a
-        difference to an image of the others. None: colour is traced from nothing.
+        difference to an image of the others, if that pays. None: colour is traced from nothing.
         """
         self._paths.background = self._replay_paths.background = view.background
         quality = self.quality
         colored = not COLORS.isdisjoint(buffers)
         labels = [name for name in buffers if name not in COLORS]
+        sampling: dict[str, int] = {"seed": seed, "max_depth": quality.max_depth}
+        if colored and moving is not None and not self._replay.pays(view, placement, moving, **sampling):
+            moving = None
         if colored and moving is not None:
             self._replay.prepare(
                 view, placement, moving,
-                seed=seed, spp=quality.spp, max_depth=quality.max_depth, base_spp=max(quality.base_spp, quality.spp),
+                spp=quality.spp, base_spp=max(quality.base_spp, quality.spp), **sampling,
             )  # fmt: skip
         elif colored and quality.reduction > 1:
             labels += [name for name in GUIDES if name not in labels]

@@ -25,6 +25,7 @@ from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK, PathState
 from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache, room_for
 from tiscene.render.integrators.replay_near import ROWS, find_near
+from tiscene.render.integrators.replay_probe import Probe
 from tiscene.render.integrators.replay_spikes import find_spikes, spread_spikes
 from tiscene.render.intersect import occluded
 from tiscene.render.sampler import frame_key, index_bits
@@ -40,6 +41,9 @@ ONE_PIXEL = 1 << 30  # as many samples a pixel: the row alone tells rays apart
 BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
 NOWHERE = 1e30
 CACHE_BYTES = 1 << 30
+MAX_PROBES = 16
+# Where movers cut more of the paths than this, a picture from nothing is as cheap and may have less noise.
+MOST_CUT = 0.75
 
 Report = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
 
@@ -81,6 +85,7 @@ class ReplayPass:
         self._report = report or (lambda doing, done: None)
         self._paths = paths or PathPass(scene, width, height)
         self._bases: dict[tuple[Any, ...], Base] = {}  # the one used last at the end
+        self._probes: dict[tuple[Any, ...], tuple[Probe, _Scratch]] = {}  # the one used last at the end
         self._scratch: _Scratch | None = None
         self._paths_on_way: PathState | None = None
 
@@ -112,17 +117,7 @@ class ReplayPass:
         image of.
         """
         still = placement.present[CURRENT] & ~moving
-        materials = self.scene.materials
-        key = (
-            view.rows()[CURRENT].tobytes(),
-            np.flatnonzero(still).tobytes(),
-            placement.mesh[still].tobytes(),
-            placement.world_from_object[CURRENT, still].tobytes(),
-            digest_of(self.scene.lights.lights if placement.lights is None else placement.lights),
-            materials.any_coverage,
-            materials.any_emission,
-            (seed, spp, max_depth, base_spp),
-        )
+        key = (*self._key(view, placement, still), seed, spp, max_depth, base_spp)
         base = self._bases.pop(key, None)
         if base is None:
             self.scene.place(replace(placement, present=placement.present & ~moving))
@@ -136,6 +131,27 @@ class ReplayPass:
                 self._scratch = _Scratch(base.cache)
         self._bases[key] = base
 
+    def pays(self, view: View, placement: Placement, moving: NDArray[np.bool_], *, seed: int, max_depth: int) -> bool:
+        """Whether the movers leave enough paths alone for a difference to cost less than a picture from nothing.
+
+        It depends on the arguments alone, and on no number that a picture is made of. Arguments as of `prepare`, which
+        is not needed before. Places the frame's instances at CURRENT.
+        """
+        still = placement.present[CURRENT] & ~moving
+        key = (*self._key(view, placement, still), seed, max_depth)
+        probe = self._probes.pop(key, None)
+        if probe is None:
+            self.scene.place(replace(placement, present=placement.present & ~moving))
+            cache = Probe(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
+            probe = cache, _Scratch(cache.cache)
+        self._probes[key] = probe
+        if len(self._probes) > MAX_PROBES:
+            del self._probes[next(iter(self._probes))]
+        self.scene.place(placement)
+        paths, scratch = probe
+        self._test(paths.block.rays, paths.block.rows, self._groups(moving), scratch)
+        return paths.cut_share(scratch.cut) <= MOST_CUT
+
     def render(self, moving: NDArray[np.bool_]) -> ReplayImage:
         """The picture of what the scene has placed at CURRENT, which was prepared for.
 
@@ -146,8 +162,7 @@ class ReplayPass:
             raise ArgumentError("nothing is prepared; call prepare() first")
         base = next(reversed(self._bases.values()))
         cache = base.cache
-        groups = ti.ndarray(vec8, 6)
-        groups.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
+        groups = self._groups(moving)
         scene = self._paths.scene_arrays()
         for block in cache.blocks:
             self._replay(scene, cache, block, scratch, groups)
@@ -162,6 +177,25 @@ class ReplayPass:
         find_spikes(self.width, self.height, scratch.change, hdr, spikes)
         spread_spikes(self.width, self.height, scratch.change, spikes, hdr, even)
         return ReplayImage(hdr, albedo, normal, even, base, unmoved)
+
+    def _key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
+        """What tells the bases of one scene apart."""
+        materials = self.scene.materials
+        return (
+            view.rows()[CURRENT].tobytes(),
+            np.flatnonzero(still).tobytes(),
+            placement.mesh[still].tobytes(),
+            placement.world_from_object[CURRENT, still].tobytes(),
+            digest_of(self.scene.lights.lights if placement.lights is None else placement.lights),
+            materials.any_coverage,
+            materials.any_emission,
+        )
+
+    def _groups(self, moving: NDArray[np.bool_]) -> Any:
+        """Boxes about what moves, of what is placed at CURRENT; its tree is built."""
+        groups = ti.ndarray(vec8, 6)
+        groups.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
+        return groups
 
     def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
         """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
