@@ -68,8 +68,7 @@ WRONG = [
     ("int64[] ids = [1, 2, 3]", "3 ids, but 2 protoIndices"),
     ("rel prototypes = [</Nowhere>]", "its prototype </Nowhere> does not exist"),
     ("rel prototypes = []", "it has no prototypes"),
-    ("float3[] scales = [(1, 1, 1), (0, 1, 1)]", "1 points, the first at 1, have a transform that is singular"),
-    ("point3f[] positions = [(0, 0, nan), (0, 0, 0)]", "1 points, the first at 0, have a transform that is singular"),
+    ("point3f[] positions = [(0, 0, nan), (0, 0, 0)]", "1 points, the first at 0, have a transform that is not finite"),
 ]
 
 
@@ -80,6 +79,18 @@ def test_wrong_instancers(tmp_path, line, expected):
     body = text % line if "%s" in text else text
     (problem,) = problems_of(tmp_path, body)
     assert problem.startswith(f"</P> instancer: {expected}")
+
+
+def test_points_that_are_squashed_flat_are_not_drawn(tmp_path):
+    """Scatterers hide points so; those that stay keep their numbers."""
+    text = "points of a point instancer that are squashed flat are not drawn: </P>"
+    description = read_with_warning(tmp_path, INSTANCER % "float3[] scales = [(0, 0, 0), (1, 1, 1)]", text)
+    assert [thing.name for thing in description.objects] == ["P[1]"]
+
+
+def test_ids_that_are_not_unique_are_not_used(tmp_path):
+    description = read_with_warning(tmp_path, INSTANCER % "int64[] ids = [4, 4]", "ids .* that are not unique are not")
+    assert [thing.name for thing in description.objects] == ["P[0]", "P[1]"]
 
 
 def test_an_instancer_in_its_own_prototype(tmp_path):

@@ -227,17 +227,18 @@ def test_transforms_nest_and_reset(tmp_path):
     np.testing.assert_allclose(at["Reset"][:3, 3], (1, 0, 0))
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("float3 xformOp:scale = (1, 0, 1)", "its transform is singular"),
-        ("float3 xformOp:scale = (1, nan, 1)", "its transform holds numbers that are not finite"),
-    ],
-)
-def test_impossible_transforms(tmp_path, line, expected):
-    body = f'def Cube "C"\n{{\n{line}\nuniform token[] xformOpOrder = ["xformOp:scale"]\n}}'
-    (problem,) = problems_of(tmp_path, body)
-    assert problem.startswith(f"</C> transform: {expected}")
+SCALED = 'def Cube "C"\n{\nfloat3 xformOp:scale = %s\nuniform token[] xformOpOrder = ["xformOp:scale"]\n}'
+
+
+def test_impossible_transforms(tmp_path):
+    (problem,) = problems_of(tmp_path, SCALED % "(1, nan, 1)")
+    assert problem.startswith("</C> transform: its transform holds numbers that are not finite")
+
+
+def test_what_is_squashed_flat_is_named(tmp_path):
+    """A scale of 0 is how some programs hide things."""
+    text = "what its transform squashes flat is not drawn: </C>"
+    assert not read_with_warning(tmp_path, SCALED % "(1, 0, 1)", text).instances
 
 
 def test_mirrored_transforms_are_kept(tmp_path):

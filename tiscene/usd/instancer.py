@@ -91,14 +91,16 @@ def point_instances(
     mask = instancer.ComputeMaskAtTime(time)
     if len(mask) == len(chosen):
         kept = np.asarray(mask, dtype=bool)
-    wrong = ~np.isfinite(matrices).all(axis=(1, 2)) | (np.abs(np.linalg.det(matrices[:, :3, :3])) <= 0.0)
-    if (wrong & kept).any():
-        first = int(np.flatnonzero(wrong & kept)[0])
-        text = (
-            f"{int((wrong & kept).sum())} points, the first at {first}, have a transform that is singular or not finite"
-        )
+    wrong = kept & ~np.isfinite(matrices).all(axis=(1, 2))
+    if wrong.any():
+        first = int(np.flatnonzero(wrong)[0])
+        text = f"{int(wrong.sum())} points, the first at {first}, have a transform that is not finite"
         report.problem(prim.GetPath(), "instancer", text)
         return None
+    flat = kept & (np.abs(np.linalg.det(matrices[:, :3, :3])) <= 0.0)
+    if flat.any():
+        report.omission(prim.GetPath(), "points of a point instancer that are squashed flat are not drawn")
+        kept &= ~flat
     if len(np.unique(ids)) < len(ids):
         report.omission(prim.GetPath(), "ids of a point instancer that are not unique are not used")
         ids = ids[:0]

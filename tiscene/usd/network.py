@@ -21,8 +21,11 @@ _MATERIALX_NAMES = {
 
 
 def shader_id(shader: UsdShade.Shader) -> str:
-    """The shader's info:id, by UsdPreviewSurface's names for its nodes; "" for a shader without one."""
+    """The shader's info:id, by UsdPreviewSurface's names for its nodes; else its name in its source asset, or ""."""
     name = str(shader.GetShaderId() or "")
+    if not name:
+        names = (each for each in shader.GetPrim().GetAttributes() if each.GetName().endswith(":subIdentifier"))
+        return next((str(each.Get()) for each in names), "")
     return _MATERIALX_NAMES.get(name, name)
 
 

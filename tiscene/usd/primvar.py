@@ -142,7 +142,7 @@ def _width(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
 def read_primvar(
     primvar: UsdGeom.Primvar, width: int, topology: Topology, time: Usd.TimeCode, report: Report
 ) -> Attribute | None:
-    """A primvar of `width` numbers; None with a problem reported if it does not fit the mesh."""
+    """A primvar of `width` numbers; None, which is reported, if it does not fit the mesh."""
     attribute = primvar.GetAttr()
     values = array_of(attribute, time, None, width=None)
     if values.size == 0:
@@ -166,7 +166,7 @@ def _checked(
 ) -> Attribute | None:
     fault = _fault(values, indices, interpolation, width, topology.elements(interpolation))
     if fault:
-        report.problem(prim.GetPath(), name, fault)
+        report.omission(prim.GetPath(), f"{name}: {fault}, so that it is not used")
         return None
     values = values.astype(np.float32, copy=False)
     if indices is not None:

@@ -29,9 +29,10 @@ from tiscene.usd.skinning import is_unskinned
 from tiscene.usd.texture import TextureTable
 from tiscene.usd.things import Thing, ThingTable, collides, is_rigid_body
 from tiscene.usd.tracks import NOTHING, Inherited, Samples
-from tiscene.usd.transform import fault, not_finite, to_matrix
+from tiscene.usd.transform import is_flat, not_finite, to_matrix
 
 _DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+_NOTES = ("HoudiniLayerInfo",)  # types of other programs' prims that nobody is meant to see
 _LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
 DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 UNDEFINED_TOO = Usd.TraverseInstanceProxies(_LOADED)  # below a class or an over: prototypes and templates
@@ -189,7 +190,7 @@ class StageReader:
         kind = prim.GetTypeName()
         if prim.IsA(UsdGeom.Boundable) and not prim.IsA(UsdSkel.Root) and not prim.IsA(UsdSkel.Skeleton):
             self._report.omission(prim.GetPath(), f"prims of type {kind} are not drawn")
-        elif kind and prim.GetPrimTypeInfo().GetSchemaType() == Tf.Type.Unknown:
+        elif kind and kind not in _NOTES and prim.GetPrimTypeInfo().GetSchemaType() == Tf.Type.Unknown:
             self._report.omission(prim.GetPath(), f"prims of the unknown type {kind} are not drawn")
 
     def _read_light(self, prim: Usd.Prim, here: Context) -> None:
@@ -211,9 +212,11 @@ class StageReader:
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
         samples = Samples.of(here.inherited, here.world, self._meters) if self._parts is None else None
-        wrong = fault(matrix) if samples is None else not_finite(samples.matrices)
+        wrong = not_finite(matrix if samples is None else samples.matrices)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
+        elif samples is None and not here.inherited and is_flat(matrix):
+            self._report.omission(prim.GetPath(), "what its transform squashes flat is not drawn")
         elif self._parts is not None:
             names = self._part_names(prim, self._root)
             placed = Placed(mesh, matrix, here.label, names, collides(prim), here.drawn, here.inherited)
@@ -242,7 +245,7 @@ class StageReader:
             self._report.problem(prim.GetPath(), "instancer", "one of its prototypes holds the instancer itself")
             return
         world = to_matrix(here.world, self._meters)
-        wrong = fault(world)
+        wrong = not_finite(world)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
             return

@@ -21,12 +21,17 @@ def not_finite(matrices: NDArray[np.float64]) -> str:
     return "" if np.isfinite(matrices).all() else "its transform holds numbers that are not finite"
 
 
+def is_flat(matrix: Matrix) -> bool:
+    """Whether a transform squashes what it places: a scale is zero, or axes coincide."""
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    return not scale.all() or bool(abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-9)
+
+
 def fault(matrix: Matrix) -> str:
     """Why a transform cannot place anything; "" if it can."""
     if not np.isfinite(matrix).all():
         return "its transform holds numbers that are not finite"
-    scale = np.linalg.norm(matrix[:3, :3], axis=0)
-    if not scale.all() or abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-9:
+    if is_flat(matrix):
         return "its transform is singular: a scale is zero, or axes coincide"
     if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
         return "its transform is not affine"
