@@ -101,7 +101,9 @@ def test_lamps_that_change_leave_no_base() -> None:
 
     def world(radiance: list[float]) -> SimpleNamespace:
         lights = [[SphereLight("l", "/l", np.eye(4), (value, 1.0, 1.0), 0.1)] for value in radiance]
-        return SimpleNamespace(lights=lights.__getitem__, moving=lambda frame: np.array([False, frame != 4]))
+        first = tuple(map(tuple, lights[:2]))
+        moves = lambda frame: np.array([False, frame != 4])  # noqa: E731
+        return SimpleNamespace(lights=lights.__getitem__, lights_change=True, first_lights=first, moving=moves)
 
     steady, swinging, late = world([1.0] * 5), world([1.0, 2.0, 1.0]), world([1.0, 1.0, 1.0, 2.0])
     assert moving(steady, 3).tolist() == [False, True]  # type: ignore[arg-type, union-attr]

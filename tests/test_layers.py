@@ -25,7 +25,9 @@ STREAM = SCENE | {
     "tiscene.frame",
     "tiscene.frame_range",
     "tiscene.render",
+    "tiscene.arguments",
     "tiscene.scenario",
+    "tiscene.shutter",
     "tiscene.motion",
     "tiscene.usd",
     "tiscene.waiting",
@@ -39,6 +41,11 @@ MAY_IMPORT = {
     "usd_scenes": set(),
     "usd_scenes.sheet": {"usd_scenes", "tiscene", "tiscene.catalog", "tiscene.commands"},
     "usd_scenes.gallery": {"usd_scenes", "usd_scenes.sheet", "tiscene", "tiscene.commands", "tiscene.usd"},
+    "usd_scenes.imported": {
+        "usd_scenes",
+        "usd_scenes.sheet",
+        *("tiscene", "tiscene.catalog", "tiscene.commands", "tiscene.usd"),
+    },
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
     "tiscene.device": {"tiscene.errors"},
@@ -74,11 +81,21 @@ MAY_IMPORT = {
     "tiscene.inventory": SCENE | {"tiscene.tracks", "tiscene.edits", "tiscene.lighting", "tiscene.scenario"},
     "tiscene.stage_things": SCENE | {"tiscene.tracks", "dynamics", "tiscene.edits", "tiscene.inventory"},
     "tiscene.motion": SCENE | {"dynamics", "tiscene.edits", "tiscene.scenario"},
-    "tiscene.world": SCENE
+    "tiscene.witness": SCENE
     | {
         "tiscene.edits",
         "tiscene.events",
         "tiscene.in_view",
+        "tiscene.inventory",
+        "tiscene.motion",
+        "tiscene.stage_things",
+        "dynamics",
+    },
+    "tiscene.world": SCENE
+    | {
+        "tiscene.edits",
+        "tiscene.events",
+        "tiscene.witness",
         "tiscene.inventory",
         "tiscene.lighting",
         "tiscene.motion",
@@ -89,6 +106,8 @@ MAY_IMPORT = {
         "tiscene.usd",
     },
     "tiscene.differential": SCENE | {"tiscene.render", "tiscene.world"},
+    "tiscene.arguments": {"tiscene.errors", "tiscene.render"},
+    "tiscene.shutter": SCENE | {"tiscene.render", "tiscene.world"},
     "tiscene.stream": STREAM,
     "tiscene.waiting": set(),
     "tiscene.export": EXPORT,

@@ -14,6 +14,7 @@ from tiscene.errors import ArgumentError
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+_LENGTHS = ("lens_radius", "focus_distance", "near", "far")
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class Camera:
     view_height: m; an orthographic camera, which sees so much from below to above, in front of its position, without
     perspective: vertical_fov means nothing then. None: a perspective camera.
     near, far: m, only what a view frustum for moving objects is made of; nothing is clipped.
+    shutter_open, shutter_close: frames from the frame's own time, -1..1; what moves while it is open is blurred in the
+    picture, and labels are of the frame's time. Equal: the picture is of the frame's time too.
     exposure: stops; radiance is multiplied by 2**exposure. None: metered once, at the stream's first frame.
     dynamic: what moves the camera (any `dynamics.Dynamic`), None for a fixed one.
     """
@@ -39,6 +42,8 @@ class Camera:
     far: float = 1000.0
     exposure: float | None = None
     view_height: float | None = None
+    shutter_open: float = 0.0
+    shutter_close: float = 0.0
     dynamic: Any = None
 
     def __post_init__(self) -> None:
@@ -51,7 +56,7 @@ class Camera:
             if not _are_numbers(getattr(self, name), count):
                 raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
-        for name in ("vertical_fov", "lens_radius", "focus_distance", "near", "far", "exposure", "view_height"):
+        for name in (*_LENGTHS, "vertical_fov", "exposure", "view_height", "shutter_open", "shutter_close"):
             if name in ("exposure", "view_height") and getattr(self, name) is None:
                 continue
             if not _are_numbers((getattr(self, name),), 1):
@@ -73,6 +78,8 @@ class Camera:
             raise refuse("view_height", "must be greater than 0 m")
         if self.view_height is not None and self.lens_radius > 0.0:
             raise refuse("lens_radius", "an orthographic camera has none")
+        if not -1.0 <= self.shutter_open <= self.shutter_close <= 1.0:
+            raise refuse("shutter_open", f"must be -1 <= open <= close <= 1 frames, shutter_close={self.shutter_close}")
         if not 0.0 < self.near < self.far:
             raise refuse("near", f"must be 0 < near < far, far={self.far}")
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Camera
 from tiscene.render.base_image import digest_of
+from tiscene.scene.description import Light
 from tiscene.world import World
 
 # An image of what never moves takes as long as some 20 frames.
@@ -28,8 +31,14 @@ def moving(world: World, frame: int) -> NDArray[np.bool_] | None:
 
     One frame at which a lamp that moves stands as at the start counts for nothing: frame 1 must be like it too.
     """
-    now, *start = (digest_of(world.lights(each)) for each in (frame, 0, 1))
-    if any(now != then for then in start):
-        return None
+    if world.lights_change:
+        now = digest_of(world.lights(frame))
+        if any(now != then for then in _digests(world.first_lights)):
+            return None
     instances = world.moving(frame)
     return instances if instances.any() else None
+
+
+@functools.lru_cache(maxsize=8)
+def _digests(frames: tuple[tuple[Light, ...], ...]) -> list[bytes]:
+    return [digest_of(lights) for lights in frames]

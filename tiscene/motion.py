@@ -149,6 +149,27 @@ class Motion:
             self._poses_by_frame[frame] = poses
         return poses
 
+    def between(self, frame: int, shift: Fraction) -> Array:
+        """The poses by so many frames, -1..1, from a frame, as they were planned when that frame was made.
+
+        By their formulas, or between two frames of what met something on the way: straight on, and round evenly.
+        """
+        if not shift:
+            return self.poses(frame)
+        time = frame + shift
+        poses = self._formulas.poses(time / self._fps)
+        stepped = self._stepping(frame)
+        start = math.floor(time)
+        if stepped is None or start < 0:
+            return poses
+        rows = slice(len(self._log.lives))
+        before, after = stepped.frame(start).poses, stepped.frame(start + 1).arrivals
+        strayed = np.zeros(len(before), np.bool_)
+        for number, found in ((start, before), (start + 1, after)):
+            strayed |= (found != self._formulas.poses(Fraction(number) / self._fps)[rows]).any(axis=1)
+        poses[rows][strayed] = _between(before[strayed], after[strayed], float(time - start))
+        return poses
+
     def arrivals(self, frame: int) -> Array:
         """The poses at a frame before the edits of that frame: as they were planned when the frame before was made."""
         poses = self.poses(frame)
@@ -274,6 +295,17 @@ class Motion:
             x, y, z, a, b, c, d = self._formulas.poses(time)[len(self._log.lives)].tolist()
             camera = camera.posed((x, y, z), (a, b, c, d))
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
+
+
+def _between(before: Array, after: Array, part: float) -> Array:
+    """Poses [n, 7] so far from one to the other: positions on a line, rotations by slerp."""
+    poses = before + part * (after - before)
+    cosine = np.einsum("ni,ni->n", before[:, 3:], after[:, 3:])[:, None]
+    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    turned = np.sin((1.0 - part) * angle) * before[:, 3:] + np.copysign(np.sin(part * angle), cosine) * after[:, 3:]
+    poses[:, 3:] = np.where(angle > 1e-6, turned, before[:, 3:])
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    return poses
 
 
 def _teleport(move: Move) -> Teleport:

@@ -65,11 +65,14 @@ class StageThings:
         result: Array = np.einsum("ij,jk->ik", now, np.linalg.inv(start))
         return result
 
-    def place(self, frame: int, world: Array, present: NDArray[np.bool_]) -> None:
-        """Set matrices [3, parts, 3, 4] and presence of the parts before, at and after a frame."""
+    def place(self, frame: int, seconds: Array, world: Array, present: NDArray[np.bool_]) -> None:
+        """Set matrices [3, parts, 3, 4] and presence of the parts before, at and after a frame.
+
+        seconds: the three times at which what moves by itself is shown, s.
+        """
         count = len(self._owner)
-        for time, step in enumerate((-1, 0, 1)):
-            world[time, :count], present[time, :count] = self._tracks.at(max(frame + step, 0) / self._fps)
+        for time, second in enumerate(seconds.tolist()):
+            world[time, :count], present[time, :count] = self._tracks.at(second)
         for number, life in self.lives.items():
             parts = np.flatnonzero(self._owner == number)
             for time, step in enumerate((-1, 0, 1)):

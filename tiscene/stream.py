@@ -7,19 +7,21 @@ import json
 import operator
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any, overload
 
 import numpy as np
 
 from tiscene import catalog, device
+from tiscene.arguments import buffer_names, integer, shutter_times
 from tiscene.camera import Camera
 from tiscene.differential import is_fixed, moving, pays
-from tiscene.errors import ArgumentError, BufferNotFound
+from tiscene.errors import ArgumentError
 from tiscene.frame import Frame, FrameCamera
 from tiscene.frame_range import FrameRange
-from tiscene.render.aovs import AOVS, COLORS
+from tiscene.render.aovs import COLORS
 from tiscene.render.integrators.replay import CACHE_BYTES, Report
 from tiscene.render.measure import Measurer
 from tiscene.render.renderer import Quality, Renderer, quality_named
@@ -29,6 +31,7 @@ from tiscene.scene.description import Light, Template
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import Placement
+from tiscene.shutter import moments
 from tiscene.usd import read_stage, read_template
 from tiscene.usd.layers import layer_digests
 from tiscene.usd.write import write_motion
@@ -55,6 +58,8 @@ class Stream(Iterator[Frame]):
     camera: a Camera, or the name of one on the stage, in the place of the scenario's. Several: one simulation that all
         of them watch; `frame` is what the first sees, `frame.views` has a frame of each by the camera's name.
     time_code: the stage's time code to read. variants: {"/Prim{set}": "variant"}. arch: "cpu" or "cuda".
+    shutter: when the shutter opens and closes, in frames from each frame, such as (0, 0.5): what moves meanwhile is
+        blurred in `rgb` and `hdr`, labels are of the frame's own time. None: as the cameras say; (0, 0): no blur.
     taxonomy: of the semantic labels; None for "class", else "category", else any.
     root: the folder that all of the stage's files must be in. untrusted: read a stage that may be damaged or hostile in
         a process of its own; no motion is read from it then.
@@ -92,6 +97,7 @@ class Stream(Iterator[Frame]):
         pixel_filter: str | None = None,
         seed: int = 0,
         camera: Camera | str | Sequence[Camera | str] | None = None,
+        shutter: tuple[float, float] | None = None,
         time_code: float | None = None,
         variants: Mapping[str, str] | None = None,
         taxonomy: str | None = None,
@@ -102,14 +108,14 @@ class Stream(Iterator[Frame]):
         cache_bytes: int = CACHE_BYTES,
         report: Report | None = None,
     ) -> None:
-        self.width = _integer("width", width, 1, MAX_SIZE)
-        self.height = _integer("height", height, 1, MAX_SIZE)
-        self.frames = None if frames is None else _integer("frames", frames, 1, sys.maxsize)
-        self.seed = _integer("seed", seed, 0, 2**32 - 1)
+        self.width = integer("width", width, 1, MAX_SIZE)
+        self.height = integer("height", height, 1, MAX_SIZE)
+        self.frames = None if frames is None else integer("frames", frames, 1, sys.maxsize)
+        self.seed = integer("seed", seed, 0, 2**32 - 1)
         if not (np.isfinite(fps) and fps > 0):
             raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
         self.fps = float(fps)
-        self.buffers = _buffer_names(buffers)
+        self.buffers = buffer_names(buffers)
         parts = {"max_depth": max_depth, "denoise": denoise, "clamp": clamp, "pixel_filter": pixel_filter}
         self.quality: Quality = quality_named(quality, spp=spp, error=error, **parts)
         if untrusted and not isinstance(source, Scenario):
@@ -121,8 +127,9 @@ class Stream(Iterator[Frame]):
             raise ArgumentError("differential=True: not with error=, clamp= or pixel_filter='mitchell'")
         pays_here = self.quality.may_be_differential and pays(self.frames)
         self.differential = pays_here if differential is None else differential
-        self._cache_bytes = _integer("cache_bytes", cache_bytes, 1, sys.maxsize)
+        self._cache_bytes = integer("cache_bytes", cache_bytes, 1, sys.maxsize)
         self._report = report or Waiting()
+        self.shutter = None if shutter is None else shutter_times(shutter)
         self.time_code = time_code
         self.variants = dict(variants or {})
         self.taxonomy = taxonomy
@@ -179,7 +186,7 @@ class Stream(Iterator[Frame]):
 
     def seek(self, index: int) -> Stream:
         """Make frame `index` the next one, at once. Returns the stream."""
-        self._position = _integer("index", index, 0, self.frames if self.frames is not None else sys.maxsize)
+        self._position = integer("index", index, 0, self.frames if self.frames is not None else sys.maxsize)
         self.world.next_frame = self._position
         return self
 
@@ -249,6 +256,7 @@ class Stream(Iterator[Frame]):
             "pixel_filter": self.quality.pixel_filter,
             "reduction": self.quality.reduction,
             "denoiser": self.quality.denoiser if self.quality.denoise else None,
+            "shutter": None if self.shutter is None else list(self.shutter),
             "time_code": self.time_code,
             "variants": self.variants,
             "taxonomy": self.taxonomy,
@@ -287,12 +295,24 @@ class Stream(Iterator[Frame]):
             self._exposure = self._renderer(view).meter(view, self._placement(0), seed=self.seed)
         return self._exposure
 
-    def look(self, index: int, view: View, buffers: Sequence[str], differential: bool | None = None) -> Frame:
+    def look(
+        self,
+        index: int,
+        view: View,
+        buffers: Sequence[str],
+        differential: bool | None = None,
+        camera_at: Callable[[Fraction], Camera] | None = None,
+    ) -> Frame:
         """Frame `index` as other cameras see it, or in another size; in the exposure of the stream's own camera.
 
         differential: whether colour is a difference to an image that this view has of what never moves; None: as the
-        stream's own frames are, if the camera is that of its frame 0.
+        stream's own frames are, if the camera is that of its frame 0. camera_at: where it is by so many frames from the
+        index, while its shutter is open; None: it goes straight from one camera of the view to the next.
         """
+        seen = None
+        if not COLORS.isdisjoint(buffers):
+            numbers = {"spp": self.quality.spp, "seed": self.seed}
+            seen = moments(self.world, index, view, self.shutter, camera_at=camera_at, **numbers)
         if differential is None:
             differential = self.differential and is_fixed(self.world, view.current)
         placement = self._placement(index)
@@ -307,7 +327,8 @@ class Stream(Iterator[Frame]):
             frame_index=index,
             seed=self.seed,
             exposure=exposure,
-            moving=moving(self.world, index) if differential and not self._relit else None,
+            moving=moving(self.world, index) if differential and not self._relit and seen is None else None,
+            moments=seen or (),
         )
         return Frame(
             index=index,
@@ -322,7 +343,12 @@ class Stream(Iterator[Frame]):
 
     def _render(self, index: int) -> Frame:
         first, *others = [
-            self.look(index, View(*self.world.view(index, row), width=self.width, height=self.height), self.buffers)
+            self.look(
+                index,
+                View(*self.world.view(index, row), width=self.width, height=self.height),
+                self.buffers,
+                camera_at=lambda shift, row=row: self.world.camera_at(index, shift, row),  # type: ignore[misc]
+            )
             for row in range(len(self.world.cameras))
         ]
         return replace(first, others=tuple(others)) if others else first
@@ -362,28 +388,3 @@ class Stream(Iterator[Frame]):
         """What rays walk through serves for collisions too."""
         self._load()
         return self._scene.trees
-
-
-def _integer(name: str, value: Any, low: int, high: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise ArgumentError(f"{name}={value!r}: must be a whole number") from None
-    if not low <= number <= high:
-        raise ArgumentError(
-            f"{name}={value}: must be from {low} to {high}"
-            if high < sys.maxsize
-            else f"{name}={value}: must be at least {low}"
-        )
-    return number
-
-
-def _buffer_names(names: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(names, str):
-        raise ArgumentError(f"buffers={names!r}: must be a sequence of names, such as ({names!r},)")
-    for name in names:
-        if name not in AOVS:
-            raise BufferNotFound("buffer", str(name), AOVS)
-    if not names:
-        raise ArgumentError("buffers=(): ask for one at least")
-    return tuple(dict.fromkeys(names))

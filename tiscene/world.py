@@ -10,6 +10,7 @@ import functools
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -21,17 +22,18 @@ from tiscene.camera import Camera
 from tiscene.edits import Despawn, Edit, Enclose, Move, Spawn
 from tiscene.errors import ArgumentError, CameraNotFound, ObjectNotFound, ScenarioError
 from tiscene.events import Event
-from tiscene.in_view import in_view
 from tiscene.inventory import Inventory, WorldObject
 from tiscene.lighting import Lighting
-from tiscene.motion import KEPT_FRAMES, WALLS, Motion, Setting
+from tiscene.motion import Motion, Setting
 from tiscene.scenario import Frustum, Object, Scenario
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import Placement
 from tiscene.stage_things import StageThings, matrix
+from tiscene.witness import Witness
 
 Array = NDArray[np.float64]
+NOW = Fraction(0)
 
 
 class World:
@@ -74,7 +76,7 @@ class World:
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two of them have one name")
         self.next_frame = 0
-        self._seen_by_view: dict[tuple[int, Camera, float], set[int]] = {}
+        self._first_lights: tuple[tuple[Light, ...], ...] | None = None
         self._aspect = aspect
         self._inventory = Inventory(stage, load_template)
         self._lives = self._log.lives
@@ -82,6 +84,7 @@ class World:
         self._things = StageThings(stage, inventory.stage_rows, inventory.stage_owner, inventory.stage_tracks, fps)
         self._things.settle(self._log.stage)
         self._inventory.settle(self._lives)
+        self._witness = Witness(stage, self._things, self._lives, self.objects)
         self._lighting = Lighting(stage, scenario.lights)
         self._setting = Setting(
             stage=stage,
@@ -124,8 +127,10 @@ class World:
         """What category ids mean; 0 is the background."""
         return self._inventory.categories
 
-    def placement(self, frame: int) -> Placement:
+    def placement(self, frame: int, shift: Fraction = NOW) -> Placement:
         """Every mesh at the frames before, at and after `frame`, in new arrays.
+
+        shift: by so many frames, -1..1, the middle one of the three is another moment, such as while a shutter is open.
 
         Before frame 0 the world stands as at frame 0. Objects that are not alive at one of the three are not
         present then, but have the pose that their path gives them, so that motion is defined at spawn and despawn.
@@ -134,15 +139,15 @@ class World:
         inventory = self._inventory
         still, mesh, instance_id, category_id, box, part = inventory.columns
         count = len(still)
-        seconds = np.array([max(frame - 1, 0), frame, frame + 1]) / self.fps
+        seconds = np.array([max(frame - 1, 0), max(float(frame + shift), 0.0), frame + 1]) / self.fps
         world = np.empty((3, len(mesh), 3, 4))
         present = np.ones((3, len(mesh)), dtype=np.bool_)
-        self._things.place(frame, world, present)
+        self._things.place(frame, seconds, world, present)
         if count < len(mesh):
             # What comes is shown as it is planned now: edits are not anticipated.
             before, now, after = (
                 self._motion.poses(frame - 1),
-                self._motion.poses(frame),
+                self._motion.between(frame, shift),
                 self._motion.arrivals(frame + 1),
             )
             poses = np.stack([before, now, after])[:, inventory.owner]
@@ -155,7 +160,7 @@ class World:
             for time, step in enumerate((-1, 0, 1)):
                 alive = [life.alive(max(frame + step, 0), known=frame) for life in self._lives]
                 present[time, count:] = np.array(alive)[inventory.owner] & inner[time][1]
-        lights = self._lights(frame)
+        lights = self._lights(frame, shift)
         ids = instance_id.copy(), category_id.copy()
         return Placement(mesh.copy(), *ids, world, box.copy(), present, lights, part.copy(), seconds)
 
@@ -164,12 +169,19 @@ class World:
         lights = self._lights(_frame_number(frame))
         return list(self.stage.lights) if lights is None else [light for _, light in lights]
 
-    def _lights(self, frame: int) -> tuple[tuple[int, Light], ...] | None:
+    @property
+    def first_lights(self) -> tuple[tuple[Light, ...], ...]:
+        """Those at frames 0 and 1: the same object until an edit changes them."""
+        if self._first_lights is None:
+            self._first_lights = tuple(self.lights(0)), tuple(self.lights(1))
+        return self._first_lights
+
+    def _lights(self, frame: int, shift: Fraction = NOW) -> tuple[tuple[int, Light], ...] | None:
         """Each with the row of its description; None if they are the stage's as it was read, always."""
-        carried = self._inventory.carried
-        if not (self._asked.lights or carried or self._things.lives):
+        if not self.lights_change:
             return None
-        poses = self._motion.poses(frame)
+        carried = self._inventory.carried
+        poses = self._motion.between(frame, shift)
         first = len(self._lives) + len(self.cameras)
         objects: list[Array | None] = [None] * len(self._lives)
         for row in {each.object for each in carried}:
@@ -177,8 +189,17 @@ class World:
                 objects[row] = matrix(poses[row])
         matrices = np.array([matrix(pose) for pose in poses[first:]]).reshape(-1, 4, 4)
         return self._lighting.at(
-            frame / self.fps, matrices, lambda path: self._things.carries(path, frame), carried, objects
+            max(float(frame + shift), 0.0) / self.fps,
+            matrices,
+            lambda path: self._things.carries(path, frame),
+            carried,
+            objects,
         )
+
+    @property
+    def lights_change(self) -> bool:
+        """Whether any light may move, come, go or shine otherwise, at some frame."""
+        return bool(self._asked.lights or self._inventory.carried or self._things.lives)
 
     def moving(self, frame: int) -> NDArray[np.bool_]:
         """Of every mesh of the placement at `frame`, whether it ever moves, deforms, comes or goes, as far as is known
@@ -204,6 +225,14 @@ class World:
             chosen.posed(tuple(now[:3]), tuple(now[3:])),
             chosen.posed(tuple(after[:3]), tuple(after[3:])),
         )
+
+    def camera_at(self, frame: int, shift: Fraction, camera: int = 0) -> Camera:
+        """A camera, by its row in `cameras`, by so many frames, -1..1, from a frame."""
+        chosen = self.cameras[camera]
+        if chosen.dynamic is None:
+            return chosen
+        x, y, z, *rotation = self._motion.between(_frame_number(frame), shift)[len(self._lives) + camera].tolist()
+        return chosen.posed((x, y, z), tuple(rotation))
 
     def objects(self, frame: int) -> list[WorldObject]:
         """Everything that is alive at `frame`, in the order of ids."""
@@ -244,47 +273,8 @@ class World:
         not at the frame before; things of the stage that are in view at frame 0 do not.
         """
         frame = _frame_number(frame)
-        first = len(self.stage.objects) + 1
-        events = []
-        for number, stage_life in self._things.lives.items():
-            if stage_life.despawned == frame:
-                events.append(Event("despawn", number + 1))
-        for number, life in enumerate(self._lives):
-            if life.planned.first_frame == frame:
-                events.append(Event("spawn", first + number))
-            elif life.last_frame is not None and life.last_frame + 1 == frame:
-                events.append(Event("despawn", first + number))
-        events.sort(key=lambda event: event.object)
-        for meeting in self._motion.meetings(frame):
-            if meeting.kind == "wall":
-                events.append(Event("contact", first + meeting.number, wall=WALLS[meeting.other]))
-            elif meeting.kind == "collider":
-                path = self.stage.colliders[meeting.other].prim_path
-                events.append(Event("contact", first + meeting.number, wall=path))
-            else:
-                start = 1 if meeting.kind == "stage" else first
-                events.append(Event("contact", first + meeting.number, start + meeting.other))
         before, now, _ = view or self.view(frame)
-        aspect = aspect or self._aspect
-        seen = self._seen(frame, now, aspect)
-        earlier = self._seen(frame - 1, before, aspect) if frame else {id for id in seen if id < first}
-        events += [Event("enter", id) for id in sorted(seen - earlier)]
-        events += [Event("leave", id) for id in sorted(earlier - seen)]
-        return events
-
-    def _seen(self, frame: int, camera: Camera, aspect: float) -> set[int]:
-        """Ids of what is in a camera's view at a frame."""
-        key = frame, camera, aspect
-        if key not in self._seen_by_view:
-            while len(self._seen_by_view) >= KEPT_FRAMES:
-                self._seen_by_view.pop(next(iter(self._seen_by_view)))
-            rows = self.objects(frame)
-            poses = np.array([[*row.position, *row.rotation] for row in rows]).reshape(-1, 7)
-            placed = np.concatenate([matrix_from_quaternion(poses[:, 3:]), poses[:, :3, None]], axis=2)
-            boxes = np.array([row.box for row in rows]).reshape(-1, 2, 3)
-            visible = in_view(camera, aspect, boxes, placed)
-            self._seen_by_view[key] = {row.id for row, there in zip(rows, visible.tolist(), strict=True) if there}
-        return self._seen_by_view[key]
+        return self._witness.events(frame, self._motion.meetings(frame), before, now, aspect or self._aspect)
 
     def spawn(
         self,
@@ -375,8 +365,10 @@ class World:
         self._things.settle(self._log.stage)
         if isinstance(edit, Spawn):
             self._inventory.settle(self._lives)
-        self._seen_by_view.clear()
+        self._witness.forget()
         self._motion.amend(edit)
+        if edit.frame <= 1:
+            self._first_lights = None
 
 
 def _chosen_camera(wanted: Camera | str | None, stage: SceneDescription) -> Camera:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,6 +72,15 @@ class Quality:
         return self.error is None and self.clamp is None and self.pixel_filter != "mitchell"
 
 
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What so many paths of each pixel see, while the shutter is open."""
+
+    view: View
+    placement: Placement
+    spp: int
+
+
 MOST_SPP = 1024  # where an error is asked for, but no number
 
 QUALITIES = {
@@ -123,9 +132,11 @@ class Renderer:
         seed: int,
         exposure: float,
         moving: NDArray[np.bool_] | None = None,
+        moments: Iterable[Moment] = (),
     ) -> dict[str, NDArray[Any]]:
         """The buffers named, in that order, each a new array. exposure: stops, for `rgb`.
 
+        moments: what colour is the mean of, where a shutter is open: traced in full size, and no difference.
         moving: bool [n], the instances that move before a camera and under lights that do not: colour is then a
         difference to an image of the others, if that pays. None: colour is traced from nothing.
         """
@@ -146,7 +157,8 @@ class Renderer:
         self.scene.place(placement, times=times_needed([*buffers, *labels]))
         result = self._labels.render(view, labels)
         if colored:
-            result |= self._color(view, frame_index, seed, exposure, buffers, moving, result)
+            blurred = self._blurred(moments, frame_index, seed)
+            result |= self._color(view, frame_index, seed, exposure, buffers, moving, result, blurred)
         return {name: result[name] for name in buffers}
 
     def _color(
@@ -158,9 +170,11 @@ class Renderer:
         buffers: Sequence[str],
         moving: NDArray[np.bool_] | None,
         labels: dict[str, NDArray[Any]],
+        blurred: PathImage | None,
     ) -> dict[str, NDArray[Any]]:
-        quality, sharp = self.quality, view.current.lens_radius == 0.0
-        cleaner = Cleaner(quality.denoiser if quality.denoise else None, quality.reduction, sharp)
+        quality, sharp = self.quality, view.current.lens_radius == 0.0 and blurred is None
+        reduction = 1 if blurred else quality.reduction
+        cleaner = Cleaner(quality.denoiser if quality.denoise else None, reduction, sharp)
         raw = replace(cleaner, denoiser=None)
         result: dict[str, NDArray[Any]] = {}
         if moving is not None:
@@ -171,10 +185,10 @@ class Renderer:
             if "rgb" in buffers:
                 radiance = cleaner.difference(difference)
         else:
-            if quality.reduction > 1:
+            if reduction > 1:
                 view = replace(view, width=self._paths.width, height=self._paths.height)
-            image = self._trace(view, frame_index, seed)
-            guides = (image.albedo, image.normal) if quality.reduction == 1 else (labels[GUIDES[0]], labels[GUIDES[1]])
+            image = blurred or self._trace(view, frame_index, seed)
+            guides = (image.albedo, image.normal) if reduction == 1 else (labels[GUIDES[0]], labels[GUIDES[1]])
             if "hdr" in buffers:
                 result["hdr"] = raw.traced(image, *guides)
             if "rgb" in buffers:
@@ -186,6 +200,19 @@ class Renderer:
                 radiance = radiance + np.where(surface, albedo, 0.0) * np.array(view.ambient, np.float32)
             result["rgb"] = tone_map(radiance, exposure)
         return result
+
+    def _blurred(self, moments: Iterable[Moment], frame_index: int, seed: int) -> PathImage | None:
+        """The mean over the moments; None without any."""
+        quality, image, first = self.quality, None, 0
+        for moment in moments:
+            self.scene.place(moment.placement)
+            image = self._replay_paths.render(
+                moment.view, frame_index=frame_index, seed=seed, spp=quality.spp, max_depth=quality.max_depth,
+                part=(first, moment.spp),
+            )  # fmt: skip
+            first += moment.spp
+            self.spp = float(first)
+        return image
 
     def _trace(self, view: View, frame_index: int, seed: int) -> PathImage:
         quality = self.quality

@@ -150,6 +150,9 @@ class OverLayer:
         if camera.lens_radius > 0.0:
             lens.CreateFStopAttr(focal_length / 10.0 / (2.0 * camera.lens_radius * per_meter))
         lens.CreateClippingRangeAttr(Gf.Vec2f(camera.near * per_meter, camera.far * per_meter))
+        if camera.shutter_open or camera.shutter_close:
+            lens.CreateShutterOpenAttr(camera.shutter_open)
+            lens.CreateShutterCloseAttr(camera.shutter_close)
         if camera.exposure is not None:
             lens.CreateExposureAttr(camera.exposure)
         return lens.GetPrim(), pose_operations(lens.GetPrim(), euler=False)

@@ -60,6 +60,11 @@ def read_camera(
             others.update(near=near, far=far)
         else:
             report.omission(path, f"a camera's clippingRange of {near:g} to {far:g} m is not used")
+    opens, closes = number("shutter:open"), number("shutter:close")
+    if -1.0 <= opens <= closes <= 1.0:
+        others.update(shutter_open=opens, shutter_close=closes)
+    else:
+        report.omission(path, f"a camera's shutter from {opens:g} to {closes:g} frames is not used: at most -1 to 1")
     if any(prim.GetAttribute(name).HasAuthoredValue() for name in _EXPOSURE_ATTRIBUTES):
         scale = exposure_scale(*(number(name) for name in _EXPOSURE_ATTRIBUTES))
         if not (scale > 0.0 and math.isfinite(scale)):

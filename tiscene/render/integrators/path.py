@@ -97,6 +97,7 @@ class PathPass:
         max_depth: int,
         mis: bool = True,
         report: Callable[[float], None] | None = None,
+        part: tuple[int, int] | None = None,
     ) -> PathImage:
         """One picture; a pure function of the scene, the view and the four numbers.
 
@@ -104,6 +105,8 @@ class PathPass:
         as in Mitsuba's `path`: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces more. Passing
         through a partly absent surface is no bounce. mis=False samples lights alone, for tests.
         report: called now and then with how much is done, 0..1.
+        part: the number of the first sample and how many are traced now, of the spp; the first part has the number 0,
+        and the others go on with the same picture: the scene and the view may move between them.
         Raises ArgumentError for numbers out of range or a view of another size.
         """
         self._check(view, spp, max_depth)
@@ -115,7 +118,10 @@ class PathPass:
             max_depth,
             mis,
             report or (lambda _: None),
+            part,
         )
+        if part is not None:
+            spp = sum(part)
         shape = (self.height, self.width)
         hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
         dropped = np.empty(shape, np.int32)
@@ -154,15 +160,18 @@ class PathPass:
         max_depth: int,
         mis: bool,
         report: Callable[[float], None],
+        part: tuple[int, int] | None = None,
     ) -> None:
         """Trace the paths of the first so many of `self._pixels` onto the film."""
-        total = pixels * spp
+        first_sample, samples = part or (0, spp)
+        total = pixels * samples
         size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
         if self._state is None or self._state.size < size:
             self._state = PathState(size)
+        self._state.first_sample = first_sample
         self.background = view.background
         scene = self.scene_arrays()
-        numbers = (spp, index_bits(spp), key)
+        numbers = (samples, index_bits(spp), key)
         for first in range(0, total, size):
             self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
             report(min(1.0, (first + size) / total))
@@ -182,7 +191,7 @@ class PathPass:
         spp, bits, key = numbers
         kernels.start_paths(
             view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
-            s.rays, s.state, s.status, s.queue,
+            s.rays, s.state, s.status, s.queue, s.first_sample,
         )  # fmt: skip
         live = count
         for step in range(scene.steps(max_depth)):
@@ -193,7 +202,7 @@ class PathPass:
                 break
         kernels.expose(
             self.pixel_filter, self._clamp, self._pixels, first, count, spp, bits, key,
-            s.status, s.occluded, s.state, s.features, self._film,
+            s.status, s.occluded, s.state, s.features, self._film, s.first_sample,
         )  # fmt: skip
 
     def advance(
@@ -222,6 +231,7 @@ class PathPass:
             shade(
                 *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                 s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
+                s.first_sample,
             )  # fmt: skip
         both = kernels.compact(s.status, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
         live, shadows = both & 0xFFFFFFFF, both >> 32
@@ -248,7 +258,7 @@ class PathPass:
             closest(self.scene, tree, s.shadow_rays, s.shadow_queue, count, hits, hit_ids)
             going_on = pass_shadows(
                 *scene.arrays, self._pixels, first, spp, key, step, layer, s.shadow_queue, count,
-                s.shadow_rays, hits, hit_ids, s.occluded,
+                s.shadow_rays, hits, hit_ids, s.occluded, s.first_sample,
             )  # fmt: skip
             if not going_on:
                 break

@@ -69,15 +69,20 @@ def start_paths(
     state: States,
     status: Ints1,
     queue: Ints1,
+    first_sample: ti.i32,
 ):
-    """Send the paths first .. first + count - 1 of the frame through their pixels."""
+    """Send the paths first .. first + count - 1 through their pixels, `spp` each, numbered from first_sample on.
+
+    bits: they count all of a pixel's samples, of which these may be a part.
+    """
     # A pixel's paths share it; no pixel is looked at closer than this.
-    spread = 2.0 * view[CURRENT, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(spp, ti.f32)), 0.25)
+    spread = 2.0 * view[CURRENT, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(1 << bits, ti.f32)), 0.25)
     for i in range(count):
         path = first + i
         pixel = pixels[path // spp]
         key = path_key(pixels, frame_key, path, spp)
-        offset = pixel_offset(pixel_filter, key, path % spp, bits)
+        sample = first_sample + path % spp
+        offset = pixel_offset(pixel_filter, key, sample, bits)
         origin, direction = camera_ray(
             view, CURRENT, pixel % width + offset.x, pixel // width + offset.y, width, height
         )
@@ -87,7 +92,7 @@ def start_paths(
                 view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
             )
             camera_key = combine(key, ti.u32(CAMERA_SET))
-            lens = radius * warp.disk(last_two(camera_key, shuffled_index(camera_key, path % spp), bits))
+            lens = radius * warp.disk(last_two(camera_key, shuffled_index(camera_key, sample), bits))
             origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
             direction = (focus - origin).normalized()
         write_ray(rays, i, origin, direction, ti.math.inf)
@@ -160,15 +165,16 @@ def expose(
     state: States,
     features: Floats2,
     film: Floats2,
+    first_sample: ti.i32,
 ):
-    """Add a batch to the sums of its pixels, sample by sample in their order.
+    """Add a batch to the sums of its pixels, sample by sample in their order; the samples from 0 on begin them anew.
 
     clamp: what the largest channel of a path's radiance is brought down to; infinite for all of it.
     """
     for rank in range(first // spp, (first + count - 1) // spp + 1):
         pixel = pixels[rank]
         begin, end = ti.max(first, rank * spp), ti.min(first + count, (rank + 1) * spp)
-        fresh = begin == rank * spp
+        fresh = begin == rank * spp and first_sample == 0
         sums = ti.Vector.zero(ti.f32, FILM_COLUMNS)
         if not fresh:
             for c in ti.static(range(FILM_COLUMNS)):
@@ -182,7 +188,8 @@ def expose(
                 if radiance.max() > clamp:
                     radiance *= clamp / radiance.max()
                 if pixel_filter[0] != 1.0:  # some weights are negative
-                    offset = pixel_offset(pixel_filter, path_key(pixels, frame_key, path, spp), path % spp, bits)
+                    sample = first_sample + path % spp
+                    offset = pixel_offset(pixel_filter, path_key(pixels, frame_key, path, spp), sample, bits)
                     radiance *= offset_weight(pixel_filter, offset.x, offset.y)
                 for c in ti.static(range(3)):
                     sums[c] += radiance[c]

@@ -127,10 +127,12 @@ def shade(
     state: States,
     features: Floats2,
     status: Ints1,
+    first_sample: ti.i32,
 ):
     """Advance the paths in the queue by one vertex.
 
     step: how often they were advanced before; it names their random numbers. mis: 0 samples lights alone (for tests).
+    first_sample: number of the first of the `spp` in each pixel.
     """
     geometry = ti.static(
         Geometry(
@@ -172,7 +174,7 @@ def shade(
         elif not last:
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             key = path_key(pixels, frame_key, first + i, spp)
-            sample = (first + i) % spp
+            sample = first_sample + (first + i) % spp
             # Choices and directions have a set of four dimensions each; many a path needs only the directions.
             choice_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
             width = hits[i][0] * state[i][SPREAD]

@@ -50,6 +50,7 @@ def pass_shadows(
     hits: Hits,
     hit_ids: HitIds,
     occluded: Ints1,
+    first_sample: ti.i32,
 ) -> ti.i32:
     """Let the rays that met a surface through it, each with the chance that the surface is not there.
 
@@ -87,7 +88,7 @@ def pass_shadows(
                     key = combine(
                         path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)
                     )
-                    if uniform(combine(key, ti.cast((first + i) % spp, ti.u32))) >= point.opacity:
+                    if uniform(combine(key, ti.cast(first_sample + (first + i) % spp, ti.u32))) >= point.opacity:
                         start = offset_origin(surface, direction)
                         travelled = (start - ray_origin(shadow_rays, i)).dot(direction)
                         through = t_max > travelled

@@ -50,10 +50,12 @@ class PathState:
     squared index of refraction of where the path is 7, light sampled at the last vertex and not yet tested for shadow
     8-10, that vertex 11-13, by how much the path widens 14, m per m, the diffuse
     part of the last scattering 15. features: f32 [size, 6]. status: i32 [size].
+    first_sample: number of the first of the samples that are traced in each pixel.
     """
 
     def __init__(self, size: int) -> None:
         self.size = size
+        self.first_sample = 0
         self.rays = ti.ndarray(ray, size)
         self.hits = ti.ndarray(hit, size)
         self.hit_ids = ti.ndarray(hit_id, size)

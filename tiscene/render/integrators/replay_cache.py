@@ -112,7 +112,7 @@ class PathCache:
         path_kernels.start_paths(
             self._view.array(), self._paths.pixel_filter, self.pixels, self._view.width, self._view.height,
             first, count, spp, bits, key,
-            s.rays, s.state, s.status, s.queue,
+            s.rays, s.state, s.status, s.queue, s.first_sample,
         )  # fmt: skip
         row_counts, segment_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
         written: list[tuple[Any, Any]] = []
