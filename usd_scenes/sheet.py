@@ -49,7 +49,7 @@ def all_templates(size: int = 232, columns: int = 8) -> Picture:
         for folder in TEMPLATES:
             tiles.append((template_name(folder), photograph(folder, size)))
             step()
-    return _sheet(tiles, columns)
+    return sheet_of(tiles, columns)
 
 
 def template_variants(size: int = 232) -> Picture:
@@ -63,7 +63,7 @@ def template_variants(size: int = 232) -> Picture:
                 caption = f"{template_name(folder)}: {choice}"
                 tiles.append((caption, photograph(folder, size, variants={name: choice})))
                 step()
-    return _sheet(tiles, 5)
+    return sheet_of(tiles, 5)
 
 
 def table() -> str:
@@ -83,7 +83,7 @@ def write_table() -> None:
     page.write_text(TABLE.sub(lambda _: table(), text), encoding="utf-8")
 
 
-def _sheet(tiles: list[tuple[str, Picture]], columns: int) -> Picture:
+def sheet_of(tiles: list[tuple[str, Picture]], columns: int) -> Picture:
     """Pictures of one size side by side, each with its caption below."""
     size, line = tiles[0][1].shape[0], 20
     rows = -(-len(tiles) // columns)
@@ -96,6 +96,14 @@ def _sheet(tiles: list[tuple[str, Picture]], columns: int) -> Picture:
     return np.asarray(sheet)
 
 
+def save(path: Path, rgb: Picture, comment: str = "") -> None:
+    """uint8 [h, w, 3] as JPEG, all of it or nothing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    Image.fromarray(rgb).save(part, "JPEG", quality=88, subsampling=0, optimize=True, comment=comment)
+    part.replace(path)
+
+
 SHEETS: dict[str, Callable[[], Picture]] = {
     "templates.jpg": all_templates,
     "template_variants.jpg": template_variants,
@@ -106,4 +114,4 @@ if __name__ == "__main__":
         if name == "table":
             write_table()
         else:
-            Image.fromarray(SHEETS[name]()).save(DOCS / "images" / name, quality=88)
+            save(DOCS / "images" / name, SHEETS[name]())

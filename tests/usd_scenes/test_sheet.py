@@ -50,7 +50,7 @@ def test_the_table_of_templates_is_up_to_date() -> None:
 
 def test_a_sheet_has_a_tile_for_each() -> None:
     tiles = [(str(index), np.full((32, 32, 3), 40 * index, dtype=np.uint8)) for index in range(5)]
-    made = sheet._sheet(tiles, 3)
+    made = sheet.sheet_of(tiles, 3)
     assert made.shape == (2 * (32 + 20 + 4) + 4, 3 * 36 + 4, 3)
     assert made[20, 20 + 36].tolist() == [40, 40, 40]
     assert made[20 + 56, 20 + 36].tolist() == [160, 160, 160]

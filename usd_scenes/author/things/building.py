@@ -213,7 +213,8 @@ def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Thi
     """A plain coved cornice round a ceiling; corners (x, z) with the room to the right of the way."""
     angle = np.linspace(0.0, np.pi / 2.0, 7)
     cove = np.stack([0.012 + 0.055 * (1.0 - np.cos(angle)), -0.067 + 0.055 * np.sin(angle)], -1)
-    profile = np.concatenate([[[-ROOT, -0.085], [0.012, -0.085]], cove, [[0.085, -0.012], [0.085, ROOT]]])
+    # It meets the ceiling at a slant: an upright edge there, thinner than a pixel, is a dotted line from afar.
+    profile = np.concatenate([[[-ROOT, -0.085], [0.012, -0.085]], cove, [[0.095, ROOT]]])
     path = np.insert(np.asarray(corners, dtype=np.float64), 1, height, axis=1)
     plaster = moulding(path, fillet(profile, 0.002, 2), closed=True)
     boxes = bars([*corners, corners[0]], 0.06, height - 0.085, height)

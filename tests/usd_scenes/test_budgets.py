@@ -1,0 +1,53 @@
+"""What a room may cost: triangles, seconds to read, bytes on the device; and that all in it can be told apart."""
+
+from __future__ import annotations
+
+import gc
+import time
+
+import numpy as np
+import pytest
+from taichi.lang._ndarray import Ndarray
+
+import tiscene as ts
+from tiscene.scene.description import SceneDescription
+from tiscene.usd import read_stage
+from usd_scenes.gallery import PACKAGE, PLACES
+
+ROOMS = tuple(PLACES)
+
+
+@pytest.fixture(scope="module", params=ROOMS)
+def room(request: pytest.FixtureRequest) -> tuple[SceneDescription, float]:
+    """A room and the seconds of processor time that reading it took."""
+    start = time.process_time()
+    description = read_stage(PACKAGE / request.param / "scene.usda")
+    return description, time.process_time() - start
+
+
+def test_a_room_is_read_within_two_seconds(room: tuple[SceneDescription, float]) -> None:
+    assert room[1] < 2.0
+
+
+def test_a_room_has_less_than_800_000_triangles_of_its_own(room: tuple[SceneDescription, float]) -> None:
+    assert 100_000 < sum(len(mesh.triangles) for mesh in room[0].meshes) < 800_000
+
+
+def test_every_static_thing_has_a_label_and_an_instance_of_its_own(room: tuple[SceneDescription, float]) -> None:
+    description, _ = room
+    paths = [thing.prim_path for thing in description.objects]
+    assert len(set(paths)) == len(paths)
+    assert all(thing.category for thing in description.objects)
+    assert len({thing.category for thing in description.objects}) >= 12
+    assert {instance.object for instance in description.instances} == set(range(len(paths)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ROOMS)
+def test_a_room_takes_less_than_400_megabytes_on_the_device(scene: str) -> None:
+    stream = ts.Stream(scene, width=256, height=192, spp=1, buffers=("rgb",))
+    assert np.ptp(stream[0].rgb) > 0
+    gc.collect()
+    arrays = [each for each in gc.get_objects() if isinstance(each, Ndarray)]
+    size = sum(each._get_nelement() * each._get_element_size() for each in arrays)
+    assert 20e6 < size < 400e6
