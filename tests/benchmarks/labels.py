@@ -1,6 +1,9 @@
-"""Time of the label pass a frame, wall and CPU, on the benchmark room under a moving camera.
+"""Time of labels a frame, wall and CPU.
 
-Placing the instances (and building the tree over them for each time that is needed) is a row of its own.
+First the label pass alone on the benchmark room under a moving camera, for sets of buffers and for each buffer beside
+`instance`; placing the instances (and building the tree over them for each time that is needed) is a row of its own.
+Then whole frames of `room_02` from a stream whose camera stands still, with three objects that move: as they come, with
+boxes and visible pixels of all objects, and with every column of them.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 import taichi as ti
 
+import tiscene as ts
 from tests.benchmarks.room import room, still
 from tiscene.render.aovs import LABELS, times_needed
 from tiscene.render.integrators.labels import LabelPass
@@ -23,6 +27,7 @@ BUFFER_SETS = {
     "instance": ("instance",),
     "default": ("semantic", "instance", "depth", "forward_flow"),
     "no occlusion": tuple(name for name in LABELS if not name.endswith("occlusion")),
+    "all but coverage": tuple(name for name in LABELS if name != "coverage"),
     "all": LABELS,
 }
 ROUNDS = 15
@@ -49,7 +54,7 @@ def main() -> None:
     labels = LabelPass(scene)
     camera = description.cameras[0]
     moved = camera.posed(tuple(np.add(camera.position, (0.02, 0.0, 0.01))), camera.rotation)
-    print(f"{'':>10} {'buffers':>14} {'wall ms':>9} {'CPU ms':>9}")
+    print(f"{'':>10} {'buffers':>20} {'wall ms':>9} {'CPU ms':>9}")
     for width, height in SIZES:
         for name, buffers in BUFFER_SETS.items():
             times = times_needed(buffers)
@@ -60,15 +65,40 @@ def main() -> None:
                 return labels.render(view, buffers)
 
             wall, cpu = milliseconds(render)
-            print(f"{f'{width}x{height}':>10} {name:>14} {wall:>9.1f} {cpu:>9.1f}")
+            print(f"{f'{width}x{height}':>10} {name:>20} {wall:>9.1f} {cpu:>9.1f}")
     for count, times in ((1, (1,)), (3, (0, 1, 2))):
         wall, cpu = milliseconds(lambda times=times: scene.place(placement, times))  # type: ignore[misc]
-        print(f"{'place':>10} {f'{count} times':>14} {wall:>9.1f} {cpu:>9.1f}")
-    began = time.perf_counter()
+        print(f"{'place':>10} {f'{count} times':>20} {wall:>9.1f} {cpu:>9.1f}")
     view = View(camera, camera, moved, *SIZES[0])
+    scene.place(placement, (0, 1, 2))
+    alone = milliseconds(lambda: labels.render(view, ("instance",)))[1]
+    for name in LABELS:
+        cpu = milliseconds(lambda name=name: labels.render(view, ("instance", name)))[1]  # type: ignore[misc]
+        print(f"{name:>20}: {max(cpu - alone, 0.0):.1f} ms of CPU more than instance alone ({alone:.1f})")
+    began = time.perf_counter()
     rows = Measurer(scene).table(placement, view, [_State(int(id)) for id in np.unique(placement.instance_id)])
     rows.columns()
-    print(f"every column of {len(rows)} objects: {1e3 * (time.perf_counter() - began):.0f} ms")
+    print(f"every column of {len(rows)} objects, the first time: {1e3 * (time.perf_counter() - began):.0f} ms")
+    frames()
+
+
+def frames() -> None:
+    """Whole frames of a stream."""
+    movers = [
+        ts.Object(f"mover_{number}", name, (0.5 * number - 0.5, 0.8, 0.0), dynamic=ts.UniformMovementRandomBounce(0.8))
+        for number, name in enumerate(("Chair 01", "Pillow 01", "Dish 01"))
+    ]
+    looks: dict[str, Callable[[ts.Frame], object]] = {
+        "frame": lambda frame: frame,
+        "boxes, visible pixels": lambda frame: [(row.visible_box, row.visible_pixels) for row in frame.objects],
+        "every column": lambda frame: frame.objects.columns(),
+    }
+    for name in ("default", "all but coverage", "all"):
+        stream = ts.Stream(ts.Scenario("room_02", movers), buffers=BUFFER_SETS[name])
+        for look, at in looks.items():
+            stream.seek(0)
+            wall, cpu = milliseconds(lambda stream=stream, at=at: at(next(stream)))  # type: ignore[misc]
+            print(f"{'room_02':>10} {name:>20} {look:>24} {wall:>9.1f} {cpu:>9.1f}")
 
 
 class _State:

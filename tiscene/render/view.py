@@ -4,6 +4,7 @@ Pixel coordinates are (x right, y down) with pixel *centres* at integers, so a p
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -73,9 +74,7 @@ class View:
     def array(self) -> Any:
         """`rows` as a device array; the same one at every call."""
         if "rows" not in self._device:
-            rows = ti.ndarray(ti.f32, (3, VIEW_COLUMNS))
-            rows.from_numpy(self.rows())
-            self._device["rows"] = rows
+            self._device["rows"] = _uploaded(self.rows().tobytes())
         return self._device["rows"]
 
     def camera_from_world(self) -> NDArray[np.float64]:
@@ -96,6 +95,14 @@ class View:
     def orthographic(self) -> bool:
         """Whether the camera now is an orthographic one."""
         return self.current.view_height is not None
+
+
+@lru_cache(maxsize=16)
+def _uploaded(rows: bytes) -> Any:
+    """The rows of a view as a device array: a camera that stands still has one for all frames."""
+    array = ti.ndarray(ti.f32, (3, VIEW_COLUMNS))
+    array.from_numpy(np.frombuffer(rows, np.float32).reshape(3, VIEW_COLUMNS))
+    return array
 
 
 @ti.func
