@@ -7,6 +7,9 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 import tiscene as ts
 from tiscene.commands.progress import progress
@@ -41,10 +44,32 @@ def example(number: int, name: str, frames: int) -> None:
     write_animation(IMAGES / name, pictures, FPS)
 
 
+def shutter() -> None:
+    """A chair in flight, with the shutter closed and open."""
+    way = ts.CatmullWaypoints(
+        [
+            ts.Waypoint((-2.4, 1.2, -3.9)),
+            ts.Waypoint((-0.9, 1.6, -3.6), (0, 120, 40)),
+            ts.Waypoint((-0.4, 1.1, -4.2), (30, 240, 0)),
+        ],
+        total_time=1.6,
+    )
+    camera = ts.Camera.look_at((-1.7, 1.35, 0.4), (-1.55, 1.1, -3.8), vertical_fov=0.62, exposure=2.2)
+    scenario = ts.Scenario("room_02", [ts.Object("c", "Chair 01", dynamic=way, collide=False)], camera=camera)
+    settings: dict[str, Any] = {"width": 360, "height": 300, "spp": 64, "buffers": ("rgb",), "differential": False}
+    with progress("shutter.png", 2) as step:
+        halves = []
+        for times in ((0, 0), (0, 0.5)):
+            halves.append(ts.Stream(scenario, shutter=times, **settings)[9].rgb)
+            step()
+    write_png(IMAGES / "shutter.png", np.concatenate(halves, axis=1))
+
+
 PICTURES: dict[str, Callable[[], None]] = {
     "room_02.png": photograph,
     "cylinder.webp": lambda: example(0, "cylinder.webp", 50),
     "bouncing.webp": lambda: example(1, "bouncing.webp", 50),
+    "shutter.png": shutter,
     "racket.webp": lambda: example(2, "racket.webp", 50),
 }
 

@@ -71,6 +71,7 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
 def test_render_hands_on_every_option(tmp_path, fake):
     options = ["--quality", "photo", "--spp", 64, "--camera", "Front", "--fps", 12.5, "--arch", "cpu"]
     options += ["--taxonomy", "wikidata", "--error", 0.02, "--clamp", 10, "--pixel-filter", "gaussian"]
+    options += ["--shutter", "0,0.5"]
     variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
     assert render("-o", tmp_path, *options, *variants) == 0
     assert fake.made[0].source == "somewhere"
@@ -81,6 +82,7 @@ def test_render_hands_on_every_option(tmp_path, fake):
         "error": 0.02,
         "clamp": 10.0,
         "pixel_filter": "gaussian",
+        "shutter": (0.0, 0.5),
         "camera": "Front",
         "fps": 12.5,
         "arch": "cpu",
@@ -127,7 +129,7 @@ def test_interrupted_render_says_how_to_go_on_and_does(tmp_path, fake, capsys, m
     [
         (["render", "nowhere", "-o", "x"], "tiscene: no scene 'nowhere'. Did you mean 'somewhere'?"),
         (["render", "s", "-o", "x", "--buffers", "dept"], "tiscene: no buffer 'dept'. Did you mean 'depth'?"),
-        (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of cryptomatte, exr, npz, png"),
+        (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of cryptomatte, exr, npz"),
         (["demo", "-o", "x", "--frames", "0"], "tiscene: --frames 0: must be at least 1"),
         (["show", "kitchn"], "tiscene: no scene 'kitchn'. Did you mean 'kitchen'?"),
         (["show", "gone.usda"], "tiscene: no file 'gone.usda'"),

@@ -86,6 +86,12 @@ def parser() -> argparse.ArgumentParser:
     )
     render.add_argument("--clamp", type=float, help="the most that one sample brings, W/m²/sr: less noise, less light")
     render.add_argument("--pixel-filter", metavar="NAME", help="box, triangle, gaussian, mitchell or blackman-harris")
+    render.add_argument(
+        "--shutter",
+        metavar="OPEN,CLOSE",
+        type=_times,
+        help="blur what moves between these frames from each frame, such as 0,0.5 (default: as the camera says)",
+    )
     render.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
     render.add_argument(
         "--camera",
@@ -186,6 +192,13 @@ def _frames(text: str) -> range:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _times(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not two numbers of frames, such as 0,0.5") from None
 
 
 def _variant(text: str) -> tuple[str, str]:

@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> None:
                 error=args.error,
                 clamp=args.clamp,
                 pixel_filter=args.pixel_filter,
+                shutter=args.shutter,
                 seed=args.seed,
                 camera=args.camera[0] if args.camera and len(args.camera) == 1 else args.camera,
                 variants=dict(args.variant),
