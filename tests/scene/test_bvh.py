@@ -132,7 +132,8 @@ def test_a_deep_tree_is_balanced(layout: str, monkeypatch: pytest.MonkeyPatch) -
     def limit_stack(entries: int) -> None:
         limited = replace(bvh.LAYOUTS[layout], blas_stack=entries)
         monkeypatch.setitem(bvh.LAYOUTS, layout, limited)
-        monkeypatch.setattr(bvh, layout.upper(), limited)
+        if layout == "wide":
+            monkeypatch.setattr(bvh, "WIDE", limited)
 
     def build() -> tuple[list[int], int, int]:
         tree = Bvh(layout)
@@ -249,3 +250,27 @@ def test_same_bytes_with_one_thread(layout: str, tmp_path: Path) -> None:
     with np.load(tmp_path / "tree.npz") as other:
         for k, array in enumerate(here):
             np.testing.assert_array_equal(array.view(np.int32), other[f"arr_{k}"].view(np.int32))
+
+
+@pytest.mark.parametrize("layout", ["wide", "binary"])
+def test_meshes_built_side_by_side_are_those_built_alone(layout):
+    """Small, empty, flat and large ones: the same trees, only elsewhere in the arrays."""
+    random = np.random.default_rng(8)
+    sizes = (12, 0, 1, 300, 5, 4, 9000, 2, 70_000, 17)
+    meshes = [random.normal(size=(3 * size, 3)).astype(np.float32) for size in sizes]
+    meshes[5][:] = meshes[5][:1]  # all triangles of it are one point
+    triangles = [np.arange(3 * size, dtype=np.int32).reshape(-1, 3) for size in sizes]
+    together, alone = Bvh(layout), Bvh(layout)
+    found = together.add_meshes(meshes, triangles, 100)
+    first = 100
+    for mesh, faces, blas in zip(meshes, triangles, found, strict=True):
+        expected = alone.add_mesh(mesh, faces, first)
+        assert blas.root == expected.root
+        assert blas.entry == expected.entry
+        np.testing.assert_array_equal(blas.box, expected.box)
+        assert (blas.nodes, blas.packs) == (expected.nodes, expected.packs)
+        first += len(faces)
+    for mine, theirs in ((together.nodes, alone.nodes), (together.packs, alone.packs)):
+        mine, theirs = mine.to_numpy().view(np.int32), theirs.to_numpy().view(np.int32)
+        count = min(len(mine), len(theirs))
+        np.testing.assert_array_equal(mine[:count], theirs[:count])

@@ -7,6 +7,7 @@ Building is deterministic: the same input gives the same bytes, for any number o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,37 +16,14 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
-from tiscene.scene import bvh_build, bvh_refit, bvh_write
+from tiscene.scene import bvh_refit, bvh_write
+from tiscene.scene.bvh_workspace import KEPT_WORKSPACE, LAYOUTS, WIDE, Boxes, Workspace
 
-Boxes = NDArray[np.float32]
 TREES = 4  # over instances: one for each time, one over the movers
 EMPTY_NODE = 0  # a node without children: the root of an empty mesh and of an empty TLAS
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The shape of a tree. Stacks: entries that a traversal needs at most for a BLAS and a TLAS.
-
-    unit: what one node adds to its number to refer to it. node_cost: in units of one block of triangles tested.
-    """
-
-    name: str
-    width: int
-    unit: int
-    block: int
-    leaf_kind: int
-    node_cost: float
-    blas_stack: int
-    tlas_stack: int
-
-
-WIDE = Layout("wide", 8, 8, 4, bvh_write.PACK, 0.5, 56, 56)
-BINARY = Layout("binary", 2, 1, 1, bvh_write.ROWS, 1.0, 48, 24)
-LAYOUTS = {layout.name: layout for layout in (WIDE, BINARY)}
 LEAF_SIZE = 4
 SAH_DEPTHS = (40, 20, 10, 0)  # a tree that is too deep for the stack is built again, halving ranges from higher up on
-KEPT_WORKSPACE = 1 << 18  # primitives; the memory for building larger trees is given back
-SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
+SIDE_BY_SIDE = 1 << 16  # triangles of small meshes that are built at once
 
 
 @dataclass(frozen=True)
@@ -78,7 +56,7 @@ class Bvh:
         if layout not in LAYOUTS:
             raise ArgumentError(f"traversal={layout!r}: must be one of {', '.join(LAYOUTS)}")
         self.layout = LAYOUTS[layout]
-        self._work = _Workspace()
+        self._work = Workspace()
         self._used_nodes = 0
         self._used_packs = 0
         self._instance_capacity = 0
@@ -103,19 +81,61 @@ class Bvh:
         Triangles with two corners at one point are left out, unless the mesh deforms. Thin ones stay: without them
         their neighbours would gape.
         """
-        corners = [positions[triangles[:, k]] for k in range(3)]
+        return self._add([positions], [triangles], first_triangle, deforms)[0]
+
+    def add_meshes(
+        self, positions: Sequence[Boxes], triangles: Sequence[NDArray[np.int32]], first_triangle: int
+    ) -> list[Blas]:
+        """The same of many meshes, one after another; small ones are built side by side."""
+        result: list[Blas] = []
+        begin = 0
+        while begin < len(triangles):
+            end, size = begin + 1, len(triangles[begin])
+            while end < len(triangles) and size + len(triangles[end]) <= SIDE_BY_SIDE:
+                size += len(triangles[end])
+                end += 1
+            result += self._add(positions[begin:end], triangles[begin:end], first_triangle)
+            first_triangle += size
+            begin = end
+        return result
+
+    def _add(
+        self,
+        positions: Sequence[Boxes],
+        triangles: Sequence[NDArray[np.int32]],
+        first_triangle: int,
+        deforms: bool = False,
+    ) -> list[Blas]:
+        points = np.concatenate(positions)
+        sizes = np.array([len(each) for each in triangles])
+        begin = np.cumsum([0, *(len(each) for each in positions)])
+        faces = np.concatenate([each + first for each, first in zip(triangles, begin, strict=False)]).astype(np.int32)
+        corners = [points[faces[:, k]] for k in range(3)]
         apart = [(corners[k] != corners[k - 1]).any(axis=1) for k in range(3)]
         solid = np.flatnonzero(apart[0] & apart[1] & apart[2] | deforms).astype(np.int32)
+        result = [Blas(EMPTY_NODE, EMPTY_NODE, np.zeros((2, 3)))] * len(sizes)
         if not len(solid):
-            return Blas(EMPTY_NODE, EMPTY_NODE, np.zeros((2, 3)))
+            return result
         a, b, c = (corner[solid] for corner in corners)
         low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
         boxes = _widened(np.concatenate([low, high], axis=1))
-        nodes, packs = self._build(boxes, solid, LEAF_SIZE, self.layout.block, self.layout.leaf_kind)
+        owner = np.repeat(np.arange(len(sizes)), sizes)[solid]
+        counts = np.bincount(owner, minlength=len(sizes))
+        meshes = np.flatnonzero(counts)
+        ends = np.cumsum(counts[meshes])
+        starts = ends - counts[meshes]
+        kind = self.layout.leaf_kind
+        found = self._build(boxes, solid, starts, LEAF_SIZE, self.layout.block, kind)
+        if found is None:  # too deep for the stack, one of them
+            if len(sizes) == 1:
+                raise self._too_many(len(solid), "triangles in one mesh")
+            firsts = (first_triangle + np.cumsum(sizes) - sizes).tolist()
+            return [self.add_mesh(*each) for each in zip(positions, triangles, firsts, strict=True)]
+        nodes, packs = int(found[-1, 0]), int(found[-1, 1]) if kind == bvh_write.PACK else len(solid)
         self._reserve(nodes, packs)
         first, first_pack = self._used_nodes, self._used_packs
-        self._write_nodes(nodes, first, first_pack, self.layout.leaf_kind)
-        source = positions, triangles, self._work.order
+        self._write_nodes(nodes, first, first_pack, kind)
+        source = points, faces, self._work.order
         target = self.packs, first_pack, first_triangle
         if self.layout is WIDE:
             bvh_write.write_packs(*source, self._work.node_link, self._work.children, nodes, *target)
@@ -124,12 +144,16 @@ class Bvh:
         self._used_nodes += nodes
         self._used_packs += packs
         if self._work.capacity > KEPT_WORKSPACE:
-            self._work = _Workspace()
-        box = np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
-        root = first * self.layout.unit
-        entry = -1 - 10 * first_pack if self.layout is WIDE and packs == 1 else root
-        rows = range(first, first + nodes), range(first_pack, first_pack + packs)
-        return Blas(root, entry, box.astype(np.float64), *rows)
+            self._work = Workspace()
+        node_ends = first + found[:, 0]
+        pack_ends = first_pack + (found[:, 1] if kind == bvh_write.PACK else ends)
+        rows = np.stack([[first, *node_ends[:-1]], node_ends, [first_pack, *pack_ends[:-1]], pack_ends], axis=1)
+        around = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
+        for mesh, row, box in zip(meshes.tolist(), rows.tolist(), np.stack(around, axis=1), strict=True):
+            root = row[0] * self.layout.unit
+            entry = -1 - 10 * row[2] if self.layout is WIDE and row[3] - row[2] == 1 else root
+            result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
+        return result
 
     def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, moved: int) -> None:
         """Fit the tree of a mesh that deforms to where its vertices are now.
@@ -162,7 +186,7 @@ class Bvh:
             return
         self._roots[time] = first = self._kept_tree(boxes, rows)
         if first not in self._kept:
-            nodes, _ = self._build(_widened(boxes), rows, 1, 1, bvh_write.NAME)
+            nodes = self._build_instances(boxes, rows)
             self._write_nodes(nodes, first // self.layout.unit, 0, bvh_write.NAME)
         self._kept[first] = self._kept.pop(first, (boxes, rows))  # the one that was not used for longest is first
 
@@ -188,7 +212,7 @@ class Bvh:
         """Build a tree over instances that stays, whatever is placed later; returns the reference of its first node."""
         if not len(rows):
             return EMPTY_NODE
-        nodes, _ = self._build(_widened(boxes), rows, 1, 1, bvh_write.NAME)
+        nodes = self._build_instances(boxes, rows)
         self._reserve(nodes, 0)
         first = self._used_nodes
         self._write_nodes(nodes, first, 0, bvh_write.NAME)
@@ -196,18 +220,38 @@ class Bvh:
         return first * self.layout.unit
 
     def _build(
-        self, boxes: Boxes, order: NDArray[np.int32], leaf_size: int, block: int, leaf_kind: int
-    ) -> tuple[int, int]:
-        """Build a tree into the workspace; returns its nodes and the rows of packs that its leaves need."""
+        self,
+        boxes: Boxes,
+        order: NDArray[np.int32],
+        starts: NDArray[np.int64],
+        leaf_size: int,
+        block: int,
+        leaf_kind: int,
+    ) -> NDArray[np.int32] | None:
+        """Build trees into the workspace, of the boxes from each of `starts` on.
+
+        Returns the totals of nodes and packs after each tree, and its stack; None if a stack is too small.
+        """
         budget = self.layout.tlas_stack if leaf_kind == bvh_write.NAME else self.layout.blas_stack
-        for sah_depth in SAH_DEPTHS:
-            self._work.load(boxes, order)
-            self._work.grow(len(order), sah_depth, self.layout, leaf_size, block)
-            nodes, packs, stack = self._work.collapse(self.layout.width, leaf_kind, by_count=sah_depth == 0)
-            if stack <= budget:
-                return nodes, packs if leaf_kind == bvh_write.PACK else len(order)
-        what = "instances" if leaf_kind == bvh_write.NAME else "triangles in one mesh"
-        raise ArgumentError(f"{len(order)} {what} are more than the {self.layout.name} traversal can take")
+        ends = np.append(starts[1:], len(order))
+        tasks = np.stack([2 * starts, starts, ends, np.zeros_like(starts)], axis=1).astype(np.int32)
+        for sah_depth in SAH_DEPTHS if len(starts) == 1 else SAH_DEPTHS[:1]:
+            self._work.load(boxes, order, tasks)
+            self._work.grow(len(order), len(starts), sah_depth, self.layout, leaf_size, block)
+            found = self._work.collapse(len(starts), self.layout.width, leaf_kind, by_count=sah_depth == 0)
+            if found[:, 2].max() <= budget:
+                return found
+        return None
+
+    def _build_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
+        """Build a tree over instances into the workspace; returns its number of nodes."""
+        found = self._build(_widened(boxes), rows, np.zeros(1, np.int64), 1, 1, bvh_write.NAME)
+        if found is None:
+            raise self._too_many(len(rows), "instances")
+        return int(found[0, 0])
+
+    def _too_many(self, count: int, what: str) -> ArgumentError:
+        return ArgumentError(f"{count} {what} are more than the {self.layout.name} traversal can take")
 
     def _write_nodes(self, count: int, first: int, first_pack: int, leaf_kind: int) -> None:
         work = self._work
@@ -242,49 +286,6 @@ class Bvh:
 
     def _pack_capacity(self) -> int:
         return int(self.packs.shape[0]) // (10 if self.layout is WIDE else 1)
-
-
-class _Workspace:
-    """The arrays of a build in progress; they grow and stay."""
-
-    def __init__(self) -> None:
-        self._allocate(64)
-        self._totals = np.zeros(3, np.int32)
-        self.children.fill(-1)
-
-    def _allocate(self, capacity: int) -> None:
-        self.capacity = capacity
-        self.boxes = ti.ndarray(ti.f32, (capacity, 6))
-        self.order = ti.ndarray(ti.i32, capacity)
-        self.tasks = ti.ndarray(ti.i32, (capacity + 1, 4))
-        self.node_box = ti.ndarray(ti.f32, (2 * capacity, 6))
-        self.node_link = ti.ndarray(ti.i32, (2 * capacity, 4))
-        self.children = ti.ndarray(ti.i32, (capacity, 8))
-        self.stack = ti.ndarray(ti.i32, (capacity, 2))
-
-    def load(self, boxes: Boxes, order: NDArray[np.int32]) -> None:
-        if len(order) > self.capacity:
-            self._allocate(max(len(order), 2 * min(self.capacity, KEPT_WORKSPACE)))
-        bvh_build.load(boxes, order, self.boxes, self.order, self.tasks)
-
-    def grow(self, count: int, sah_depth: int, layout: Layout, leaf_size: int, block: int) -> None:
-        """Split the loaded primitives into a binary tree."""
-        serial_until = 0 if count <= SERIAL_BUILD else max(SERIAL_BUILD // 4, count // 64)
-
-        def run(first: int, tasks: int, stop: int) -> int:
-            arrays = (self.boxes, self.order, self.node_box, self.node_link, self.tasks)
-            return int(bvh_build.grow(*arrays, first, tasks, stop, sah_depth, leaf_size, block, layout.node_cost))
-
-        subtrees = run(0, 1, serial_until)
-        if subtrees:
-            run(1, subtrees, 0)
-
-    def collapse(self, width: int, leaf_kind: int, by_count: bool) -> tuple[int, int, int]:
-        """Merge binary nodes; returns how many nodes and packs there are and the stack that a traversal needs."""
-        arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self._totals)
-        bvh_write.collapse(*arrays, width, leaf_kind, int(by_count))
-        nodes, packs, stack = self._totals.tolist()
-        return nodes, packs, stack
 
 
 def _grown(old: Any, new: Any) -> Any:

@@ -162,13 +162,12 @@ def split(
 
 
 @ti.kernel
-def load(given_boxes: Floats, given_order: Column, boxes: Floats, order: Column, tasks: Ints):
-    """Copy host arrays into the working arrays, which may be larger, and make the whole of them the first task."""
+def load(given_boxes: Floats, given_order: Column, given_tasks: Ints, boxes: Floats, order: Column, tasks: Ints):
+    """Copy host arrays into the working arrays, which may be larger. A task: the whole of one tree."""
+    for i in range(given_tasks.shape[0]):
+        for c in ti.static(range(4)):
+            tasks[i, c] = given_tasks[i, c]
     for i in range(given_order.shape[0]):
-        if i == 0:
-            for c in ti.static(range(4)):
-                tasks[0, c] = 0
-            tasks[0, 2] = given_order.shape[0]
         order[i] = given_order[i]
         for c in ti.static(range(6)):
             boxes[i, c] = given_boxes[i, c]

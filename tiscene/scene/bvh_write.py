@@ -19,23 +19,29 @@ def collapse(
     node_link: Ints,
     children: Ints,
     stack: Ints,
-    totals: Column,
+    roots: Ints,
+    found: Ints,
     width: ti.i32,
     leaf_kind: ti.i32,
     by_count: ti.i32,
 ):
-    """Merge binary nodes into nodes of up to `width` children, numbered depth first.
+    """Merge the binary nodes of trees into nodes of up to `width` children, numbered depth first, tree after tree.
+
+    roots: the slot of each tree's root, in the first column. found: for each tree how many nodes and packs there are so
+    far, it included, and the most entries that a traversal of it can have on its stack.
 
     children[node]: slots, -1 for none. The child with the largest area (by_count: the most primitives) is opened first.
     In node_link column 2 of an inner slot becomes its wide node, column 1 of a leaf what `leaf_kind` says.
-    totals: nodes, packs, most entries that a traversal can have on its stack.
     """
     ti.loop_config(serialize=True)
-    for _ in range(1):
+    for tree in range(found.shape[0]):
         nodes = 0
         packs = 0
+        if tree > 0:
+            nodes = found[tree - 1, 0]
+            packs = found[tree - 1, 1]
         deepest = 0
-        stack[0, 0] = 0
+        stack[0, 0] = roots[tree, 0]
         stack[0, 1] = 0
         waiting = 1
         while waiting > 0:
@@ -84,9 +90,9 @@ def collapse(
                     else:
                         node_link[s, 1] = node_link[s, 2]
             nodes += 1
-        totals[0] = nodes
-        totals[1] = packs
-        totals[2] = deepest
+        found[tree, 0] = nodes
+        found[tree, 1] = packs
+        found[tree, 2] = deepest
 
 
 @ti.kernel

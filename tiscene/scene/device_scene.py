@@ -139,17 +139,18 @@ class DeviceScene:
         self._first_textures.append(first_texture)
         first_material = self.materials.append(description.materials, first_texture=first_texture)
         self.lights.append(description.lights, first_texture=first_texture)
-        for mesh in description.meshes:
+        positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
+        triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
+        self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
+        for row, mesh in enumerate(description.meshes):
             first_triangle = self._first_triangles[-1]
-            positions = np.ascontiguousarray(mesh.positions, np.float32)
-            triangles = np.ascontiguousarray(mesh.triangles, np.int32)
-            self._blas.append(self._bvh.add_mesh(positions, triangles, first_triangle))
             if mesh.deformation is not None:
-                copies = [self._bvh.add_mesh(positions, triangles, first_triangle, deforms=True) for _ in TIMES]
+                shape = positions[row], triangles[row], first_triangle
+                copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
                 self._deforming[len(self._meshes)] = DeformingMesh(mesh, mesh.deformation, copies)
             self._meshes.append(mesh)
             self._triangle_materials.append(np.asarray(mesh.materials, np.int32) + first_material)
-            self._first_triangles.append(first_triangle + len(triangles))
+            self._first_triangles.append(first_triangle + len(mesh.triangles))
         self._bvh.clear_instances()
         self._mesh_arrays_are_old = True
         return first_mesh

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene import device
-from tiscene.scene.bvh import WIDE, Blas, Bvh
+from tiscene.scene.bvh import Blas, Bvh
+from tiscene.scene.bvh_workspace import WIDE
 from tiscene.scene.description import Instance, Mesh
 
 
@@ -28,13 +29,9 @@ class MeshTrees:
     def built(cls, meshes: Sequence[Mesh], layout: str | None = None) -> MeshTrees:
         """Trees of their own, where nobody renders the meshes. layout: None: what suits the device. Taichi must run."""
         bvh = Bvh(layout or ("binary" if device.running() == "cuda" else "wide"))
-        blas = [
-            bvh.add_mesh(
-                np.ascontiguousarray(mesh.positions, np.float32), np.ascontiguousarray(mesh.triangles, np.int32), 0
-            )
-            for mesh in meshes
-        ]
-        return cls(bvh, blas)
+        positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in meshes]
+        triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in meshes]
+        return cls(bvh, bvh.add_meshes(positions, triangles, 0))
 
 
 class ObstacleTree:
