@@ -141,6 +141,13 @@ def test_paths_until_the_error_is_small_enough():
     assert ts.Stream(moving_scenario(), **{**settings, "buffers": ("depth",)})[4].spp == 0.0
 
 
+def test_no_error_is_promised_while_a_shutter_is_open():
+    settings = {**SETTINGS, "buffers": ("hdr",), "differential": None, "error": 0.1, "spp": 16}
+    with pytest.raises(ArgumentError, match=r"error=0.1: not while the camera's shutter is open; ask for spp="):
+        ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))[4]
+    assert ts.Stream(moving_scenario(), **settings, shutter=(0, 0))[4].spp == 16
+
+
 def test_clamps_and_filters_change_colour_alone():
     settings = {**SETTINGS, "buffers": ("hdr", "depth", "coverage"), "differential": False}
     plain = ts.Stream(moving_scenario(), **settings)[4]

@@ -205,6 +205,11 @@ class Renderer:
         """The mean over the moments; None without any."""
         quality, image, first = self.quality, None, 0
         for moment in moments:
+            if quality.error is not None:
+                raise ArgumentError(
+                    f"error={quality.error}: not while the camera's shutter is open; ask for spp= in its place, or "
+                    "close it with shutter=(0, 0)"
+                )
             self.scene.place(moment.placement)
             image = self._replay_paths.render(
                 moment.view, frame_index=frame_index, seed=seed, spp=quality.spp, max_depth=quality.max_depth,
