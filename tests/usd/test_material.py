@@ -294,7 +294,7 @@ def test_udim_tiles_lie_side_by_side(tmp_path):
     assert (sheet.pixels[2:, 4:, 0] == 100).all()  # u 1..2, v 0..1
     assert (sheet.pixels[:2, :4, 0] == 200).all()  # u 0..1, v 1..2
     np.testing.assert_array_equal(sheet.pixels[3, 0], (188, 137, 0, 255))  # sRGB codes of the fallback
-    assert (sheet.wrap_s, sheet.wrap_t) == ("black", "black")
+    assert (sheet.wrap_s, sheet.wrap_t) == ("clamp", "clamp")  # as each tile is at its own edges
 
 
 def test_udim_tiles_begin_where_the_first_is(tmp_path):

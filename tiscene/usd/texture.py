@@ -81,7 +81,7 @@ class TextureTable:
         first = next(iter(read.values()))
         encoding = self._encoding(color_space, first, prim_path)
         sheet = Picture(_sheet(read, low, (columns, rows), fallback, encoding), first.srgb)
-        row = self._row(_anchored(attribute, asset), sheet, encoding, ("black", "black"))
+        row = self._row(_anchored(attribute, asset), sheet, encoding, ("clamp", "clamp"))
         return row, (1.0 / columns, 0.0, -float(low[0]) / columns, 0.0, 1.0 / rows, -float(low[1]) / rows)
 
     def add_pixels(self, key: str, name: str, pixels: FloatArray) -> int:
