@@ -81,10 +81,10 @@ def _color(values: Any) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(value) for value in values]}
 
 
-def _image(mi: Any, texture: Texture, *, mirrored: bool = False) -> dict[str, Any]:
-    """Of a float image, whose first row is at v = 0 there. mirrored: from right to left."""
+def _image(mi: Any, texture: Texture, *, mirrored: bool = False, wrap: str = "clamp") -> dict[str, Any]:
+    """The first row is at v = 0 there. mirrored: from right to left."""
     pixels = np.ascontiguousarray(texture.pixels[:, ::-1, :3] if mirrored else texture.pixels[..., :3])
-    return {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": True, "wrap_mode": "clamp"}
+    return {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": texture.encoding == "raw", "wrap_mode": wrap}
 
 
 def _bsdf(mi: Any, material: Material, textures: tuple[Texture, ...] = ()) -> dict[str, Any]:
@@ -98,7 +98,11 @@ def _bsdf(mi: Any, material: Material, textures: tuple[Texture, ...] = ()) -> di
     else:
         color = material.diffuse_color
         painted = isinstance(color, TextureLookup)
-        reflectance = _image(mi, textures[color.texture]) if painted else _color(color)  # type: ignore[union-attr]
+        if painted:
+            texture = textures[color.texture]  # type: ignore[union-attr]
+            reflectance = _image(mi, texture, wrap="repeat" if texture.wrap_s == "repeat" else "clamp")
+        else:
+            reflectance = _color(color)
         bsdf = {"type": "diffuse", "reflectance": reflectance}
     bsdf = {"type": "twosided", "bsdf": bsdf}
     return bsdf if material.opacity == 1.0 else {"type": "mask", "opacity": material.opacity, "bsdf": bsdf}
