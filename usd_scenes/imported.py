@@ -43,13 +43,12 @@ def room(camera: str, *objects: ts.Object) -> np.ndarray:
 def sitting() -> np.ndarray:
     return room(
         "Main",
-        standing("Winchester Armchair 01", -2.25, -1.55, 62.0),
+        standing("Winchester Armchair 01", -1.98, -1.80, 52.0),
         standing("Electric Guitar 01", 0.62, -5.62, 4.0),
         standing("Orchids 01", -1.63, -4.14, 20.0, 0.412),
-        standing("Decorative Plant 01", -2.98, -5.62, 0.0),
         standing("Rocking Horse 01", -0.35, -2.05, -30.0),
         standing("Basketball 01", 0.95, -2.75, 0.0),
-        standing("Jar 01", 0.66, -4.55, 0.0),
+        standing("Jar 01", -2.98, -5.60, 0.0),
     )
 
 
