@@ -85,3 +85,71 @@ def test_no_file_is_changed():
     before = (STAGES / "skinned.usda").read_bytes()
     posed(STAGES / "skinned.usda", time_code=10.0)
     assert (STAGES / "skinned.usda").read_bytes() == before
+
+
+FACE = """
+def SkelRoot "Face" (
+    prepend apiSchemas = ["SkelBindingAPI"]
+)
+{
+    rel skel:skeleton = </Face/Skel>
+    rel skel:animationSource = </Face/Skel/Anim>
+    def Skeleton "Skel"
+    {
+        uniform token[] joints = ["head"]
+        uniform matrix4d[] bindTransforms = [((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))]
+        uniform matrix4d[] restTransforms = [((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))]
+        def SkelAnimation "Anim"
+        {
+            uniform token[] blendShapes = ["smile"]
+            float[] blendShapeWeights.timeSamples = { 0: [0], 10: [1] }
+        }
+    }
+    def Mesh "Skin" (
+        prepend apiSchemas = ["SkelBindingAPI"]
+    )
+    {
+        uniform token subdivisionScheme = "none"
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+        uniform token[] skel:blendShapes = ["smile"]
+        rel skel:blendShapeTargets = </Face/Skin/smile>
+        def BlendShape "smile"
+        {
+            uniform vector3f[] offsets = [(2, 0, 0), (0, 4, 0)]
+            uniform int[] pointIndices = [1, 2]
+            uniform vector3f[] inbetweens:half:offsets = [(3, 0, 0), (0, 0, 0)] (
+                weight = 0.5
+            )
+        }
+    }
+}
+"""
+
+
+def test_blend_shapes_play(tmp_path):
+    """Weights grow from 0 to 1 over ten time codes, by way of a shape between: at 5 a point is 3 to the right."""
+    path = write(tmp_path, FACE, more="startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10")
+    (mesh,) = read_stage(path).meshes
+    for seconds, right, up in ((0.0, 1.0, 1.0), (0.2, 2.2, 1.0), (0.5, 4.0, 1.0), (1.0, 3.0, 5.0)):
+        positions, _ = mesh.deformation.at(seconds)
+        np.testing.assert_allclose(positions, [(0, 0, 0), (right, 0, 0), (0, up, 0)], atol=1e-6)
+    assert mesh.deformation.at(0.6)[0][1, 0] == pytest.approx(3.8)  # on the way from 4 to 3
+
+
+def test_any_frame_is_the_one_that_iterating_gives(tmp_path):
+    """A skin that is asked for out of order, seen by a camera, labels and light."""
+    import tiscene as ts
+
+    light = 'def DistantLight "Sun"\n{\n float inputs:intensity = 3\n}\n'
+    path = write(tmp_path, light + FACE, more="startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10")
+    camera = ts.Camera(position=(1, 1, 4), exposure=0.0)
+    options = {"width": 24, "height": 18, "fps": 10.0, "frames": 6, "camera": camera, "spp": 1, "denoise": False}
+    buffers = ("hdr", "depth", "forward_flow", "backward_flow", "forward_occlusion", "normal")
+    one, other = (ts.Stream(path, buffers=buffers, **options) for _ in range(2))
+    frames = list(one)
+    for k in (5, 0, 3, 3):
+        for name in buffers:
+            assert other[k].buffers[name].tobytes() == frames[k].buffers[name].tobytes(), (k, name)
+    assert frames[3].depth.tobytes() != frames[4].depth.tobytes()

@@ -16,7 +16,10 @@ def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: Report) -> None:
     As time samples if the stage plays, else those of one time. Instances that hold a SkelRoot become ordinary prims,
     for each may have another pose. Skinning goes by USD's own rules: linear blend or dual quaternions, blend shapes.
     """
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
+    session = stage.GetSessionLayer()
+    if _skel_roots(stage):  # USD bakes into a layer as if its time codes were the stage's own
+        session.timeCodesPerSecond = stage.GetRootLayer().timeCodesPerSecond
+    with Usd.EditContext(stage, session):
         while instances := _instances_about_skeletons(stage):
             for prim in instances:
                 prim.SetInstanceable(False)
