@@ -26,7 +26,7 @@ from tiscene.render.integrators.path_state import CHUNK, PathState
 from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache, room_for
 from tiscene.render.integrators.replay_near import ROWS, find_near
 from tiscene.render.integrators.replay_probe import Probe
-from tiscene.render.integrators.replay_spikes import find_spikes, spread_spikes
+from tiscene.render.integrators.replay_spikes import evened
 from tiscene.render.intersect import occluded
 from tiscene.render.sampler import frame_key, index_bits
 from tiscene.render.view import View
@@ -173,9 +173,7 @@ class ReplayPass:
             cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, base.image,
             hdr, albedo, normal, unmoved,
         )  # fmt: skip
-        even, spikes = np.empty_like(hdr), np.empty((self.height, self.width, 4), np.float32)
-        find_spikes(self.width, self.height, scratch.change, hdr, spikes)
-        spread_spikes(self.width, self.height, scratch.change, spikes, hdr, even)
+        even = evened(scratch.change, hdr)
         return ReplayImage(hdr, albedo, normal, even, base, unmoved)
 
     def _key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
