@@ -100,3 +100,23 @@ def test_mistakes(words, expected, tmp_path, capsys):
     names = {"stage": write(tmp_path, TINY), "empty": tmp_path / "empty"}
     assert cli.main(["inspect", *(word.format(**names) for word in words)]) == 2
     assert expected in capsys.readouterr().err
+
+
+def test_what_plays_is_counted(tmp_path, capsys):
+    body = """
+def Xform "Mill" (
+    kind = "component"
+)
+{
+    def Sphere "Head"
+    {
+        double radius.timeSamples = { 0: 1, 10: 2 }
+    }
+    def Cube "Wing"
+    {
+        float xformOp:rotateZ.timeSamples = { 0: 0, 10: 90 }
+        uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+    }
+}
+"""
+    assert "1 mesh that deform; 1 mesh that move in their things" in inspected(capsys, write(tmp_path, body))

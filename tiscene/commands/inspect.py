@@ -82,6 +82,11 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     if stage.colliders:
         bodies += f"; {_count(len(stage.colliders), 'collider')} that nobody sees"
     yield f"{_count(parts, 'part')}; {bodies}"
+    deforming = [mesh for mesh in stage.meshes if mesh.deformation is not None]
+    moving = sum(len(track.instances) for track in stage.tracks)
+    if deforming or moving:
+        alone = f"{_count(moving, 'mesh', 'es')} that move in their things"
+        yield f"{_count(len(deforming), 'mesh', 'es')} that deform; {alone}"
     pixels = sum(texture.pixels.nbytes for texture in stage.textures)
     texels = _count(len(stage.textures), "texture")
     yield f"{_count(len(stage.materials), 'material')}, {texels} of {_bytes(pixels)}"
@@ -91,9 +96,13 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     yield f"{_count(len(stage.cameras), 'camera')}{': ' if names else ''}{names}"
     if stage.templates:
         yield f"{_count(len(stage.templates), 'template')}: {', '.join(each.name for each in stage.templates[:_SHOWN])}"
-    arrays = [(mesh.positions, mesh.triangles, mesh.normals, mesh.uv, mesh.materials) for mesh in stage.meshes]
+    arrays = [
+        (each.positions, each.triangles, each.normals, each.uv, each.materials, each.second_uv, each.colors)
+        for each in stage.meshes
+    ]
     geometry = sum(array.nbytes for mesh in arrays for array in mesh if array is not None)
-    yield f"about {_bytes(geometry + unique * _TREE_BYTES + pixels)} on the device"
+    again = 3 * sum(len(mesh.triangles) for mesh in deforming)  # trees for three frames
+    yield f"about {_bytes(geometry + (unique + again) * _TREE_BYTES + pixels)} on the device"
 
 
 def _doubts(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
