@@ -315,6 +315,32 @@ def test_only_queued_rays_are_written(traversal: str) -> None:
     assert (ids.to_numpy()[~queued] == 7).all()
 
 
+def test_rays_together_hit_what_each_hits_alone() -> None:
+    """Bundles narrow and wide, from one point and not, along axes, partly through nothing, with an end."""
+    scene, _, _ = clutter()
+    random = np.random.default_rng(15)
+    aims = random.normal(size=(600, 1, 3))
+    aims /= np.linalg.norm(aims, axis=2, keepdims=True)
+    aims[:60] = np.round(3.0 * aims[:60])  # along axes and diagonals, where the largest axis changes within a bundle
+    spread = np.where(np.arange(600) < 500, 0.001, 0.3)[:, None, None]
+    directions = aims + spread * random.normal(size=(600, 16, 3)) * np.linalg.norm(aims, axis=2, keepdims=True)
+    origins = np.repeat(random.uniform(-4.0, 4.0, (600, 1, 3)), 16, axis=1)
+    origins[::7] += 0.01 * random.normal(size=(86, 16, 3))
+    directions[::50, 3:] = directions[::50, :1]  # the same ray again and again
+    rays = rays_of(origins.reshape(-1, 3), directions.reshape(-1, 3))[:-5]
+    rays[:, 4:7] /= np.linalg.norm(rays[:, 4:7], axis=1, keepdims=True)
+    rays[::3, 7] = random.uniform(0.5, 8.0, len(rays[::3]))
+    queue = upload(np.arange(len(rays), dtype=np.int32))
+    answers = []
+    for together in (False, True):
+        hits, ids = untouched(len(rays))
+        intersect.closest(scene, CURRENT, upload_rays(rays), queue, len(rays), hits, ids, together=together)
+        answers.append((hits.to_numpy(), ids.to_numpy()))
+    assert 0.1 < (answers[0][1][:, 0] >= 0).mean() < 0.9
+    for alone, together in zip(*answers, strict=True):
+        np.testing.assert_array_equal(together, alone)
+
+
 @both_layouts
 def test_one_instance_behind_others(traversal: str) -> None:
     scene, rays, (meshes, placement) = clutter(traversal)

@@ -227,7 +227,7 @@ class PathPass:
                 s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
             )  # fmt: skip
         else:
-            closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids)
+            closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids, together=step == 0)
             shade(
                 *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                 s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,

@@ -11,24 +11,28 @@ from __future__ import annotations
 from typing import Any
 
 from tiscene import device
-from tiscene.render.intersect import binary, wide
+from tiscene.render.intersect import binary, bundles, wide
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS
 
 __all__ = ["closest", "occluded", "occluded_by_instance"]
 
 
-def closest(scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, hits: Any, hit_ids: Any) -> None:
+def closest(
+    scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, hits: Any, hit_ids: Any, together: bool = False
+) -> None:
     """Find the first hit of each ray.
 
     hits: [n] of 4, distance in units of the direction's length (+inf for none), barycentrics b1 and b2 of vertices 1
     and 2, 0. hit_ids: [n] of 2, instance row and global triangle, -1 for none.
+    together: the same, faster where sixteen in a row of the queue mostly go from one point through one pixel.
     Raises ArgumentError if the scene is not placed at `time`.
     """
     arrays = _arrays(scene, time)
     if scene.traversal == "wide":
         with device.vector_mode():
-            wide.closest(*arrays, rays, queue, count, hits, hit_ids)
+            traversal = bundles if together else wide
+            traversal.closest(*arrays, rays, queue, count, hits, hit_ids)
     else:
         binary.closest(*arrays, rays, queue, count, hits, hit_ids)
 
