@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from usd_scenes import gallery
 from usd_scenes.gallery import Picture
@@ -41,3 +42,13 @@ def test_the_page_says_how_its_pictures_were_taken(monkeypatch: pytest.MonkeyPat
     assert "taken with 24 to 64 paths a pixel;" in gallery.page()
     counts["room_01_Main_day"] = 0
     assert "earlier state" in gallery.page()
+
+
+def test_no_picture_is_blown_out_or_crushed() -> None:
+    """Those of the rooms as they are: less than a hundredth of each is white or black."""
+    for picture in gallery.PICTURES:
+        if picture.paths:
+            with Image.open(picture.file) as file:
+                rgb = np.asarray(file)
+            assert (rgb >= 250).all(axis=-1).mean() < 0.01, picture.name
+            assert (rgb <= 5).all(axis=-1).mean() < 0.01, picture.name
