@@ -35,7 +35,7 @@ class CoverageLabels:
             pixels = min(_BATCH, count - first)
             wave = self._wave.sized(pixels * SAMPLES)
             coverage_rays(queue, first, pixels, view.array(), view.width, view.height, wave.rays)
-            first_hits(self.scene, CURRENT, wave, wave.queue, pixels * SAMPLES)
+            first_hits(self.scene, CURRENT, wave, wave.queue, pixels * SAMPLES, together=True)
             coverage_labels(
                 queue, first, pixels, wave.hits, wave.hit_ids, self.scene.instance_info, view.width, coverage, reach
             )
@@ -73,27 +73,36 @@ def coverage_labels(
         pixel = queue[first + i]
         x, y = pixel % width, pixel // width
         ids = ti.Vector([0] * SAMPLES)
-        counts = ti.Vector([0] * SAMPLES)  # of an id, where it is met for the first time
+        alike, farthest = True, reach[y, x]
         for s in range(SAMPLES):
             ray = i * SAMPLES + s
             row = hit_ids[ray][0]
             ids[s] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
-            reach[y, x] = ti.max(reach[y, x], hits[ray][0])
-        for s in range(SAMPLES):
-            place = s
-            for earlier in range(s):
-                if place == s and ids[earlier] == ids[s]:
-                    place = earlier
-            counts[place] += 1
+            alike &= ids[s] == ids[0]
+            farthest = ti.max(farthest, hits[ray][0])
+        reach[y, x] = farthest
         for rank in range(RANKS):
-            best = -1
-            for s in range(SAMPLES):
-                if ids[s] > 0 and counts[s] > 0:
-                    if best < 0 or counts[s] > counts[best] or (counts[s] == counts[best] and ids[s] < ids[best]):
-                        best = s
             coverage[y, x, rank, 0] = 0.0
             coverage[y, x, rank, 1] = 0.0
-            if best >= 0:
-                coverage[y, x, rank, 0] = ti.cast(ids[best], ti.f32)
-                coverage[y, x, rank, 1] = ti.cast(counts[best], ti.f32) / SAMPLES
-                counts[best] = 0
+        if alike:
+            if ids[0] > 0:
+                coverage[y, x, 0, 0] = ti.cast(ids[0], ti.f32)
+                coverage[y, x, 0, 1] = 1.0
+        else:
+            counts = ti.Vector([0] * SAMPLES)  # of an id, where it is met for the first time
+            for s in range(SAMPLES):
+                place = s
+                for earlier in range(s):
+                    if place == s and ids[earlier] == ids[s]:
+                        place = earlier
+                counts[place] += 1
+            for rank in range(RANKS):
+                best = -1
+                for s in range(SAMPLES):
+                    if ids[s] > 0 and counts[s] > 0:
+                        if best < 0 or counts[s] > counts[best] or (counts[s] == counts[best] and ids[s] < ids[best]):
+                            best = s
+                if best >= 0:
+                    coverage[y, x, rank, 0] = ti.cast(ids[best], ti.f32)
+                    coverage[y, x, rank, 1] = ti.cast(counts[best], ti.f32) / SAMPLES
+                    counts[best] = 0

@@ -32,12 +32,14 @@ MAX_LAYERS = 32  # the last of so many absent surfaces behind each other counts 
 TRAVELLED = 3  # column of a ray: how far from its first origin it starts
 
 
-def first_hits(scene: DeviceScene, time: int, rays: RayArrays | RayWave, queue: Any, count: int) -> None:
+def first_hits(
+    scene: DeviceScene, time: int, rays: RayArrays | RayWave, queue: Any, count: int, *, together: bool = False
+) -> None:
     """Trace rays of a queue and fill their hits and hit_ids; distances count from where the rays began.
 
-    Rays that pass through something are moved on: their rows are not what they were.
+    Rays that pass through something are moved on: their rows are not what they were. together: as for `closest`.
     """
-    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids)
+    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, together=together)
     if not scene.materials.any_coverage:
         return
     for layer in range(MAX_LAYERS):
