@@ -1,4 +1,7 @@
-"""No bias: replayed frames of whole scenarios against path tracing, by z-tests over independent bases. Minutes each."""
+"""Replayed frames of whole scenarios against path tracing: no bias, by z-tests over independent bases, and no flicker.
+
+Minutes each.
+"""
 
 from __future__ import annotations
 
@@ -93,6 +96,21 @@ def test_a_replayed_frame_has_the_expectation_of_path_tracing(name: str) -> None
         print(name, "largest z", float(np.abs(z).max()), "rms z", float(np.sqrt((z**2).mean())))
         assert np.abs(z).max() < 5.0
         assert np.sqrt((z**2).mean()) < 1.0 + 3.0 / np.sqrt(2.0 * z.size)
+
+
+@pytest.mark.parametrize("quality", ["fast", "preview"])
+def test_what_stands_still_does_not_flicker(quality: str) -> None:
+    """Where no light has changed: at most a tenth of what denoised path tracing does from one frame to the next."""
+    settings = {"width": SIZE[0], "height": SIZE[1], "quality": quality, "buffers": ("rgb", "hdr")}
+    replayed, traced = (
+        [stream[9], stream[10]]
+        for stream in (ts.Stream(living_room(), differential=way, **settings) for way in (True, False))
+    )
+    same = (replayed[0].hdr == replayed[1].hdr).all(axis=-1)
+    assert same.mean() > 0.5
+    flicker, plain = (np.abs(frames[0].rgb.astype(float) - frames[1].rgb)[same].mean() for frames in (replayed, traced))
+    print(quality, "8-bit levels", flicker, "path tracing", plain)
+    assert flicker <= 0.1 * plain
 
 
 def z_of(a: NDArray[np.float64], b: NDArray[np.float64], tile: tuple[int, int]) -> NDArray[np.float64]:

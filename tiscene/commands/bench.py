@@ -15,6 +15,8 @@ SIZES = ((256, 192), (640, 480))
 # name, buffers, quality, differential
 KINDS = (
     ("labels", tuple(name for name in DEFAULT_BUFFERS if name != "rgb"), "preview", False),
+    ("labels, rgb fast", DEFAULT_BUFFERS, "fast", False),
+    ("same, differential", DEFAULT_BUFFERS, "fast", True),
     ("labels, rgb preview", DEFAULT_BUFFERS, "preview", False),
     ("same, differential", DEFAULT_BUFFERS, "preview", True),
     ("labels, rgb standard", DEFAULT_BUFFERS, "standard", False),
