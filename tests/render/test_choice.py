@@ -35,7 +35,7 @@ def choices(
         cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, point, cut, weights)
         for k in range(samples):
-            row, chance = choose(lights, cut, weights, count, scale, point, (k + 0.5) / samples)
+            row, chance, _rest = choose(lights, cut, weights, count, scale, point, (k + 0.5) / samples)
             counts[row] += 1.0 / samples
             again = chance_of(lights, cut, weights, count, scale, row, point)
             mismatch[0] = ti.max(mismatch[0], ti.abs(chance - again))

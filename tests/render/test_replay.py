@@ -84,6 +84,10 @@ class Box:
 
     def trace(self, *positions: tuple[float, float, float], frame: int = CACHE_FRAME, spp: int = 4) -> PathImage:
         self.device.place(self.at(*positions))
+        # What a mover emits is met, and not sampled, as in a difference.
+        lights = self.device.lights
+        stands = [number for number, each in enumerate(lights._meshes) if not self.moving[each[0]]]
+        lights.place_meshes([lights._meshes[number] for number in stands], lights._places[stands])
         paths = PathPass(self.device, *SIZE)
         return paths.render(self.view, frame_index=frame, seed=1, spp=spp, max_depth=QUALITY["max_depth"])
 

@@ -18,6 +18,7 @@ from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.device_array import upload
 from tiscene.scene.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
+from tiscene.scene.mesh_lights import MeshLight, glow_of, mesh_light
 from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.texture_atlas import TextureAtlas
@@ -65,6 +66,7 @@ class DeviceScene:
         self.descriptions: list[tuple[int, SceneDescription]] = []
         self._meshes: list[Mesh] = []
         self._blas: list[Blas] = []
+        self._mesh_lights: list[MeshLight | None] = []
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # of every description
@@ -142,8 +144,11 @@ class DeviceScene:
         positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
         triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
         self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
+        glow = np.array([glow_of(material, description.textures) for material in description.materials])
         for row, mesh in enumerate(description.meshes):
             first_triangle = self._first_triangles[-1]
+            emitted = glow[mesh.materials] if len(glow) else np.zeros(0)
+            self._mesh_lights.append(mesh_light(mesh, emitted) if emitted.any() else None)
             if mesh.deformation is not None:
                 shape = positions[row], triangles[row], first_triangle
                 copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
@@ -182,6 +187,7 @@ class DeviceScene:
         self.placement = placement
         self._upload_instances(inverse, determinant)
         self._hittable = hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
+        self._place_mesh_lights()
         self._instance_boxes = boxes = _transformed(self._boxes[:, placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
         for time in sorted(set(times)):
@@ -192,6 +198,14 @@ class DeviceScene:
             self.bounds = np.stack([here[:, :3].min(axis=0), here[:, 3:].max(axis=0)])
         else:
             self.bounds = np.zeros((2, 3))
+
+    def _place_mesh_lights(self) -> None:
+        placement = self.placement
+        glows = np.array([light is not None for light in self._mesh_lights], bool)
+        rows = np.flatnonzero(self._hittable[CURRENT] & glows[placement.mesh])
+        found = [(int(row), int(placement.mesh[row])) for row in rows]
+        lights = [(row, light, self._first_triangles[m]) for row, m in found if (light := self._mesh_lights[m])]
+        self.lights.place_meshes(lights, placement.world_from_object[CURRENT, rows])
 
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Build the tree MOVERS over those of the instances at CURRENT; returns their world boxes [n, 6], m."""

@@ -23,10 +23,9 @@ CENTRE, NORMAL, ROUND, STRENGTH, SIZE2, BACK, EVEN, ROW, CHILD, PARENT, RADIUS2,
 CONE = -1.0
 
 # Columns of the header: where the entries of a sort end; the first node that a ray can meet (0: none), and how many
-# lights it can; the rows where distant lights, domes and portals begin, and where they end.
-H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_SOLID, H_SOLID_COUNT, H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS = (
-    range(10)
-)
+# lights it can; the rows where distant lights, domes and portals begin, and where they end; where those of meshes end.
+H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_SOLID, H_SOLID_COUNT, H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW = range(9)
+H_ROWS, H_END = 9, 10
 
 # A choice looks at so many nodes of lamps at most; they are entries one by one, or one group; and at so many of each
 # other sort.
@@ -72,6 +71,14 @@ def tree(leaves: NDArray[np.float32]) -> NDArray[np.float32]:
     return nodes
 
 
+def moved(nodes: NDArray[np.float32], offset: int) -> NDArray[np.float32]:
+    """A whole tree so many rows further on."""
+    result = nodes.copy()
+    result[:, CHILD] += np.where(result[:, CHILD] > 0.0, offset, 0)
+    result[1:, PARENT] += offset
+    return result
+
+
 def _groups(members: NDArray[np.float64], starts: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.float64]:
     """Nodes for groups of members that stand together. starts: of each group; of: of each member its group."""
     result = np.zeros((len(starts), NODE_COLUMNS))
@@ -81,7 +88,7 @@ def _groups(members: NDArray[np.float64], starts: NDArray[np.int64], of: NDArray
     centre = np.add.reduceat(weight * members[:, CENTRE : CENTRE + 3], starts)
     offset2 = ((members[:, CENTRE : CENTRE + 3] - centre[of]) ** 2).sum(axis=1)
     normals = members[:, NORMAL : NORMAL + 3]
-    both_sides = members[:, BACK] > 0.0
+    both_sides = members[:, BACK] > 0.5
     opposite = both_sides & ((normals * normals[starts][of]).sum(axis=1) < 0.0)
     normals = np.where(opposite[:, None], -normals, normals)
     result[:, CENTRE : CENTRE + 3] = centre
@@ -111,9 +118,9 @@ def assembled(
         if len(leaves) > few:
             nodes = tree(leaves)
             above, below = groups - 1, 2 * groups - 1  # a whole level of nodes becomes the entries
-            moved = np.concatenate([np.zeros(above), here + np.arange(groups), at + np.arange(len(nodes) - below)])
-            nodes[:, CHILD] = np.where(nodes[:, CHILD] > 0.0, moved[nodes[:, CHILD].astype(int)], 0.0)
-            nodes[:, PARENT] = moved[nodes[:, PARENT].astype(int)]
+            places = np.concatenate([np.zeros(above), here + np.arange(groups), at + np.arange(len(nodes) - below)])
+            nodes[:, CHILD] = np.where(nodes[:, CHILD] > 0.0, places[nodes[:, CHILD].astype(int)], 0.0)
+            nodes[:, PARENT] = places[nodes[:, PARENT].astype(int)]
             nodes[:below, PARENT] = 0.0
             leaves, rest = nodes[above:below], nodes[below:]
             members.append(rest)

@@ -35,10 +35,12 @@ from tiscene.scene.light_images import (
 from tiscene.scene.light_nodes import (
     BACK,
     CENTRE,
+    CHILD,
     CONE,
     FAR2,
     H_DISTANT_ROW,
     H_DOME_ROW,
+    H_END,
     H_PORTAL_ROW,
     H_ROWS,
     NODE_COLUMNS,
@@ -49,10 +51,11 @@ from tiscene.scene.light_nodes import (
     SIZE2,
     STRENGTH,
 )
+from tiscene.scene.mesh_lights import MeshLight
 from tiscene.scene.texture_atlas import TextureAtlas
 
 # Kinds of light, in the order of the rows: what a ray can meet comes first. A portal is sampled as a light of its own.
-RECT, DISK, SPHERE, CYLINDER, POINT, DISTANT, DOME, PORTAL = range(8)
+RECT, DISK, SPHERE, CYLINDER, POINT, DISTANT, DOME, PORTAL, MESH = range(9)
 LAST_SOLID = CYLINDER
 
 # Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect and portal width and height; disk and
@@ -60,13 +63,15 @@ LAST_SOLID = CYLINDER
 # atlas or -1. DISTRIBUTION, GRID: where an image's begins, its columns and rows. IMAGE_PART: how many of the samples of
 # a rect are drawn from its image. NODE: the row's own. DOME_ROW: of a portal. SHADES: where in `distribution` begins by
 # which portals a distant light comes in, see `_shades`, or -1 without portals. SMALL_COPY: where there a dome's begins,
-# see `small_copy`, or -1.
+# see `small_copy`, or -1. Of an instance that gives light INSTANCE is its row, TREE the node where that of its mesh's
+# triangles begins; FIRST_TRIANGLE: of the mesh, for which at DISTRIBUTION each triangle's node follows, 0 for none.
 # ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its light off anything.
 # SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its cone's angle; CONE_EDGE: the angles at which the soft edge
 # begins and ends, and the cosine where it begins; FOCUS_TINT, PROFILE as TEXTURE.
 COLUMNS = 38
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_PART = 0, 1, 13, 16, 18, 19, 20, 22
 NODE, DOME_ROW, SHADES, SMALL_COPY, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
+INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
 
 # The light through a portal's frame counts a little beyond it, for rounding and the width of the sun.
@@ -166,6 +171,8 @@ class LightTable:
     def __init__(self) -> None:
         self.lights: list[Light] = []
         self._first_texture: list[int] = []
+        self._meshes: list[tuple[int, MeshLight, int]] = []  # row of the instance, its mesh, that one's first triangle
+        self._places: NDArray[np.float64] = np.zeros((0, 3, 4))
         self._arrays: LightArrays | None = None
         # Of images, by row of the atlas: of domes the distribution, its grid and the sun's part; of lamps the
         # distribution, its grid and the image's part; the mean luminance.
@@ -200,6 +207,15 @@ class LightTable:
             self.lights, self._first_texture = list(lights), list(first_textures)
             self._arrays = None
 
+    def place_meshes(self, meshes: Sequence[tuple[int, MeshLight, int]], places: NDArray[np.float64]) -> None:
+        """These instances give light from now on: (row of the instance, its mesh, that one's first triangle), by row.
+
+        places: [n, 3, 4], world_from_object.
+        """
+        if list(meshes) != self._meshes or not np.array_equal(places, self._places):
+            self._meshes, self._places = list(meshes), places.copy()
+            self._arrays = None
+
     def arrays(self, atlas: TextureAtlas) -> LightArrays:
         """What kernels read."""
         if self._arrays is None:
@@ -212,7 +228,8 @@ class LightTable:
         kinds = [kind_of(light) for light in lights]
         domes = [(row, light) for row, light in enumerate(lights) if isinstance(light, DomeLight)]
         portals = [(row, portal) for row, dome in domes for portal in dome.portals]
-        values = np.zeros((len(lights) + len(portals), COLUMNS), np.float32)
+        first_mesh = len(lights) + len(portals)
+        values = np.zeros((first_mesh + len(self._meshes), COLUMNS), np.float32)
         leaves = np.zeros((len(values), NODE_COLUMNS), np.float32)
         leaves[:, ROW], leaves[:, RADIUS2] = np.arange(len(leaves)), -1.0
         values[:, TEXTURE] = values[:, PROFILE] = -1.0
@@ -293,11 +310,40 @@ class LightTable:
             leaves[row, CENTRE : CENTRE + 3], leaves[row, NORMAL : NORMAL + 3] = matrix[:, 3], matrix[:, 2]
             leaves[row, [STRENGTH, SIZE2]] = area * through_portals[dome], area / (2.0 * math.pi)
 
-        ends = [0, *(int(np.searchsorted(kinds, kind)) for kind in (DISTANT, DOME)), len(lights), len(values)]
+        ends = [0, *(int(np.searchsorted(kinds, kind)) for kind in (DISTANT, DOME)), len(lights), first_mesh]
         lamp_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
+        for row, ((_, mesh, _), place) in enumerate(zip(self._meshes, self._places, strict=True), first_mesh):
+            leaves[row] = mesh.placed(place)
+            leaves[row, [ROW, CHILD]] = row, 0.0
+        lamp_rows = np.concatenate([lamp_rows, leaves[first_mesh:]])
         nodes = light_nodes.assembled(lamp_rows, portal_rows, distant_rows, dome_rows)
-        nodes[0, [H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS]] = ends[1:]
+        nodes[0, [H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END]] = *ends[1:], len(values)
         single = np.flatnonzero(nodes[1:, ROW] >= 0.0) + 1
         values[nodes[single, ROW].astype(int), NODE] = single
+        nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), used, distributions)])
         distributions.append(np.zeros(1, np.float32))
         return LightArrays(upload(values), upload(nodes), upload(np.concatenate(distributions)))
+
+    def _add_meshes(
+        self, rows: NDArray[np.float32], used_nodes: int, used: int, distributions: list[NDArray[np.float32]]
+    ) -> list[NDArray[np.float32]]:
+        """Fill in the rows of the instances that give light. Returns the trees of their meshes, each once."""
+        trees: list[NDArray[np.float32]] = []
+        known: dict[int, tuple[int, int]] = {}
+        for row, (instance, mesh, first_triangle) in zip(rows, self._meshes, strict=True):
+            if first_triangle not in known:
+                known[first_triangle] = used_nodes, used
+                nodes = light_nodes.moved(mesh.nodes, used_nodes)
+                single = np.flatnonzero(nodes[:, ROW] >= 0.0)
+                where = np.zeros(mesh.triangles, np.float32)
+                where[nodes[single, ROW].astype(int)] = used_nodes + single
+                nodes[single, ROW] += first_triangle
+                trees.append(nodes)
+                distributions.append(where)
+                used_nodes += len(nodes)
+                used += len(where)
+            row[[KIND, INSTANCE, FIRST_TRIANGLE]] = MESH, instance, first_triangle
+            row[[TREE, DISTRIBUTION]] = known[first_triangle]
+            row[[TEXTURE, PROFILE]] = -1.0
+            row[[ON_DIFFUSE, ON_SPECULAR]] = 1.0
+        return trees

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.render.path_scenes import ball, box, described, matte, quad, towards
+from tests.render.path_scenes import WHITE, ball, box, described, matte, quad, towards
 from tiscene.camera import Camera
 from tiscene.scene.description import (
     CylinderLight,
@@ -103,6 +103,21 @@ def instances() -> SceneDescription:
     return replace(scene, meshes=meshes, instances=(*scene.instances[:2], *placed))
 
 
+def lantern() -> SceneDescription:
+    """A room that only things in it light: a ball that glows, and a stretched and mirrored one that glows otherwise."""
+    meshes, materials = box(GREY)
+    lamps = [ball((0.0, 0.0, 0.0), 0.15, 3, 3), ball((0.0, 0.0, 0.0), 0.12, 4, 2)]
+    glows = [
+        matte("warm", (0.0, 0.0, 0.0), emissive_color=BRIGHT),
+        matte("cold", WHITE, emissive_color=(2.0, 4.0, 9.0)),
+    ]
+    scene = described([*meshes, *lamps], [*materials, *glows])
+    hung, stretched = np.eye(4), np.diag([2.5, 0.4, -1.5, 1.0])
+    hung[:3, 3], stretched[:3, 3] = (-0.1, 0.55, 0.2), (0.45, -0.2, 0.45)
+    places = (Instance(len(meshes), len(meshes), hung), Instance(len(meshes) + 1, len(meshes) + 1, stretched))
+    return replace(scene, instances=(*scene.instances[: len(meshes)], *places))
+
+
 def curtain() -> SceneDescription:
     """Something that is only partly there, before the light and before the camera."""
     scene = pedestal(matte("ball", (0.3, 0.6, 0.3)), PANEL)
@@ -141,6 +156,7 @@ STAGES: dict[str, Callable[[], Stage]] = {
     "glow": lambda: Stage(
         pedestal(matte("glow", (0.2, 0.2, 0.2), emissive_color=(2.0, 3.0, 1.0)), PANEL),
     ),
+    "mesh light": lambda: Stage(lantern()),
     "texture": lambda: Stage(textured(), margin=0.005),
     "mirror": lambda: Stage(pedestal(metal(0.0), PANEL)),
     # Mitsuba does not give back what rough microfacets lose: here a percent, and three at grazing angles.
@@ -151,4 +167,4 @@ STAGES: dict[str, Callable[[], Stage]] = {
     "instances": lambda: Stage(instances()),
     "depth of field": lambda: Stage(instances(), camera=LENS),
 }
-FAST = ("cylinder", "texture", "depth of field")
+FAST = ("cylinder", "mesh light", "texture", "depth of field")

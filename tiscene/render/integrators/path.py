@@ -25,6 +25,7 @@ from tiscene.render.surface import geometry_of
 from tiscene.render.view import SKY, View
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.light_table import LightArrays
 from tiscene.scene.placement import CURRENT
 
 FloatImage = NDArray[np.float32]
@@ -231,7 +232,7 @@ class PathPass:
             shade(
                 *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                 s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
-                s.first_sample,
+                s.first_sample, scene.any_emission,
             )  # fmt: skip
         both = kernels.compact(s.status, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
         live, shadows = both & 0xFFFFFFFF, both >> 32
@@ -263,8 +264,11 @@ class PathPass:
             if not going_on:
                 break
 
-    def scene_arrays(self) -> SceneForPaths:
-        """The scene's arrays as they are now; tables that depend on the materials are made when those change."""
+    def scene_arrays(self, lights: LightArrays | None = None) -> SceneForPaths:
+        """The scene's arrays as they are now; tables that depend on the materials are made when those change.
+
+        lights: what is sampled, by default all lights that are placed.
+        """
         scene = self.scene
         iors = tuple(scene.materials.glass_iors)
         if iors != self._energy_iors:
@@ -274,12 +278,12 @@ class PathPass:
             *geometry_of(scene),
             *scene.materials.arrays(),
             *scene.textures.arrays(),
-            *scene.lights.arrays(scene.textures),
+            *(lights or scene.lights.arrays(scene.textures)),
             self._energy,
         )
         materials = scene.materials
         ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        return SceneForPaths(arrays, materials.any_coverage, ends_at_lights)
+        return SceneForPaths(arrays, materials.any_coverage, materials.any_emission, ends_at_lights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,6 +292,7 @@ class SceneForPaths:
 
     arrays: SceneArrays
     any_coverage: bool
+    any_emission: bool
     ends_at_lights: bool  # no surface emits, and every path is as long as it has steps
 
     def steps(self, max_depth: int) -> int:

@@ -27,8 +27,15 @@ from tiscene.render.integrators.path_state import (
     set3,
 )
 from tiscene.render.lights import all_lights
-from tiscene.render.lights.light_sample import Lights
-from tiscene.render.lights.met import LIGHT_FRONT, nearest_light, power_heuristic, response, seen_lights
+from tiscene.render.lights.light_sample import lights_of
+from tiscene.render.lights.met import (
+    LIGHT_FRONT,
+    nearest_light,
+    power_heuristic,
+    response,
+    seen_lights,
+    weight_of_emission,
+)
 from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
@@ -128,11 +135,12 @@ def shade(
     features: Floats2,
     status: Ints1,
     first_sample: ti.i32,
+    any_emission: ti.template(),
 ):
     """Advance the paths in the queue by one vertex.
 
     step: how often they were advanced before; it names their random numbers. mis: 0 samples lights alone (for tests).
-    first_sample: number of the first of the `spp` in each pixel.
+    first_sample: number of the first of the `spp` in each pixel. any_emission: whether some surface gives light.
     """
     geometry = ti.static(
         Geometry(
@@ -148,7 +156,7 @@ def shade(
     )
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
-    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
+    lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
     ti.loop_config(block_dim=128)
     for k in range(count):
         i = queue[k]
@@ -188,8 +196,11 @@ def shade(
                 goes_on = True
                 write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
             else:
-                if point.flags & EMITS:
-                    seen = point.emissive_color
+                if ti.static(any_emission):
+                    if point.flags & EMITS:
+                        seen = point.emissive_color * weight_of_emission(
+                            lights, instance, hit_ids[i][1], surface.position, direction, last_vertex, pdf, mis
+                        )
                 depth += 1
                 wo = -direction
                 normal = shading_normal(surface, point, wo)

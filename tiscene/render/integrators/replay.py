@@ -33,6 +33,7 @@ from tiscene.render.view import View
 from tiscene.scene.bvh_write import vec8
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.light_table import LightArrays
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
 
 # What stands for the frame in the keys of random numbers.
@@ -123,7 +124,8 @@ class ReplayPass:
             self.scene.place(replace(placement, present=placement.present & ~moving))
             image = self._base_image(view, still, seed, base_spp, max_depth)
             self._report("paths", 0.0)
-            base = Base(image, self._kept_paths(view, seed, spp, max_depth))
+            lights = self.scene.lights.arrays(self.scene.textures)
+            base = Base(lights, image, self._kept_paths(view, seed, spp, max_depth))
             self._report("paths", 1.0)
             while self._bases and self.cached_bytes + base.cache.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
@@ -163,7 +165,7 @@ class ReplayPass:
         base = next(reversed(self._bases.values()))
         cache = base.cache
         groups = self._groups(moving)
-        scene = self._paths.scene_arrays()
+        scene = self._paths.scene_arrays(base.lights)
         for block in cache.blocks:
             self._replay(scene, cache, block, scratch, groups)
         self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
@@ -301,9 +303,12 @@ class ReplayPass:
 class Base:
     """What never moves. image: f32 [h, w, 9], radiance, albedo, normal.
 
+    lights: of it, which alone are sampled: what a mover emits is met.
+
     kept: what others have made of it, by name, for as long as there is use for it.
     """
 
+    lights: LightArrays
     image: NDArray[np.float32]
     cache: PathCache
     kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)

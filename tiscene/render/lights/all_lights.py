@@ -2,23 +2,24 @@
 
 import taichi as ti
 
-from tiscene.render.lights import cylinder, disk, distant, dome, point, portal, rect, shaping, sphere
+from tiscene.render.lights import cylinder, disk, distant, dome, mesh, point, portal, rect, shaping, sphere
 from tiscene.render.lights.choice import chance_of, choose, weigh
 from tiscene.render.lights.light_sample import integer, no_sample
-from tiscene.scene.light_nodes import CHILD, H_DOMES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
-from tiscene.scene.light_table import DOME, DOME_ROW, KIND, SHAPED
+from tiscene.scene.light_nodes import CHILD, H_DOMES, H_END, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
+from tiscene.scene.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
-# In the order of the kinds in tiscene.scene.light_table. Each has sample, pdf, intersect, emitted.
+# In the order of the kinds in tiscene.scene.light_table. Each has sample, pdf, intersect, emitted. After them: `mesh`.
 LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
 
 
 @ti.func
 def any_choice(lights: ti.template()):
     """Whether there are several lights: 1 or 0. Of one, `sample` needs no number to choose it."""
-    return ti.cast(lights.nodes[0, H_DOMES] > 2.0 or lights.nodes[1, CHILD] > 0.0, ti.i32)
+    header = ti.static(lights.nodes)
+    return ti.cast(header[0, H_DOMES] > 2.0 or header[1, CHILD] > 0.0 or header[0, H_END] > header[0, H_ROWS], ti.i32)
 
 
 @ti.func
@@ -28,7 +29,7 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice:
     if lights.nodes[0, H_DOMES] > 1.0:
         cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, origin, cut, weights)
-        row, chance = choose(lights, cut, weights, count, scale, origin, choice)
+        row, chance, rest = choose(lights, cut, weights, count, scale, origin, choice)
         if chance > 0.0:
             kind = integer(lights.values, row, KIND)
             result.row = row
@@ -37,8 +38,12 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice:
                     result = LIGHTS[k].sample(lights, textures, row, origin, u)
                     if ti.static(LIGHTS[k] != portal):
                         result.row = row
+            if ti.static(lights.with_meshes):
+                if kind == MESH:
+                    result = mesh.sample(lights, textures, row, origin, rest, u)
+                    result.row = row
             result.pdf *= chance
-            if kind >= DOME and result.pdf > 0.0:
+            if (kind == DOME or kind == PORTAL) and result.pdf > 0.0:
                 result.pdf += other_ways(lights, cut, weights, count, scale, result.row, row, origin, result.direction)
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
                 met = origin + result.direction * result.distance

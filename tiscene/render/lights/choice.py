@@ -161,7 +161,10 @@ def choose(
     origin: vec3,
     u: ti.f32,
 ):
-    """(row, its chance) of the light or portal to sample from a point; chance 0 for none. cut ... scale: `weigh`."""
+    """(row, its chance, what is left of u) of the light or portal to sample from a point; chance 0 for none.
+
+    cut ... scale: `weigh`.
+    """
     nodes = ti.static(lights.nodes)
     node, chance, low = 1, 1.0, 0.0
     if count > 0:
@@ -175,21 +178,20 @@ def choose(
             reached += here
         if u >= reached:  # nothing gives light there, as far as one can tell
             chance = 0.0
+    rest = ti.min((u - low) / ti.max(chance, 1e-20), 0.99999994)
     child = integer(nodes, node, CHILD)
-    if child > 0:
-        rest = ti.min((u - low) / ti.max(chance, 1e-20), 0.99999994)
-        while child > 0:
-            share = share_of_first(lights, child, origin)
-            node = child
-            if rest < share:
-                rest /= share
-            else:
-                node = child + 1
-                rest = (rest - share) / (1.0 - share)
-                share = 1.0 - share
-            chance *= share
-            child = integer(nodes, node, CHILD)
-    return integer(nodes, node, ROW), chance
+    while child > 0:
+        share = share_of_first(lights, child, origin)
+        node = child
+        if rest < share:
+            rest /= share
+        else:
+            node = child + 1
+            rest = ti.min((rest - share) / (1.0 - share), 0.99999994)
+            share = 1.0 - share
+        chance *= share
+        child = integer(nodes, node, CHILD)
+    return integer(nodes, node, ROW), chance, rest
 
 
 @ti.func

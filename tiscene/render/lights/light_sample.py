@@ -12,11 +12,23 @@ FAR = 1e30  # stands for infinity where a ray has to have an end
 
 
 class Lights(NamedTuple):
-    """The arrays of a LightTable, bundled inside a kernel."""
+    """The arrays of a LightTable, bundled inside a kernel; with the Geometry and Materials where meshes are sampled."""
 
     values: Any
     nodes: Any
     distribution: Any
+    geometry: Any = None
+    materials: Any = None
+
+    @property
+    def with_meshes(self) -> bool:
+        """Whether meshes are sampled."""
+        return self.geometry is not None
+
+
+def lights_of(values: Any, nodes: Any, distribution: Any, geometry: Any, materials: Any, meshes: bool) -> Lights:
+    """Lights with meshes or without: where no surface emits, the code for them is left out."""
+    return Lights(values, nodes, distribution, *((geometry, materials) if meshes else ()))
 
 
 @ti.dataclass

@@ -3,8 +3,8 @@ so that a light hides what is behind it however a path gets there."""
 
 import taichi as ti
 
-from tiscene.render.lights import all_lights
-from tiscene.render.lights.choice import node3, weigh
+from tiscene.render.lights import all_lights, mesh
+from tiscene.render.lights.choice import chance_of, node3, weigh
 from tiscene.render.lights.light_sample import integer
 from tiscene.scene.light_nodes import (
     CENTRE,
@@ -68,6 +68,32 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
                     row, nearest = candidate, distance
         node = following
     return row, nearest
+
+
+@ti.func
+def weight_of_emission(
+    lights: ti.template(),
+    instance: ti.i32,
+    triangle: ti.i32,
+    position: vec3,
+    direction: vec3,
+    last_vertex: vec3,
+    pdf: ti.f32,
+    mis: ti.i32,
+) -> ti.f32:
+    """The weight of what a triangle emits towards a path that met it, against having sampled it from the last one."""
+    weight = 1.0
+    row = mesh.row_of(lights, instance)
+    if pdf > 0.0 and row >= 0:
+        weight = 0.0  # without MIS, light sampling alone counts
+        if mis != 0:
+            cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+            count, scale = weigh(lights, last_vertex, cut, weights)
+            distance = (position - last_vertex).norm()
+            there = mesh.pdf(lights, row, triangle, last_vertex, direction, distance)
+            there *= chance_of(lights, cut, weights, count, scale, row, last_vertex)
+            weight = power_heuristic(pdf, there)
+    return weight
 
 
 @ti.func

@@ -1,0 +1,145 @@
+"""A mesh that gives light: an instance in which triangles emit, on both sides. First a triangle is chosen by about what
+it gives at the point, then a point of it, uniformly. Rays meet it as they meet any surface.
+
+It needs Lights with `geometry` and `materials`; kernels without them sample no meshes.
+"""
+
+import taichi as ti
+
+from tiscene.render.bsdfs.inputs import lookup_value
+from tiscene.render.lights.choice import share_of_first
+from tiscene.render.lights.light_sample import integer, no_sample
+from tiscene.render.surface import moved_by, row3, surface_at, transform_point, transform_vector
+from tiscene.scene.light_nodes import CHILD, H_END, H_ROWS, PARENT, ROW
+from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE, TREE
+from tiscene.scene.material_table import (
+    COVERAGE,
+    EMISSIVE,
+    FIRST_LOOKUP,
+    FLAGS,
+    LOOKUP_COUNT,
+    LOOKUP_INPUT,
+    OPACITY,
+    TEXTURED,
+    THRESHOLD,
+)
+from tiscene.scene.placement import CURRENT
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+
+@ti.func
+def row_of(lights: ti.template(), instance: ti.i32) -> ti.i32:
+    """The row of the light that an instance is, -1 for none."""
+    low, high = integer(lights.nodes, 0, H_ROWS), integer(lights.nodes, 0, H_END)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if integer(lights.values, middle, INSTANCE) <= instance:
+            low = middle
+        else:
+            high = middle
+    return low if high > low and integer(lights.values, low, INSTANCE) == instance else -1
+
+
+@ti.func
+def in_mesh(lights: ti.template(), row: ti.i32, p: vec3) -> vec3:
+    """A point in the space of the mesh."""
+    return transform_point(lights.geometry.instance_from_world, CURRENT, integer(lights.values, row, INSTANCE), p)
+
+
+@ti.func
+def doubled_area(lights: ti.template(), instance: ti.i32, triangle: ti.i32) -> vec3:
+    """The normal of a triangle in the world, as long as twice its area."""
+    geometry = ti.static(lights.geometry)
+    moved = moved_by(geometry.instance_info, instance, CURRENT)
+    v0 = row3(geometry.vertex_position, geometry.triangle_vertices[triangle, 0] + moved)
+    e1 = row3(geometry.vertex_position, geometry.triangle_vertices[triangle, 1] + moved) - v0
+    e2 = row3(geometry.vertex_position, geometry.triangle_vertices[triangle, 2] + moved) - v0
+    a = transform_vector(geometry.world_from_instance, CURRENT, instance, e1)
+    return a.cross(transform_vector(geometry.world_from_instance, CURRENT, instance, e2))
+
+
+@ti.func
+def emission_at(materials: ti.template(), textures: ti.template(), surface: ti.template()) -> vec3:
+    """What a point of a surface emits, times how much of it is there."""
+    values = ti.static(materials.values)
+    row = surface.material
+    emitted = vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2])
+    opacity, flags = values[row, OPACITY], materials.info[row, FLAGS]
+    if flags & TEXTURED:
+        first = materials.info[row, FIRST_LOOKUP]
+        for lookup_row in range(first, first + materials.info[row, LOOKUP_COUNT]):
+            column = ti.cast(materials.lookups[lookup_row, LOOKUP_INPUT], ti.i32)
+            if column == EMISSIVE or column == OPACITY:
+                value = lookup_value(materials, textures, lookup_row, surface, 1, 0)
+                if column == EMISSIVE:
+                    emitted = value.xyz
+                else:
+                    opacity = value.x
+    if flags & COVERAGE:
+        threshold = values[row, THRESHOLD]
+        if threshold > 0.0:
+            opacity = 1.0 if opacity >= threshold else 0.0
+        emitted *= ti.math.clamp(opacity, 0.0, 1.0)
+    return ti.max(emitted, 0.0)
+
+
+@ti.func
+def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, choice: ti.f32, u: vec2):
+    """A direction from `origin` to the light: a LightSample. choice: a number for the triangle."""
+    nodes = ti.static(lights.nodes)
+    result = no_sample()
+    p = in_mesh(lights, row, origin)
+    node, chance, rest = integer(lights.values, row, TREE), 1.0, choice
+    child = integer(nodes, node, CHILD)
+    while child > 0:
+        share = share_of_first(lights, child, p)
+        node = child
+        if rest < share:
+            rest /= share
+        else:
+            node = child + 1
+            rest = ti.min((rest - share) / (1.0 - share), 0.99999994)
+            share = 1.0 - share
+        chance *= share
+        child = integer(nodes, node, CHILD)
+    instance = integer(lights.values, row, INSTANCE)
+    triangle = integer(nodes, node, ROW)
+    root = ti.sqrt(u.x)
+    surface = surface_at(
+        lights.geometry, instance, triangle, root * (1.0 - u.y), root * u.y, CURRENT, vec3(0.0, 0.0, 1.0)
+    )
+    offset = surface.position - origin
+    distance2 = offset.dot(offset)
+    facing = ti.abs(doubled_area(lights, instance, triangle).dot(offset))
+    if facing > 0.0 and distance2 > 0.0:
+        result.distance = ti.sqrt(distance2)
+        result.direction = offset / result.distance
+        result.pdf = chance * 2.0 * distance2 * result.distance / facing
+        result.radiance = emission_at(lights.materials, textures, surface)
+    return result
+
+
+@ti.func
+def pdf(
+    lights: ti.template(), row: ti.i32, triangle: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
+) -> ti.f32:
+    """Density of `sample` for a direction that meets a triangle of the light at that distance."""
+    nodes = ti.static(lights.nodes)
+    at = integer(lights.values, row, DISTRIBUTION) + triangle - integer(lights.values, row, FIRST_TRIANGLE)
+    node = ti.cast(lights.distribution[at], ti.i32)
+    result = 0.0
+    if node > 0:
+        p = in_mesh(lights, row, origin)
+        chance = 1.0
+        parent = integer(nodes, node, PARENT)
+        while parent > 0:
+            child = integer(nodes, parent, CHILD)
+            share = share_of_first(lights, child, p)
+            chance *= share if node == child else 1.0 - share
+            node = parent
+            parent = integer(nodes, node, PARENT)
+        facing = ti.abs(doubled_area(lights, integer(lights.values, row, INSTANCE), triangle).dot(direction))
+        result = chance * 2.0 * distance * distance / ti.max(facing, 1e-20)
+    return result
