@@ -242,8 +242,8 @@ def test_bench_prints_a_line_for_each_size_and_kind(fake, capsys):
     assert cli.main(["bench", "somewhere", "--seconds", "0"]) == 0
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split()[-1] == "frames/s"
-    assert len(rows) == len(fake.made) == 8
-    assert [stream.rendered for stream in fake.made] == [[0, 1]] * 8
+    assert len(rows) == len(fake.made) == 12
+    assert [stream.rendered for stream in fake.made] == [[0, 1]] * 12
     assert " 640x480 " in rows[-1]
 
 
