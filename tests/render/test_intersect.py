@@ -30,7 +30,7 @@ from tiscene.errors import ArgumentError
 from tiscene.render import intersect
 from tiscene.render.intersect import binary, wide
 from tiscene.render.ray_arrays import upload_rays
-from tiscene.scene import bvh
+from tiscene.scene import bvh_workspace
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
@@ -357,7 +357,7 @@ def test_one_instance_behind_others(traversal: str) -> None:
 
 
 def test_stacks_hold_what_trees_may_need() -> None:
-    for kernels, layout in ((wide, bvh.WIDE), (binary, bvh.BINARY)):
+    for kernels, layout in ((wide, bvh_workspace.WIDE), (binary, bvh_workspace.BINARY)):
         assert layout.blas_stack + layout.tlas_stack <= kernels.STACK
 
 
