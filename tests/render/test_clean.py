@@ -20,7 +20,7 @@ def noisy_base() -> Base:
     image[..., :3] = rng.gamma(4.0, 0.125, (HEIGHT, WIDTH, 3))
     image[..., 3:6] = 0.5
     image[..., 8] = 1.0
-    return Base(image, SimpleNamespace())
+    return Base(SimpleNamespace(), image, SimpleNamespace())
 
 
 def difference(base: Base, change: float = 0.0) -> ReplayImage:
