@@ -56,7 +56,12 @@ def lace() -> SceneDescription:
     return room(ball((0.2, 0.4, 0.3), 0.15, 3, 2), material=material)
 
 
-SCENES = {"bulb": bulb, "squashed": squashed, "screen": lit_screen, "lace": lace}
+def globe() -> SceneDescription:
+    """A large one just above the floor, which is lit from as near as rays start off a surface."""
+    return room(ball((0.0, -0.55, 0.6), 0.44, 3, 3))
+
+
+SCENES = {"bulb": bulb, "globe": globe, "squashed": squashed, "screen": lit_screen, "lace": lace}
 
 
 def unsampled(scene: DeviceScene) -> DeviceScene:

@@ -41,7 +41,7 @@ from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
 from tiscene.scene.light_nodes import H_SOLID_COUNT
-from tiscene.scene.light_table import KIND, LAST_SOLID, SHADOWLESS
+from tiscene.scene.light_table import KIND, LAST_SOLID, MESH, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, MATTE
 from tiscene.scene.placement import CURRENT
 
@@ -231,9 +231,15 @@ def shade(
                         if shadowless:
                             radiance += direct
                         elif direct.max() > 0.0:
-                            towards = light_sample.direction
+                            towards, reach = light_sample.direction, light_sample.distance
                             start = offset_origin(surface, towards)
-                            reach = light_sample.distance * (1.0 - LIGHT_FRONT)
+                            if ti.static(any_emission):
+                                if light_values[light_row, KIND] == MESH:
+                                    # Rays meet it: from where they start they must not meet it too early.
+                                    aim = surface.position + towards * reach - start
+                                    reach = aim.norm()
+                                    towards = aim / ti.max(reach, 1e-20)
+                            reach *= 1.0 - LIGHT_FRONT
                             blocking = -1
                             others = light_nodes[0, H_SOLID_COUNT]
                             if (
