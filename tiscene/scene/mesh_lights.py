@@ -53,11 +53,11 @@ class MeshLight:
 
 
 def mesh_light(mesh: Mesh, glow: NDArray[np.float64]) -> MeshLight | None:
-    """Of a mesh whose triangles emit so much luminance [m]; None if there is no light."""
+    """Of a mesh whose triangles emit so much luminance [m]; None if there is none, or none that is finite."""
     corners = np.asarray(mesh.positions, np.float64)[mesh.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.linalg.norm(normal, axis=1)
-    shining = np.flatnonzero((glow > 0.0) & (area > 0.0))
+    shining = np.flatnonzero((glow > 0.0) & np.isfinite(glow) & (area > 0.0))
     if len(shining) == 0:
         return None
     leaves = np.zeros((len(shining), NODE_COLUMNS), np.float32)
