@@ -179,6 +179,15 @@ def choose(
         if u >= reached:  # nothing gives light there, as far as one can tell
             chance = 0.0
     rest = ti.min((u - low) / ti.max(chance, 1e-20), 0.99999994)
+    node, chance, rest = member(lights, node, chance, rest, origin)
+    return integer(nodes, node, ROW), chance, rest
+
+
+@ti.func
+def member(lights: ti.template(), group: ti.i32, group_chance: ti.f32, u: ti.f32, origin: vec3):
+    """(node, its chance, what is left of u) of one light of a group by what each gives; a light is its own group."""
+    nodes = ti.static(lights.nodes)
+    node, chance, rest = group, group_chance, u
     child = integer(nodes, node, CHILD)
     while child > 0:
         share = share_of_first(lights, child, origin)
@@ -191,7 +200,7 @@ def choose(
             share = 1.0 - share
         chance *= share
         child = integer(nodes, node, CHILD)
-    return integer(nodes, node, ROW), chance, rest
+    return node, chance, rest
 
 
 @ti.func
@@ -199,6 +208,14 @@ def share_of_first(lights: ti.template(), child: ti.i32, origin: vec3) -> ti.f32
     """Of what the two members of a group give, the part of the first."""
     a, b = given(lights, child, origin), given(lights, child + 1, origin)
     return a / (a + b) if a + b > 0.0 else 0.5
+
+
+@ti.func
+def share_of(lights: ti.template(), node: ti.i32, parent: ti.i32, origin: vec3) -> ti.f32:
+    """Of what a group gives, the part of one of its two members."""
+    child = integer(lights.nodes, parent, CHILD)
+    share = share_of_first(lights, child, origin)
+    return share if node == child else 1.0 - share
 
 
 @ti.func
@@ -224,8 +241,6 @@ def chance_of(
                 node = 0
         if node > 0:
             parent = integer(nodes, node, PARENT)
-            child = integer(nodes, parent, CHILD)
-            share = share_of_first(lights, child, origin)
-            part *= share if node == child else 1.0 - share
+            part *= share_of(lights, node, parent, origin)
             node = parent
     return part * found

@@ -7,10 +7,10 @@ It needs Lights with `geometry` and `materials`; kernels without them sample no 
 import taichi as ti
 
 from tiscene.render.bsdfs.inputs import lookup_value
-from tiscene.render.lights.choice import share_of_first
+from tiscene.render.lights.choice import member, share_of
 from tiscene.render.lights.light_sample import integer, no_sample
 from tiscene.render.surface import moved_by, row3, surface_at, transform_point, transform_vector
-from tiscene.scene.light_nodes import CHILD, H_END, H_ROWS, PARENT, ROW
+from tiscene.scene.light_nodes import H_END, H_ROWS, PARENT, ROW
 from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE, TREE
 from tiscene.scene.material_table import (
     COVERAGE,
@@ -91,19 +91,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
     nodes = ti.static(lights.nodes)
     result = no_sample()
     p = in_mesh(lights, row, origin)
-    node, chance, rest = integer(lights.values, row, TREE), 1.0, choice
-    child = integer(nodes, node, CHILD)
-    while child > 0:
-        share = share_of_first(lights, child, p)
-        node = child
-        if rest < share:
-            rest /= share
-        else:
-            node = child + 1
-            rest = ti.min((rest - share) / (1.0 - share), 0.99999994)
-            share = 1.0 - share
-        chance *= share
-        child = integer(nodes, node, CHILD)
+    node, chance, _ = member(lights, integer(lights.values, row, TREE), 1.0, choice, p)
     instance = integer(lights.values, row, INSTANCE)
     triangle = integer(nodes, node, ROW)
     root = ti.sqrt(u.x)
@@ -135,9 +123,7 @@ def pdf(
         chance = 1.0
         parent = integer(nodes, node, PARENT)
         while parent > 0:
-            child = integer(nodes, parent, CHILD)
-            share = share_of_first(lights, child, p)
-            chance *= share if node == child else 1.0 - share
+            chance *= share_of(lights, node, parent, p)
             node = parent
             parent = integer(nodes, node, PARENT)
         facing = ti.abs(doubled_area(lights, integer(lights.values, row, INSTANCE), triangle).dot(direction))
