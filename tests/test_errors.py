@@ -1,12 +1,20 @@
 """The tree of errors is the one that its docstring draws, and the messages help."""
 
 import inspect
+import pickle
 import re
 
 import pytest
 
 from tiscene import errors
-from tiscene.errors import MissingExtra, StageError, TisceneError, UnknownName
+from tiscene.errors import (
+    ArgumentError,
+    BufferNotFound,
+    MissingFile,
+    StageError,
+    TisceneError,
+    UnknownName,
+)
 
 LINE = re.compile(r"^(?P<indent>[ │]*)(?:[├└]── )?(?P<name>[A-Z]\w+)(?: \((?P<base>\w+)\))?(?:  +\S.*)?$")
 
@@ -68,6 +76,15 @@ def test_a_stage_lists_all_its_problems():
     assert two.problems == ("</Room/Rug> material: no", "</Room/Lamp> mesh: no")
 
 
-def test_a_missing_extra_is_the_line_to_type():
-    message = str(MissingExtra("embreex", "benchmark", "The Embree comparison"))
-    assert message == "The Embree comparison needs the package 'embreex': pip install 'tiscene[benchmark]'"
+@pytest.mark.parametrize(
+    "error",
+    [
+        BufferNotFound("buffer", "dept", ["depth"], " in frame 3"),
+        StageError("room.usda", ["</Room> mesh: no"]),
+        ArgumentError("width=0: must be from 1 to 16384"),
+        MissingFile("no file 'a.usda'"),
+    ],
+)
+def test_a_worker_process_can_hand_it_on(error):
+    copy = pickle.loads(pickle.dumps(error))
+    assert (type(copy), str(copy), copy.__dict__) == (type(error), str(error), error.__dict__)

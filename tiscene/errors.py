@@ -15,8 +15,7 @@
     ├── ScenarioError (ValueError)        a scenario that contradicts itself or its scene
     ├── ArgumentError (ValueError)        an argument outside its range or of the wrong kind
     ├── ExportError (RuntimeError)        an output folder or file that cannot be written or continued
-    ├── DeviceError (RuntimeError)        Taichi cannot run as asked
-    └── MissingExtra (ImportError)        an optional package is needed; names the extra to install
+    └── DeviceError (RuntimeError)        Taichi cannot run as asked
 
     StageWarning (UserWarning)            what a stage holds that is left out or approximated
 """
@@ -25,10 +24,15 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 
 class TisceneError(Exception):
     """Base of all errors below."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As it is, whatever its arguments were: a worker process hands its errors on by pickling them."""
+        return _raised_elsewhere, (type(self), self.args, self.__dict__)
 
 
 class UnknownName(TisceneError, LookupError):
@@ -106,12 +110,11 @@ class DeviceError(TisceneError, RuntimeError):
     """Taichi cannot run as asked."""
 
 
-class MissingExtra(TisceneError, ImportError):
-    """An optional package is needed."""
-
-    def __init__(self, package: str, extra: str, purpose: str) -> None:
-        super().__init__(f"{purpose} needs the package {package!r}: pip install 'tiscene[{extra}]'")
-
-
 class StageWarning(UserWarning):
     """What a stage holds that is left out or approximated."""
+
+
+def _raised_elsewhere(kind: type[TisceneError], args: tuple[Any, ...], members: dict[str, Any]) -> TisceneError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(members)
+    return error
