@@ -48,7 +48,8 @@ MAY_IMPORT = {
     },
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
-    "tiscene.device": {"tiscene.errors"},
+    "tiscene.launches": set(),
+    "tiscene.device": {"tiscene.errors", "tiscene.launches"},
     "tiscene.camera": {"tiscene.errors"},
     "tiscene.scene": GROUND,
     "tiscene.render": SCENE,

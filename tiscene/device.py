@@ -10,6 +10,7 @@ import taichi as ti
 from taichi.lang import kernel_impl
 from taichi.lang.ast import ast_transformer_utils
 
+from tiscene import launches
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
@@ -30,6 +31,7 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     """
     if arch is not None and arch not in ARCHITECTURES:
         raise ArgumentError(f"arch={arch!r}: must be one of {', '.join(ARCHITECTURES)}")
+    launches.use()
     present = running()
     if present is not None:
         if arch not in (None, present):
