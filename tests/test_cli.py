@@ -1,6 +1,7 @@
 """The command line: what it writes, says and returns. Pictures come from a fake stream at the commands' seam."""
 
 import json
+import signal
 import subprocess
 import sys
 import warnings
@@ -71,7 +72,7 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
 def test_render_hands_on_every_option(tmp_path, fake):
     options = ["--quality", "photo", "--spp", 64, "--camera", "Front", "--fps", 12.5, "--arch", "cpu"]
     options += ["--taxonomy", "wikidata", "--error", 0.02, "--clamp", 10, "--pixel-filter", "gaussian"]
-    options += ["--shutter", "0,0.5"]
+    options += ["--shutter", "0,0.5", "--time-code", "12", "--root", ".", "--untrusted"]
     variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
     assert render("-o", tmp_path, *options, *variants) == 0
     assert fake.made[0].source == "somewhere"
@@ -87,7 +88,10 @@ def test_render_hands_on_every_option(tmp_path, fake):
         "fps": 12.5,
         "arch": "cpu",
         "differential": False,
+        "time_code": 12.0,
         "taxonomy": "wikidata",
+        "root": ".",
+        "untrusted": True,
         "variants": {"/Room{lighting}": "evening", "/Room{appearance}": "primitives"},
     }
 
@@ -131,6 +135,8 @@ def test_interrupted_render_says_how_to_go_on_and_does(tmp_path, fake, capsys, m
         (["render", "s", "-o", "x", "--buffers", "dept"], "tiscene: no buffer 'dept'. Did you mean 'depth'?"),
         (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of cryptomatte, exr, npz"),
         (["demo", "-o", "x", "--frames", "0"], "tiscene: --frames 0: must be at least 1"),
+        (["bench", "nowhere"], "tiscene: no scene 'nowhere'. Did you mean 'somewhere'?"),
+        (["bench", "--seconds", "nan"], "tiscene: --seconds nan: must be 0 or more"),
         (["show", "kitchn"], "tiscene: no scene 'kitchn'. Did you mean 'kitchen'?"),
         (["show", "gone.usda"], "tiscene: no file 'gone.usda'"),
     ],
@@ -163,6 +169,13 @@ def test_frames_that_are_none(text, capsys):
     assert "is not A:B" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--buffers", "--camera"])
+def test_lists_that_name_nothing(option, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["render", "s", "-o", "x", option, " ,"])
+    assert f"argument {option}: ' ,' names nothing" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("text", ["evening", "/Room=evening", "Room{lighting}=evening", "/Room{lighting}="])
 def test_variants_that_are_none(text, capsys):
     with pytest.raises(SystemExit, match="2"):
@@ -170,9 +183,12 @@ def test_variants_that_are_none(text, capsys):
     assert "is not PRIM{SET}=NAME" in capsys.readouterr().err
 
 
-def test_the_help_names_every_format():
-    words = cli.parser()._subparsers._group_actions[0].choices["render"].format_help().replace(",", " ").split()
-    assert set(EXPORTERS) <= set(words)
+def test_the_help_names_every_format_and_the_default_buffers():
+    from tiscene.stream import DEFAULT_BUFFERS
+
+    text = cli.parser()._subparsers._group_actions[0].choices["render"].format_help()
+    assert set(EXPORTERS) <= set(text.replace(",", " ").split())
+    assert ",".join(DEFAULT_BUFFERS) in "".join(text.split())
 
 
 def test_list_prints_every_name_and_file(capsys):
@@ -242,8 +258,10 @@ def test_bench_prints_a_line_for_each_size_and_kind(fake, capsys):
     assert cli.main(["bench", "somewhere", "--seconds", "0"]) == 0
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split()[-1] == "frames/s"
-    assert len(rows) == len(fake.made) == 12
-    assert [stream.rendered for stream in fake.made] == [[0, 1]] * 12
+    tried, *measured = fake.made
+    assert tried.rendered == []
+    assert len(rows) == len(measured) == 12
+    assert [stream.rendered for stream in measured] == [[0, 1]] * 12
     assert " 640x480 " in rows[-1]
 
 
@@ -279,8 +297,24 @@ def test_version_and_no_command(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(["--version"])
     assert capsys.readouterr().out.startswith("tiscene 0.")
-    with pytest.raises(SystemExit, match="2"):
-        cli.main([])
+    assert cli.main([]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "render" in told.err
+
+
+def test_an_interrupt_while_modules_are_imported_counts(monkeypatch, capsys):
+    """pxr's C++ would swallow it in the midst of its import."""
+    done = []
+
+    def import_module(name):
+        signal.raise_signal(signal.SIGINT)
+        done.append(name)
+
+    monkeypatch.setattr(cli.importlib, "import_module", import_module)
+    assert cli.main(["list"]) == 130
+    assert done == ["tiscene.commands.list"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_progress_goes_to_stderr_only(capsys):
@@ -291,7 +325,7 @@ def test_progress_goes_to_stderr_only(capsys):
     note("a line [with] brackets")
     told = capsys.readouterr()
     assert told.out == ""
-    assert "a line [with] brackets\n" in told.err
+    assert told.err == "a line [with] brackets\n"  # no bar: this is no terminal
 
 
 def test_a_real_scene_renders_to_the_same_bytes_twice(tmp_path):

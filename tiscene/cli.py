@@ -9,9 +9,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import tiscene
@@ -20,12 +23,18 @@ from tiscene.errors import StageWarning, TisceneError
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line (default: this process's); return the exit status."""
-    args = parser().parse_args(arguments)
+    top = parser()
+    args = top.parse_args(arguments)
+    if args.command is None:
+        top.print_help(sys.stderr)
+        return 2
     with warnings.catch_warnings():
         warnings.simplefilter("always", StageWarning)
         warnings.showwarning = _show_warning
         try:
-            importlib.import_module(f"tiscene.commands.{args.command}").run(args)
+            with _interrupts_later():
+                command = importlib.import_module(f"tiscene.commands.{args.command}")
+            command.run(args)
             sys.stdout.flush()
         except TisceneError as error:
             print(f"tiscene: {error}", file=sys.stderr)
@@ -46,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
         prog="tiscene", description="Labelled, path-traced, exactly repeatable frame streams from USD scenes."
     )
     top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
-    commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
+    commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
 
     demo = commands.add_parser("demo", help="render a short scenario and show every buffer of it")
     demo.add_argument(
@@ -55,8 +64,9 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument(
         "--frames", metavar="N", type=int, default=24, help="length of the animation (default: %(default)s)"
     )
-    demo.add_argument("--quality", default="standard", help="fast, preview, standard or photo (default: %(default)s)")
     _add_size(demo, width=320, height=240)
+    _add_quality(demo, "standard")
+    _add_arch(demo)
 
     render = commands.add_parser(
         "render",
@@ -70,21 +80,31 @@ def parser() -> argparse.ArgumentParser:
         "--frames", metavar="A:B", type=_frames, default=range(1), help="frames A to B - 1, or one frame K (default: 0)"
     )
     render.add_argument(
-        "--buffers", metavar="NAMES", type=_names, help="separated by commas, or 'all' (default: those of Stream)"
+        "--buffers",
+        metavar="NAME,...",
+        type=_names,
+        help="or 'all' (default: what the format needs, else rgb,semantic,instance,depth,forward_flow)",
     )
-    render.add_argument("--format", default="png", help="png, exr, npz, cryptomatte or sailenv (default: %(default)s)")
+    render.add_argument(
+        "--format", metavar="NAME", default="png", help="png, exr, npz, cryptomatte or sailenv (default: %(default)s)"
+    )
     render.add_argument("--objects", action="store_true", help="write the table of objects of each frame as well")
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
     _add_size(render, width=256, height=192)
-    render.add_argument("--fps", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)")
-    render.add_argument("--quality", default="standard", help="fast, preview, standard or photo (default: %(default)s)")
-    render.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
+    render.add_argument(
+        "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
+    )
+    _add_quality(render, "standard")
+    _add_spp(render)
     render.add_argument(
         "--error",
+        metavar="PART",
         type=float,
         help="samples until a pixel's error is this part of its light, such as 0.02 (at most --spp)",
     )
-    render.add_argument("--clamp", type=float, help="the most that one sample brings, W/m²/sr: less noise, less light")
+    render.add_argument(
+        "--clamp", metavar="MOST", type=float, help="the most that one sample brings, W/m²/sr: less noise, less light"
+    )
     render.add_argument("--pixel-filter", metavar="NAME", help="box, triangle, gaussian, mitchell or blackman-harris")
     render.add_argument(
         "--shutter",
@@ -92,7 +112,7 @@ def parser() -> argparse.ArgumentParser:
         type=_times,
         help="blur what moves between these frames from each frame, such as 0,0.5 (default: as the camera says)",
     )
-    render.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
+    _add_seed(render)
     render.add_argument(
         "--camera",
         metavar="NAME,...",
@@ -100,20 +120,15 @@ def parser() -> argparse.ArgumentParser:
         help="a camera of the scene (default: its first); of several each writes into a folder of its own",
     )
     render.add_argument(
-        "--variant",
-        metavar="PRIM{SET}=NAME",
-        type=_variant,
-        action="append",
-        default=[],
-        help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
+        "--time-code", metavar="T", type=float, help="show the stage as it is then, still (default: it plays)"
     )
     render.add_argument(
         "--differential",
         action=argparse.BooleanOptionalAction,
         help="trace only what moves before a camera that does not (default: if there are frames enough for it to pay)",
     )
-    render.add_argument("--taxonomy", metavar="NAME", help="of the semantic labels (default: class, else category)")
-    render.add_argument("--arch", help="cpu or cuda (default: cpu)")
+    _add_reading(render)
+    _add_arch(render)
 
     commands.add_parser("list", help="list scenes and object templates")
 
@@ -124,12 +139,7 @@ def parser() -> argparse.ArgumentParser:
         "inspect", help="say what is in a USD file, what is rendered of it, what is not and why"
     )
     inspect.add_argument("file", metavar="FILE", help="a USD file or a scene's name")
-    inspect.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
-    inspect.add_argument("--untrusted", action="store_true", help="read it in a process of its own, with limits")
-    inspect.add_argument("--taxonomy", metavar="NAME", help="of the semantic labels (default: class, else category)")
-    inspect.add_argument(
-        "--variant", metavar="PRIM{SET}=NAME", type=_variant, action="append", default=[], help="as for render"
-    )
+    _add_reading(inspect)
 
     importer = commands.add_parser(
         "import",
@@ -138,18 +148,24 @@ def parser() -> argparse.ArgumentParser:
     )
     importer.add_argument("file", metavar="FILE", help="the model, or a Sweet Home 3D catalogue for all of its models")
     importer.add_argument("-o", "--output", metavar="DIR", help="library (default: the first folder of TISCENE_PATH)")
-    importer.add_argument("--name", default="", help="such as 'Chair 03' (default: the file's)")
-    importer.add_argument("--label", default="", help="semantic class, such as chair")
-    importer.add_argument("--unit", type=float, help="metres per unit of the file (default: as the format has it)")
+    importer.add_argument("--name", metavar="TEXT", default="", help="such as 'Chair 03' (default: the file's)")
+    importer.add_argument("--label", metavar="TEXT", default="", help="semantic class, such as chair")
+    importer.add_argument(
+        "--unit", metavar="M", type=float, help="metres per unit of the file (default: as the format has it)"
+    )
     importer.add_argument("--up", choices=("Y", "Z"), help="the file's up axis (default: as the format has it)")
     importer.add_argument("--keep-origin", action="store_true", help="do not move the origin to the box's centre")
-    importer.add_argument("--author", default="", help="who made it")
-    importer.add_argument("--licence", default="", help="its text, or a file (default: the licence files beside it)")
+    importer.add_argument("--author", metavar="TEXT", default="", help="who made it")
+    importer.add_argument(
+        "--licence", metavar="TEXT", default="", help="its text, or a file (default: the licence files beside it)"
+    )
 
     bench = commands.add_parser("bench", help="measure frames per second on this machine")
     bench.add_argument("scene", metavar="SCENE", nargs="?", help="a scene's name or a USD file (default: the demo's)")
-    bench.add_argument("--seconds", type=float, default=3.0, help="for each line of the table (default: %(default)g)")
-    bench.add_argument("--arch", help="cpu or cuda (default: cpu)")
+    bench.add_argument(
+        "--seconds", metavar="S", type=float, default=3.0, help="for each line of the table (default: %(default)g)"
+    )
+    _add_arch(bench)
 
     serve = commands.add_parser(
         "serve",
@@ -157,23 +173,65 @@ def parser() -> argparse.ArgumentParser:
         description="Serve one world to SAILenv's clients (see docs/sailenv.md). Ends cleanly by Ctrl-C or SIGTERM.",
     )
     serve.add_argument("scene", metavar="SCENE", nargs="?", help="where the world begins (default: SAILenv's)")
-    serve.add_argument("--host", default="127.0.0.1", help="address to listen at (default: %(default)s, this machine)")
-    serve.add_argument("--port", type=int, default=8085, help="0: any that is free (default: %(default)s)")
-    serve.add_argument("--fps", type=float, default=25.0, help="frames are 1 / fps s apart (default: %(default)g)")
-    serve.add_argument("--quality", default="preview", help="fast, preview, standard or photo (default: %(default)s)")
-    serve.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
-    serve.add_argument("--seed", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)")
     serve.add_argument(
-        "--wait", type=float, default=1.0, metavar="SECONDS", help="for a client that is behind (default: %(default)g)"
+        "--host",
+        metavar="ADDRESS",
+        default="127.0.0.1",
+        help="address to listen at (default: %(default)s, this machine)",
     )
-    serve.add_argument("--arch", help="cpu or cuda (default: cpu)")
+    serve.add_argument("--port", metavar="N", type=int, default=8085, help="0: any that is free (default: %(default)s)")
+    serve.add_argument(
+        "--fps", metavar="N", type=float, default=25.0, help="frames are 1 / fps s apart (default: %(default)g)"
+    )
+    _add_quality(serve, "preview")
+    _add_spp(serve)
+    _add_seed(serve)
+    serve.add_argument(
+        "--wait", type=float, default=1.0, metavar="S", help="for a client that is behind (default: %(default)g)"
+    )
+    _add_arch(serve)
     serve.add_argument("-v", "--verbose", action="count", default=0, help="a line for each event; -vv: for each frame")
     return top
 
 
 def _add_size(command: argparse.ArgumentParser, width: int, height: int) -> None:
-    command.add_argument("--width", type=int, default=width, help="px (default: %(default)s)")
-    command.add_argument("--height", type=int, default=height, help="px (default: %(default)s)")
+    command.add_argument("--width", metavar="PX", type=int, default=width, help="(default: %(default)s)")
+    command.add_argument("--height", metavar="PX", type=int, default=height, help="(default: %(default)s)")
+
+
+def _add_quality(command: argparse.ArgumentParser, default: str) -> None:
+    command.add_argument(
+        "--quality", metavar="NAME", default=default, help="fast, preview, standard or photo (default: %(default)s)"
+    )
+
+
+def _add_spp(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--spp", metavar="N", type=int, help="samples per pixel, instead of the quality's")
+
+
+def _add_seed(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--seed", metavar="N", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)"
+    )
+
+
+def _add_arch(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
+
+
+def _add_reading(command: argparse.ArgumentParser) -> None:
+    """How a stage is read."""
+    command.add_argument(
+        "--variant",
+        metavar="PRIM{SET}=NAME",
+        type=_variant,
+        action="append",
+        default=[],
+        help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
+    )
+    command.add_argument("--taxonomy", metavar="NAME", help="of the semantic labels (default: class, else category)")
+    command.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
+    command.add_argument("--untrusted", action="store_true", help="read it in a process of its own, with limits")
 
 
 def _frames(text: str) -> range:
@@ -191,7 +249,10 @@ def _frames(text: str) -> range:
 
 
 def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not names:
+        raise argparse.ArgumentTypeError(f"{text!r} names nothing")
+    return names
 
 
 def _times(text: str) -> tuple[float, ...]:
@@ -207,6 +268,22 @@ def _variant(text: str) -> tuple[str, str]:
     if not (place.startswith("/") and "{" in place and place.endswith("}") and choice):
         raise argparse.ArgumentTypeError(f"{text!r} is not PRIM{{SET}}=NAME, such as /Room{{lighting}}=evening")
     return place, choice
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Ctrl-C inside counts at the end: while pxr is imported, its C++ would swallow it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -8,6 +8,7 @@ import time
 
 from tiscene.commands.demo import SCENE
 from tiscene.commands.progress import note
+from tiscene.errors import ArgumentError
 from tiscene.scenario import Scenario
 from tiscene.stream import DEFAULT_BUFFERS, Stream
 
@@ -26,6 +27,9 @@ KINDS = (
 def run(args: argparse.Namespace) -> None:
     """Print the table."""
     source = args.scene or SCENE
+    if not args.seconds >= 0.0:
+        raise ArgumentError(f"--seconds {args.seconds:g}: must be 0 or more")
+    Stream(source, width=8, height=8, buffers=("depth",), arch=args.arch)  # what cannot be is said before the table
     note(f"{source}, {args.arch or 'cpu'}, {os.cpu_count()} logical cores; the first frame includes compiling")
     print_table(source, seconds=args.seconds, arch=args.arch)
 

@@ -75,6 +75,7 @@ def run(args: argparse.Namespace) -> None:
             frames=args.frames,
             buffers=tuple(AOVS),
             quality=args.quality,
+            arch=args.arch,
             report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
         )
         _make(folder)

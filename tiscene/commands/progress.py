@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 
 @contextmanager
 def progress(doing: str, total: int) -> Iterator[Callable[..., None]]:
-    """A progress bar; what it yields is to be called after each step, with `doing=` to change the text."""
+    """A progress bar, on a terminal; call what it yields after each step, with `doing=` to change the text."""
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -19,7 +19,8 @@ def progress(doing: str, total: int) -> Iterator[Callable[..., None]]:
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(doing, total=total)
 
         def step(advance: int = 1, doing: str | None = None) -> None:

@@ -20,9 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tiscene.scenario as native
+from tiscene import device
+from tiscene.arguments import integer
 from tiscene.camera import Camera, Vector3
 from tiscene.errors import ArgumentError, ScenarioError, TisceneError
 from tiscene.render.film import radiance_shown_as
+from tiscene.render.renderer import quality_named
 from tiscene.render.view import SKY, View
 from tiscene.sailenv import description, names, views
 from tiscene.sailenv.lights import Color8, Lights, clipped, linear
@@ -60,6 +63,10 @@ class Environment:
     ) -> None:
         if not (np.isfinite(fps) and fps > 0):
             raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
+        # The world is made when it is needed; what cannot be is said now, before clients come.
+        quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
+        integer("seed", seed, 0, 2**32 - 1)
+        device.start(arch)
         self.fps = float(fps)
         self.clock = -1
         self.viewers: dict[int, Viewer] = {}
@@ -227,7 +234,8 @@ class Environment:
             except TisceneError as error:
                 problems.append(str(error))
         timings = description.timings_of(content.get("timings"), ids, {each.id for each in objects})
-        frustum = description.frustum_of(content.get("frustum"))
+        # Early clients that load scenarios call it otherwise.
+        frustum = description.frustum_of(content.get("frustum", content.get("spawn_frustum")))
         scenario = native.Scenario(
             scene, objects, timings, frustum
         )  # finds what contradicts itself, before anything changes
