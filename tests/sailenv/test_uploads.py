@@ -101,7 +101,7 @@ def test_zips_that_lead_outside_are_refused(world, name):
     with pytest.raises(ArgumentError, match="outside of its folder"):
         world.store("slip.zip", zipped({"ok.obj": SQUARE, name: SQUARE}))
     assert set(Path("/tmp").rglob("up.obj")) == before
-    assert not list(world._folder.rglob("ok.obj"))
+    assert world._folder is None  # nothing was written
 
 
 def test_links_are_refused(world):
@@ -139,8 +139,28 @@ def test_sizes_and_numbers_are_bounded(world, monkeypatch):
     world.close()
     monkeypatch.setattr(uploads, "MAX_FILES", 2)
     world.store("a", b""), world.store("b", b"")
-    with pytest.raises(ArgumentError, match="2 files already"):
+    with pytest.raises(ArgumentError, match="at most 2 files"):
         world.store("c", b"")
+    world.close()
+    monkeypatch.setattr(uploads, "MAX_STORED", 3)
+    world.store("a", b"xx")
+    with pytest.raises(ArgumentError, match="3 bytes are kept in a world"):
+        world.store("b", b"yy")
+
+
+def test_what_is_sent_again_is_kept_once(world):
+    path = world.store("a.zip", zipped({"a.obj": SQUARE}))
+    assert world.store("a.zip", zipped({"a.obj": SQUARE})) == path
+    assert world.store("b.zip", zipped({"a.obj": SQUARE})) != path != world.store("a.zip", zipped({"b.obj": SQUARE}))
+
+
+def test_what_cannot_be_kept_is_nobody_elses_business(world):
+    """A file that is a folder too, a name too long for any disk: refused, and the next one is kept."""
+    for members in ({"a": "", "a/b.obj": SQUARE}, {"x" * 300 + ".obj": SQUARE}):
+        with pytest.raises(ArgumentError, match="cannot be kept"):
+            world.store("a.zip", zipped(members))
+    path = world.store("a.zip", zipped({"a.obj": SQUARE}))
+    assert len(list(Path(path).parent.parent.iterdir())) == 1
 
 
 @pytest.mark.parametrize("cut", [10, 40, -10, -30])

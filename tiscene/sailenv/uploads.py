@@ -6,6 +6,7 @@ within bounds.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import shutil
 import stat
@@ -21,7 +22,7 @@ MAX_BYTES = 128 << 20  # of one file as it is sent
 MAX_UNPACKED = 512 << 20  # of all that one zip holds
 MAX_MEMBERS = 1000
 MAX_MODEL = 64 << 20  # of an OBJ file, which all others wait for while it is read
-MAX_FILES = 256  # of one world
+MAX_FILES, MAX_STORED = 1024, 8 << 30  # of one world; bytes
 _CHUNK = 1 << 16
 
 
@@ -33,26 +34,42 @@ class Uploads:
         self._delete: weakref.finalize[..., Uploads] | None = None
         self._files: dict[str, Path] = {}
         self._templates: dict[str, Path] = {}
+        self._paths: dict[bytes, str] = {}  # by the digest of what was sent
+        self._stored = 0  # bytes
 
     def store(self, name: str, data: bytes) -> str:
-        """Keep a file; the path to spawn it by. Raises ArgumentError for what is too large, or a zip that is a trap."""
+        """Keep a file; the path to spawn it by, that of before if it was sent already.
+
+        Raises ArgumentError for what is too large, cannot be kept, or is a trap.
+        """
         if len(data) > MAX_BYTES:
             raise ArgumentError(f"{name!r} has {len(data)} bytes; at most {MAX_BYTES} are taken")
-        if len(self._files) >= MAX_FILES:
-            raise ArgumentError(f"{name!r}: this world has {MAX_FILES} files already")
+        key = hashlib.sha256(name.encode(errors="replace") + b"\0" + data).digest()
+        if key not in self._paths:
+            self._paths[key] = self._keep(name, data)
+        return self._paths[key]
+
+    def _keep(self, name: str, data: bytes) -> str:
+        members = _members(name, data)
+        size = len(data) + sum(map(len, members.values()))
+        if len(self._files) >= MAX_FILES or self._stored + size > MAX_STORED:
+            raise ArgumentError(f"{name!r}: at most {MAX_FILES} files and {MAX_STORED} bytes are kept in a world")
         if self._folder is None:
             self._folder = Path(tempfile.mkdtemp(prefix="tiscene-uploads-"))
             # Scripts forget to delete their agents: then this goes with its world.
             self._delete = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        folder = self._folder / str(len(self._files))
-        members = _members(name, data)
-        folder.mkdir()
+        folder = Path(tempfile.mkdtemp(prefix=f"{len(self._files):04d}-", dir=self._folder))
         path = folder / _plain_name(name)
-        path.write_bytes(data)
-        for inside, content in members.items():
-            target = folder / "unpacked" / inside
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(content)
+        try:
+            path.write_bytes(data)
+            for inside, content in members.items():
+                target = folder / "unpacked" / inside
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_bytes(content)
+        except OSError as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise ArgumentError(f"{name!r} cannot be kept: {error}") from error
+        self._stored += size
         self._files[str(path)] = folder
         return str(path)
 
@@ -79,8 +96,9 @@ class Uploads:
         if self._delete is not None:
             self._delete()
         self._folder = self._delete = None
-        self._files.clear()
-        self._templates.clear()
+        self._stored = 0
+        for kept in (self._files, self._templates, self._paths):
+            kept.clear()
 
 
 def _members(name: str, data: bytes) -> dict[str, bytes]:
