@@ -35,6 +35,12 @@ def turn(vectors: VECTORS, up: ti.template(), by: ti.f64):
 
 
 @ti.kernel
+def copy(source: ti.types.ndarray(), result: ti.types.ndarray()):
+    for i in range(source.shape[0]):
+        result[i] = source[i]
+
+
+@ti.kernel
 def total(values: FLOATS) -> ti.f32:
     result = 0.0
     for i in range(values.shape[0]):
@@ -79,6 +85,21 @@ def test_vectors_and_templates():
         before = vectors.to_numpy()
         turn(vectors, up, by)
         assert np.array_equal(vectors.to_numpy(), before + (by if up else -by))
+
+
+def test_arrays_of_any_type():
+    for _ in range(3):
+        for dtype, other in ((np.float32, np.float64), (np.int32, np.uint8), (np.float64, np.float32)):
+            values, result = np.arange(5).astype(dtype), np.zeros(5, other)
+            copy(values, result)
+            assert np.array_equal(result, values)
+        vectors, result = ti.ndarray(vec4, 3), ti.ndarray(vec4, 3)
+        vectors.from_numpy(np.arange(12, dtype=np.float32).reshape(3, 4))
+        copy(vectors, result)
+        assert np.array_equal(result.to_numpy(), vectors.to_numpy())
+        ints = ti.ndarray(ti.i32, 3)
+        copy(np.arange(3, dtype=np.int32), ints)
+        assert ints.to_numpy().tolist() == [0, 1, 2]
 
 
 def test_whatever_is_not_plain_is_left_to_taichi():

@@ -22,7 +22,7 @@ from taichi.types import primitive_types
 from taichi.types.annotations import template
 from taichi.types.ndarray_type import NdarrayType
 
-ARRAY, VECTORS, INTEGER, REAL = range(4)
+ARRAY, VECTORS, OPEN, INTEGER, REAL = range(5)  # OPEN: arrays of any type
 _LARGE = 1 << 31  # bytes from which Taichi looks whether an index may be too large
 _PLAIN = (bool, int, float, str, type(None))  # of template arguments: those that are what they are equal to
 
@@ -31,8 +31,8 @@ _own_way: Any = kernel_impl.Kernel.__call__
 
 @dataclass(eq=False)
 class _Compiled:
-    """A kernel for certain values of its templates. contexts: arguments that were set for earlier launches and are not
-    in use, each with what it last had in every slot: a number, a weak reference to a Taichi array, else None."""
+    """A kernel for certain values of its templates and types of open arrays. contexts: arguments that were set for earlier
+    launches and are not in use, with what each slot had last: a number, a weak reference to a Taichi array, else None."""
 
     kernel: Any
     code: Any
@@ -42,12 +42,14 @@ class _Compiled:
 @dataclass(eq=False)
 class _Plan:
     """How a kernel takes its arguments. parameters: (slot, kind, Taichi's type, numpy's type, length of a vector, axes)
-    of each that is no template. templates: rows of the others. compiled: by their values."""
+    of each that is no template. templates: rows of the others. open: rows of arrays of any type. compiled: by the
+    values of the ones and the types of the others."""
 
     runtime: Any
     keeps: bool  # what was set for one launch is there for the next: so on CPUs
     parameters: list[tuple[Any, ...]] = field(default_factory=list)
     templates: list[int] = field(default_factory=list)
+    open: list[int] = field(default_factory=list)
     compiled: dict[tuple[Any, ...], _Compiled] = field(default_factory=dict)
 
 
@@ -73,6 +75,8 @@ def _call(kernel: Any, *args: Any, **kwargs: Any) -> Any:
         if not all(type(each) in _PLAIN for each in key):
             return _own_way(kernel, *args)
         values = tuple([value for row, value in enumerate(args) if row not in plan.templates])
+    if plan.open:
+        key += tuple([_type_of(args[row]) for row in plan.open])
     compiled = plan.compiled.get(key)
     if compiled is None:
         result = _own_way(kernel, *args)
@@ -103,21 +107,24 @@ def _set(context: Any, last: list[Any], values: tuple[Any, ...], plan: _Plan, pr
     for row, (value, before, parameter) in enumerate(zip(values, last, plan.parameters, strict=True)):
         slot, kind, dtype, numpy_dtype, length, axes = parameter
         given = type(value)
-        if kind <= VECTORS:
+        if kind <= OPEN:
             if before is not None and before() is value:
                 continue
             if given is np.ndarray:
-                fits = kind == ARRAY and value.dtype is numpy_dtype and value.ndim == axes
+                fits = kind == OPEN or (kind == ARRAY and value.dtype is numpy_dtype and value.ndim == axes)
                 if not (fits and value.flags.c_contiguous and value.nbytes < _LARGE):
                     return False
                 context.set_arg_external_array_with_shape(slot, value.ctypes.data, value.nbytes, value.shape, 0)
                 last[row] = None
                 continue
             if kind == ARRAY:
-                fits = given is ScalarNdarray and value.element_type is dtype
-            else:
+                fits = given is ScalarNdarray and value.element_type is dtype and len(value.shape) == axes
+            elif kind == VECTORS:
                 fits = given is VectorNdarray and value.dtype is dtype and value.n == length
-            if not fits or len(value.shape) != axes or value.grad is not None:
+                fits = fits and len(value.shape) == axes
+            else:
+                fits = given is ScalarNdarray or given is VectorNdarray
+            if not fits or value.grad is not None:
                 return False
             if plan.keeps:
                 address, size = program.get_ndarray_data_ptr_as_int(value.arr), _size(value.arr)
@@ -140,6 +147,12 @@ def _set(context: Any, last: list[Any], values: tuple[Any, ...], plan: _Plan, pr
     return True
 
 
+def _type_of(value: Any) -> tuple[Any, ...]:
+    """Of an array: what Taichi compiles a kernel for."""
+    dtype = getattr(value, "dtype", None)
+    return type(value), dtype, getattr(value, "n", None), len(getattr(value, "shape", ()))
+
+
 def _size(array: Any) -> int:
     """In bytes; not 0, which would mean that there is no array."""
     return max(int(array.nelement() * array.element_size()), 1)
@@ -154,6 +167,9 @@ def _plan(kernel: Any) -> _Plan | None:
         wanted, slot = argument.annotation, (len(plan.parameters),)
         if isinstance(wanted, template):
             plan.templates.append(row)
+        elif isinstance(wanted, NdarrayType) and wanted.dtype is None and wanted.ndim is None:
+            plan.open.append(row)
+            plan.parameters.append((slot, OPEN, None, None, 0, 0))
         elif isinstance(wanted, NdarrayType) and wanted.dtype is not None and wanted.ndim is not None:
             dtype, axes = wanted.dtype, wanted.ndim
             if not isinstance(dtype, MatrixType):
