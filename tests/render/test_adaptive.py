@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from tests.render.path_scenes import described, device_scene, matte, quad, towards
 from tiscene.camera import Camera
@@ -81,6 +82,23 @@ def test_means_are_unbiased_by_when_it_stopped() -> None:
     exact = luminance(passes.render(VIEW, frame_index=0, seed=9, spp=4096, max_depth=4).hdr).mean()
     means = [luminance(to_error(passes, 0.15, seed=seed).hdr).mean() for seed in range(24)]
     assert np.mean(means) == pytest.approx(exact, abs=4.0 * np.std(means) / math.sqrt(24) + 2e-4 * exact)
+
+
+def test_the_variance_is_what_it_is_said_to_be() -> None:
+    """Of pictures with different seeds: how far they scatter against what each says of itself."""
+    passes, runs = paths(), 96
+    images = [to_error(passes, 0.001, most=32, seed=seed) for seed in range(runs)]
+    pictures = np.array([luminance(image.hdr) for image in images])
+    scatter = (pictures - pictures.mean(axis=0)) ** 2 * runs / (runs - 1)
+    said = np.array([image.variance for image in images])
+    assert said.sum() == pytest.approx(scatter.sum(), rel=0.03)
+
+    # Of each block of 8 x 8 pixels, Student's test. Šidák: one false alarm in a hundred.
+    difference = (said - scatter).reshape(runs, HEIGHT // 8, 8, WIDTH // 8, 8).mean(axis=(2, 4))
+    p = stats.ttest_1samp(difference, 0.0).pvalue
+    assert p.min() > 1.0 - 0.99 ** (1.0 / p.size)
+    precision = difference.std(axis=0) / math.sqrt(runs) / said.mean()
+    assert precision.max() < 0.2
 
 
 def test_estimates_are_standard_errors() -> None:

@@ -29,9 +29,11 @@ DARKEST = 0.1  # of the picture's mean luminance: what is darker may err as much
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveImage(PathImage):
-    """samples: int32 [height, width], paths through each pixel."""
+    """samples: int32 [height, width], paths through each pixel. variance: float64 [height, width], an unbiased estimate
+    of that of the pixel's luminance, by its own paths; decisions take what is around into account."""
 
     samples: NDArray[np.int32]
+    variance: NDArray[np.float64]
 
 
 def render_to_error(
@@ -73,7 +75,8 @@ def render_to_error(
         (part / count).astype(np.float32).reshape(height, width, 3)
         for part, count in ((sums[:, :3], kept), (sums[:, 3:6], counts), (sums[:, 6:9], counts))
     )
-    return AdaptiveImage(hdr, albedo, normal, samples.reshape(height, width))
+    variance = (scatter / samples.astype(np.float64) ** 2).reshape(height, width)
+    return AdaptiveImage(hdr, albedo, normal, samples.reshape(height, width), variance)
 
 
 def net_key(seed: int, frame_index: int, number: int) -> int:

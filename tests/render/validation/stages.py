@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -35,6 +36,8 @@ class Stage:
     margin: how far the two may differ by design, as a part: of what they do not model alike. edges: how many pixels may
     differ more: at silhouettes, where samples are not normally distributed, and where we turn the interpolated normals
     of a rough mirror towards the eye, which leaves them black in Mitsuba.
+    noise: one path's, of ours against theirs: "alike" where both sample the same way, "less" where we sample lights
+    better, "other" where paths are not the same.
     """
 
     description: SceneDescription
@@ -42,6 +45,7 @@ class Stage:
     depth: int = 4
     margin: float = 0.0
     edges: int = 2
+    noise: Literal["alike", "less", "other"] = "alike"
 
 
 def room(*lights: Light, textures: tuple[Texture, ...] = ()) -> SceneDescription:
@@ -58,7 +62,8 @@ def pedestal(material: Material, *lights: Light) -> SceneDescription:
     return described([floor, wall, ball((0.0, -0.1, 0.0), 0.7, 2, 5)], materials, list(lights))
 
 
-PANEL = RectLight("panel", "/panel", towards((0.5, 2.5, 1.5), (-0.2, -1.0, -0.6)), (6.0, 5.0, 4.0), 1.5, 1.2)
+# Both sample disks by their area.
+PANEL = DiskLight("panel", "/panel", towards((0.5, 2.5, 1.5), (-0.2, -1.0, -0.6)), (6.0, 5.0, 4.0), 0.75)
 ABOVE = towards((0.1, 0.7, 0.3), DOWN)
 # Flat lights hang so high that nothing sees their backs: rays pass through those of ours.
 CEILING = towards((0.1, 0.995, 0.3), DOWN)
@@ -138,10 +143,10 @@ def glass(roughness: float) -> Material:
 LENS = replace(CAMERA, lens_radius=0.08, focus_distance=3.0)
 
 STAGES: dict[str, Callable[[], Stage]] = {
-    "rect": lambda: Stage(room(RectLight("l", "/l", CEILING, BRIGHT, 0.6, 0.4))),
+    "rect": lambda: Stage(room(RectLight("l", "/l", CEILING, BRIGHT, 0.6, 0.4)), noise="less"),
     "disk": lambda: Stage(room(DiskLight("l", "/l", CEILING, BRIGHT, 0.3))),
     "sphere": lambda: Stage(room(SphereLight("l", "/l", ABOVE, BRIGHT, 0.15))),
-    "cylinder": lambda: Stage(room(CylinderLight("l", "/l", ABOVE, BRIGHT, 0.06, 0.9))),
+    "cylinder": lambda: Stage(room(CylinderLight("l", "/l", ABOVE, BRIGHT, 0.06, 0.9)), noise="less"),
     "point": lambda: Stage(room(SphereLight("l", "/l", ABOVE, (1.0, 0.8, 0.6), 0.0))),
     "sun": lambda: Stage(room(DistantLight("l", "/l", towards((0, 0, 0), (0.4, -0.5, -1.0)), (3.0, 2.0, 1.0)))),
     "dome": lambda: Stage(room(DomeLight("l", "/l", np.eye(4), (0.6, 0.8, 1.0)))),
@@ -151,19 +156,22 @@ STAGES: dict[str, Callable[[], Stage]] = {
         margin=0.015,
     ),
     "textured lamp": lambda: Stage(
-        room(RectLight("l", "/l", CEILING, BRIGHT, 1.0, 0.8, 0), textures=(patches(),)), margin=0.005
+        room(RectLight("l", "/l", CEILING, BRIGHT, 1.0, 0.8, 0), textures=(patches(),)),
+        margin=0.005,
+        noise="less",
     ),
     "glow": lambda: Stage(
-        pedestal(matte("glow", (0.2, 0.2, 0.2), emissive_color=(2.0, 3.0, 1.0)), PANEL),
+        pedestal(matte("glow", (0.2, 0.2, 0.2), emissive_color=(2.0, 3.0, 1.0)), PANEL), noise="less"
     ),
-    "mesh light": lambda: Stage(lantern()),
-    "texture": lambda: Stage(textured(), margin=0.005),
+    "mesh light": lambda: Stage(lantern(), noise="less"),
+    # We look at one pixel of a texture at a time.
+    "texture": lambda: Stage(textured(), margin=0.005, noise="other"),
     "mirror": lambda: Stage(pedestal(metal(0.0), PANEL)),
     # Mitsuba does not give back what rough microfacets lose: here a percent, and three at grazing angles.
     "rough metal": lambda: Stage(pedestal(metal(0.25), PANEL), margin=0.03, edges=8),
     "glass": lambda: Stage(pedestal(glass(0.0), PANEL), depth=10),
     "rough glass": lambda: Stage(pedestal(glass(0.3), PANEL), depth=10, margin=0.03),
-    "partly there": lambda: Stage(curtain(), depth=12, margin=0.002),
+    "partly there": lambda: Stage(curtain(), depth=12, margin=0.002, noise="other"),
     "instances": lambda: Stage(instances()),
     "depth of field": lambda: Stage(instances(), camera=LENS),
 }

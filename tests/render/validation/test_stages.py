@@ -1,61 +1,63 @@
-"""tiscene against Mitsuba 3 on every stage: the whole picture's mean, and every pixel's."""
+"""tiscene against Mitsuba 3 on every stage: the mean and the variance, of the whole picture and of its parts."""
 
-import mitsuba
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
-from scipy import stats
 
-from tests.reference import mitsuba_scene
-from tests.render.path_scenes import device_scene
-from tests.render.validation.stages import FAST, STAGES, Stage
-from tiscene.render.integrators.path import PathPass
-from tiscene.render.view import View
-
-SIZE = 24
-RUNS, SPP = 12, 64
+from tests.render.validation import motion
+from tests.render.validation.compare import agreement, means, variances
+from tests.render.validation.stages import FAST, STAGES
 
 
-def our_runs(stage: Stage) -> np.ndarray:
-    """[runs, h, w]: the brightness of pictures with different seeds."""
-    paths = PathPass(device_scene(stage.description), SIZE, SIZE)
-    view = View(stage.camera, stage.camera, stage.camera, SIZE, SIZE)
-    runs = []
-    for seed in range(RUNS):
-        runs.append(paths.render(view, frame_index=0, seed=seed, spp=SPP, max_depth=stage.depth).hdr)
-        assert paths.nonfinite == 0
-    return np.array(runs, np.float64).mean(axis=3)
+def slowly(names: Iterable[str]) -> list[object]:
+    """The stages as parameters; but for a few they are for the slow suite."""
+    return [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
-def mitsuba_runs(stage: Stage) -> np.ndarray:
-    mitsuba.set_variant("scalar_rgb")
-    scene = mitsuba_scene.scene(mitsuba, stage.description, stage.camera, SIZE, SIZE, max_depth=stage.depth, spp=SPP)
-    # It samples independently: more samples make up for it.
-    runs = [np.array(mitsuba.render(scene, spp=2 * SPP, seed=1000 + run)) for run in range(RUNS)]
-    return np.array(runs, np.float64).mean(axis=3)
-
-
-def difference(ours: np.ndarray, theirs: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
-    """How far the means over the runs are apart beyond a margin, and the degrees of freedom of that (Welch), both in
-    the shape of one run; in standard errors."""
-    variances = ours.var(axis=0, ddof=1) / len(ours), theirs.var(axis=0, ddof=1) / len(theirs)
-    gap = np.abs(ours.mean(axis=0) - theirs.mean(axis=0)) - margin * theirs.mean(axis=0)
-    total = variances[0] + variances[1]
-    freedom = np.maximum(total**2 / np.maximum(sum(v**2 / (RUNS - 1) for v in variances), 1e-300), 1.0)
-    return np.maximum(gap, 0.0) / np.sqrt(np.maximum(total, (1e-4 * theirs.mean()) ** 2)), freedom
-
-
-@pytest.mark.parametrize(
-    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in STAGES]
-)
+@pytest.mark.parametrize("name", slowly(STAGES))
 def test_means_agree(name: str) -> None:
     stage = STAGES[name]()
-    ours, theirs = our_runs(stage), mitsuba_runs(stage)
-    wholes = ours.mean(axis=(1, 2)), theirs.mean(axis=(1, 2))
-    z, freedom = difference(wholes[0], wholes[1], stage.margin)
-    assert np.hypot(wholes[0].std(), wholes[1].std()) / np.sqrt(RUNS) < 0.006 * theirs.mean()  # or z says nothing
-    assert 2.0 * stats.t.sf(z, freedom) > 0.001, (wholes[0].mean(), wholes[1].mean())
+    found = means(stage)
+    assert found.precision < 0.006  # or z says nothing
+    assert found.z < 3.3, found.ratio
+    assert found.differing <= stage.edges, np.argwhere(found.pixels > 4.4)
 
-    # Šidák: one false alarm in a hundred pictures.
-    z, freedom = difference(ours, theirs, stage.margin)
-    p = 2.0 * stats.t.sf(z, freedom)
-    assert (p < 1.0 - (1.0 - 0.01) ** (1.0 / p.size)).sum() <= stage.edges, np.argwhere(p < 1e-5)
+
+@pytest.mark.parametrize("name", slowly(name for name in STAGES if STAGES[name]().noise != "other"))
+def test_variances_agree(name: str) -> None:
+    """Where both sample alike, one path's variance is the same; where we sample better, it is less."""
+    stage = STAGES[name]()
+    found = variances(stage)
+    assert found.precision < 0.1  # most are at 0.01
+    if stage.noise == "less":
+        assert found.ratio < 1.0 + 2.0 * stage.margin + 3.3 * found.precision
+    else:
+        assert found.z < 3.3, found.ratio
+        assert found.differing <= stage.edges // 8, found.pixels.round(1)
+
+
+@pytest.mark.slow
+def test_what_moves_is_blurred_alike() -> None:
+    found = motion.agreement_of_pictures()
+    assert found.precision < 0.006
+    assert found.z < 3.3, found.ratio
+    assert found.differing <= 2, np.argwhere(found.pixels > 4.4)
+
+
+def test_differences_are_found() -> None:
+    """Noise of two sets that agree, and of some that do not."""
+    random = np.random.default_rng(2)
+
+    def pictures(mean: float = 1.0) -> np.ndarray:
+        return random.gamma(4.0, mean / 4.0, (64, 12, 12))
+
+    same = agreement(pictures(), pictures())
+    assert same.z < 3.3
+    assert same.differing == 0
+    assert same.pixels.mean() == pytest.approx(np.sqrt(2.0 / np.pi), abs=0.15)  # of half a normal distribution
+    assert agreement(pictures(), pictures(1.05)).z > 3.3
+    assert agreement(pictures(), pictures(1.05), margin=0.05).z < 3.3
+    one = pictures()
+    one[:, 3, 7] *= 2.0
+    assert agreement(one, pictures()).differing == 1
