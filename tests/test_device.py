@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from textwrap import TextWrapper
 
 import pytest
 
@@ -88,11 +87,3 @@ def test_vector_mode_is_left_again_even_after_an_error():
     with pytest.raises(KeyError):
         fail_inside()
     assert ti.cfg.real_matrix_scalarize == before
-
-
-@pytest.mark.parametrize(
-    "text", ["", "   ", "  a = b  ", "x" * 100, "\ta\tb", "word " * 40, "    ^^^^" + "^" * 90, "a\x0bb", "é ü"]
-)
-def test_short_lines_are_wrapped_as_ever(text):
-    for width in (10, 80):
-        assert device.ShortLines(width).wrap(text) == TextWrapper(width).wrap(text)

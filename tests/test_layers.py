@@ -48,8 +48,9 @@ MAY_IMPORT = {
     },
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
+    "tiscene.front_end": set(),
     "tiscene.launches": set(),
-    "tiscene.device": {"tiscene.errors", "tiscene.launches"},
+    "tiscene.device": {"tiscene.errors", "tiscene.front_end", "tiscene.launches"},
     "tiscene.camera": {"tiscene.errors"},
     "tiscene.scene": GROUND,
     "tiscene.render": SCENE,

@@ -1,19 +1,17 @@
 """Starts Taichi, once. No other module calls ``ti.init``: a second start would destroy every array."""
 
 import contextlib
-import functools
 import io
 from collections.abc import Iterator
-from textwrap import TextWrapper
 
 import taichi as ti
-from taichi.lang import kernel_impl
-from taichi.lang.ast import ast_transformer_utils
 
-from tiscene import launches
+from tiscene import front_end, launches
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
+
+front_end.use()  # now, since decorators of kernels gain by it too
 
 
 def running() -> str | None:
@@ -43,7 +41,6 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
             )
         return present
     wanted = arch or "cpu"
-    _read_sources_once()
     options = {"cpu_max_num_threads": threads} if threads else {}
     try:
         with contextlib.redirect_stdout(io.StringIO()):
@@ -59,30 +56,6 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     except RuntimeError as error:
         raise DeviceError(f"arch={wanted!r}: Taichi finds no such device here; use arch='cpu'") from error
     return wanted
-
-
-def _read_sources_once() -> None:
-    """Taichi reads a function's source again at each call of it in a kernel, and wraps its lines for each node of the
-    syntax tree, should an error have to show them: a third of the time before a kernel from its cache runs.
-    """
-    if ast_transformer_utils.TextWrapper is TextWrapper:
-        ast_transformer_utils.TextWrapper = ShortLines
-        kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
-
-
-class ShortLines(TextWrapper):
-    """Wraps as its base does, at once where a line is short."""
-
-    def wrap(self, text: str) -> list[str]:
-        if len(text) <= self.width and text.isprintable():
-            line = text.rstrip(" ")
-            return [line] if line else []
-        return _wrapped(text, self.width)
-
-
-@functools.lru_cache(maxsize=4096)
-def _wrapped(text: str, width: int) -> list[str]:
-    return TextWrapper(width).wrap(text)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,82 @@
+"""Kernels read in the quick way are those that Taichi reads: it finds them in its cache under the same names."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import taichi as ti
+
+from tiscene import front_end
+
+CODE = """
+import sys
+if sys.argv[1] == "own":
+    from tiscene import front_end
+    front_end.use = lambda: None
+import tiscene as ts
+print(ts.Stream("object_view", width=16, height=12, quality="fast", differential=False)[0].rgb.mean())
+"""
+
+
+@ti.func
+def twice(x):
+    return x + x
+
+
+@ti.func
+def power(x, exponent: ti.template()):
+    result = x
+    if ti.static(exponent > 1):
+        result = x * power(x, exponent - 1) + twice(0.0)
+    return result
+
+
+@ti.kernel
+def powers(values: ti.types.ndarray(ti.f32, 1)):
+    values[0] = power(values[0], 4)
+    values[1] = twice(twice(values[1])) + twice(values[1] * twice(1.0))
+
+
+@ti.kernel
+def wrong(values: ti.types.ndarray(ti.f32, 1)):
+    values[0] = twice(values[0])
+    values[1] = nothing(values[0])  # noqa: F821
+
+
+@pytest.mark.slow
+def test_the_kernels_are_taichi_s_own(tmp_path):
+    def cached(way):
+        environment = os.environ | {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path)}
+        done = subprocess.run([sys.executable, "-c", CODE, way], capture_output=True, text=True, env=environment)
+        assert done.returncode == 0, done.stderr
+        return done.stdout, {path.name for path in tmp_path.glob("*.tic")}
+
+    quick, own = cached("quick"), cached("own")
+    assert len(quick[1]) > 10
+    assert quick == own
+
+
+def test_a_function_within_itself_has_a_tree_of_its_own():
+    values = ti.ndarray(ti.f32, 2)
+    values[0], values[1] = 3.0, 5.0
+    powers(values)
+    assert values.to_numpy().tolist() == [81.0, 40.0]
+
+
+def test_errors_say_where():
+    with pytest.raises(ti.TaichiCompilationError) as caught:
+        wrong(ti.ndarray(ti.f32, 2))
+    assert f'File "{__file__}", line {wrong._primal.func.__code__.co_firstlineno + 3}, in wrong' in str(caught.value)
+    assert "    values[1] = nothing(values[0])  # noqa: F821\n                ^^^^^^^\n" in str(caught.value)
+
+
+def test_a_class_is_told_from_a_module():
+    def body(level=2):
+        return front_end._inside_class(level + 1)
+
+    class Inside:
+        found = body()
+
+    assert Inside.found
+    assert not body()
