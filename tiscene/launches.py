@@ -31,8 +31,9 @@ _own_way: Any = kernel_impl.Kernel.__call__
 
 @dataclass(eq=False)
 class _Compiled:
-    """A kernel for certain values of its templates and types of open arrays. contexts: arguments that were set for earlier
-    launches and are not in use, with what each slot had last: a number, a weak reference to a Taichi array, else None."""
+    """A kernel for certain values of its templates and types of open arrays. contexts: arguments that were set for
+    earlier launches and are not in use, with what each slot had last: a number, a weak reference to an array, else
+    None."""
 
     kernel: Any
     code: Any

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tiscene.render.film import GREY, meter, radiance_shown_as, tone_map
+from tiscene.render.film import GREY, INSET, OUTSET, curve, meter, radiance_shown_as, srgb_encoded, tone_map
 
 HUES = [(1, 1, 1), (1, 0.02, 0.02), (0.02, 1, 0.02), (0.02, 0.02, 1), (1, 0.5, 0.02), (0.02, 0.5, 1), (1, 0.02, 0.6)]
 
@@ -53,6 +53,17 @@ def test_exposure_is_in_stops() -> None:
 def test_what_is_no_number_is_black_and_infinity_white() -> None:
     image = np.array([[[np.nan] * 3, [np.inf] * 3, [-1.0] * 3]], np.float32)
     assert tone_map(image).tolist() == [[[0, 0, 0], [255, 255, 255], [0, 0, 0]]]
+
+
+def test_tables_show_what_the_formulas_do() -> None:
+    rng = np.random.default_rng(0)
+    image = (2.0 ** rng.uniform(-16.0, 8.0, (300, 100, 1)) * rng.uniform(0.0, 1.0, (300, 100, 3))).astype(np.float32)
+    scene = image.astype(np.float64)
+    scene = np.maximum(scene * (1.0 - INSET) + scene.sum(axis=-1, keepdims=True) * (INSET / 3.0), 1e-30)
+    display = np.maximum(curve(scene), 0.0) ** 2.2
+    display = (display - display.sum(axis=-1, keepdims=True) * (OUTSET / 3.0)) / (1.0 - OUTSET)
+    codes = 255.0 * srgb_encoded(np.clip(display, 0.0, 1.0))
+    assert np.abs(tone_map(image) - codes).max() < 0.504
 
 
 def test_metering_finds_grey() -> None:

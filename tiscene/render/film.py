@@ -6,6 +6,7 @@ grey (0.18) stays itself; black is 10 stops below it and white 6.5 above.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,6 @@ GREY = 0.18
 DARKEST, BRIGHTEST = -10.0, 6.5  # stops about grey
 CONTRAST = 0.165  # of the encoded value per stop, at grey; an sRGB screen without any curve has 0.145
 PIVOT = GREY ** (1.0 / 2.2)
-STOPS_PER_E = 1.0 / math.log(2.0)
 # How much of each channel is spread over all three before the curve, and taken back after it.
 INSET, OUTSET = 0.16, 0.13
 
@@ -34,28 +34,53 @@ TOE = _amplitude(-DARKEST, PIVOT)
 SHOULDER = _amplitude(BRIGHTEST, 1.0 - PIVOT)
 
 
-@ti.func
-def curve(value: ti.f32) -> ti.f32:
-    """Encoded display value (gamma 2.2) of a linear scene value."""
-    stops = ti.math.clamp(ti.log(ti.max(value, 1e-9) / GREY) * STOPS_PER_E, DARKEST, BRIGHTEST)
-    amplitude = SHOULDER if stops > 0.0 else TOE
-    x = stops * (CONTRAST / amplitude)
-    return PIVOT + amplitude * x / ti.sqrt(1.0 + x * x)
+def curve(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Encoded display values (gamma 2.2) of linear scene values."""
+    stops = np.clip(np.log2(values / GREY), DARKEST, BRIGHTEST)
+    amplitude = np.where(stops > 0.0, SHOULDER, TOE)
+    x = stops * CONTRAST / amplitude
+    encoded: NDArray[np.float64] = PIVOT + amplitude * x / np.sqrt(1.0 + x * x)
+    return encoded
+
+
+def srgb_encoded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """IEC 61966-2-1 of linear values in 0..1."""
+    return np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1.0 / 2.4) - 0.055)
+
+
+# Powers and logarithms are tables here, with so many values between a power of 2 and the next and straight lines from
+# one to the next: no code of 8 bits is wrong by more than 0.5025.
+STEPS_LOG2 = 7
+SCENE_FROM, SCENE_TO = -13, 5  # powers of 2 around what the curve tells apart
+DISPLAY_FROM, DISPLAY_TO = -9, 1  # below, sRGB is linear
+
+
+def _table(function: Callable[[NDArray[np.float64]], NDArray[np.float64]], first: int, end: int) -> NDArray[np.float32]:
+    steps = 1 << STEPS_LOG2
+    number = np.arange((end - first) * steps + 1)
+    return function((1.0 + number % steps / steps) * 2.0 ** (first + number // steps)).astype(np.float32)
+
+
+DISPLAY_OF_SCENE = _table(lambda values: np.maximum(curve(values), 0.0) ** 2.2, SCENE_FROM, SCENE_TO)
+CODE_OF_DISPLAY = _table(lambda values: 255.0 * srgb_encoded(values), DISPLAY_FROM, DISPLAY_TO)
 
 
 @ti.func
-def srgb_encoded(value: ti.f32) -> ti.f32:
-    """IEC 61966-2-1 of a linear value in 0..1."""
-    result = 12.92 * value
-    if value > 0.0031308:
-        result = 1.055 * value ** (1.0 / 2.4) - 0.055
-    return result
+def looked_up(table: ti.template(), first: ti.template(), value: ti.f32) -> ti.f32:
+    """Between the values of a table that begins at 2 ** first. A float's bits count the steps: exponent, then part."""
+    below = 23 - STEPS_LOG2
+    bits = ti.bit_cast(value, ti.i32) - ((127 + first) << 23)
+    row = bits >> below
+    part = ti.cast(bits & ((1 << below) - 1), ti.f32) * (1.0 / (1 << below))
+    return table[row] + part * (table[row + 1] - table[row])
 
 
 @ti.kernel
 def _tone_map(
     hdr: ti.types.ndarray(dtype=ti.f32, ndim=3),
     gain: ti.f32,
+    display_of_scene: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    code_of_display: ti.types.ndarray(dtype=ti.f32, ndim=1),
     rgb: ti.types.ndarray(dtype=ti.u8, ndim=3),
 ):
     for y, x in ti.ndrange(hdr.shape[0], hdr.shape[1]):
@@ -67,17 +92,23 @@ def _tone_map(
         scene = scene * (1.0 - INSET) + scene.sum() * (INSET / 3.0)
         display = vec3(0.0)
         for c in ti.static(range(3)):
-            display[c] = ti.max(curve(scene[c]), 0.0) ** 2.2
+            told_apart = ti.math.clamp(scene[c], 2.0**SCENE_FROM, 0.99 * 2.0**SCENE_TO)
+            display[c] = looked_up(display_of_scene, SCENE_FROM, told_apart)
         # The inverse of an inset by OUTSET.
         display = (display - display.sum() * (OUTSET / 3.0)) * (1.0 / (1.0 - OUTSET))
         for c in ti.static(range(3)):
-            rgb[y, x, c] = ti.cast(srgb_encoded(ti.math.clamp(display[c], 0.0, 1.0)) * 255.0 + 0.5, ti.u8)
+            shown = ti.min(display[c], 1.0)
+            code = 255.0 * 12.92 * ti.max(shown, 0.0)
+            if shown > 2.0**DISPLAY_FROM:
+                code = looked_up(code_of_display, DISPLAY_FROM, shown)
+            rgb[y, x, c] = ti.cast(code + 0.5, ti.u8)
 
 
 def tone_map(hdr: NDArray[np.float32], exposure: float = 0.0) -> NDArray[np.uint8]:
     """uint8 [h, w, 3], sRGB, of float32 radiance [h, w, 3]. exposure: stops; radiance is multiplied by 2**exposure."""
     rgb = np.empty(hdr.shape, np.uint8)
-    _tone_map(np.ascontiguousarray(hdr, np.float32), float(2.0**exposure), rgb)
+    tables = DISPLAY_OF_SCENE, CODE_OF_DISPLAY
+    _tone_map(np.ascontiguousarray(hdr, np.float32), float(2.0**exposure), *tables, rgb)
     return rgb
 
 
