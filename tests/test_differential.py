@@ -14,7 +14,8 @@ from tests.render.test_replay import check_equal_means
 from tests.test_stream import moving_scenario
 from tiscene.differential import moving
 from tiscene.render.integrators.replay import ReplayPass
-from tiscene.scene.description import SphereLight
+from tiscene.scene.description import DistantLight, SphereLight
+from tiscene.scene.light_groups import LightGroups, shine, shining
 
 SMALL = {"width": 32, "height": 24, "spp": 2, "max_depth": 3, "buffers": ("hdr",)}
 
@@ -96,14 +97,59 @@ def test_what_is_made_is_reported() -> None:
     assert len(said) == 3
 
 
+PULSE = ts.LightMotion("KeyLight", times=(0.0, 0.4), intensity=(0.0, 2.0), color=((1, 1, 1), (1, 0.5, 0)), repeat=True)
+
+
+def test_a_lamp_that_pulses_is_traced_once(prepared: list[int]) -> None:
+    """Its base and its paths serve all frames; the pictures are those of path tracing."""
+    said: list[str] = []
+    scenario = replace(moving_scenario(), lights=[PULSE])
+
+    def pictures(way: bool, spp: int, frame: int) -> NDArray[np.float32]:
+        settings = {**SMALL, "spp": spp, "differential": way, "report": lambda doing, done: said.append(doing)}
+        return np.stack([ts.Stream(scenario, **settings, seed=seed)[frame].hdr for seed in range(6)])
+
+    for frame in (6, 9):
+        check_equal_means(pictures(True, 4, frame), pictures(False, 32, frame))
+    stream = ts.Stream(scenario, **SMALL, report=lambda doing, done: said.append(doing))
+    dark, bright = stream[0].hdr, stream[9].hdr
+    assert (bright - dark).max() > 0.1
+    said.clear()
+    stream[4]
+    assert not said
+    assert (stream[0].hdr == dark).all()
+
+
+def test_a_lamp_dimmed_by_hand_is_a_factor(prepared: list[int]) -> None:
+    """Also where nothing moves."""
+    said: list[str] = []
+    scenario = replace(moving_scenario(), objects=[ts.Object("rests", "Sphere")])
+    stream = ts.Stream(scenario, **SMALL, report=lambda doing, done: said.append(doing))
+    row = next(row for row, light in enumerate(stream.world.stage.lights) if isinstance(light, DistantLight))
+    lamp = stream.world.stage.lights[row]
+    pictures = []
+    for factor in (1.0, 0.0, 0.5, 3.0):
+        stream.relight(row, shining(lamp, tuple(factor * each for each in shine(lamp))))
+        pictures.append(stream[5].hdr)
+        if factor == 1.0:
+            made = len(said)
+    assert len(said) == made
+    assert len(prepared) == 4
+    own, dark, half, triple = pictures
+    np.testing.assert_allclose(half, 0.5 * (own + dark), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(triple, 3.0 * own - 2.0 * dark, rtol=1e-4, atol=1e-5)
+    assert (own - dark).max() > 0.1
+
+
 def test_lamps_that_change_leave_no_base() -> None:
     """A frame counts if its lights are those of frames 0 and 1, compared by value."""
 
     def world(radiance: list[float]) -> SimpleNamespace:
         lights = [[SphereLight("l", "/l", np.eye(4), (value, 1.0, 1.0), 0.1)] for value in radiance]
-        first = tuple(map(tuple, lights[:2]))
+        groups = [LightGroups(((0, light),), (0,), np.ones((1, 3), np.float32)) for (light,) in lights]
         moves = lambda frame: np.array([False, frame != 4])  # noqa: E731
-        return SimpleNamespace(lights=lights.__getitem__, lights_change=True, first_lights=first, moving=moves)
+        first = tuple(groups[:2])
+        return SimpleNamespace(light_groups=groups.__getitem__, lights_change=True, first_lights=first, moving=moves)
 
     steady, swinging, late = world([1.0] * 5), world([1.0, 2.0, 1.0]), world([1.0, 1.0, 1.0, 2.0])
     assert moving(steady, 3).tolist() == [False, True]  # type: ignore[arg-type, union-attr]

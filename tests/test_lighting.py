@@ -1,5 +1,7 @@
 """Lights that move and change, lights that objects carry, and several cameras: in a world made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,32 @@ def test_colour_and_intensity_are_keyframes():
     assert made.lights(20)[0].radiance == made.lights(60)[0].radiance == pytest.approx((8, 4, 4))
     same, other = made.placement(30).lights, made.placement(40).lights
     assert same[1][1] is other[1][1], "what has not changed is the same light, not an equal one"
+
+
+def test_brightness_is_told_apart():
+    """Lights that change alike are one group, at their brightest; where they are and what they are never changes."""
+    fade = {"times": (0.0, 2.0), "intensity": (0.5, 4.0), "color": ((1, 1, 1), (0, 1, 1))}
+    made = world(lights=[ts.LightMotion("Panel", **fade), ts.LightMotion("Bulb", **fade)])
+    groups = [made.placement(k).light_groups for k in (0, 10, 20)]
+    assert all(each.lights == groups[0].lights and each.group == (1, 1) for each in groups)
+    assert [light.radiance for _, light in groups[0].lights] == [(32.0, 32.0, 32.0), (8.0, 16.0, 24.0)]
+    wanted = [(0.125, 0.125, 0.125), (0.28125, 0.5625, 0.5625), (0.0, 1.0, 1.0)]
+    np.testing.assert_allclose([each.factors[1] for each in groups], wanted)
+    apart = world(lights=[ts.LightMotion("Panel", **fade), ts.LightMotion("Bulb", dynamic=ts.Orbit(period=1.0))])
+    assert [each.group for each in map(apart.light_groups, (0, 5))] == [(0, 1), (0, 1)]
+    assert apart.light_groups(0).lights[0] != apart.light_groups(5).lights[0]
+    assert world().light_groups(4).group == (0, 0)
+
+
+def test_a_light_that_is_changed_by_hand_is_a_group_of_its_own():
+    made = world()
+    bulb = STAGE.lights[0]
+    made.relight(0, replace(bulb, radiance=(2.0, 4.0, 16.0)))
+    groups = made.placement(7).light_groups
+    assert groups.group == (1, 0)
+    assert groups.lights[0][1].radiance == bulb.radiance
+    np.testing.assert_allclose(groups.factors[1], (0.25, 0.5, 2.0))
+    assert made.lights(7)[0].radiance == (2.0, 4.0, 16.0)
 
 
 def test_radiance_takes_the_place_of_the_lights_own():

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tiscene.camera import Camera
 from tiscene.render.base_image import digest_of
-from tiscene.scene.description import Light
+from tiscene.scene.light_groups import LightGroups
 from tiscene.world import World
 
 # An image of what never moves takes as long as some 20 frames.
@@ -27,18 +27,22 @@ def is_fixed(world: World, camera: Camera) -> bool:
 
 
 def moving(world: World, frame: int) -> NDArray[np.bool_] | None:
-    """Which of the instances at a frame move; None if nothing does, or if the lights are not those of frame 0.
+    """Which of the instances at a frame move; None if nothing changes, or if the lights are not those of frame 0 but
+    for their brightness.
 
     One frame at which a lamp that moves stands as at the start counts for nothing: frame 1 must be like it too.
     """
+    dimmed = False
     if world.lights_change:
-        now = digest_of(world.lights(frame))
-        if any(now != then for then in _digests(world.first_lights)):
+        lights = world.light_groups(frame)
+        now, dimmed = _digest(lights), len(lights.factors) > 1
+        if any(now != _digest(then) for then in world.first_lights):
             return None
     instances = world.moving(frame)
-    return instances if instances.any() else None
+    return instances if dimmed or instances.any() else None
 
 
 @functools.lru_cache(maxsize=8)
-def _digests(frames: tuple[tuple[Light, ...], ...]) -> list[bytes]:
-    return [digest_of(lights) for lights in frames]
+def _digest(groups: LightGroups) -> bytes:
+    """Of the lights but for how bright they are."""
+    return digest_of([groups.lights, groups.group])

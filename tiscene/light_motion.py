@@ -81,6 +81,16 @@ class LightMotion:
         r, g, b = radiance.tolist()
         return (r, g, b)
 
+    def brightest(self, own: Color) -> Color:
+        """The most that `shines` ever gives of each colour, or more than that."""
+        radiance = np.max(self.radiance, axis=0) if self.radiance else np.asarray(own, np.float64)
+        if self.color:
+            radiance = radiance * np.max(self.color, axis=0)
+        if self.intensity:
+            radiance = radiance * max(self.intensity)
+        r, g, b = radiance.tolist()
+        return (r, g, b)
+
     def _at(self, time: float, colors: Sequence[Color]) -> NDArray[np.float64]:
         values: Any = [np.interp(time, self.times, channel) for channel in zip(*colors, strict=True)]
         return np.array(values)

@@ -12,9 +12,15 @@ from numpy.typing import NDArray
 from tiscene.camera import quaternion_from_matrix
 from tiscene.errors import LightNotFound
 from tiscene.light_motion import Color, LightMotion
-from tiscene.scene.description import DistantLight, Light, SceneDescription
+from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.light_groups import LightGroups, shine, shining
 
 Array = NDArray[np.float64]
+# Where the brightness of lights changes in so many ways, there are no groups: a picture of each would have to be made.
+TOO_MANY_GROUPS = 8
+
+
+_NOW, _BRIGHTEST = -1, -2  # instead of an object's row: of a light of the stage
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,20 @@ class Lighting:
         self.stage = stage
         self.motions = [_row(stage, motion.light) for motion in motions]
         self._motions = dict(zip(self.motions, motions, strict=True))
+        self._rows = {light.prim_path: row for row, light in enumerate(stage.lights)}
+        self._relit: dict[int, Light] = {}
         self._known: dict[tuple[int, int, int], tuple[bytes, Light]] = {}
+
+    @property
+    def relit(self) -> bool:
+        """Whether `relight` was called."""
+        return bool(self._relit)
+
+    def relight(self, row: int, light: Light) -> None:
+        """Another light of the same kind takes the place of the stage's in that row."""
+        self._relit[row] = light
+        for key in ((_NOW, 0, row), (_BRIGHTEST, 0, row)):
+            self._known.pop(key, None)
 
     def poses(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
         """Where the lights that have motions stand on the stage: positions and quaternions."""
@@ -60,44 +79,63 @@ class Lighting:
         """
         result = []
         moved = dict(zip(self.motions, matrices, strict=True))
-        for row, light in enumerate(self.stage.lights):
+        for row, authored in enumerate(self.stage.lights):
+            light = self._relit.get(row, authored)
             by = thing(light.prim_path)
             if by is None:
                 continue
             motion = self._motions.get(row)
-            pose, shines = by @ light.world_from_light, _own(light)
+            pose, shines = by @ light.world_from_light, shine(light)
             if motion is not None:
                 pose = pose if motion.dynamic is None else moved[row]
                 shines = motion.shines(time, shines)
-            result.append((0, self._settled((-1, 0, row), light, pose, shines)))
+            result.append((0, self._settled((_NOW, 0, row), light, pose, shines)))
         for number, each in enumerate(carried):
             where = objects[each.object]
             if where is not None:
                 key = each.object, each.description, number
                 pose = where @ each.light.world_from_light
-                result.append((each.description, self._settled(key, each.light, pose, _own(each.light))))
+                result.append((each.description, self._settled(key, each.light, pose, shine(each.light))))
         return tuple(result)
+
+    def groups(self, lights: Sequence[tuple[int, Light]]) -> LightGroups:
+        """What `at` gave, in groups that change their brightness together; in one, as it is, if there are too many."""
+        numbers: dict[Any, int] = {}
+        steady, group, factors = [], [], []
+        for description, light in lights:
+            row = self._rows.get(light.prim_path, -1) if description == 0 else -1
+            motion = self._motions.get(row)
+            number, now, most = 0, shine(light), shine(light)
+            if row in self._relit or (motion is not None and motion.times):
+                way: Any = row
+                most = shine(self.stage.lights[row])
+                if motion is not None and motion.times:
+                    most = motion.brightest(most)
+                    if row not in self._relit:
+                        way = motion.times, motion.intensity, motion.color, motion.radiance, motion.repeat
+                r, g, b = (b if b > 0.0 else a for a, b in zip(now, most, strict=True))
+                most = r, g, b
+                number = numbers.setdefault(way, len(numbers) + 1)
+                light = self._settled((_BRIGHTEST, 0, row), light, light.world_from_light, most)
+            steady.append((description, light))
+            group.append(number)
+            factors.append([a / b if b > 0.0 else 0.0 for a, b in zip(now, most, strict=True)])
+        if len(numbers) >= TOO_MANY_GROUPS:
+            return LightGroups(tuple(lights), (0,) * len(lights), np.ones((1, 3), np.float32))
+        of_groups = np.zeros((len(numbers) + 1, 3), np.float32)
+        np.maximum.at(of_groups, group, np.array(factors, np.float32))
+        of_groups[0] = 1.0
+        return LightGroups(tuple(steady), tuple(group), of_groups)
 
     def _settled(self, key: tuple[int, int, int], light: Light, pose: Array, shines: Color) -> Light:
         """The light with a pose and a radiance: the same object as the last time if nothing is new."""
-        if np.array_equal(pose, light.world_from_light) and shines == _own(light):
+        if np.array_equal(pose, light.world_from_light) and shines == shine(light):
             return light
         state = pose.tobytes() + np.array(shines).tobytes()
         known = self._known.get(key)
         if known is None or known[0] != state:
-            emission: dict[str, Any] = {_emission(light): shines}
-            known = self._known[key] = state, replace(light, world_from_light=pose, **emission)
+            known = self._known[key] = state, shining(replace(light, world_from_light=pose), shines)
         return known[1]
-
-
-def _emission(light: Light) -> str:
-    """The field that says how much a light shines."""
-    return "irradiance" if isinstance(light, DistantLight) else "radiance"
-
-
-def _own(light: Light) -> Color:
-    color: Color = getattr(light, _emission(light))
-    return color
 
 
 def _row(stage: SceneDescription, name: str) -> int:

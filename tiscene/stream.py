@@ -22,7 +22,8 @@ from tiscene.errors import ArgumentError
 from tiscene.frame import Frame, FrameCamera
 from tiscene.frame_range import FrameRange
 from tiscene.render.aovs import COLORS
-from tiscene.render.integrators.replay import CACHE_BYTES, Report
+from tiscene.render.integrators.replay import CACHE_BYTES
+from tiscene.render.integrators.replay_base import Report
 from tiscene.render.measure import Measurer
 from tiscene.render.renderer import Quality, Renderer, quality_named
 from tiscene.render.view import View
@@ -41,6 +42,7 @@ from tiscene.world import World
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 MAX_SIZE = 16384
 MAX_RENDERERS = 4  # sizes of pictures whose arrays are kept
+ON_DEVICE = ("world", "_scene", "_measurer", "_loaded", "_renderers")
 
 
 class Stream(Iterator[Frame]):
@@ -134,7 +136,7 @@ class Stream(Iterator[Frame]):
         self.variants = dict(variants or {})
         self.taxonomy = taxonomy
 
-        stage = read_stage(
+        self._stage = read_stage(
             catalog.find_scene(scenario.scene),
             time_code=time_code,
             variants=self.variants,
@@ -143,8 +145,6 @@ class Stream(Iterator[Frame]):
             root=root,
             untrusted=untrusted,
         )
-
-        self._stage = stage
         self.arch = device.start(arch)
         self.restart(scenario)
 
@@ -164,10 +164,21 @@ class Stream(Iterator[Frame]):
         self._scene = DeviceScene()
         self._measurer = Measurer(self._scene)
         self._loaded = 0  # how many of the world's descriptions are on the device
-        self._relit = False
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._exposure = self.world.camera.exposure
         self._position = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For worker processes: all but what is on the device, which is put there anew, and but who is told of it."""
+        kept = {name: value for name, value in vars(self).items() if name not in ON_DEVICE}
+        return kept | {"_report": Waiting(), "scenario": self.scenario}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        scenario, position = state.pop("scenario"), state["_position"]
+        vars(self).update(state)
+        device.start(self.arch)
+        self.restart(scenario)
+        self.seek(position)
 
     @property
     def scenario(self) -> Scenario:
@@ -309,6 +320,7 @@ class Stream(Iterator[Frame]):
         stream's own frames are, if the camera is that of its frame 0. camera_at: where it is by so many frames from the
         index, while its shutter is open; None: it goes straight from one camera of the view to the next.
         """
+        device.check_process()
         seen = None
         if not COLORS.isdisjoint(buffers):
             numbers = {"spp": self.quality.spp, "seed": self.seed}
@@ -327,7 +339,7 @@ class Stream(Iterator[Frame]):
             frame_index=index,
             seed=self.seed,
             exposure=exposure,
-            moving=moving(self.world, index) if differential and not self._relit and seen is None else None,
+            moving=moving(self.world, index) if differential and seen is None else None,
             moments=seen or (),
         )
         return Frame(
@@ -369,9 +381,7 @@ class Stream(Iterator[Frame]):
 
         What `world` edits is replayed; this is not: it is no part of the scenario.
         """
-        self._relit = True
-        self._placement(0)
-        self._scene.lights.replace(row, light)
+        self.world.relight(row, light)
 
     def _placement(self, index: int) -> Placement:
         """Where everything is; what the world has loaded since the last time goes to the device first."""

@@ -27,6 +27,7 @@ from tiscene.lighting import Lighting
 from tiscene.motion import Motion, Setting
 from tiscene.scenario import Frustum, Object, Scenario
 from tiscene.scene.description import Light, SceneDescription, Template
+from tiscene.scene.light_groups import LightGroups
 from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import Placement
 from tiscene.stage_things import StageThings, matrix
@@ -76,7 +77,7 @@ class World:
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two of them have one name")
         self.next_frame = 0
-        self._first_lights: tuple[tuple[Light, ...], ...] | None = None
+        self._first_lights: tuple[LightGroups, LightGroups] | None = None
         self._aspect = aspect
         self._inventory = Inventory(stage, load_template)
         self._lives = self._log.lives
@@ -161,20 +162,31 @@ class World:
                 alive = [life.alive(max(frame + step, 0), known=frame) for life in self._lives]
                 present[time, count:] = np.array(alive)[inventory.owner] & inner[time][1]
         lights = self._lights(frame, shift)
+        groups = None if lights is None else self._lighting.groups(lights)
         ids = instance_id.copy(), category_id.copy()
-        return Placement(mesh.copy(), *ids, world, box.copy(), present, lights, part.copy(), seconds)
+        return Placement(mesh.copy(), *ids, world, box.copy(), present, lights, part.copy(), seconds, groups)
 
     def lights(self, frame: int) -> list[Light]:
         """The lights at `frame`: where they are, and how they shine."""
         lights = self._lights(_frame_number(frame))
         return list(self.stage.lights) if lights is None else [light for _, light in lights]
 
+    def light_groups(self, frame: int) -> LightGroups:
+        """The lights at `frame`, how bright they are told apart."""
+        lights = self._lights(_frame_number(frame))
+        return self._lighting.groups(tuple((0, light) for light in self.stage.lights) if lights is None else lights)
+
     @property
-    def first_lights(self) -> tuple[tuple[Light, ...], ...]:
+    def first_lights(self) -> tuple[LightGroups, LightGroups]:
         """Those at frames 0 and 1: the same object until an edit changes them."""
         if self._first_lights is None:
-            self._first_lights = tuple(self.lights(0)), tuple(self.lights(1))
+            self._first_lights = self.light_groups(0), self.light_groups(1)
         return self._first_lights
+
+    def relight(self, row: int, light: Light) -> None:
+        """See `Stream.relight`: no part of the scenario."""
+        self._lighting.relight(row, light)
+        self._first_lights = None
 
     def _lights(self, frame: int, shift: Fraction = NOW) -> tuple[tuple[int, Light], ...] | None:
         """Each with the row of its description; None if they are the stage's as it was read, always."""
@@ -182,28 +194,21 @@ class World:
             return None
         carried = self._inventory.carried
         poses = self._motion.between(frame, shift)
-        first = len(self._lives) + len(self.cameras)
         objects: list[Array | None] = [None] * len(self._lives)
         for row in {each.object for each in carried}:
             if self._lives[row].alive(frame, known=frame):
                 objects[row] = matrix(poses[row])
-        matrices = np.array([matrix(pose) for pose in poses[first:]]).reshape(-1, 4, 4)
-        return self._lighting.at(
-            max(float(frame + shift), 0.0) / self.fps,
-            matrices,
-            lambda path: self._things.carries(path, frame),
-            carried,
-            objects,
-        )
+        matrices = np.array([matrix(pose) for pose in poses[len(self._lives) + len(self.cameras) :]]).reshape(-1, 4, 4)
+        time = max(float(frame + shift), 0.0) / self.fps
+        return self._lighting.at(time, matrices, lambda path: self._things.carries(path, frame), carried, objects)
 
     @property
     def lights_change(self) -> bool:
         """Whether any light may move, come, go or shine otherwise, at some frame."""
-        return bool(self._asked.lights or self._inventory.carried or self._things.lives)
+        return bool(self._asked.lights or self._inventory.carried or self._things.lives or self._lighting.relit)
 
     def moving(self, frame: int) -> NDArray[np.bool_]:
-        """Of every mesh of the placement at `frame`, whether it ever moves, deforms, comes or goes, as far as is known
-        then."""
+        """Of every mesh of the placement at `frame`, whether it is known then to move, deform, come or go ever."""
         frame = _frame_number(frame)
         still, mesh = self._inventory.columns[:2]
         moving = np.zeros(len(mesh), bool)

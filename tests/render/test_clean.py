@@ -9,7 +9,8 @@ import pytest
 
 from tiscene.render.clean import Cleaner
 from tiscene.render.denoise import denoise
-from tiscene.render.integrators.replay import Base, ReplayImage
+from tiscene.render.integrators.replay import ReplayImage
+from tiscene.render.integrators.replay_base import Base
 
 HEIGHT, WIDTH = 48, 64
 
@@ -25,19 +26,19 @@ def noisy_base() -> Base:
 
 def difference(base: Base, change: float = 0.0) -> ReplayImage:
     """What came into the right half, if anything."""
-    radiance, albedo, normal = base.parts
+    radiance, albedo, normal = base.parts()
     unmoved = np.ones((HEIGHT, WIDTH, 1), np.float32)
     if change:
         radiance[:, WIDTH // 2 :] += change
         unmoved[:, WIDTH // 2 :] = 0.0
-    return ReplayImage(radiance, albedo, normal, radiance, base, unmoved)
+    return ReplayImage(radiance, albedo, normal, radiance, base, np.ones((1, 3), np.float32), unmoved)
 
 
 @pytest.mark.parametrize("reduction", [1, 2])
 def test_where_nothing_changed_the_base_shows_at_its_best(reduction: int) -> None:
     base = noisy_base()
     shown = Cleaner("fast", reduction, True).difference(difference(base))
-    np.testing.assert_allclose(shown, denoise(*base.parts, "high"), atol=1e-5)
+    np.testing.assert_allclose(shown, denoise(*base.parts(), "high"), atol=1e-5)
     assert len(base.kept) == 1
 
 

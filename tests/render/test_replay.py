@@ -16,11 +16,14 @@ from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, desc
 from tiscene.camera import Camera
 from tiscene.render.integrators.path import PathImage, PathPass
 from tiscene.render.integrators.replay import CACHE_FRAME, ReplayPass, grouped
+from tiscene.render.integrators.replay_lights import BaseLights
+from tiscene.render.integrators.replay_record import light_column
 from tiscene.render.integrators.replay_spikes import evened
 from tiscene.render.view import View
 from tiscene.scene.description import DistantLight, DomeLight, Light, Material, RectLight, SphereLight
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.light_groups import LightGroups, shine, shining
 from tiscene.scene.placement import CURRENT, Placement
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -33,6 +36,10 @@ LIGHTS: dict[str, list[Light]] = {
         DomeLight("sky", "/sky", np.eye(4), (0.5, 0.6, 0.9)),
         SphereLight("bulb", "/bulb", towards((0.5, 0.6, 0.2), (0.0, -1.0, 0.0)), (30.0, 20.0, 10.0), 0.1),
         DistantLight("sun", "/sun", towards((0.0, 0.0, 0.0), (0.2, -0.4, -1.0)), (2.0, 2.0, 2.0), 0.01),
+    ],
+    "shadowless": [
+        replace(LAMP, casts_shadows=False),
+        SphereLight("l", "/l", towards((0.5, 0.6, 0.2), (0.0, -1.0, 0.0)), (3.0, 3.0, 3.0), 0.1),
     ],
     "point": [SphereLight("l", "/l", towards((0.0, 0.9, 0.3), (0.0, -1.0, 0.0)), (3.0, 3.0, 3.0), 0.0)],
 }
@@ -60,11 +67,13 @@ class Box:
             meshes.append(quad((-0.9, -0.9, 0.6), (-0.2, -0.9, 0.6), (-0.2, 0.6, 0.3), (-0.9, 0.6, 0.3), material=5))
         standing = len(meshes)
         meshes += [ball((0, 0, 0), 0.2, material=3, subdivisions=3), ball((0, 0, 0), 0.15, material=4, subdivisions=1)]
-        scene = described(meshes, [*materials, mover, BLUE, wall or BLUE], LIGHTS[lights])
+        self.lights = LIGHTS[lights]
+        scene = described(meshes, [*materials, mover, BLUE, wall or BLUE], self.lights)
         self.device = DeviceScene()
         self.device.add(scene)
         self.placed = still(scene)
         self.moving = np.arange(len(meshes)) >= standing
+        self.groups: LightGroups | None = None
         self.view = View(camera, camera, camera, *SIZE)
         self.passes = ReplayPass(self.device, *SIZE)
 
@@ -75,7 +84,19 @@ class Box:
             present[:, row] = number < len(positions)
             if number < len(positions):
                 matrices[:, row, :, 3] = positions[number]
-        return replace(self.placed, world_from_object=matrices, present=present)
+        groups, lights = self.groups, None
+        if groups is not None:
+            lights = tuple(
+                (row, shining(light, tuple(groups.factors[number] * shine(light))))  # type: ignore[arg-type]
+                for (row, light), number in zip(groups.lights, groups.group, strict=True)
+            )
+        return replace(self.placed, world_from_object=matrices, present=present, lights=lights, light_groups=groups)
+
+    def dim(self, *factors: tuple[float, float, float]) -> None:
+        """Each light by factors of its own, the last ones not."""
+        lights = tuple((0, light) for light in self.lights)
+        group = tuple(number + 1 if number < len(factors) else 0 for number in range(len(lights)))
+        self.groups = LightGroups(lights, group, np.array([(1.0, 1.0, 1.0), *factors], np.float32))
 
     def replay(self, *positions: tuple[float, float, float], base_spp: int = 16, seed: int = 1) -> PathImage:
         self.passes.prepare(self.view, self.at(*positions), self.moving, seed=seed, base_spp=base_spp, **QUALITY)
@@ -88,14 +109,21 @@ class Box:
         lights = self.device.lights
         stands = [number for number, each in enumerate(lights._meshes) if not self.moving[each[0]]]
         lights.place_meshes([lights._meshes[number] for number in stands], lights._places[stands])
-        paths = PathPass(self.device, *SIZE)
-        return paths.render(self.view, frame_index=frame, seed=1, spp=spp, max_depth=QUALITY["max_depth"])
+        paths, scene = PathPass(self.device, *SIZE), None
+        if self.groups is not None:  # lights are chosen as if they were at their brightest
+            lights.place([light for _, light in self.groups.lights], [0] * len(self.lights))
+            scene = paths.scene_arrays(BaseLights(self.device, self.groups).shining(self.groups.factors))
+        return paths.render(self.view, frame_index=frame, seed=1, spp=spp, max_depth=QUALITY["max_depth"], scene=scene)
 
     def replayed_mean(self) -> NDArray[np.float32]:
         """[h, w, 9]: mean of the kept paths and what changed of it, in the last picture."""
         base, scratch = next(reversed(self.passes._bases.values())), self.passes._scratch
         assert scratch is not None
-        total = base.cache.mean.to_numpy() + scratch.change.to_numpy()
+        mean = base.cache.mean.to_numpy()
+        if self.groups is not None:
+            for group, factor in enumerate(self.groups.factors[1:], 1):
+                mean[:, :3] += factor * mean[:, light_column(group) : light_column(group) + 3]
+        total = mean[:, : light_column(1)] + scratch.change.to_numpy()
         return total.reshape(SIZE[1], SIZE[0], 9)
 
 
@@ -120,6 +148,36 @@ def test_every_path_is_the_one_that_tracing_would_give(mover: str, others: dict[
     scene = Box(MOVERS[mover], **others)  # type: ignore[arg-type]
     scene.replay(*AT)
     np.testing.assert_allclose(scene.replayed_mean(), stacked(scene.trace(*AT)), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("mover", ["matte", "glass", "glowing"])
+@pytest.mark.parametrize("wall", [MIRROR, LACE, GLOWING], ids=lambda wall: wall.name)
+def test_every_path_is_the_one_that_tracing_would_give_under_lamps_that_change(mover: str, wall: Material) -> None:
+    """Sky, bulb and sun by factors of their own; a shadowless lamp, too, whose light comes with a path's segments."""
+    for lights, factors in (
+        ("sky and bulb", [(0.2, 0.5, 1.5), (0.0, 0.0, 0.0), (2.0, 0.0, 1.0)]),
+        ("sky and bulb", [(0.3, 1.0, 1.0)]),
+        ("shadowless", [(0.2, 0.5, 1.5)]),
+    ):
+        scene = Box(MOVERS[mover], wall=wall, lights=lights)
+        scene.dim(*factors)
+        scene.replay(*AT)
+        np.testing.assert_allclose(
+            scene.replayed_mean()[..., :3], scene.trace(*AT).hdr, rtol=1e-4, atol=1e-4, err_msg=lights
+        )
+
+
+def test_light_adds_up() -> None:
+    """Changed brightness makes no new base, and each group's picture is a part of what is seen."""
+    scene = Box(lights="sky and bulb")
+    pictures = []
+    for factors in ((1.0, 0.0), (0.0, 1.0), (0.25, 2.0), (0.0, 0.0)):
+        scene.dim(*((factor, factor, factor) for factor in factors))
+        pictures.append(scene.replay(*AT, base_spp=4).hdr)
+    sky, bulb, both, sun = pictures
+    assert len(scene.passes._bases) == 1
+    np.testing.assert_allclose(both, 0.25 * (sky - sun) + 2.0 * (bulb - sun) + sun, rtol=1e-4, atol=1e-4)
+    assert (sky.mean(), bulb.mean()) > (1.2 * sun.mean(), 1.2 * sun.mean())
 
 
 def test_a_difference_pays_where_most_paths_are_left_alone() -> None:

@@ -5,7 +5,9 @@ Minutes each.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,6 +57,57 @@ def near_the_lamp() -> ts.Scenario:
     return living_room(0, before, window)
 
 
+GLASS_BALL = """#usda 1.0
+(
+    defaultPrim = "Ball"
+    metersPerUnit = 1
+    upAxis = "Y"
+)
+def Xform "Ball"
+{
+    def Sphere "Shape" (
+        prepend apiSchemas = ["MaterialBindingAPI"]
+    )
+    {
+        double radius = 0.3
+        rel material:binding = </Ball/Glass>
+    }
+    def Material "Glass"
+    {
+        token outputs:surface.connect = </Ball/Glass/Surface.outputs:surface>
+        def Shader "Surface"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            float inputs:opacity = 0
+            float inputs:roughness = 0
+            float inputs:ior = 1.5
+            token outputs:surface
+        }
+    }
+}
+"""
+
+
+def glass_ball(folder: Path) -> ts.Scenario:
+    """A ball of clear glass before the window, and the demo's chair seen through it now and then."""
+    file = folder / "glass_ball.usda"
+    file.write_text(GLASS_BALL)
+    orbit = ts.Orbit((-0.6, 1.1, -2.2), 3.0)
+    return living_room(1, ts.Object("glass", str(file), (-0.3, 1.1, -2.2), dynamic=orbit, collide=False))
+
+
+def changing_lamps() -> ts.Scenario:
+    """The floor lamp dims and turns red, the pendant goes out, the sun fades, each in its own way."""
+    return replace(
+        living_room(),
+        lights=[
+            ts.LightMotion("FloorLampLight", times=(0.0, 1.0), color=((1.0, 1.0, 1.0), (1.0, 0.2, 0.1))),
+            ts.LightMotion("PendantLight", times=(0.0, 0.3), intensity=(1.0, 0.0)),
+            ts.LightMotion("Sun", times=(0.0, 2.0), intensity=(0.5, 1.0)),
+        ],
+    )
+
+
 def in_a_room(scene: str) -> ts.Scenario:
     """Three things on circles about the middle of what the scene's own camera sees."""
     camera = ts.Stream(scene, width=8, height=6, buffers=("depth",)).world.camera
@@ -68,20 +121,22 @@ def in_a_room(scene: str) -> ts.Scenario:
     return ts.Scenario(scene, objects)
 
 
-SCENARIOS = {
-    "three in the living room": living_room,
-    "three in the bedroom": lambda: in_a_room("room_01"),
-    "three in the bathroom": lambda: in_a_room("room_03"),
-    "ten": crowd,
-    "near the lamp": near_the_lamp,
-    "three solids": lambda: in_a_room("object_view"),
+SCENARIOS: dict[str, Callable[[Path], ts.Scenario]] = {
+    "three in the living room": lambda _: living_room(),
+    "three in the bedroom": lambda _: in_a_room("room_01"),
+    "three in the bathroom": lambda _: in_a_room("room_03"),
+    "ten": lambda _: crowd(),
+    "near the lamp": lambda _: near_the_lamp(),
+    "glass": glass_ball,
+    "changing lamps": lambda _: changing_lamps(),
+    "three solids": lambda _: in_a_room("object_view"),
 }
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_a_replayed_frame_has_the_expectation_of_path_tracing(name: str) -> None:
+def test_a_replayed_frame_has_the_expectation_of_path_tracing(name: str, tmp_path: Path) -> None:
     """Globally and by tiles of 16x16 pixels; every seed has its own base image and its own paths."""
-    scenario = SCENARIOS[name]()
+    scenario = SCENARIOS[name](tmp_path)
 
     def pictures(differential: bool, spp: int) -> NDArray[np.float64]:
         settings = {"quality": "preview", "spp": spp, "max_depth": 5, "buffers": ("hdr",), "differential": differential}

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from tiscene.render.denoise import denoise
 from tiscene.render.integrators.path import PathImage
-from tiscene.render.integrators.replay import Base, ReplayImage
+from tiscene.render.integrators.replay import ReplayImage
+from tiscene.render.integrators.replay_base import Base
 from tiscene.render.upsample import downsample, light, upsample
 
 FloatImage = NDArray[np.float32]
@@ -43,13 +44,16 @@ class Cleaner:
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)  # a difference may overshoot
         quick = self._quick(np.maximum(image.even, 0.0), image.albedo, image.normal)
-        return np.maximum(quick + image.unmoved * self._refinement(image.base), 0.0)
+        for group, factor in enumerate(image.factors):
+            if factor.any():
+                quick = quick + image.unmoved * (factor * self._refinement(image.base, group))
+        return np.maximum(quick, 0.0)
 
-    def _refinement(self, base: Base) -> FloatImage:
-        """What the best picture of a base has more than the quick one."""
-        name = f"refinement of {self}"
+    def _refinement(self, base: Base, group: int) -> FloatImage:
+        """What the best picture of a base under a group of lights has more than the quick one."""
+        name = f"refinement of {self} in group {group}"
         if name not in base.kept:
-            radiance, albedo, normal = base.parts
+            radiance, albedo, normal = base.parts(group)
             best = denoise(radiance, albedo, normal, "high", clean=self.sharp)
             base.kept[name] = best - self._quick(radiance, albedo, normal)
         return base.kept[name]

@@ -17,7 +17,8 @@ from tiscene.render.clean import Cleaner
 from tiscene.render.film import meter, tone_map
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.integrators.path import PathImage, PathPass
-from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass, Report
+from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass
+from tiscene.render.integrators.replay_base import Report
 from tiscene.render.pixel_filter import pixel_filter
 from tiscene.render.upsample import reduced
 from tiscene.render.view import View

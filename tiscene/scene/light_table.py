@@ -192,11 +192,6 @@ class LightTable:
         self._arrays = None
         return before
 
-    def replace(self, row: int, light: Light) -> None:
-        """Put another light of the same kind in the place of one."""
-        self.lights[row] = light
-        self._arrays = None
-
     def place(self, lights: Sequence[Light], first_textures: Sequence[int]) -> None:
         """These are the lights from now on, in the place of all that were there; cheap where they are the same ones.
 
@@ -222,8 +217,15 @@ class LightTable:
             self._arrays = self._build(atlas)
         return self._arrays
 
+    def rows(self) -> NDArray[np.int64]:
+        """Where in `LightArrays.values` each of `lights` is."""
+        return np.argsort(np.array(self._order(), np.int64))
+
+    def _order(self) -> list[int]:
+        return sorted(range(len(self.lights)), key=lambda row: kind_of(self.lights[row]))
+
     def _build(self, atlas: TextureAtlas) -> LightArrays:
-        order = sorted(range(len(self.lights)), key=lambda row: kind_of(self.lights[row]))
+        order = self._order()
         lights = [self.lights[row] for row in order]
         kinds = [kind_of(light) for light in lights]
         domes = [(row, light) for row, light in enumerate(lights) if isinstance(light, DomeLight)]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import Light
+from tiscene.scene.light_groups import LightGroups
 
 PREVIOUS, CURRENT, NEXT = 0, 1, 2
 MOVERS = 3  # no time: the tree over some of the instances at CURRENT
@@ -25,6 +26,7 @@ class Placement:
     present: bool [3, n], False where the instance does not exist (not yet spawned, despawned).
     lights: those that shine now, each after the row of the description, in the order of `DeviceScene.add`, whose
     textures it reads; None: all that were added, as they were.
+    light_groups: the same lights, their brightness told apart; None: all that were added.
     part: int32 [n], the number of the first of its object's parts that the instance shows; None: 0 everywhere.
     seconds: float64 [3], the times k-1, k and k+1, for meshes that deform, s.
     """
@@ -38,3 +40,4 @@ class Placement:
     lights: tuple[tuple[int, Light], ...] | None = None
     part: NDArray[np.int32] | None = None
     seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    light_groups: LightGroups | None = None

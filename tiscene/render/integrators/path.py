@@ -99,6 +99,7 @@ class PathPass:
         mis: bool = True,
         report: Callable[[float], None] | None = None,
         part: tuple[int, int] | None = None,
+        scene: SceneForPaths | None = None,
     ) -> PathImage:
         """One picture; a pure function of the scene, the view and the four numbers.
 
@@ -108,6 +109,7 @@ class PathPass:
         report: called now and then with how much is done, 0..1.
         part: the number of the first sample and how many are traced now, of the spp; the first part has the number 0,
         and the others go on with the same picture: the scene and the view may move between them.
+        scene: what is told about what is placed; by default `scene_arrays()`.
         Raises ArgumentError for numbers out of range or a view of another size.
         """
         self._check(view, spp, max_depth)
@@ -120,6 +122,7 @@ class PathPass:
             mis,
             report or (lambda _: None),
             part,
+            scene,
         )
         if part is not None:
             spp = sum(part)
@@ -162,6 +165,7 @@ class PathPass:
         mis: bool,
         report: Callable[[float], None],
         part: tuple[int, int] | None = None,
+        scene: SceneForPaths | None = None,
     ) -> None:
         """Trace the paths of the first so many of `self._pixels` onto the film."""
         first_sample, samples = part or (0, spp)
@@ -171,7 +175,7 @@ class PathPass:
             self._state = PathState(size)
         self._state.first_sample = first_sample
         self.background = view.background
-        scene = self.scene_arrays()
+        scene = scene or self.scene_arrays()
         numbers = (samples, index_bits(spp), key)
         for first in range(0, total, size):
             self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))

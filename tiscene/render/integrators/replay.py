@@ -9,8 +9,7 @@ no memory of others.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,9 +22,12 @@ from tiscene.render.base_image import BaseImages, digest_of
 from tiscene.render.integrators import replay_kernels as kernels
 from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK, PathState
-from tiscene.render.integrators.replay_cache import FILM_COLUMNS, Block, PathCache, room_for
+from tiscene.render.integrators.replay_base import Base, Report, base_image, standing, under_group
+from tiscene.render.integrators.replay_cache import Block, PathCache, room_for
+from tiscene.render.integrators.replay_lights import BaseLights
 from tiscene.render.integrators.replay_near import ROWS, find_near
 from tiscene.render.integrators.replay_probe import Probe
+from tiscene.render.integrators.replay_record import light_column
 from tiscene.render.integrators.replay_spikes import evened
 from tiscene.render.intersect import occluded
 from tiscene.render.sampler import frame_key, index_bits
@@ -33,11 +35,10 @@ from tiscene.render.view import View
 from tiscene.scene.bvh_write import vec8
 from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.light_table import LightArrays
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
 
 # What stands for the frame in the keys of random numbers.
-BASE_FRAME, CACHE_FRAME, MOVERS_FRAME = -1, -2, -3
+CACHE_FRAME, MOVERS_FRAME = -2, -3
 ONE_PIXEL = 1 << 30  # as many samples a pixel: the row alone tells rays apart
 BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
 NOWHERE = 1e30
@@ -46,17 +47,17 @@ MAX_PROBES = 16
 # Where movers cut more of the paths than this, a picture from nothing is as cheap and may have less noise.
 MOST_CUT = 0.75
 
-Report = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
-
 
 @dataclass(frozen=True, eq=False)
 class ReplayImage(PathImage):
     """even: `hdr` without lone spikes, for the denoiser; the same sum. base: what it is a difference to.
+    factors: float32 [groups, 3], how much of its light each group of the base's lights gives.
     unmoved: float32 [h, w, 1], 1 where no mover has come into the pixel itself, else 0.
     """
 
     even: NDArray[np.float32]
     base: Base
+    factors: NDArray[np.float32]
     unmoved: NDArray[np.float32]
 
 
@@ -121,11 +122,14 @@ class ReplayPass:
         key = (*self._key(view, placement, still), seed, spp, max_depth, base_spp)
         base = self._bases.pop(key, None)
         if base is None:
-            self.scene.place(replace(placement, present=placement.present & ~moving))
-            image = self._base_image(view, still, seed, base_spp, max_depth)
+            left = standing(placement, moving)
+            image = base_image(
+                self._paths, self._images, self._report, view, left, seed=seed, spp=base_spp, max_depth=max_depth
+            )
             self._report("paths", 0.0)
-            lights = self.scene.lights.arrays(self.scene.textures)
-            base = Base(lights, image, self._kept_paths(view, seed, spp, max_depth))
+            self.scene.place(left)
+            lights = BaseLights(self.scene, placement.light_groups)
+            base = Base(lights, image, self._kept_paths(view, lights, seed, spp, max_depth))
             self._report("paths", 1.0)
             while self._bases and self.cached_bytes + base.cache.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
@@ -143,7 +147,7 @@ class ReplayPass:
         key = (*self._key(view, placement, still), seed, max_depth)
         probe = self._probes.pop(key, None)
         if probe is None:
-            self.scene.place(replace(placement, present=placement.present & ~moving))
+            self.scene.place(standing(placement, moving))
             cache = Probe(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
             probe = cache, _Scratch(cache.cache)
         self._probes[key] = probe
@@ -165,28 +169,31 @@ class ReplayPass:
         base = next(reversed(self._bases.values()))
         cache = base.cache
         groups = self._groups(moving)
-        scene = self._paths.scene_arrays(base.lights)
+        lit = self.scene.placement.light_groups
+        factors = np.ones((1, 3), np.float32) if lit is None else lit.factors
+        scene = self._paths.scene_arrays(base.lights.shining(factors))
         for block in cache.blocks:
-            self._replay(scene, cache, block, scratch, groups)
+            self._replay(scene, cache, block, factors, scratch, groups)
         self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
         hdr, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(3))
         unmoved = np.empty((self.height, self.width, 1), np.float32)
         kernels.combine(
-            cache.pixels, self.width, self.height, scratch.cut, scratch.change, cache.mean, base.image,
+            cache.pixels, self.width, self.height, scratch.cut, scratch.change, factors, cache.mean, base.image,
             hdr, albedo, normal, unmoved,
         )  # fmt: skip
         even = evened(scratch.change, hdr)
-        return ReplayImage(hdr, albedo, normal, even, base, unmoved)
+        return ReplayImage(hdr, albedo, normal, even, base, factors, unmoved)
 
     def _key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
         """What tells the bases of one scene apart."""
-        materials = self.scene.materials
+        materials, groups = self.scene.materials, placement.light_groups
+        lights = self.scene.lights.lights if placement.lights is None else placement.lights
         return (
             view.rows()[CURRENT].tobytes(),
             np.flatnonzero(still).tobytes(),
             placement.mesh[still].tobytes(),
             placement.world_from_object[CURRENT, still].tobytes(),
-            digest_of(self.scene.lights.lights if placement.lights is None else placement.lights),
+            digest_of(lights if groups is None else [groups.lights, groups.group]),
             materials.any_coverage,
             materials.any_emission,
         )
@@ -220,7 +227,15 @@ class ReplayPass:
             self._paths.cast_shadows(scene, s, rays, begin, block.number, (ONE_PIXEL, 0, cache.movers_key), tree=MOVERS)
             kernels.note_answers(scratch.shadow_rows, begin, rays, s.occluded, scratch.cut)
 
-    def _replay(self, scene: SceneForPaths, cache: PathCache, block: Block, scratch: _Scratch, groups: Any) -> None:
+    def _replay(
+        self,
+        scene: SceneForPaths,
+        cache: PathCache,
+        block: Block,
+        factors: NDArray[np.float32],
+        scratch: _Scratch,
+        groups: Any,
+    ) -> None:
         """Add what the movers change of a block's pixels to scratch.change."""
         s, first = cache.state, block.first
         steps = cache.steps
@@ -229,7 +244,7 @@ class ReplayPass:
             self._look_through(scene, cache, block, near, scratch)
         starts = np.zeros(steps + 1, np.int32)
         kernels.settle(
-            block.count, steps, block.offsets, block.rays, block.light, block.restore, scratch.cut,
+            block.count, steps, block.offsets, block.rays, block.light, factors, block.restore, scratch.cut,
             s.rays, s.state, s.features, s.status,
             scratch.difference, scratch.cut_at, scratch.path_chunks, scratch.entering, starts,
         )  # fmt: skip
@@ -247,44 +262,19 @@ class ReplayPass:
             s.status, s.occluded, s.state, s.features, scratch.difference, scratch.change,
         )  # fmt: skip
 
-    def _base_image(
-        self, view: View, still: NDArray[np.bool_], seed: int, spp: int, max_depth: int
-    ) -> NDArray[np.float32]:
-        settings: dict[str, int | str] = {
-            "seed": seed,
-            "spp": spp,
-            "max_depth": max_depth,
-            "filter": self._paths.pixel_filter_name,
-        }
-        key = self._images.key(self.scene, still, view, settings) if self._images else ""
-        kept = self._images.load(key, (self.height, self.width, FILM_COLUMNS)) if self._images else None
-        if kept is not None:
-            return kept
-        image = self._paths.render(
-            view,
-            frame_index=BASE_FRAME,
-            seed=seed,
-            spp=spp,
-            max_depth=max_depth,
-            report=lambda done: self._report("base image", done),
-        )
-        base = np.concatenate([image.hdr, image.albedo, image.normal], axis=-1)
-        if self._images:
-            self._images.save(key, base)
-        return base
-
-    def _kept_paths(self, view: View, seed: int, spp: int, max_depth: int) -> PathCache:
+    def _kept_paths(self, view: View, lights: BaseLights, seed: int, spp: int, max_depth: int) -> PathCache:
         """As many paths a pixel as are asked for, or half of them and so on until they fit."""
-        scene = self._paths.scene_arrays()
+        scenes = [under_group(self._paths, group, lights) for group in range(lights.groups)]
         key, movers_key = frame_key(seed, CACHE_FRAME), frame_key(seed, MOVERS_FRAME)
 
         def cache(spp: int) -> PathCache:
             numbers = (spp, index_bits(spp), key)
             return PathCache(
-                self._paths, scene, view, self._state(spp), numbers=numbers, movers_key=movers_key, max_depth=max_depth
+                self._paths, scenes, view, self._state(spp), numbers=numbers, movers_key=movers_key, max_depth=max_depth
             )
 
-        most = 2 * scene.steps(max_depth) * 80 * self.width * self.height  # no path can take more
+        steps = scenes[0].steps(max_depth)
+        most = (1 + lights.groups) * steps * 80 * self.width * self.height  # no path can take more
         if spp > 1 and spp * most > self.memory_limit:
             each = cache(1).bytes
             while spp > 1 and spp * each > self.memory_limit:
@@ -297,27 +287,6 @@ class ReplayPass:
         if self._paths_on_way is None or self._paths_on_way.size != size:
             self._paths_on_way = PathState(size)
         return self._paths_on_way
-
-
-@dataclass(frozen=True, eq=False)
-class Base:
-    """What never moves. image: f32 [h, w, 9], radiance, albedo, normal.
-
-    lights: of it, which alone are sampled: what a mover emits is met.
-
-    kept: what others have made of it, by name, for as long as there is use for it.
-    """
-
-    lights: LightArrays
-    image: NDArray[np.float32]
-    cache: PathCache
-    kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-
-    @property
-    def parts(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Radiance, albedo and normal as arrays of their own."""
-        radiance, albedo, normal = (self.image[..., first : first + 3].copy() for first in (0, 3, 6))
-        return radiance, albedo, normal
 
 
 class _Scratch:
@@ -335,7 +304,7 @@ class _Scratch:
         self.cut_at = ti.ndarray(ti.i32, (paths, 2))
         self.path_chunks = ti.ndarray(ti.i32, (paths // CHUNK + 2, cache.steps))
         self.entering = ti.ndarray(ti.i32, (paths,))
-        self.change = upload(np.zeros((int(cache.mean.shape[0]), FILM_COLUMNS), np.float32))
+        self.change = upload(np.zeros((int(cache.mean.shape[0]), light_column(1)), np.float32))
 
     def fits(self, cache: PathCache) -> bool:
         """Whether there is room for the blocks of another cache of pictures of this size."""

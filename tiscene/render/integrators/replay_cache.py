@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,6 @@ from tiscene.scene.device_array import upload
 from tiscene.scene.placement import CURRENT
 
 BLOCK = 1 << 18  # paths traced and kept together
-FILM_COLUMNS = 9  # radiance, albedo, normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +61,14 @@ def room_for(pixels: int, spp: int) -> int:
 class PathCache:
     """`spp` paths a pixel through what a DeviceScene has placed at CURRENT, which should be all but the movers.
 
-    mean: f32 [pixels, 9], what the paths show. looks: f32 [pixels * LOOKS, 8], rays through fixed places of every pixel
-    up to the first surface.
+    mean: f32 [pixels, 6 + 3 * groups], what the paths show, columns as `light_column` says.
+    looks: f32 [pixels * LOOKS, 8], rays through fixed places of every pixel up to the first surface.
     """
 
     def __init__(
         self,
         paths: PathPass,
-        scene: SceneForPaths,
+        scenes: Sequence[SceneForPaths],
         view: View,
         state: PathState,
         *,
@@ -76,17 +76,20 @@ class PathCache:
         movers_key: int,
         max_depth: int,
     ) -> None:
-        """numbers: paths per pixel, bits that count them, the key of their random numbers; movers_key: of those that
-        say whether a shadow ray passes through a mover. state: see `room_for`."""
+        """scenes: the same but for the lights that shine, one for each group. state: see `room_for`.
+
+        numbers: paths per pixel, bits that count them, the key of their random numbers; movers_key: of those that
+        say whether a shadow ray passes through a mover.
+        """
         self.numbers = numbers
         self.movers_key = movers_key
         self.max_depth = max_depth
-        self.steps = scene.steps(max_depth)
+        self.steps = scenes[0].steps(max_depth)
         self.pixels = upload(tiled_order(view.width, view.height))
-        self._paths, self._scene, self._view = paths, scene, view
+        self._paths, self._scenes, self._view = paths, scenes, view
         spp = numbers[0]
         pixel_count = view.width * view.height
-        self.mean = ti.ndarray(ti.f32, (pixel_count, FILM_COLUMNS))
+        self.mean = ti.ndarray(ti.f32, (pixel_count, record.light_column(len(scenes))))
         self._block_size = block_size(spp)
         total = pixel_count * spp
         self.state = state
@@ -108,45 +111,62 @@ class PathCache:
 
     def _trace(self, number: int, count: int) -> Block:
         first = number * self._block_size
+        segment_counts, shadow_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
+        features = ti.ndarray(ti.f32, (count, FEATURE_COLUMNS))
+        written: list[list[_Rows]] = [[] for _ in range(self.steps)]
+        for group, scene in enumerate(self._scenes):
+            self._trace_group(group, scene, first, count, written, segment_counts, shadow_counts)
+            record.keep_features(count, group, self.state.features, features)
+        counts = segment_counts.to_numpy(), shadow_counts.to_numpy()
+        return self._sort(number, count, *counts, [each for step in written for each in step], features)
+
+    def _trace_group(
+        self,
+        group: int,
+        scene: SceneForPaths,
+        first: int,
+        count: int,
+        written: list[list[_Rows]],
+        segment_counts: Any,
+        shadow_counts: Any,
+    ) -> None:
+        """Trace a block under the lights of one group, and write down what it brings at each step."""
         s, (spp, bits, key) = self.state, self.numbers
         path_kernels.start_paths(
             self._view.array(), self._paths.pixel_filter, self.pixels, self._view.width, self._view.height,
             first, count, spp, bits, key,
             s.rays, s.state, s.status, s.queue, s.first_sample,
         )  # fmt: skip
-        row_counts, segment_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
-        written: list[tuple[Any, Any]] = []
         live = count
         last_depth = self.max_depth - 1
         if self._paths.scene.materials.any_emission:
             last_depth = self.max_depth
         for step in range(self.steps):
-            segments = _Rows(live, record.RESTORE_COLUMNS)
+            segments = _Rows(live, group, is_segment=True)
             record.begin_segments(
                 s.queue, live, s.rays, s.state, s.status, segments.paths, segments.rays, segments.restore
             )
-            ends = self._scene.ends_at_lights and step == self.max_depth - 1 > 0
-            live, casts = self._paths.advance(self._scene, s, live, first, step, self.numbers, self.max_depth, 1)
+            ends = scene.ends_at_lights and step == self.max_depth - 1 > 0
+            live, casts = self._paths.advance(scene, s, live, first, step, self.numbers, self.max_depth, 1)
             if not ends:  # else only the shadow rays that the segments became can bring light
                 record.end_segments(
-                    *self._scene.arrays.lighting[-3:], last_depth,
+                    *scene.arrays.lighting[-3:], last_depth, group,
                     segments.paths, segments.count, s.hits, s.state, segments.restore, segments.rays, segments.light,
-                    segment_counts,
+                    shadow_counts if group else segment_counts,
                 )  # fmt: skip
-                written.append((segments, True))
+                written[step].append(segments)
             if casts:
-                shadows = _Rows(casts)
+                shadows = _Rows(casts, group)
                 record.begin_shadows(s.shadow_queue, casts, s.shadow_rays, shadows.paths, shadows.rays)
-                self._paths.cast_shadows(self._scene, s, casts, first, step, self.numbers)
+                self._paths.cast_shadows(scene, s, casts, first, step, self.numbers)
                 record.end_shadows(
-                    shadows.paths, casts, s.occluded, s.state, s.status, shadows.rays, shadows.light, row_counts
+                    shadows.paths, casts, s.occluded, s.state, s.status, shadows.rays, shadows.light, shadow_counts
                 )
-                written.append((shadows, False))
+                written[step].append(shadows)
             if not live:
                 break
-        return self._sort(number, count, row_counts.to_numpy(), segment_counts.to_numpy(), written)
 
-    def _sort(self, number: int, count: int, shadows: Any, segments: Any, written: list[tuple[Any, Any]]) -> Block:
+    def _sort(self, number: int, count: int, segments: Any, shadows: Any, written: list[_Rows], features: Any) -> Block:
         """What was written step by step, path by path."""
         first = number * self._block_size
         offsets = np.concatenate([[0], np.cumsum(shadows + segments)])
@@ -161,21 +181,23 @@ class PathCache:
             ti.ndarray(ray, max(rows, 1)),
             ti.ndarray(ti.f32, (max(rows, 1), 3)),
             ti.ndarray(ti.f32, (max(restorable, 1), record.RESTORE_COLUMNS)),
-            ti.ndarray(ti.f32, (count, FEATURE_COLUMNS)),
+            features,
         )
         next_row, next_segment = upload(offsets), upload(first_segments)
-        for each, is_segment in written:
-            if is_segment:
+        for each in written:
+            if each.is_segment and each.group == 0:
                 record.sort_segments(
                     each.paths, each.count, each.rays, each.light, each.restore, next_row, next_segment,
                     block.rays, block.light, block.restore,
                 )  # fmt: skip
             else:
-                record.sort_shadows(each.paths, each.count, each.rays, each.light, next_row, block.rays, block.light)
-        record.copy_features(count, self.state.features, block.features)
+                record.sort_shadows(
+                    each.paths, each.count, each.rays, each.light, next_row, each.group, block.rays, block.light
+                )
         record.mean_of_paths(
-            self.pixels, first, count, self.numbers[0], block.offsets, block.light, block.features, self.mean
-        )
+            self.pixels, first, count, self.numbers[0], len(self._scenes),
+            block.offsets, block.rays, block.light, features, self.mean,
+        )  # fmt: skip
         return block
 
     def _look(self, pixel_count: int) -> Any:
@@ -189,11 +211,11 @@ class PathCache:
 
 
 class _Rows:
-    """The rows of one step."""
+    """The rows of one step under the lights of one group."""
 
-    def __init__(self, count: int, restore_columns: int = 0) -> None:
-        self.count = count
+    def __init__(self, count: int, group: int, is_segment: bool = False) -> None:
+        self.count, self.group, self.is_segment = count, group, is_segment
         self.paths = ti.ndarray(ti.i32, (count,))
         self.rays = ti.ndarray(ray, count)
         self.light = ti.ndarray(ti.f32, (count, 3))
-        self.restore = ti.ndarray(ti.f32, (count, restore_columns)) if restore_columns else None
+        self.restore = ti.ndarray(ti.f32, (count, record.RESTORE_COLUMNS)) if is_segment else None

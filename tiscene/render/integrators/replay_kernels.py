@@ -32,6 +32,7 @@ from tiscene.render.integrators.replay_record import (
     R_THROUGHPUT,
     R_VERTEX,
     SEGMENT,
+    group_of,
 )
 from tiscene.render.ray_arrays import Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.view import camera_ray
@@ -50,6 +51,7 @@ def settle(
     offsets: Ints1,
     rays: Rays,
     light: Floats2,
+    factors: Floats2,
     restore: Floats2,
     cut: Ints1,
     path_rays: Rays,
@@ -64,6 +66,7 @@ def settle(
 ):
     """What each path loses; those that a mover cuts are put back to where the segment begins that it cuts.
 
+    factors: how much of its light each group of lights gives, f32 [groups, 3].
     cut: of every row, whether a mover is in the way. difference: f32 [count, 3]. cut_at: of every path the number of
     the segment cut, -1 for none, and its step. entering[starts[s] .. starts[s + 1]): the paths cut at step s.
     """
@@ -84,7 +87,7 @@ def settle(
                                 segments += 1
                         step = segments
                 if at >= 0 or cut[row] > 0:
-                    lost += read3(light, row, 0)
+                    lost += read3(light, row, 0) * read3(factors, group_of(rays, row), 0)
             write3(difference, i, 0, -lost)
             cut_at[i, 0] = at
             cut_at[i, 1] = step
@@ -188,6 +191,7 @@ def combine(
     height: ti.i32,
     covered: Ints1,
     change: Floats2,
+    factors: Floats2,
     mean: Floats2,
     base: Image,
     hdr: Image,
@@ -197,7 +201,8 @@ def combine(
 ):
     """The picture: the change added to the base image, and where movers cover most of a pixel, to its own paths' mean.
 
-    covered: of each of the LOOKS of a pixel, whether a mover is in front. mean, change: f32 [n, 9]; base: [h, w, 9].
+    covered: of each of the LOOKS of a pixel, whether a mover is in front. change: f32 [n, 9]; factors: as of `settle`;
+    mean [n, ...], base [h, w, ...]: columns as `light_column` says.
     unmoved: 1 where what is seen first has not changed, else 0.
     """
     for rank in range(width * height):
@@ -214,6 +219,9 @@ def combine(
             below = vec3(base[y, x, c], base[y, x, 3 + c], base[y, x, 6 + c])
             if 2 * looks > LOOKS:
                 below = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
+            for group in range(1, factors.shape[0]):
+                column = FEATURE_COLUMNS + 3 * group + c
+                below[0] += factors[group, c] * (mean[pixel, column] if 2 * looks > LOOKS else base[y, x, column])
             hdr[y, x, c] = below[0] + change[pixel, c]
             albedo[y, x, c] = below[1] + change[pixel, 3 + c]
             normal[y, x, c] = below[2] + change[pixel, 6 + c]

@@ -29,7 +29,7 @@ class Probe:
         small = replace(view, width=width, height=-(-view.height * width // view.width))
         self.cache = PathCache(
             paths,
-            scene,
+            [scene],
             small,
             PathState(room_for(small.width * small.height, 1)),
             numbers=(1, 0, frame_key(seed, PROBE_FRAME)),

@@ -4,6 +4,8 @@ A row is a ray that a mover may get in the way of, as tiscene.render.intersect w
 one does. Two kinds, told apart by column 3: a *segment* from one vertex to the next (its number among the segments, by
 which its entry in `restore` is found), with what its end emits towards the path; a *shadow ray* to a light that was
 seen (-1), with the light sampled. Rows of a path stand in the order in which it was traced, a vertex's segment first.
+The light is that of the lights of group 0. What the other groups of lights bring has rows of its own, all of the second
+kind, with -1 - group in column 3: the paths are the same, and a mover that takes one's light takes the other's too.
 """
 
 import taichi as ti
@@ -35,6 +37,15 @@ vec3 = ti.math.vec3
 
 SEGMENT = 3  # column of a row
 SHADOW = -1.0
+
+# Columns of a mean or a picture: light of group 0, albedo, normal, light of the other groups.
+AUXILIARY = 3
+
+
+def light_column(group: int) -> int:
+    """Where the light of a group begins."""
+    return FEATURE_COLUMNS + 3 * group if group else 0
+
 
 # Columns of `restore`: what a path needs to be traced again from the beginning of a segment.
 RESTORE_COLUMNS = 11
@@ -68,6 +79,12 @@ def begin_segments(
 
 
 @ti.func
+def group_of(rays: ti.template(), row: ti.i32) -> ti.i32:
+    """The number of the lights whose light a row has."""
+    return ti.max(-1 - ti.cast(rays[row][SEGMENT], ti.i32), 0)
+
+
+@ti.func
 def finite(light: vec3) -> vec3:
     """The light, or none where it is no number."""
     result = light
@@ -82,6 +99,7 @@ def end_segments(
     light_nodes: Floats2,
     light_distribution: Floats1,
     last_depth: ti.i32,
+    group: ti.i32,
     paths: Ints1,
     count: ti.i32,
     hits: Hits,
@@ -95,7 +113,7 @@ def end_segments(
     they brought. rows: how many each path has.
 
     last_depth: of what is met after so many surfaces only the emission counts, and no mover has any; what brought no
-    light is then not worth a row (t_max 0).
+    light is then not worth a row (t_max 0). Of groups other than 0, none is that brought no light.
     """
     lights = ti.static(Lights(light_values, light_nodes, light_distribution))
     for k in range(count):
@@ -103,7 +121,8 @@ def end_segments(
         _, end = nearest_light(lights, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])
         brought = finite(get3(state, i, RADIANCE))
         status = ti.cast(restore[k, R_STATUS], ti.i32)
-        if (status & DEPTH_MASK) >= last_depth and (status & SEEN) != 0 and brought.max() == 0.0:
+        needed = group == 0 and ((status & DEPTH_MASK) < last_depth or (status & SEEN) == 0)
+        if brought.max() == 0.0 and not needed:
             end = 0.0
         else:
             rows[i] += 1
@@ -176,17 +195,18 @@ def sort_shadows(
     rays: Rays,
     light: Floats2,
     next_row: Ints1,
+    group: ti.i32,
     sorted_rays: Rays,
     sorted_light: Floats2,
 ):
-    """Put one step's shadow rays that reached a light behind what their paths have already."""
+    """Put one step's rays that reached lights of a group behind what their paths have already."""
     for k in range(count):
         if rays[k][7] > 0.0:
             i = paths[k]
             row = next_row[i]
             next_row[i] += 1
             sorted_rays[row] = rays[k]
-            sorted_rays[row][SEGMENT] = SHADOW
+            sorted_rays[row][SEGMENT] = SHADOW - group
             write3(sorted_light, row, 0, read3(light, k, 0))
 
 
@@ -196,27 +216,34 @@ def mean_of_paths(
     first: ti.i32,
     count: ti.i32,
     spp: ti.i32,
+    groups: ti.i32,
     offsets: Ints1,
+    rays: Rays,
     light: Floats2,
     features: Floats2,
     film: Floats2,
 ):
-    """The mean light, albedo and normal of the paths first .. first + count - 1, all of their pixels: film [n, 9]."""
+    """The mean light, albedo and normal of the paths first .. first + count - 1, all of their pixels, to film."""
     for rank in range(first // spp, (first + count) // spp):
-        sums = ti.Vector.zero(ti.f32, 3 + FEATURE_COLUMNS)
-        for i in range(rank * spp - first, (rank + 1) * spp - first):
-            for row in range(offsets[i], offsets[i + 1]):
-                for c in ti.static(range(3)):
-                    sums[c] += light[row, c]
-            for c in ti.static(range(FEATURE_COLUMNS)):
-                sums[3 + c] += features[i, c]
-        for c in ti.static(range(3 + FEATURE_COLUMNS)):
-            film[pixels[rank], c] = sums[c] / spp
+        begin, end, pixel = rank * spp - first, (rank + 1) * spp - first, pixels[rank]
+        for group in range(groups):
+            sums = vec3(0.0)
+            for i in range(begin, end):
+                for row in range(offsets[i], offsets[i + 1]):
+                    if group_of(rays, row) == group:
+                        sums += read3(light, row, 0)
+            write3(film, pixel, ti.select(group > 0, FEATURE_COLUMNS + 3 * group, 0), sums / spp)
+        for c in ti.static(range(FEATURE_COLUMNS)):
+            total = 0.0
+            for i in range(begin, end):
+                total += features[i, c]
+            film[pixel, AUXILIARY + c] = total / spp
 
 
 @ti.kernel
-def copy_features(count: ti.i32, features: Floats2, kept: Floats2):
-    """Keep what the denoiser is told about each path."""
+def keep_features(count: ti.i32, group: ti.i32, features: Floats2, kept: Floats2):
+    """Keep what the denoiser is told about each path: under lights of other groups, a lamp itself is black."""
     for i in range(count):
         for c in ti.static(range(FEATURE_COLUMNS)):
-            kept[i, c] = features[i, c]
+            other = features[i, c] if group == 0 else kept[i, c]
+            kept[i, c] = ti.max(features[i, c], other)
