@@ -87,3 +87,22 @@ def test_vector_mode_is_left_again_even_after_an_error():
     with pytest.raises(KeyError):
         fail_inside()
     assert ti.cfg.real_matrix_scalarize == before
+
+
+def test_a_fork_of_a_process_that_runs_taichi_says_so_instead_of_waiting_for_ever():
+    printed = python(
+        "import os, sys\n"
+        "import tiscene as ts\n"
+        "from tiscene.errors import DeviceError\n"
+        "stream = ts.Stream('object_view', width=8, height=8, buffers=('depth',))\n"
+        "if os.fork():\n"
+        "    os.wait()\n"
+        "    sys.exit()\n"
+        "for use in (lambda: stream[0], lambda: ts.Stream('object_view')):\n"
+        "    try:\n"
+        "        use()\n"
+        "    except DeviceError as error:\n"
+        "        print(error, flush=True)\n"
+        "os._exit(0)"
+    )
+    assert printed.count("multiprocessing_context='spawn'") == 2

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 
@@ -227,3 +228,15 @@ def test_many_sizes_are_rendered_and_few_are_kept():
         frame = stream.look(0, View(camera, camera, camera, width, 8), ("instance",))
         assert frame.instance.shape == (8, width)
     assert list(stream._renderers) == [(11, 8), (12, 8), (13, 8), (8, 8)]
+
+
+def test_a_stream_can_be_sent_to_another_process():
+    """As it is: edits, place and settings; so can its frames."""
+    stream = ts.Stream(moving_scenario(), **SETTINGS, report=lambda doing, done: None)
+    stream.seek(2).world.spawn("Cube", (0.0, 0.1, 0.4))
+    sent = pickle.loads(pickle.dumps(stream))
+    assert sent.state_dict() == stream.state_dict()
+    frame = next(stream)
+    assert same(next(sent), frame)
+    assert same(pickle.loads(pickle.dumps(frame)), frame)
+    assert [row.name for row in pickle.loads(pickle.dumps(frame)).objects] == [row.name for row in frame.objects]

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 from collections.abc import Iterator
 
 import taichi as ti
@@ -10,6 +11,8 @@ from tiscene import front_end, launches
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
+
+_process: int | None = None  # in which Taichi was started
 
 front_end.use()  # now, since decorators of kernels gain by it too
 
@@ -30,6 +33,9 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     if arch is not None and arch not in ARCHITECTURES:
         raise ArgumentError(f"arch={arch!r}: must be one of {', '.join(ARCHITECTURES)}")
     launches.use()
+    check_process()
+    global _process
+    _process = os.getpid()
     present = running()
     if present is not None:
         if arch not in (None, present):
@@ -53,9 +59,19 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
                 offline_cache=True,
                 **options,
             )
+        ti.lang.impl.get_runtime().materialize()  # Taichi insists on this thread; kernels may run in any
     except RuntimeError as error:
         raise DeviceError(f"arch={wanted!r}: Taichi finds no such device here; use arch='cpu'") from error
     return wanted
+
+
+def check_process() -> None:
+    """Raises DeviceError in a fork of the process that started Taichi: kernels would wait there for ever."""
+    if _process not in (None, os.getpid()):
+        raise DeviceError(
+            "this process was forked from one in which Taichi runs, whose threads are not here. Let workers be spawned "
+            "(multiprocessing_context='spawn' of a DataLoader), or make the first Stream in the worker"
+        )
 
 
 @contextlib.contextmanager
