@@ -43,7 +43,6 @@ DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 MAX_SIZE = 16384
 MAX_RENDERERS = 4  # sizes of pictures whose arrays are kept
 ON_DEVICE = ("world", "_scene", "_measurer", "_loaded", "_renderers")
-ON_DEVICE = ("world", "_scene", "_measurer", "_loaded", "_renderers")
 
 
 class Stream(Iterator[Frame]):
@@ -168,18 +167,6 @@ class Stream(Iterator[Frame]):
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._exposure = self.world.camera.exposure
         self._position = 0
-
-    def __getstate__(self) -> dict[str, Any]:
-        """For worker processes: all but what is on the device, which is put there anew, and but who is told of it."""
-        kept = {name: value for name, value in vars(self).items() if name not in ON_DEVICE}
-        return kept | {"_report": Waiting(), "scenario": self.scenario}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        scenario, position = state.pop("scenario"), state["_position"]
-        vars(self).update(state)
-        device.start(self.arch)
-        self.restart(scenario)
-        self.seek(position)
 
     def __getstate__(self) -> dict[str, Any]:
         """For worker processes: all but what is on the device, which is put there anew, and but who is told of it."""
@@ -333,7 +320,6 @@ class Stream(Iterator[Frame]):
         stream's own frames are, if the camera is that of its frame 0. camera_at: where it is by so many frames from the
         index, while its shutter is open; None: it goes straight from one camera of the view to the next.
         """
-        device.check_process()
         device.check_process()
         seen = None
         if not COLORS.isdisjoint(buffers):
