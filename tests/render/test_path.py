@@ -23,7 +23,7 @@ from tests.render.path_scenes import (
     towards,
 )
 from tests.render.test_bsdfs import MATERIALS
-from tiscene.camera import Camera
+from tiscene.camera import Camera, matrix_from_quaternion
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.path import PathPass
 from tiscene.render.view import View
@@ -31,6 +31,7 @@ from tiscene.scene.description import (
     DistantLight,
     DomeLight,
     Material,
+    Mesh,
     RectLight,
     SceneDescription,
     SphereLight,
@@ -312,6 +313,23 @@ def test_far_from_the_origin_there_are_no_speckles() -> None:
     for image in images:
         assert image.mean() == pytest.approx(0.5, rel=0.01)
         assert image == pytest.approx(0.5, rel=0.2)
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+@pytest.mark.parametrize("size", [20.0, 2000.0])
+def test_a_floor_is_not_in_its_own_shadow(size: float, tilted: bool) -> None:
+    """However wide it is and whatever else lies in its plane: below a white sky, all of it is white."""
+    near, far = 0.05, 0.5 * size
+    square = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
+    rotation = matrix_from_quaternion((0.9, 0.3, -0.2, math.sqrt(0.06))) if tilted else np.eye(3)
+    corners = np.concatenate([near * square, far * square]) @ rotation.T + (0.3 * size, 0.0, 0.1 * size)
+    around = [[k, 4 + k, 4 + (k + 1) % 4] for k in range(4)] + [[k, 4 + (k + 1) % 4, (k + 1) % 4] for k in range(4)]
+    triangles = np.array([[0, 1, 2], [0, 2, 3], *around], np.int32)
+    floor = Mesh("floor", corners.astype(np.float32), triangles, np.zeros(len(triangles), np.int32))
+    centre = corners[:4].mean(axis=0)
+    camera = Camera.look_at(tuple(centre + rotation @ (0.3, 0.2, 0.1)), tuple(centre), vertical_fov=math.radians(30.0))
+    seen = render(described([floor], [matte("white", WHITE)], [SKY]), camera, (8, 8), spp=64, max_depth=2).hdr
+    assert seen.mean() == pytest.approx(1.0, abs=2e-3)
 
 
 def test_a_lens_blurs_what_is_out_of_focus() -> None:

@@ -51,15 +51,7 @@ def hit_triangle(rows: ti.template(), at: ti.i32, o, k, sheared):
     w = fx * ey - fy * ex
     determinant = u + v + w
     scale = 1.0 / determinant
-    e1 = vec3(rows[at, 4 + k[0]], rows[at, 4 + k[1]], rows[at, 4 + k[2]])
-    e1 -= vec3(rows[at, k[0]], rows[at, k[1]], rows[at, k[2]])
-    e2 = vec3(rows[at, 8 + k[0]], rows[at, 8 + k[1]], rows[at, 8 + k[2]])
-    e2 -= vec3(rows[at, k[0]], rows[at, k[1]], rows[at, k[2]])
-    n = e1.cross(e2)
-    z = (n.x * ax + n.y * ay + n.z * az) / (n.x * sheared.x + n.y * sheared.y + n.z)
-    highest, lowest = ti.max(az, bz, cz), ti.min(az, bz, cz)
-    z = ti.select(z < highest, z, highest)
-    z = ti.select(z > lowest, z, lowest)
+    z = (u * az + v * bz + w * cz) * scale
     within = INFINITY
     if determinant != 0.0 and (ti.min(u, v, w) >= 0.0 or ti.max(u, v, w) <= 0.0):
         within = z * sheared.z

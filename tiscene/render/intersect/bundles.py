@@ -224,18 +224,6 @@ def closest(
                         vx = packs[at + 6 + kx] - px
                         vy = packs[at + 6 + ky] - py
                         vz = packs[at + 6 + kz] - pz
-                        e1x = packs[at + 3 + kx] - packs[at + kx]
-                        e1y = packs[at + 3 + ky] - packs[at + ky]
-                        e1z = packs[at + 3 + kz] - packs[at + kz]
-                        e2x = packs[at + 6 + kx] - packs[at + kx]
-                        e2y = packs[at + 6 + ky] - packs[at + ky]
-                        e2z = packs[at + 6 + kz] - packs[at + kz]
-                        nx = e1y * e2z - e1z * e2y
-                        ny = e1z * e2x - e1x * e2z
-                        nz = e1x * e2y - e1y * e2x
-                        plane = nx * ax + ny * ay + nz * az
-                        highest = larger(larger(az, bz), vz)
-                        lowest = smaller(smaller(az, bz), vz)
                         for k in range(4):
                             triangle = ti.bit_cast(packs[at + 9][k], ti.i32)
                             if triangle >= 0:
@@ -250,8 +238,7 @@ def closest(
                                 w = f_x * e_y - f_y * e_x
                                 determinant = u + v + w
                                 scale = 1.0 / determinant
-                                z = plane[k] / (nx[k] * shx + ny[k] * shy + nz[k])
-                                z = larger(smaller(z, lanes(highest[k])), lanes(lowest[k]))
+                                z = (u * az[k] + v * bz[k] + w * vz[k]) * scale
                                 t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY))
                                 within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, lanes(INFINITY))
                                 within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)

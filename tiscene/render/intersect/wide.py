@@ -64,18 +64,9 @@ def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i3
     w = fx * ey - fy * ex
     determinant = u + v + w
     scale = 1.0 / determinant
-    # The distance to the plane, exact near it too; that of a sliver, which is rounding, stays between its vertices.
-    e1x = packs[at + 3 + kx] - packs[at + kx]
-    e1y = packs[at + 3 + ky] - packs[at + ky]
-    e1z = packs[at + 3 + kz] - packs[at + kz]
-    e2x = packs[at + 6 + kx] - packs[at + kx]
-    e2y = packs[at + 6 + ky] - packs[at + ky]
-    e2z = packs[at + 6 + kz] - packs[at + kz]
-    nx = e1y * e2z - e1z * e2y
-    ny = e1z * e2x - e1x * e2z
-    nz = e1x * e2y - e1y * e2x
-    z = (nx * ax + ny * ay + nz * az) / (nx * shx + ny * shy + nz)
-    z = larger(smaller(z, larger(larger(az, bz), cz)), smaller(smaller(az, bz), cz))
+    # Of the vertices' distances, so that rounding keeps it between them. That to the plane is no more exact where a
+    # triangle is wide, and dearer: that rays start far enough off a wide surface is what `reach` in surface.py is for.
+    z = (u * az + v * bz + w * cz) * scale
     t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, vec4(INFINITY))
     within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, vec4(INFINITY))
     within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
