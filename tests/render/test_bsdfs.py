@@ -31,6 +31,15 @@ MATERIALS = {
     "rough glass": Material("m", diffuse_color=WHITE, opacity=0.0, roughness=1.0, ior=1.33),
     "milk glass": Material("m", diffuse_color=WHITE, opacity=0.5, roughness=0.5),
 }
+# Single lobes, and what is too sharp for a sphere's cells.
+COAT = Material("m", diffuse_color=(0.0, 0.0, 0.0), ior=1.0, clearcoat=1.0, clearcoat_roughness=0.5)
+POLISH = Material("m", (0.0, 0.0, 0.0), use_specular_workflow=True, specular_color=(0.4, 0.3, 0.2), roughness=0.5)
+SHARP = {
+    "mirror": MATERIALS["mirror"],
+    "polished": MATERIALS["polished"],
+    "coat": Material("m", diffuse_color=(0.0, 0.0, 0.0), ior=1.0, clearcoat=1.0, clearcoat_roughness=0.01),
+    "glass": MATERIALS["glass"],
+}
 BROAD = [name for name, material in MATERIALS.items() if material.roughness >= 0.4 or name == "matte"]
 COUNT = 1 << 16
 
@@ -47,7 +56,17 @@ def numbers(count: int = COUNT, seed: int = 5) -> np.ndarray:
 @pytest.mark.parametrize("cosine", [0.25, 0.9])
 @pytest.mark.parametrize("name", BROAD)
 def test_directions_follow_their_density(name: str, cosine: float, front: bool) -> None:
-    bsdf = Bsdf(MATERIALS[name], front=front)
+    check_density(MATERIALS[name], cosine, front)
+
+
+@pytest.mark.parametrize("cosine", [0.15, 0.5, 0.95])
+@pytest.mark.parametrize("lobe", [COAT, POLISH], ids=["coat", "polish"])
+def test_directions_of_a_lobe_alone_follow_their_density(lobe: Material, cosine: float) -> None:
+    check_density(lobe, cosine, front=True)
+
+
+def check_density(material: Material, cosine: float, front: bool) -> None:
+    bsdf = Bsdf(material, front=front)
     directions, values = bsdf.sample(outgoing(cosine), numbers())
 
     def density(coordinates: np.ndarray) -> np.ndarray:
@@ -57,6 +76,33 @@ def test_directions_follow_their_density(name: str, cosine: float, front: bool) 
     assert np.abs(np.linalg.norm(directions[kept], axis=1) - 1.0).max() < 1e-5
     coordinates = np.where(kept[:, None], sphere_coordinates(directions.astype(np.float64)), 9.0)
     assert chi_square(coordinates, density, SPHERE_LOW, SPHERE_HIGH, (40, 24)) > LEAST
+
+
+@pytest.mark.parametrize("refracts", [False, True], ids=["reflection", "refraction"])
+@pytest.mark.parametrize("name", SHARP)
+def test_directions_of_sharp_lobes_follow_their_density(name: str, refracts: bool) -> None:
+    """In a window of some of their widths about where they point."""
+    if refracts and name != "glass":
+        return
+    bsdf, wo = Bsdf(SHARP[name]), outgoing(0.6, 1)[0]
+    directions, _ = bsdf.sample(outgoing(0.6), numbers())
+    z = wo * (-1.0, -1.0, 1.0)
+    if refracts:
+        z = np.append(-wo[:2] / 1.5, -math.sqrt(1.0 - (0.8 / 1.5) ** 2))
+    x = np.cross(z, (0.0, 1.0, 0.0))
+    x /= np.linalg.norm(x)
+    frame = np.stack([x, np.cross(z, x), z])
+    local = directions.astype(np.float64) @ frame.T
+    window = 8e-3
+    points = np.where(local[:, 2:] > 0.0, local[:, :2], 9.0)
+
+    def density(at: np.ndarray) -> np.ndarray:
+        height = np.sqrt(1.0 - (at**2).sum(axis=1))
+        there = np.column_stack([at, height]) @ frame
+        return bsdf.evaluate(outgoing(0.6, len(at)), there)[:, 3] / height
+
+    assert (np.abs(points) < window).all(axis=1).mean() > 0.02
+    assert chi_square(points, density, (-window, -window), (window, window), (24, 24)) > LEAST
 
 
 @pytest.mark.parametrize("front", [True, False], ids=["outside", "inside"])

@@ -9,7 +9,7 @@ from tests.render.path_scenes import described, device_scene, matte, quad
 from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.path import PathPass
-from tiscene.render.pixel_filter import CELLS, PIXEL_FILTERS, pixel_filter
+from tiscene.render.pixel_filter import PIXEL_FILTERS, pixel_filter
 from tiscene.render.view import View
 from tiscene.scene.description import DomeLight
 
@@ -17,8 +17,8 @@ from tiscene.scene.description import DomeLight
 def bought(name: str, u: np.ndarray) -> np.ndarray:
     """What `sample_offset` does, in numpy."""
     cells = pixel_filter(name).table()[2:]
-    place = u * CELLS
-    cell = np.minimum(place.astype(int), CELLS - 1)
+    place = u * (len(cells) - 1)
+    cell = np.minimum(place.astype(int), len(cells) - 2)
     return cells[cell] + (place - cell) * (cells[cell + 1] - cells[cell])
 
 

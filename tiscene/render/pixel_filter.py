@@ -15,16 +15,19 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
 
-CELLS = 1024  # of equal probability
 _STEPS = 1 << 15  # of the integral that cells are made by
 
 
 @dataclass(frozen=True)
 class PixelFilter:
-    """radius: px. weight: of a place up to the radius away from the pixel's centre along an axis, px."""
+    """radius: px. weight: of a place up to the radius away from the pixel's centre along an axis, px.
+
+    cells: of equal probability; within each it is even, so many are wanted where the weight falls off gently.
+    """
 
     radius: float
     weight: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    cells: int = 8192
 
     def table(self) -> NDArray[np.float32]:
         """What `sample_offset` reads: by how much the paths of a picture are to be multiplied for negative weights not
@@ -32,7 +35,7 @@ class PixelFilter:
         x = np.linspace(-self.radius, self.radius, 2 * _STEPS + 1)
         weights = self.weight(0.5 * (x[1:] + x[:-1]))
         reached = np.concatenate([[0.0], np.cumsum(np.abs(weights))])
-        cells = np.interp(np.linspace(0.0, reached[-1], CELLS + 1), reached, x)
+        cells = np.interp(np.linspace(0.0, reached[-1], self.cells + 1), reached, x)
         cells = 0.5 * (cells - cells[::-1])  # symmetric to the bit
         negative = np.abs(x[1:][weights < 0.0])
         scale = (reached[-1] / weights.sum()) ** 2
@@ -53,7 +56,7 @@ def _blackman_harris(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 # Radii and shapes as in PBRT, but for Blackman and Harris's window, which is Blender's.
 PIXEL_FILTERS = {
-    "box": PixelFilter(0.5, np.ones_like),
+    "box": PixelFilter(0.5, np.ones_like, cells=1),
     "triangle": PixelFilter(1.0, lambda x: 1.0 - np.abs(x)),
     "gaussian": PixelFilter(1.5, lambda x: np.exp(-2.0 * x**2) - math.exp(-2.0 * 1.5**2)),
     "mitchell": PixelFilter(2.0, _mitchell),
@@ -71,8 +74,9 @@ def pixel_filter(name: str) -> PixelFilter:
 @ti.func
 def sample_offset(table: ti.template(), u: ti.f32) -> ti.f32:
     """How far from the pixel's centre along an axis, px, for a number in [0, 1)."""
-    place = u * CELLS
-    cell = ti.min(ti.cast(place, ti.i32), CELLS - 1)
+    cells = table.shape[0] - 3
+    place = u * cells
+    cell = ti.min(ti.cast(place, ti.i32), cells - 1)
     return table[2 + cell] + (place - cell) * (table[3 + cell] - table[2 + cell])
 
 
