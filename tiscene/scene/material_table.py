@@ -48,6 +48,10 @@ TEXTURED = 16
 EMITS = 32
 COATED = 64
 PLAIN = 128  # matte, of constant colours and wholly there: nothing else of it needs to be looked up
+MAY_MIRROR = 256  # somewhere it may be so smooth and shiny, and is not glass, that one sees other things in it
+
+# What that means: less rough, and more metallic or (by the specular workflow) more reflecting in all colours.
+MIRROR_ROUGHNESS, MIRROR_METALLIC, MIRROR_SPECULAR = 0.15, 0.5, 0.5
 
 
 class MaterialArrays(NamedTuple):
@@ -89,7 +93,18 @@ def flags_of(material: Material) -> int:
         flags |= MATTE
         if not flags & (TEXTURED | COVERAGE):
             flags |= PLAIN
+    if not flags & GLASS and _may_mirror(material):
+        flags |= MAY_MIRROR
     return flags
+
+
+def _may_mirror(material: Material) -> bool:
+    if not isinstance(material.roughness, TextureLookup) and material.roughness >= MIRROR_ROUGHNESS:
+        return False
+    if material.use_specular_workflow:
+        specular = material.specular_color
+        return isinstance(specular, TextureLookup) or min(specular) > MIRROR_SPECULAR
+    return isinstance(material.metallic, TextureLookup) or material.metallic > MIRROR_METALLIC
 
 
 class MaterialTable:

@@ -27,6 +27,9 @@ from tiscene.scene.material_table import (
     LOOKUP_TEXTURE,
     LOOKUP_TRANSFORM,
     METALLIC,
+    MIRROR_METALLIC,
+    MIRROR_ROUGHNESS,
+    MIRROR_SPECULAR,
     OPACITY,
     PLAIN,
     ROUGHNESS,
@@ -44,6 +47,7 @@ vec4 = ti.math.vec4
 
 # A mean of unit normals this little short of 1 says nothing: it is of 8-bit codes.
 _CODE_ERROR = 6e-3
+ALL_INPUTS = -1
 
 
 class Materials(NamedTuple):
@@ -130,9 +134,12 @@ def lookup_value(
 
 
 @ti.func
-def material_at(materials: ti.template(), textures: ti.template(), surface: ti.template()):
-    """Every input of the material at a point of a surface: a MaterialPoint."""
-    return material_about(materials, textures, surface, 1, Footprint())
+def material_at(materials: ti.template(), textures: ti.template(), surface: ti.template(), inputs: ti.i32):
+    """The material at a point of a surface, as its author has it there: a MaterialPoint.
+
+    inputs: bits 1 << DIFFUSE and so on of those that are wanted; others may be what they are without their textures.
+    """
+    return material_about(materials, textures, surface, 1, Footprint(), inputs)
 
 
 @ti.func
@@ -142,6 +149,7 @@ def material_about(
     surface: ti.template(),
     exact: ti.template(),
     footprint: ti.template(),
+    inputs: ti.i32,
 ):
     """`material_at`, or where exact is 0, what one path sees of the footprint: the mean over paths is right."""
     values = ti.static(materials.values)
@@ -165,29 +173,33 @@ def material_about(
         shortness = 0.0
         for lookup_row in range(first, first + materials.info[row, LOOKUP_COUNT]):
             column = ti.cast(materials.lookups[lookup_row, LOOKUP_INPUT], ti.i32)
-            value = lookup_value(materials, textures, lookup_row, surface, exact, footprint)
-            if column == DIFFUSE:
-                point.diffuse_color = value.xyz
-            elif column == ROUGHNESS:
-                point.roughness = value.x
-            elif column == METALLIC:
-                point.metallic = value.x
-            elif column == EMISSIVE:
-                point.emissive_color = value.xyz
-            elif column == SPECULAR:
-                point.specular_color = value.xyz
-            elif column == CLEARCOAT:
-                point.clearcoat = value.x
-            elif column == CLEARCOAT_ROUGHNESS:
-                point.clearcoat_roughness = value.x
-            elif column == OPACITY:
-                point.opacity = value.x
-            elif value.xyz.dot(value.xyz) > 1e-8:
-                length = value.xyz.norm()
-                point.normal = value.xyz / length
-                if ti.cast(materials.lookups[lookup_row, LOOKUP_CHANNEL], ti.i32) == UNIT_NORMAL:
-                    shortness = ti.max(1.0 - length - _CODE_ERROR, 0.0)
-        if shortness > 0.0:
+            wanted = True
+            if ti.static(exact):
+                wanted = inputs & (1 << column) != 0
+            if wanted:
+                value = lookup_value(materials, textures, lookup_row, surface, exact, footprint)
+                if column == DIFFUSE:
+                    point.diffuse_color = value.xyz
+                elif column == ROUGHNESS:
+                    point.roughness = value.x
+                elif column == METALLIC:
+                    point.metallic = value.x
+                elif column == EMISSIVE:
+                    point.emissive_color = value.xyz
+                elif column == SPECULAR:
+                    point.specular_color = value.xyz
+                elif column == CLEARCOAT:
+                    point.clearcoat = value.x
+                elif column == CLEARCOAT_ROUGHNESS:
+                    point.clearcoat_roughness = value.x
+                elif column == OPACITY:
+                    point.opacity = value.x
+                elif value.xyz.dot(value.xyz) > 1e-8:
+                    length = value.xyz.norm()
+                    point.normal = value.xyz / length
+                    if ti.cast(materials.lookups[lookup_row, LOOKUP_CHANNEL], ti.i32) == UNIT_NORMAL:
+                        shortness = ti.max(1.0 - length - _CODE_ERROR, 0.0)
+        if ti.static(not exact) and shortness > 0.0:
             # The mean of different normals is short. Their spread makes a gloss rougher (Toksvig 2005; the variance of
             # the slopes adds to alpha squared), and takes from the cosine with the light.
             alpha = point.roughness * point.roughness
@@ -229,7 +241,7 @@ def shaded_material_at(
             point.emissive_color = ti.max(point.emissive_color, 0.0)
     else:
         footprint = footprint_at(surface, direction, width, key)
-        point = material_about(materials, textures, surface, 0, footprint)
+        point = material_about(materials, textures, surface, 0, footprint, ALL_INPUTS)
     return point
 
 
@@ -257,9 +269,9 @@ def shading_normal(surface: ti.template(), point: ti.template(), wo: vec3) -> ve
 @ti.func
 def is_mirror_like(point: ti.template()):
     """Whether one sees other things in it rather than itself: 1 or 0."""
-    sharp = point.roughness < 0.15
+    sharp = point.roughness < MIRROR_ROUGHNESS
     clear = (point.flags & GLASS) != 0 and point.opacity < 0.5
-    shiny = point.metallic > 0.5
+    shiny = point.metallic > MIRROR_METALLIC
     if point.flags & SPECULAR_WORKFLOW:
-        shiny = point.specular_color.min() > 0.5
+        shiny = point.specular_color.min() > MIRROR_SPECULAR
     return ti.cast(sharp and (clear or shiny), ti.i32)

@@ -25,7 +25,7 @@ from tiscene.render.surface import (
 )
 from tiscene.render.textures import Textures
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.material_table import COVERAGE
+from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY
 
 PRESENT_FROM = 0.5  # opacity
 MAX_LAYERS = 32  # the last of so many absent surfaces behind each other counts as present
@@ -109,11 +109,13 @@ def pass_absent(
         row = hit_ids[ray][0]
         step = hits[ray][0]
         hits[ray][0] = rays[ray][TRAVELLED] + step
+        may_be_absent = False
         if row >= 0:
+            may_be_absent = material_info[triangle_material[hit_ids[ray][1]], FLAGS] & COVERAGE != 0
+        if may_be_absent:
             direction = ray_direction(rays, ray)
             surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], time, direction)
-            point = material_at(materials, textures, surface)
-            if point.flags & COVERAGE and point.opacity < PRESENT_FROM:
+            if material_at(materials, textures, surface, 1 << OPACITY).opacity < PRESENT_FROM:
                 origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):
                     rays[ray][c] = origin[c]

@@ -2,52 +2,26 @@
 
 import taichi as ti
 
-from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, write_ray
+from tiscene.render.ray_arrays import HitIds, Hits, Rays, write_ray
 from tiscene.render.surface import (
     FLOATS_1D,
     FLOATS_2D,
     FLOATS_3D,
-    INFO_CATEGORY_ID,
-    INFO_INSTANCE_ID,
     INFO_MOVED,
-    INFO_PART,
     INTS_1D,
     INTS_2D,
-    Geometry,
     moved_by,
     object_point_at,
-    surface_at,
     transform_point,
-    transform_vector,
     vec2,
     vec3,
 )
-from tiscene.render.view import FORWARD, POSITION, RIGHT, UP, camera_ray, view_vector
-from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+from tiscene.render.view import FORWARD, POSITION, camera_ray, view_vector
+from tiscene.scene.placement import CURRENT
 
 # Columns of the instance motion array: three matrices to camera coordinates, then these.
 DISPLACEMENT, PRESENT, MOTION_COLUMNS = 36, 48, 51
 FOCAL_LENGTH, ORTHOGRAPHIC = 9, 10  # of the camera motion array, after a rotation
-
-# The buffers that `surface_labels` writes, in the order of its arguments; a buffer's number is its place in `wanted`.
-SURFACE_BUFFERS = (
-    "depth",
-    "distance",
-    "position",
-    "normal",
-    "geometric_normal",
-    "normal_camera",
-    "semantic",
-    "instance",
-    "part",
-    "forward_flow",
-    "backward_flow",
-    "scene_flow",
-    "uv",
-    "object_coordinates",
-)
-DEPTH, DISTANCE, POSITION_OF_POINT, NORMAL, GEOMETRIC_NORMAL, NORMAL_CAMERA = 0, 1, 2, 3, 4, 5
-SEMANTIC, INSTANCE, PART, FORWARD_FLOW, BACKWARD_FLOW, SCENE_FLOW, UV, OBJECT_COORDINATES = 6, 7, 8, 9, 10, 11, 12, 13
 
 # A point closer to a camera's plane than this, or behind it, is projected as if it were here: it has no place in that
 # picture, and so gets a finite flow that leads far out of it. m
@@ -136,147 +110,6 @@ def primary_rays(queue: INTS_1D, count: ti.i32, view: FLOATS_2D, width: ti.i32, 
             view, CURRENT, ti.cast(pixel % width, ti.f32), ti.cast(pixel // width, ti.f32), width, height
         )
         write_ray(rays, pixel, origin, direction, ti.math.inf)
-
-
-@ti.func
-def write2(array: ti.template(), y: ti.i32, x: ti.i32, value: vec2):
-    for c in ti.static(range(2)):
-        array[y, x, c] = value[c]
-
-
-@ti.func
-def write3(array: ti.template(), y: ti.i32, x: ti.i32, value: vec3):
-    for c in ti.static(range(3)):
-        array[y, x, c] = value[c]
-
-
-@ti.kernel
-def surface_labels(
-    queue: INTS_1D,
-    count: ti.i32,
-    rays: Rays,
-    hits: Hits,
-    hit_ids: HitIds,
-    vertex_position: FLOATS_2D,
-    vertex_normal: FLOATS_2D,
-    vertex_uv: FLOATS_2D,
-    triangle_vertices: INTS_2D,
-    triangle_material: INTS_1D,
-    instance_info: INTS_2D,
-    world_from_instance: FLOATS_3D,
-    instance_from_world: FLOATS_3D,
-    box_from_instance: FLOATS_2D,
-    triangle_part: INTS_1D,
-    instance_motion: FLOATS_2D,
-    camera_motion: FLOATS_2D,
-    view: FLOATS_2D,
-    width: ti.i32,
-    height: ti.i32,
-    wanted: INTS_1D,
-    depth: FLOATS_2D,
-    distance: FLOATS_2D,
-    position: FLOATS_3D,
-    normal: FLOATS_3D,
-    geometric_normal: FLOATS_3D,
-    normal_camera: FLOATS_3D,
-    semantic: IDS,
-    instance: INTS_2D,
-    part: INTS_2D,
-    forward_flow: FLOATS_3D,
-    backward_flow: FLOATS_3D,
-    scene_flow: FLOATS_3D,
-    uv: FLOATS_3D,
-    object_coordinates: FLOATS_3D,
-):
-    geometry = ti.static(
-        Geometry(
-            vertex_position,
-            vertex_normal,
-            vertex_uv,
-            triangle_vertices,
-            triangle_material,
-            instance_info,
-            world_from_instance,
-            instance_from_world,
-        )
-    )
-    for i in range(count):
-        pixel = queue[i]
-        x, y = pixel % width, pixel // width
-        row = hit_ids[pixel][0]
-        focal = camera_motion[CURRENT, FOCAL_LENGTH]
-        # Before an orthographic camera the background has no direction of its own: it turns as the picture does.
-        ahead = 1.0 - camera_motion[CURRENT, ORTHOGRAPHIC]
-        towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, ahead)
-        object_point = vec3(0.0)
-        if row >= 0:
-            object_point = object_point_at(
-                vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], 0
-            )
-        triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
-        now = seen_from(CURRENT, row, object_point, towards, instance_motion, camera_motion)
-        here = from_principal_point(now, camera_motion, CURRENT)
-
-        if wanted[DEPTH]:
-            depth[y, x] = now.z if row >= 0 else ti.math.inf
-        if wanted[DISTANCE]:
-            length = now.norm() if ahead > 0.0 else now.z
-            distance[y, x] = length if row >= 0 else ti.math.inf
-        if wanted[SEMANTIC]:
-            category = instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
-            semantic[y, x] = ti.cast(category, ti.u16)
-        if wanted[INSTANCE]:
-            instance[y, x] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
-        if wanted[PART]:
-            part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel][1]] if row >= 0 else 0
-        if wanted[FORWARD_FLOW]:
-            then = point_then(
-                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
-            )
-            after = seen_from(NEXT, row, then, towards, instance_motion, camera_motion)
-            write2(forward_flow, y, x, from_principal_point(after, camera_motion, NEXT) - here)
-        if wanted[BACKWARD_FLOW]:
-            then = point_then(
-                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, PREVIOUS
-            )
-            before = seen_from(PREVIOUS, row, then, towards, instance_motion, camera_motion)
-            write2(backward_flow, y, x, from_principal_point(before, camera_motion, PREVIOUS) - here)
-        if wanted[SCENE_FLOW]:
-            displacement = vec3(0.0)
-            if row >= 0:
-                then = point_then(
-                    vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
-                )
-                displacement = affine(instance_motion, row, DISPLACEMENT, then)
-                if instance_info[row, INFO_MOVED] > 0:
-                    displacement += transform_vector(world_from_instance, CURRENT, row, then - object_point)
-            write3(scene_flow, y, x, displacement)
-        if wanted[OBJECT_COORDINATES]:
-            place = vec3(0.0)
-            if row >= 0:
-                place = ti.math.clamp(affine(box_from_instance, row, 0, object_point), 0.0, 1.0)
-            write3(object_coordinates, y, x, place)
-
-        if wanted[POSITION_OF_POINT] | wanted[NORMAL] | wanted[GEOMETRIC_NORMAL] | wanted[NORMAL_CAMERA] | wanted[UV]:
-            point = vec3(ti.math.nan)
-            shading, flat = vec3(0.0), vec3(0.0)
-            texture = vec2(0.0)
-            if row >= 0:
-                direction = ray_direction(rays, pixel)
-                s = surface_at(geometry, row, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], CURRENT, direction)
-                point, shading, flat, texture = s.position, s.normal, s.geometric_normal, s.uv
-            if wanted[POSITION_OF_POINT]:
-                write3(position, y, x, point)
-            if wanted[NORMAL]:
-                write3(normal, y, x, shading)
-            if wanted[GEOMETRIC_NORMAL]:
-                write3(geometric_normal, y, x, flat)
-            if wanted[NORMAL_CAMERA]:
-                right, up = view_vector(view, CURRENT, RIGHT), view_vector(view, CURRENT, UP)
-                forward = view_vector(view, CURRENT, FORWARD)
-                write3(normal_camera, y, x, vec3(shading.dot(right), -shading.dot(up), shading.dot(forward)))
-            if wanted[UV]:
-                write2(uv, y, x, texture)
 
 
 @ti.kernel

@@ -16,14 +16,15 @@ from tiscene.render.aovs import AOVS, LABELS, times_needed
 from tiscene.render.integrators import label_kernels as kernels
 from tiscene.render.integrators.label_coverage import CoverageLabels
 from tiscene.render.integrators.label_hits import first_hits
-from tiscene.render.integrators.label_materials import MATERIAL_BUFFERS, MaterialLabels
 from tiscene.render.integrators.label_still import Picture, StillLabels
+from tiscene.render.integrators.label_surfaces import MATERIAL_BUFFERS, SURFACE_BUFFERS, surface_labels
 from tiscene.render.ray_arrays import RayArrays
 from tiscene.render.surface import geometry_of
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
+MAX_MIRRORS = 4  # a mirror behind so many others is labelled as itself
 _OCCLUSIONS = (("backward_occlusion", PREVIOUS), ("forward_occlusion", NEXT))
 
 
@@ -34,7 +35,6 @@ class LabelPass:
         self.scene = scene
         self._rays = RayArrays()
         self._other = RayArrays()
-        self._materials = MaterialLabels(scene)
         self._coverage = CoverageLabels(scene)
         self._still = StillLabels(scene)
 
@@ -85,18 +85,21 @@ class LabelPass:
 
         motion = instance_motion(self.scene.placement, view)
         cameras = camera_motion(view)
-        if not arrays.keys().isdisjoint(kernels.SURFACE_BUFFERS):
-            self._surface(view, queue, count, motion, cameras, arrays)
+        mirrors = self._surfaces(view, queue, count, motion, cameras, arrays, SURFACE_BUFFERS, 0)
         for name, time in _OCCLUSIONS:
             if name in arrays:
                 self._occlusion(view, queue, count, time, motion, cameras, arrays[name])
-        if not arrays.keys().isdisjoint(MATERIAL_BUFFERS):
-            # Last: it follows mirrors and overwrites the rays.
-            mirrors = self._materials.render(rays, queue, count, view.width, arrays)
-            if picture is not None:
-                picture.mirrors.ravel()[mirrors] = True
+        # Last: what mirrors show overwrites what was hit.
+        followed = 0
+        while mirrors:
+            queue, count = rays.mirrored[followed % 2], mirrors
+            if picture is not None and followed == 0:
+                picture.mirrors.ravel()[queue.to_numpy()[:count]] = True
+            first_hits(self.scene, CURRENT, rays, queue, count)
+            followed += 1
+            mirrors = self._surfaces(view, queue, count, motion, cameras, arrays, MATERIAL_BUFFERS, followed)
 
-    def _surface(
+    def _surfaces(
         self,
         view: View,
         queue: Any,
@@ -104,16 +107,27 @@ class LabelPass:
         motion: NDArray[np.float32],
         cameras: NDArray[np.float32],
         arrays: dict[str, NDArray[Any]],
-    ) -> None:
-        wanted = np.array([name in arrays for name in kernels.SURFACE_BUFFERS], np.int32)
+        buffers: Sequence[str],
+        followed: int,
+    ) -> int:
+        """Write those of the buffers that are among the arrays; how many rays go on from mirrors.
+
+        followed: how many mirrors led here.
+        """
+        wanted = np.array([name in arrays and name in buffers for name in SURFACE_BUFFERS], np.int32)
+        if not wanted.any():
+            return 0
         rays = self._rays
-        kernels.surface_labels(
+        mirrors = np.zeros(1, np.int32)
+        surface_labels(
             queue,
             count,
             rays.rays,
             rays.hits,
             rays.hit_ids,
             *geometry_of(self.scene),
+            *self.scene.materials.arrays(),
+            *self.scene.textures.arrays(),
             self.scene.box_from_instance,
             self.scene.triangle_part,
             motion,
@@ -121,9 +135,13 @@ class LabelPass:
             view.array(),
             view.width,
             view.height,
+            int(followed < MAX_MIRRORS),
+            rays.mirrored[followed % 2],
+            mirrors,
             wanted,
-            *(arrays.get(name, _unwanted(name)) for name in kernels.SURFACE_BUFFERS),
+            *(arrays.get(name, _unwanted(name)) for name in SURFACE_BUFFERS),
         )
+        return int(mirrors[0])
 
     def _occlusion(
         self,

@@ -8,7 +8,7 @@ from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_ori
 from tiscene.render.sampler import combine, uniform
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
-from tiscene.scene.material_table import COVERAGE
+from tiscene.scene.material_table import COVERAGE, OPACITY
 from tiscene.scene.placement import CURRENT
 
 vec3 = ti.math.vec3
@@ -83,7 +83,7 @@ def pass_shadows(
                 occluded[i] = 1
                 direction = ray_direction(shadow_rays, i)
                 surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
-                point = material_at(materials, textures, surface)
+                point = material_at(materials, textures, surface, 1 << OPACITY)
                 if point.flags & COVERAGE:
                     key = combine(
                         path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)
