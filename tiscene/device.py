@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import taichi as ti
 
-from tiscene import front_end, launches
+from tiscene import front_end, launches, transfers
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
@@ -62,6 +62,7 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
         ti.lang.impl.get_runtime().materialize()  # Taichi insists on this thread; kernels may run in any
     except RuntimeError as error:
         raise DeviceError(f"arch={wanted!r}: Taichi finds no such device here; use arch='cpu'") from error
+    transfers.use()
     return wanted
 
 
