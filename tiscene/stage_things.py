@@ -94,21 +94,18 @@ class StageThings:
 
     def rows(self, frame: int) -> list[WorldObject]:
         """The things that are there at a frame."""
-        rows = []
-        posed = self._posed(frame) if self._tracks else {}
-        for number, row in enumerate(self._rows):
-            if number in posed:
-                found = posed[number]
-                if found is None:
-                    continue
-                row = found
-            if self.there(number, frame):
-                move = self.lives[number].move(frame, known=frame) if number in self.lives else None
-                if move is not None:
-                    w, x, y, z = quaternion(move.rotation).tolist()
-                    row = replace(row, position=move.position, rotation=(w, x, y, z))
-                rows.append(row)
-        return rows
+        rows: list[WorldObject | None] = list(self._rows)
+        if self._tracks:
+            for number, posed in self._posed(frame).items():
+                rows[number] = posed
+        for number, life in self.lives.items():
+            row, move = rows[number], life.move(frame, known=frame)
+            if not life.alive(frame, known=frame):
+                rows[number] = None
+            elif row is not None and move is not None:
+                w, x, y, z = quaternion(move.rotation).tolist()
+                rows[number] = replace(row, position=move.position, rotation=(w, x, y, z))
+        return [row for row in rows if row is not None]
 
     def _posed(self, frame: int) -> dict[int, WorldObject | None]:
         """The things that move by themselves, as they are at a frame; None for one that is not there."""

@@ -35,6 +35,12 @@ class Witness:
         self._lives = lives
         self._objects = objects
         self._seen_by_view: dict[tuple[int, Camera, float], set[int]] = {}
+        # Of the rows looked at last: where they are, and which of them were in which view.
+        self._rows: list[WorldObject] = []
+        self._boxes = np.zeros((0, 2, 3))
+        self._poses = np.zeros((0, 3, 4))
+        self._visible = np.zeros(0, np.bool_)
+        self._view: tuple[Camera, float] | None = None
 
     def forget(self) -> None:
         """The world has been edited."""
@@ -76,10 +82,23 @@ class Witness:
         if key not in self._seen_by_view:
             while len(self._seen_by_view) >= KEPT_VIEWS:
                 self._seen_by_view.pop(next(iter(self._seen_by_view)))
-            rows = self._objects(frame)
-            poses = np.array([[*row.position, *row.rotation] for row in rows]).reshape(-1, 7)
-            placed = np.concatenate([matrix_from_quaternion(poses[:, 3:]), poses[:, :3, None]], axis=2)
-            boxes = np.array([row.box for row in rows]).reshape(-1, 2, 3)
-            visible = in_view(camera, aspect, boxes, placed)
-            self._seen_by_view[key] = {row.id for row, there in zip(rows, visible.tolist(), strict=True) if there}
+            visible = self._in_view(self._objects(frame), camera, aspect)
+            self._seen_by_view[key] = {row.id for row, there in zip(self._rows, visible, strict=True) if there}
         return self._seen_by_view[key]
+
+    def _in_view(self, rows: list[WorldObject], camera: Camera, aspect: float) -> list[bool]:
+        """Which of the rows are in a view; what has not changed since the last time is not looked at again."""
+        if len(rows) != len(self._rows):
+            new = list(range(len(rows)))
+            self._boxes, self._poses = np.zeros((len(rows), 2, 3)), np.zeros((len(rows), 3, 4))
+            self._visible, self._view = np.zeros(len(rows), np.bool_), None
+        else:
+            new = [place for place, (row, last) in enumerate(zip(rows, self._rows, strict=True)) if row is not last]
+        if new:
+            poses = np.array([[*rows[place].position, *rows[place].rotation] for place in new])
+            self._poses[new] = np.concatenate([matrix_from_quaternion(poses[:, 3:]), poses[:, :3, None]], axis=2)
+            self._boxes[new] = [rows[place].box for place in new]
+        looked_at = new if self._view == (camera, aspect) else slice(None)
+        self._visible[looked_at] = in_view(camera, aspect, self._boxes[looked_at], self._poses[looked_at])
+        self._rows, self._view = rows, (camera, aspect)
+        return self._visible.tolist()
