@@ -123,7 +123,7 @@ class Lighting:
         if len(numbers) >= TOO_MANY_GROUPS:
             return LightGroups(tuple(lights), (0,) * len(lights), np.ones((1, 3), np.float32))
         of_groups = np.zeros((len(numbers) + 1, 3), np.float32)
-        np.maximum.at(of_groups, group, np.array(factors, np.float32))
+        np.maximum.at(of_groups, np.array(group, np.int32), np.array(factors, np.float32).reshape(-1, 3))
         of_groups[0] = 1.0
         return LightGroups(tuple(steady), tuple(group), of_groups)
 
