@@ -145,9 +145,9 @@ def illuminate(
         results[i, 4] = distance
         results[i, 5] = 0.0
         if distance < ti.math.inf or infinite:
-            cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
-            count, scale = weigh(lights, origin, cut, weights)
-            results[i, 3] = all_lights.pdf(lights, cut, weights, count, scale, 0, origin, direction, distance)
+            weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
+            count, scale = weigh(lights, origin, weights)
+            results[i, 3] = all_lights.pdf(lights, weights, count, scale, 0, origin, direction, distance)
             results[i, 5] = all_lights.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
 
 

@@ -7,7 +7,20 @@ import taichi as ti
 from tiscene.render.lights.choice import chance_of, choose, weigh
 from tiscene.render.lights.light_sample import Lights
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
-from tiscene.scene.light_nodes import CHILD, EVEN_PART, FEW, H_DOMES, MOST_ENTRIES, PARENT, ROW, STRENGTH
+from tiscene.scene.light_nodes import (
+    CHILD,
+    EVEN_PART,
+    FEW,
+    H_DOMES,
+    H_NODES,
+    LANES,
+    MOST_ENTRIES,
+    PARENT,
+    ROW,
+    STRENGTH,
+    members,
+    places,
+)
 from tiscene.scene.light_table import DISTANT, DOME, KIND, PORTAL, RECT, SPHERE, LightTable
 from tiscene.scene.texture_atlas import TextureAtlas
 
@@ -32,15 +45,15 @@ def choices(
     point = ti.math.vec3(x, y, z)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
-        count, scale = weigh(lights, point, cut, weights)
+        weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
+        count, scale = weigh(lights, point, weights)
         for k in range(samples):
-            row, chance, _rest = choose(lights, cut, weights, count, scale, point, (k + 0.5) / samples)
+            row, chance, _rest = choose(lights, weights, count, scale, point, (k + 0.5) / samples)
             counts[row] += 1.0 / samples
-            again = chance_of(lights, cut, weights, count, scale, row, point)
+            again = chance_of(lights, weights, count, scale, row, point)
             mismatch[0] = ti.max(mismatch[0], ti.abs(chance - again))
         for row in range(chances.shape[0]):
-            chances[row] = chance_of(lights, cut, weights, count, scale, row, point)
+            chances[row] = chance_of(lights, weights, count, scale, row, point)
 
 
 def chances_at(lights, point):
@@ -51,7 +64,7 @@ def chances_at(lights, point):
     kinds = arrays.values.to_numpy()[:, KIND].astype(int)
     total = len(kinds)
     chances, counts, mismatch = (np.zeros(size, np.float32) for size in (total, total, 1))
-    samples = 10_000 if total <= FEW else 200_000
+    samples = 10_000 if total <= FEW else 100_000
     choices(*arrays, *point, chances, counts, mismatch, samples)
     assert chances.sum() == pytest.approx(1.0, abs=1e-5)
     # One number serves for every step of the choice: what is left of it after many is as good as random.
@@ -114,7 +127,7 @@ def many_lamps(count):
     return [lamp(*random.uniform(-5.0, 5.0, 3), (float(random.uniform(0.1, 2.0)),) * 3) for _ in range(count)]
 
 
-@pytest.mark.parametrize("count", [FEW + 1, 60, 200])
+@pytest.mark.parametrize("count", [FEW, FEW + 1, 60, 200])
 def test_of_many_lamps_the_near_and_bright_ones(count):
     lamps = [*many_lamps(count), DistantLight("sun", "/sun", np.eye(4), (0.01, 0.01, 0.01), 0.01)]
     point = np.array([1.0, 2.0, -3.0])
@@ -125,7 +138,7 @@ def test_of_many_lamps_the_near_and_bright_ones(count):
     ideal /= ideal.sum()
     # The mean square of what a light gives over its chance; 1 for chances by what each gives.
     evenly = (ideal**2 * len(lamps)).sum()
-    assert (ideal**2 / chances).sum() < min(2.2, 0.5 * evenly)
+    assert (ideal**2 / chances).sum() < min(1.5, 0.5 * evenly)
 
 
 def test_groups_hold_every_light_once():
@@ -133,10 +146,14 @@ def test_groups_hold_every_light_once():
     table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
     arrays = table.arrays(TextureAtlas())
     nodes = arrays.nodes.to_numpy()
-    assert nodes[0, H_DOMES] == 1 + 1 + 1
-    rows = nodes[1:, ROW].astype(int)
-    assert sorted(rows[rows >= 0]) == list(range(51))
-    for node in np.flatnonzero(nodes[:, CHILD] > 0.0):
-        child = int(nodes[node, CHILD])
-        assert (nodes[child : child + 2, PARENT] == node).all()
-        assert nodes[child : child + 2, STRENGTH].sum() == pytest.approx(nodes[node, STRENGTH], rel=1e-5)
+    assert nodes[0, H_DOMES] == LANES + 1
+    assert nodes[0, H_NODES] == 2
+    rows, _ = places(nodes[1:])
+    assert sorted(rows) == list(range(51))
+    for node in range(1, len(nodes)):
+        for lane, member in enumerate(members(nodes[node])):
+            child = int(member[CHILD])
+            assert (member[ROW] < 0.0) == (child > 0)
+            if child > 0:
+                assert nodes[child, PARENT] == LANES * node + lane
+                assert members(nodes[child])[:, STRENGTH].sum() == pytest.approx(member[STRENGTH], rel=1e-5)

@@ -9,7 +9,7 @@ from tests.benchmarks.room import still
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.light_nodes import BACK, CHILD, PARENT, ROUND, ROW, STRENGTH
+from tiscene.scene.light_nodes import BACK, ROUND, STRENGTH, members, places
 from tiscene.scene.mesh_lights import glow_of, mesh_light
 
 GLOW = (12.0, 9.0, 6.0)
@@ -118,18 +118,15 @@ def test_the_tree_of_a_mesh_has_every_triangle_that_glows() -> None:
     glow = np.where(np.arange(len(mesh.triangles)) % 3 == 0, 2.0, 0.0)
     light = mesh_light(mesh, glow)
     assert light is not None
-    single = light.nodes[:, CHILD] == 0.0
-    assert sorted(light.nodes[single, ROW]) == list(np.flatnonzero(glow))
-    assert (light.nodes[single, BACK] < 0.1).all()  # it is closed: its inside is not seen
-    assert light.nodes[0, ROUND] > 0.9
-    for node in np.flatnonzero(~single):
-        child = int(light.nodes[node, CHILD])
-        assert (light.nodes[child : child + 2, PARENT] == node).all()
-        assert light.nodes[child : child + 2, STRENGTH].sum() == pytest.approx(light.nodes[node, STRENGTH], rel=1e-5)
+    rows, _ = places(light.nodes)
+    assert sorted(rows) == list(np.flatnonzero(glow))
+    assert members(light.nodes[0])[:, STRENGTH].sum() == pytest.approx(light.whole[STRENGTH], rel=1e-5)
+    assert light.whole[ROUND] > 0.9
+    assert light.whole[BACK] < 0.1  # it is closed: its inside is not seen
     panel = mesh_light(quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)), np.ones(2))
     assert panel is not None
-    assert (panel.nodes[:, BACK] == 1.0).all()
-    assert panel.nodes[0, STRENGTH] == pytest.approx(1.0)
+    assert (members(panel.nodes[0])[:, BACK] == 1.0).all()
+    assert panel.whole[STRENGTH] == pytest.approx(1.0)
     assert mesh_light(mesh, np.zeros(len(mesh.triangles))) is None
 
 

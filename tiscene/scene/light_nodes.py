@@ -1,36 +1,47 @@
-"""What lights are chosen by: nodes, each a light or a group of lights, with about what it gives where.
+"""What lights are chosen by: nodes of up to eight members, each a light or a group of lights, with about what it gives
+where.
 
-Row 0 is a header. Then come the *entries*, which every choice looks at one by one: lights that have a place, portals,
-distant lights, domes. Many lights of a sort are in groups of groups of two, whose members follow after the entries; a
-choice looks at the members of a group that is near (Conty Estevez and Kulla, "Importance Sampling of Many Lights with
-Adaptive Tree Splitting", 2018). The same nodes say which lights a ray can meet.
+Row 0 is a header. Then come the nodes of *entries*, which every choice looks at: lights that have a place, portals,
+distant lights, domes. Many lights of a sort are eight entries, each a group, whose members are a node of their own: a
+choice goes on into one of them (Conty Estevez and Kulla, "Importance Sampling of Many Lights", 2018; by eight, since
+what eight members give is computed at once). The same nodes say which lights a ray can meet.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-# Columns. NORMAL: against which a flat light shines. To a point at distance d and at height h against the normal a node
-# gives STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * (d * d + SIZE2)), about the irradiance by luminance, W/m²;
-# where BACK is CONE, its light has a cone besides. EVEN: the least chance of a node that a choice looks at. ROW: the
-# light's, or -1 for a group. CHILD: the first of a group's two members, which stand together; else 0. PARENT: 0 for an
-# entry. RADIUS2: of the sphere about the centre that holds it, -1 for a light that no ray meets. NEXT: where a ray that
-# is done with a node and its members looks next, 0 for the end.
+LANES = 8
+# What a node knows of its members: attribute a of member k stands in column LANES * a + k.
+# NORMAL: against which a flat light shines. To a point at distance d and at height h against the normal a member
+# gives STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * max(d * d + SIZE2, SPREAD2)), about the irradiance by
+# luminance, W/m²; where BACK is CONE, its light has a cone besides. SPREAD2: how far a group's members are from its
+# centre, squared, in the mean; 0 of a light. EVEN: the least chance of an entry. RADIUS2: of the sphere about the
+# centre that holds what a ray can meet, NEVER for none. ROW: the light's, or -1 for a group or no member. CHILD: the
+# node of a group's members, else 0.
 # Of a dome ROUND is 1 where it has no portals; SIZE2: its part of samples by its image, over that by its portals.
-NODE_COLUMNS = 16
-CENTRE, NORMAL, ROUND, STRENGTH, SIZE2, BACK, EVEN, ROW, CHILD, PARENT, RADIUS2, NEXT = 0, 3, 6, 7, 8, 9, *range(10, 16)
+CENTRE, NORMAL, ROUND, STRENGTH, SIZE2, SPREAD2, BACK, EVEN, RADIUS2, ROW, CHILD = 0, 3, *range(6, 15)
+ATTRIBUTES = 15
 CONE = -1.0
+NEVER = -1e30
 
-# Columns of the header: where the entries of a sort end; the first node that a ray can meet (0: none), and how many
-# lights it can; the rows where distant lights, domes and portals begin, and where they end; where those of meshes end.
-H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_SOLID, H_SOLID_COUNT, H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW = range(9)
-H_ROWS, H_END = 9, 10
+# After these columns: the place of the group whose members these are (node * LANES + lane; 0 for entries, and for the
+# first node of a mesh's triangles); how many there are; whether there are cones and groups among them.
+PARENT, COUNT, CONES, GROUPS = range(LANES * ATTRIBUTES, LANES * ATTRIBUTES + 4)
+NODE_COLUMNS = 128
 
-# A choice looks at so many nodes of lamps at most; they are entries one by one, or one group; and at so many of each
-# other sort.
-FEW = 32
-FEW_OTHERS = 8
+# Columns of the header: where the entries of a sort end, counted from 0; whether there is anything to choose; how many
+# nodes hold the entries, and how many of them, from the first, lights that a ray can meet; how many such lights; the
+# rows where distant lights, domes and portals begin, and where they end; where those of meshes end.
+H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_CHOICE, H_NODES, H_SOLID_NODES, H_SOLID_COUNT = range(8)
+H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END = range(8, 13)
+
+# So many lamps are entries one by one, more are LANES groups; so many of each other sort.
+FEW = 16
+FEW_OTHERS = LANES
 MOST_ENTRIES = FEW + 3 * FEW_OTHERS
 # This part of the choices is even, for what the estimates do not know of.
 EVEN_PART = 0.1
@@ -39,123 +50,157 @@ FAR2 = 1e16
 # A group is never as flat as its members: one that faces a point may be in it where the others do not.
 _FLATTEST = 0.8
 
-
-def tree(leaves: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The 2n - 1 nodes of a tree over n leaves, level by level, the root first; groups are halved along their longest
-    side. CHILD and PARENT count from the root.
-    """
-    nodes = np.zeros((2 * len(leaves) - 1, NODE_COLUMNS), np.float32)
-    parents = np.zeros(len(nodes), np.int64)
-    order, starts, places, used = np.arange(len(leaves)), np.array([0]), np.array([0]), 1
-    while len(places):
-        nodes[places] = leaves[order[starts]]  # which is right for those that are alone
-        counts = np.diff(starts, append=len(order))
-        many = counts > 1
-        order, places, counts = order[np.repeat(many, counts)], places[many], counts[many]
-        if len(places) == 0:
-            break
-        starts = np.cumsum(counts) - counts
-        of = np.repeat(np.arange(len(places)), counts)
-        nodes[places] = _groups(leaves[order].astype(np.float64), starts, of)
-
-        positions = leaves[order, CENTRE : CENTRE + 3]
-        extents = np.maximum.reduceat(positions, starts) - np.minimum.reduceat(positions, starts)
-        order = order[np.lexsort((positions[np.arange(len(order)), extents.argmax(axis=1)[of]], of))]
-        children = used + 2 * np.arange(len(places))
-        used += 2 * len(places)
-        nodes[places, CHILD] = children
-        parents[children] = parents[children + 1] = places
-        starts = np.stack([starts, starts + (counts + 1) // 2], axis=1).ravel()
-        places = np.stack([children, children + 1], axis=1).ravel()
-    nodes[:, PARENT] = parents
-    return nodes
+Floats = NDArray[np.float32]
 
 
-def moved(nodes: NDArray[np.float32], offset: int) -> NDArray[np.float32]:
-    """A whole tree so many rows further on."""
-    result = nodes.copy()
-    result[:, CHILD] += np.where(result[:, CHILD] > 0.0, offset, 0)
-    result[1:, PARENT] += offset
+def no_members(count: int) -> Floats:
+    """Rows of attributes, [count, ATTRIBUTES], of nothing."""
+    result = np.zeros((count, ATTRIBUTES), np.float32)
+    result[:, ROW], result[:, RADIUS2] = -1.0, NEVER
     return result
 
 
-def _groups(members: NDArray[np.float64], starts: NDArray[np.int64], of: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Nodes for groups of members that stand together. starts: of each group; of: of each member its group."""
-    result = np.zeros((len(starts), NODE_COLUMNS))
-    strength = np.add.reduceat(members[:, STRENGTH], starts)
-    weight = np.where(strength[of] > 0.0, members[:, STRENGTH], 1.0)
+def members(node: Floats) -> Floats:
+    """The rows of a node's members."""
+    return np.asarray(node[: LANES * ATTRIBUTES].reshape(ATTRIBUTES, LANES).T[: int(node[COUNT])])
+
+
+def places(nodes: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The rows of all lights in some nodes, and their places, counted from the first of these."""
+    rows = nodes[:, LANES * ROW : LANES * (ROW + 1)].ravel()
+    found = np.flatnonzero(rows >= 0.0)
+    return rows[found].astype(np.int64), found
+
+
+def tree(leaves: Floats) -> Floats:
+    """The nodes of a tree over leaves [n, ATTRIBUTES], n > 0, level by level: f32 [m, NODE_COLUMNS].
+
+    Groups are halved along their longest side, three times for a node. CHILD and PARENT count from the first node.
+    """
+    levels = []
+    order, starts, parents = np.arange(len(leaves)), np.array([0]), np.array([0])
+    used = 0
+    while len(parents):
+        first, count = used, len(parents)
+        of = np.arange(count)  # the node that each group is a member of
+        for _ in range(round(math.log2(LANES))):
+            order, starts, split = _halved(order, starts, leaves[:, CENTRE : CENTRE + 3])
+            of = np.repeat(of, split)
+        used += count
+        sizes = np.diff(starts, append=len(order))
+        rows = leaves[order[starts]].copy()
+        many = sizes > 1
+        lane = np.arange(len(of)) - np.searchsorted(of, of)
+        within = np.repeat(many, sizes)
+        order, sizes = order[within], sizes[many]
+        starts = np.cumsum(sizes) - sizes
+        if len(order):
+            rows[many] = _groups(leaves[order].astype(np.float64), starts, np.repeat(np.arange(len(sizes)), sizes))
+        rows[many, CHILD] = used + np.arange(len(sizes))
+        levels.append(_nodes(rows, of, lane, parents))
+        parents = LANES * (first + of[many]) + lane[many]
+    return np.concatenate(levels)
+
+
+def _halved(
+    order: NDArray[np.int64], starts: NDArray[np.int64], positions: Floats
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Groups of leaves cut in two along their longest side: (order, starts, how many each has become, 1 or 2)."""
+    counts = np.diff(starts, append=len(order))
+    of = np.repeat(np.arange(len(starts)), counts)
+    here = positions[order]
+    extents = np.maximum.reduceat(here, starts) - np.minimum.reduceat(here, starts)
+    order = order[np.lexsort((here[np.arange(len(order)), extents.argmax(axis=1)[of]], of))]
+    both = np.stack([starts, starts + (counts + 1) // 2], axis=1)
+    real = np.stack([counts > 0, counts > 1], axis=1)
+    return order, both[real], real.sum(axis=1)
+
+
+def _nodes(rows: Floats, of: NDArray[np.int64], lane: NDArray[np.int64], parents: NDArray[np.int64]) -> Floats:
+    """Nodes from the rows of their members. of, lane: of each row; parents: of each node."""
+    table = np.tile(no_members(1), (len(parents), LANES, 1))
+    table[of, lane] = rows
+    result = np.zeros((len(parents), NODE_COLUMNS), np.float32)
+    result[:, : LANES * ATTRIBUTES] = table.transpose(0, 2, 1).reshape(len(parents), LANES * ATTRIBUTES)
+    result[:, PARENT] = parents
+    result[:, COUNT] = np.bincount(of, minlength=len(parents))
+    result[:, CONES] = (table[:, :, BACK] < 0.0).any(axis=1)
+    result[:, GROUPS] = (table[:, :, CHILD] > 0.0).any(axis=1)
+    return result
+
+
+def moved(nodes: Floats, offset: int, first_row: int = 0) -> Floats:
+    """A whole tree so many nodes further on, of leaves whose rows begin at first_row."""
+    result = nodes.copy()
+    child, row = (result[:, LANES * column : LANES * (column + 1)] for column in (CHILD, ROW))
+    child += np.where(child > 0.0, offset, 0)
+    row += np.where(row >= 0.0, first_row, 0)
+    result[1:, PARENT] += LANES * offset
+    return result
+
+
+def group(leaves: Floats) -> Floats:
+    """The row of a group that holds all of them."""
+    row: Floats = _groups(leaves.astype(np.float64), np.array([0]), np.zeros(len(leaves), np.int64))[0]
+    return row
+
+
+def _groups(leaves: NDArray[np.float64], starts: NDArray[np.int64], of: NDArray[np.int64]) -> Floats:
+    """Rows for groups of leaves that stand together. starts: of each group; of: of each leaf its group."""
+    result = no_members(len(starts)).astype(np.float64)
+    strength = np.add.reduceat(leaves[:, STRENGTH], starts)
+    weight = np.where(strength[of] > 0.0, leaves[:, STRENGTH], 1.0)
     weight = (weight / np.add.reduceat(weight, starts)[of])[:, None]
-    centre = np.add.reduceat(weight * members[:, CENTRE : CENTRE + 3], starts)
-    offset2 = ((members[:, CENTRE : CENTRE + 3] - centre[of]) ** 2).sum(axis=1)
-    normals = members[:, NORMAL : NORMAL + 3]
-    both_sides = members[:, BACK] > 0.5
+    centre = np.add.reduceat(weight * leaves[:, CENTRE : CENTRE + 3], starts)
+    offset2 = ((leaves[:, CENTRE : CENTRE + 3] - centre[of]) ** 2).sum(axis=1)
+    normals = leaves[:, NORMAL : NORMAL + 3]
+    both_sides = leaves[:, BACK] > 0.5
     opposite = both_sides & ((normals * normals[starts][of]).sum(axis=1) < 0.0)
     normals = np.where(opposite[:, None], -normals, normals)
     result[:, CENTRE : CENTRE + 3] = centre
     result[:, NORMAL : NORMAL + 3] = _FLATTEST * np.add.reduceat(weight * normals, starts)
     result[:, ROUND] = 1.0 - np.linalg.norm(result[:, NORMAL : NORMAL + 3], axis=1)
     result[:, STRENGTH] = strength
-    result[:, SIZE2] = np.add.reduceat(weight[:, 0] * (offset2 + members[:, SIZE2]), starts)
-    result[:, BACK] = np.maximum.reduceat(np.maximum(members[:, BACK], 0.0), starts)
-    reach = np.sqrt(offset2) + np.sqrt(np.maximum(members[:, RADIUS2], 0.0))
-    result[:, RADIUS2] = np.maximum.reduceat(reach, starts) ** 2
-    result[:, ROW] = -1.0
-    return result
+    result[:, SIZE2] = np.add.reduceat(weight[:, 0] * leaves[:, SIZE2], starts)
+    result[:, SPREAD2] = np.add.reduceat(weight[:, 0] * offset2, starts)
+    result[:, BACK] = np.maximum.reduceat(np.maximum(leaves[:, BACK], 0.0), starts)
+    solid = leaves[:, RADIUS2] >= 0.0
+    reach = np.where(solid, np.sqrt(offset2) + np.sqrt(np.where(solid, leaves[:, RADIUS2], 0.0)), -1.0)
+    reach = np.maximum.reduceat(reach, starts)
+    result[:, RADIUS2] = np.where(reach >= 0.0, reach**2, NEVER)
+    return result.astype(np.float32)
 
 
-def assembled(
-    lamps: NDArray[np.float32], portals: NDArray[np.float32], distants: NDArray[np.float32], domes: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """All nodes, from those of the lights of each sort: f32 [n, 16]. The header's counts of rows are still zero."""
-    header = np.zeros((1, NODE_COLUMNS), np.float32)
-    entries: list[NDArray[np.float32]] = [header]
-    members: list[NDArray[np.float32]] = []
-    others = ((leaves, FEW_OTHERS, FEW_OTHERS) for leaves in (portals, distants, domes))
-    sorts = ((lamps, FEW, 1), *others)
-    at = 1 + sum(len(leaves) if len(leaves) <= few else groups for leaves, few, groups in sorts)
-    for column, (leaves, few, groups) in enumerate(sorts):
-        here = header[0, column - 1] if column else 1
-        if len(leaves) > few:
-            nodes = tree(leaves)
-            above, below = groups - 1, 2 * groups - 1  # a whole level of nodes becomes the entries
-            places = np.concatenate([np.zeros(above), here + np.arange(groups), at + np.arange(len(nodes) - below)])
-            nodes[:, CHILD] = np.where(nodes[:, CHILD] > 0.0, places[nodes[:, CHILD].astype(int)], 0.0)
-            nodes[:, PARENT] = places[nodes[:, PARENT].astype(int)]
-            nodes[:below, PARENT] = 0.0
-            leaves, rest = nodes[above:below], nodes[below:]
-            members.append(rest)
-            at += len(rest)
-        entries.append(leaves)
-        header[0, column] = here + len(leaves)
-    nodes = np.concatenate([*entries, *members])
-    given = nodes[1 : int(header[0, H_DOMES])]
-    even = (given[:, STRENGTH] > 0.0) & ((np.arange(len(given)) < header[0, H_DISTANTS] - 1) | (given[:, ROUND] > 0.0))
-    given[:, EVEN] = even * (EVEN_PART / max(int(even.sum()), 1))
-    for node in np.flatnonzero(nodes[:, CHILD] > 0.0):
-        child = int(nodes[node, CHILD])
-        nodes[child : child + 2, EVEN] = 0.5 * nodes[node, EVEN]
-    nodes[0] = header[0]
-    _link(nodes)
-    return nodes
-
-
-def _link(nodes: NDArray[np.float32]) -> None:
-    """Fill in NEXT, and in the header what a ray can meet."""
-    solid = np.flatnonzero(nodes[: int(nodes[0, H_LAMPS]), RADIUS2] >= 0.0)
-    solid = solid[solid > 0]
-    if len(solid) == 0:
-        return
-    nodes[0, H_SOLID] = solid[0]
-    nodes[solid[:-1], NEXT] = solid[1:]
-    waiting = [int(entry) for entry in solid]
-    count = 0
-    while waiting:
-        node = waiting.pop()
-        child = int(nodes[node, CHILD])
-        if child == 0:
-            count += int(nodes[node, RADIUS2] >= 0.0)
-        else:
-            nodes[child, NEXT], nodes[child + 1, NEXT] = child + 1, nodes[node, NEXT]
-            waiting += [child, child + 1]
-    nodes[0, H_SOLID] *= count > 0
-    nodes[0, H_SOLID_COUNT] = count
+def assembled(lamps: Floats, portals: Floats, distants: Floats, domes: Floats) -> Floats:
+    """All nodes, from the rows of the lights of each sort. The header's counts of rows are still zero."""
+    header = np.zeros(NODE_COLUMNS, np.float32)
+    sorts = (lamps, FEW), (portals, FEW_OTHERS), (distants, FEW_OTHERS), (domes, FEW_OTHERS)
+    trees = [tree(leaves) if len(leaves) > few else None for leaves, few in sorts]
+    entries = [leaves if nodes is None else members(nodes[0]) for (leaves, _), nodes in zip(sorts, trees, strict=True)]
+    ends = np.cumsum([len(rows) for rows in entries])
+    count = int(ends[-1])
+    used = at = 1 + -(-count // LANES)  # nodes
+    rows = np.concatenate(entries)
+    further = []
+    for nodes, end, leaves in zip(trees, ends, entries, strict=True):
+        if nodes is not None:
+            first = int(end) - len(leaves)
+            # The tree's first node is gone: its members are entries, and those of theirs have other parents.
+            offset, top = at - 1, nodes[:, PARENT] < LANES
+            lanes = nodes[1:, PARENT][top[1:]]
+            nodes = moved(nodes, offset)
+            nodes[1:, PARENT][top[1:]] = LANES + first + lanes
+            rows[first:end, CHILD] = members(nodes[0])[:, CHILD]
+            further.append(nodes[1:])
+            at += len(nodes) - 1
+    is_dome = np.arange(count) >= ends[2]
+    even = (rows[:, STRENGTH] > 0.0) & (~is_dome | (rows[:, ROUND] > 0.0))
+    rows[:, EVEN] = even * (EVEN_PART / max(int(even.sum()), 1))
+    places = np.arange(count)
+    nodes = _nodes(rows, places // LANES, places % LANES, np.zeros(used - 1, np.int64))
+    header[[H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES]] = ends
+    header[H_CHOICE] = count > 1 or len(further) > 0
+    header[H_NODES] = used - 1
+    solid = int((lamps[:, RADIUS2] >= 0.0).sum())
+    header[[H_SOLID_NODES, H_SOLID_COUNT]] = -(-int(ends[0]) // LANES) * (solid > 0), solid
+    return np.concatenate([header[None], nodes, *further])

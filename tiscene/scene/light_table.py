@@ -35,15 +35,16 @@ from tiscene.scene.light_images import (
 from tiscene.scene.light_nodes import (
     BACK,
     CENTRE,
-    CHILD,
     CONE,
     FAR2,
+    H_CHOICE,
     H_DISTANT_ROW,
     H_DOME_ROW,
     H_END,
     H_PORTAL_ROW,
     H_ROWS,
-    NODE_COLUMNS,
+    LANES,
+    NEVER,
     NORMAL,
     RADIUS2,
     ROUND,
@@ -61,13 +62,13 @@ LAST_SOLID = CYLINDER
 # Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect and portal width and height; disk and
 # sphere radius; cylinder radius and length; distant: cosine of half the angle, 1 - that cosine. TEXTURE: row of the
 # atlas or -1. DISTRIBUTION, GRID: where an image's begins, its columns and rows. IMAGE_PART: how many of the samples of
-# a rect are drawn from its image. NODE: the row's own. DOME_ROW: of a portal. SHADES: where in `distribution` begins by
-# which portals a distant light comes in, see `_shades`, or -1 without portals. SMALL_COPY: where there a dome's begins,
-# see `small_copy`, or -1. Of an instance that gives light INSTANCE is its row, TREE the node where that of its mesh's
-# triangles begins; FIRST_TRIANGLE: of the mesh, for which at DISTRIBUTION each triangle's node follows, 0 for none.
-# ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its light off anything.
-# SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its cone's angle; CONE_EDGE: the angles at which the soft edge
-# begins and ends, and the cosine where it begins; FOCUS_TINT, PROFILE as TEXTURE.
+# a rect are drawn from its image. NODE: its place among the nodes. DOME_ROW: of a portal. SHADES: where in
+# `distribution` begins by which portals a distant light comes in, see `_shades`, or -1 without portals. SMALL_COPY:
+# where there a dome's begins, see `small_copy`, or -1. Of an instance that gives light INSTANCE is its row, TREE the
+# node where that of its mesh's triangles begins; FIRST_TRIANGLE: of the mesh, for which at DISTRIBUTION each triangle's
+# place follows, 0 for none. ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its
+# light off anything. SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its cone's angle; CONE_EDGE: the angles at
+# which the soft edge begins and ends, and the cosine where it begins; FOCUS_TINT, PROFILE as TEXTURE.
 COLUMNS = 38
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_PART = 0, 1, 13, 16, 18, 19, 20, 22
 NODE, DOME_ROW, SHADES, SMALL_COPY, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
@@ -80,7 +81,7 @@ SHADE_COLUMNS = 8
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n + portals, 38], columns as named above; nodes: f32 [m, 16], see `light_nodes`; distribution: f32
+    """values: f32 [n + portals, 38], columns as named above; nodes: f32 [m, 128], see `light_nodes`; distribution: f32
     [k], see `dome_distribution`."""
 
     values: Any
@@ -153,7 +154,7 @@ def _lamp(light: Light, brightness: float) -> _Row:
             radius2 = light.radius**2
             return _Row((light.radius,), math.pi * radius2 * brightness, True, 0.5 * radius2, radius2)
         case SphereLight(radius=0.0):
-            return _Row((0.0,), brightness, False, 0.0, -1.0)
+            return _Row((0.0,), brightness, False, 0.0, NEVER)
         case SphereLight():
             radius2 = light.radius**2
             return _Row((light.radius,), math.pi * radius2 * brightness, False, 0.25 * radius2, radius2)
@@ -232,8 +233,8 @@ class LightTable:
         portals = [(row, portal) for row, dome in domes for portal in dome.portals]
         first_mesh = len(lights) + len(portals)
         values = np.zeros((first_mesh + len(self._meshes), COLUMNS), np.float32)
-        leaves = np.zeros((len(values), NODE_COLUMNS), np.float32)
-        leaves[:, ROW], leaves[:, RADIUS2] = np.arange(len(leaves)), -1.0
+        leaves = light_nodes.no_members(len(values))
+        leaves[:, ROW] = np.arange(len(leaves))
         values[:, TEXTURE] = values[:, PROFILE] = -1.0
         distributions: list[NDArray[np.float32]] = []
         used = 0
@@ -316,12 +317,14 @@ class LightTable:
         lamp_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
         for row, ((_, mesh, _), place) in enumerate(zip(self._meshes, self._places, strict=True), first_mesh):
             leaves[row] = mesh.placed(place)
-            leaves[row, [ROW, CHILD]] = row, 0.0
+            leaves[row, ROW] = row
         lamp_rows = np.concatenate([lamp_rows, leaves[first_mesh:]])
         nodes = light_nodes.assembled(lamp_rows, portal_rows, distant_rows, dome_rows)
         nodes[0, [H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END]] = *ends[1:], len(values)
-        single = np.flatnonzero(nodes[1:, ROW] >= 0.0) + 1
-        values[nodes[single, ROW].astype(int), NODE] = single
+        if self._meshes:
+            nodes[0, H_CHOICE] = 1.0  # of triangles
+        rows, places = light_nodes.places(nodes[1:])
+        values[rows, NODE] = LANES + places
         nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), used, distributions)])
         distributions.append(np.zeros(1, np.float32))
         return LightArrays(upload(values), upload(nodes), upload(np.concatenate(distributions)))
@@ -335,11 +338,10 @@ class LightTable:
         for row, (instance, mesh, first_triangle) in zip(rows, self._meshes, strict=True):
             if first_triangle not in known:
                 known[first_triangle] = used_nodes, used
-                nodes = light_nodes.moved(mesh.nodes, used_nodes)
-                single = np.flatnonzero(nodes[:, ROW] >= 0.0)
+                nodes = light_nodes.moved(mesh.nodes, used_nodes, first_triangle)
+                triangles, places = light_nodes.places(mesh.nodes)
                 where = np.zeros(mesh.triangles, np.float32)
-                where[nodes[single, ROW].astype(int)] = used_nodes + single
-                nodes[single, ROW] += first_triangle
+                where[triangles] = LANES * used_nodes + places
                 trees.append(nodes)
                 distributions.append(where)
                 used_nodes += len(nodes)

@@ -14,13 +14,15 @@ from tiscene.scene.light_images import LUMINANCE
 from tiscene.scene.light_nodes import (
     BACK,
     CENTRE,
-    NODE_COLUMNS,
+    NEVER,
     NORMAL,
     RADIUS2,
-    ROUND,
     ROW,
     SIZE2,
+    SPREAD2,
     STRENGTH,
+    group,
+    no_members,
     tree,
 )
 from tiscene.scene.texture_atlas import linear_pixels
@@ -32,14 +34,15 @@ _INSIDE = 0.02
 @dataclass(frozen=True, eq=False)
 class MeshLight:
     """nodes: the tree of a mesh's glowing triangles, in its own space, as `tree` makes it; ROW: of the triangle in the
-    mesh. triangles: how many the mesh has."""
+    mesh. whole: the row of all of them as a group. triangles: how many the mesh has."""
 
     nodes: NDArray[np.float32]
+    whole: NDArray[np.float32]
     triangles: int
 
     def placed(self, world_from_object: NDArray[np.float64]) -> NDArray[np.float32]:
-        """The node that stands for the whole, where an instance of the mesh [3, 4] is."""
-        node: NDArray[np.float32] = self.nodes[0].copy()
+        """The row of the whole, where an instance of the mesh [3, 4] is."""
+        node: NDArray[np.float32] = self.whole.copy()
         linear = world_from_object[:, :3]
         scale2 = abs(np.linalg.det(linear)) ** (2.0 / 3.0)
         node[CENTRE : CENTRE + 3] = linear @ node[CENTRE : CENTRE + 3] + world_from_object[:, 3]
@@ -47,8 +50,8 @@ class MeshLight:
         length = float(np.linalg.norm(normal))
         if length > 0.0:
             node[NORMAL : NORMAL + 3] = normal * (np.linalg.norm(node[NORMAL : NORMAL + 3]) / length)
-        node[[STRENGTH, SIZE2]] *= scale2
-        node[RADIUS2] = -1.0  # rays find it among the surfaces
+        node[[STRENGTH, SIZE2, SPREAD2]] *= scale2
+        node[RADIUS2] = NEVER  # rays find it among the surfaces
         return node
 
 
@@ -60,12 +63,11 @@ def mesh_light(mesh: Mesh, glow: NDArray[np.float64]) -> MeshLight | None:
     shining = np.flatnonzero((glow > 0.0) & np.isfinite(glow) & (area > 0.0))
     if len(shining) == 0:
         return None
-    leaves = np.zeros((len(shining), NODE_COLUMNS), np.float32)
+    leaves = no_members(len(shining))
     corners, area = corners[shining], area[shining]
     centre = corners.mean(axis=1)
     leaves[:, CENTRE : CENTRE + 3] = centre
     leaves[:, NORMAL : NORMAL + 3] = -normal[shining] / (2.0 * area[:, None])
-    leaves[:, ROUND] = 0.0
     leaves[:, STRENGTH] = area * glow[shining]
     leaves[:, SIZE2] = area / (2.0 * math.pi)
     leaves[:, BACK] = 1.0
@@ -75,7 +77,7 @@ def mesh_light(mesh: Mesh, glow: NDArray[np.float64]) -> MeshLight | None:
     if outside:
         leaves[:, BACK] = _INSIDE
         leaves[:, NORMAL : NORMAL + 3] *= outside
-    return MeshLight(tree(leaves), len(mesh.triangles))
+    return MeshLight(tree(leaves), group(leaves), len(mesh.triangles))
 
 
 def _outside(mesh: Mesh) -> int:

@@ -5,7 +5,7 @@ import taichi as ti
 from tiscene.render.lights import cylinder, disk, distant, dome, mesh, point, portal, rect, shaping, sphere
 from tiscene.render.lights.choice import chance_of, choose, weigh
 from tiscene.render.lights.light_sample import integer, no_sample
-from tiscene.scene.light_nodes import CHILD, H_DOMES, H_END, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
+from tiscene.scene.light_nodes import H_CHOICE, H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
 from tiscene.scene.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
 
 vec2 = ti.math.vec2
@@ -18,18 +18,17 @@ LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
 @ti.func
 def any_choice(lights: ti.template()):
     """Whether there are several lights: 1 or 0. Of one, `sample` needs no number to choose it."""
-    header = ti.static(lights.nodes)
-    return ti.cast(header[0, H_DOMES] > 2.0 or header[1, CHILD] > 0.0 or header[0, H_END] > header[0, H_ROWS], ti.i32)
+    return ti.cast(lights.nodes[0, H_CHOICE] > 0.0, ti.i32)
 
 
 @ti.func
 def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice: ti.f32, u: vec2):
     """A direction to some light: a LightSample. choice, u: uniform numbers. The density is that of all ways to it."""
     result = no_sample()
-    if lights.nodes[0, H_DOMES] > 1.0:
-        cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
-        count, scale = weigh(lights, origin, cut, weights)
-        row, chance, rest = choose(lights, cut, weights, count, scale, origin, choice)
+    if lights.nodes[0, H_NODES] > 0.0:
+        weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
+        count, scale = weigh(lights, origin, weights)
+        row, chance, rest = choose(lights, weights, count, scale, origin, choice)
         if chance > 0.0:
             kind = integer(lights.values, row, KIND)
             result.row = row
@@ -44,7 +43,7 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice:
                     result.row = row
             result.pdf *= chance
             if (kind == DOME or kind == PORTAL) and result.pdf > 0.0:
-                result.pdf += other_ways(lights, cut, weights, count, scale, result.row, row, origin, result.direction)
+                result.pdf += other_ways(lights, weights, count, scale, result.row, row, origin, result.direction)
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
                 met = origin + result.direction * result.distance
                 result.radiance *= shaping.scale(lights.values, textures, row, met, -result.direction)
@@ -54,7 +53,6 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice:
 @ti.func
 def other_ways(
     lights: ti.template(),
-    cut: ti.template(),
     weights: ti.template(),
     count: ti.i32,
     scale: ti.f32,
@@ -66,14 +64,14 @@ def other_ways(
     """The density of a dome's direction by its image and all its portals, leaving out the row `but`."""
     result = 0.0
     if row != but:
-        chance = chance_of(lights, cut, weights, count, scale, row, origin)
+        chance = chance_of(lights, weights, count, scale, row, origin)
         if chance > 0.0:
             result += chance * dome.pdf(lights, row, origin, direction, ti.math.inf)
     for other in range(integer(lights.nodes, 0, H_PORTAL_ROW), integer(lights.nodes, 0, H_ROWS)):
         if other != but:
             distance = rect.intersect(lights, other, origin, direction)
             if distance < ti.math.inf and integer(lights.values, other, DOME_ROW) == row:
-                chance = chance_of(lights, cut, weights, count, scale, other, origin)
+                chance = chance_of(lights, weights, count, scale, other, origin)
                 result += chance * rect.pdf(lights, other, origin, direction, distance)
     return result
 
@@ -81,7 +79,6 @@ def other_ways(
 @ti.func
 def pdf(
     lights: ti.template(),
-    cut: ti.template(),
     weights: ti.template(),
     count: ti.i32,
     scale: ti.f32,
@@ -90,17 +87,17 @@ def pdf(
     direction: vec3,
     distance: ti.f32,
 ) -> ti.f32:
-    """Density of `sample` for a direction that meets the light. cut ... scale: `weigh` at the origin."""
+    """Density of `sample` for a direction that meets the light. weights ... scale: `weigh` at the origin."""
     result = 0.0
     kind = integer(lights.values, row, KIND)
     if kind == DOME:
-        result = other_ways(lights, cut, weights, count, scale, row, -1, origin, direction)
+        result = other_ways(lights, weights, count, scale, row, -1, origin, direction)
     else:
         for k in ti.static(range(DOME)):
             if kind == k:
                 result = LIGHTS[k].pdf(lights, row, origin, direction, distance)
         if result > 0.0:
-            result *= chance_of(lights, cut, weights, count, scale, row, origin)
+            result *= chance_of(lights, weights, count, scale, row, origin)
     return result
 
 

@@ -14,62 +14,118 @@ from tiscene.scene.light_nodes import (
     BACK,
     CENTRE,
     CHILD,
+    CONES,
+    COUNT,
     EVEN,
-    FEW,
+    GROUPS,
+    H_CHOICE,
     H_DISTANTS,
     H_DOMES,
     H_LAMPS,
+    H_NODES,
     H_PORTAL_ROW,
     H_PORTALS,
     H_ROWS,
+    LANES,
     NORMAL,
     PARENT,
-    RADIUS2,
     ROUND,
     ROW,
     SIZE2,
+    SPREAD2,
     STRENGTH,
 )
 from tiscene.scene.light_table import NODE, SHADE_COLUMNS, SHADES
 
 vec3 = ti.math.vec3
+lanes = ti.types.vector(LANES, ti.f32)
 
-# A group is near if its squared distance is below so many times the squared radius of the sphere that holds it.
-_NEAR = 1.5
 # What a distant light that comes in by no portal counts for: it may come in elsewhere.
 _HIDDEN = 1e-6
+_BELOW_1 = 0.99999994
+# A group is near if its squared distance is below so many times its squared spread: then what its members give is
+# summed up, by which the worst of the noise is halved.
+_NEAR = 4.0
 
 
 @ti.func
-def node3(nodes: ti.template(), node: ti.i32, column: ti.template()) -> vec3:
-    """Three columns of a node."""
-    return vec3(nodes[node, column], nodes[node, column + 1], nodes[node, column + 2])
-
-
-@ti.func
-def given(lights: ti.template(), node: ti.i32, origin: vec3) -> ti.f32:
-    """About the irradiance of a light or group that has a place on a surface at `origin` that faces it."""
-    nodes = ti.static(lights.nodes)
-    offset = node3(nodes, node, CENTRE) - origin
-    distance2 = offset.dot(offset) + 1e-12
-    distance = ti.sqrt(distance2)
-    height = offset.dot(node3(nodes, node, NORMAL))
-    back = nodes[node, BACK]
-    other = -back * height
-    facing = nodes[node, ROUND] * distance + ti.select(height > other, height, other)
-    result = nodes[node, STRENGTH] * facing / (distance * (distance2 + nodes[node, SIZE2]))
-    if back < 0.0:
-        row = integer(nodes, node, ROW)
-        cosine = offset.dot(axis(lights.values, row, 2)) / distance
-        result = ti.max(result, 0.0) * shaping.in_cone(lights.values, row, cosine)
+def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes:
+    """One attribute of all members of a node."""
+    result = lanes(0.0)
+    for k in ti.static(range(LANES)):
+        result[k] = nodes[node, LANES * which + k]
     return result
 
 
 @ti.func
-def is_near(nodes: ti.template(), node: ti.i32, origin: vec3):
-    """Whether a group is so near for its size that from its middle one cannot tell what it gives: 1 or 0."""
-    offset = node3(nodes, node, CENTRE) - origin
-    return ti.cast(offset.dot(offset) < _NEAR * nodes[node, RADIUS2], ti.i32)
+def of_entry(nodes: ti.template(), entry: ti.i32, which: ti.template()) -> ti.f32:
+    """One attribute of an entry; entries are counted from 0."""
+    return nodes[1 + entry // LANES, LANES * which + entry % LANES]
+
+
+@ti.func
+def given(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
+    """About the irradiance of each member of a node on a surface at `origin` that faces it."""
+    nodes = ti.static(lights.nodes)
+    x = attribute(nodes, node, CENTRE) - origin.x
+    y = attribute(nodes, node, CENTRE + 1) - origin.y
+    z = attribute(nodes, node, CENTRE + 2) - origin.z
+    distance2 = x * x + y * y + z * z + 1e-12
+    distance = ti.sqrt(distance2)
+    height = x * attribute(nodes, node, NORMAL)
+    height += y * attribute(nodes, node, NORMAL + 1)
+    height += z * attribute(nodes, node, NORMAL + 2)
+    facing = attribute(nodes, node, ROUND) * distance + ti.max(height, -attribute(nodes, node, BACK) * height)
+    apart2 = ti.max(distance2 + attribute(nodes, node, SIZE2), attribute(nodes, node, SPREAD2))
+    result = ti.max(attribute(nodes, node, STRENGTH) * facing / (distance * apart2), 0.0)
+    if nodes[node, CONES] > 0.0:
+        within = ti.Vector.one(ti.f32, LANES)
+        for k in range(LANES):
+            if nodes[node, LANES * BACK + k] < 0.0:
+                row = ti.cast(nodes[node, LANES * ROW + k], ti.i32)
+                offset = axis(lights.values, row, 3) - origin
+                cosine = offset.dot(axis(lights.values, row, 2)) / ti.max(offset.norm(), 1e-9)
+                within[k] = shaping.in_cone(lights.values, row, cosine)
+        result *= within
+    return result
+
+
+@ti.func
+def running_sums(v: lanes) -> lanes:
+    """Of the first member, of two ..., of all. They never decrease: rounding keeps order."""
+    second, fourth = v[0] + v[1], 0.0
+    fourth = second + (v[2] + v[3])
+    sixth = fourth + (v[4] + v[5])
+    return lanes(v[0], second, second + v[2], fourth, fourth + v[4], sixth, sixth + v[6], sixth + (v[6] + v[7]))
+
+
+@ti.func
+def not_negative(v: lanes) -> ti.i32:
+    """A bit for each that is at least 0."""
+    bits = 0
+    for k in ti.static(range(LANES)):
+        bits |= ti.cast(v[k] >= 0.0, ti.i32) << k
+    return bits
+
+
+@ti.func
+def lowest(bits: ti.i32) -> ti.i32:
+    """Which is the lowest that is set."""
+    return 31 - ti.math.clz(bits & -bits)
+
+
+@ti.func
+def picked(v: lanes, aim: ti.f32):
+    """(member, its weight, the sum of those before it) where the running sum of weights passes `aim`."""
+    sums = running_sums(v)
+    before, weights = ti.Vector.zero(ti.f32, LANES), ti.Vector.zero(ti.f32, LANES)
+    lane = 0
+    for k in ti.static(range(LANES)):
+        weights[k] = v[k]
+    for k in ti.static(range(LANES - 1)):
+        before[k + 1] = sums[k]
+        lane += ti.cast(sums[k] <= aim, ti.i32)
+    return lane, weights[lane], before[lane]
 
 
 @ti.func
@@ -79,10 +135,10 @@ def affine(array: ti.template(), at: ti.i32, p: vec3) -> ti.f32:
 
 
 @ti.func
-def comes_in(lights: ti.template(), node: ti.i32, origin: vec3):
+def comes_in(lights: ti.template(), entry: ti.i32, origin: vec3):
     """Whether a distant light shines on the point through a portal: 1 or 0; of a group of them 1."""
     result = 1
-    row = integer(lights.nodes, node, ROW)
+    row = ti.cast(of_entry(lights.nodes, entry, ROW), ti.i32)
     if row >= 0:
         at = integer(lights.values, row, SHADES)
         if at >= 0:
@@ -97,150 +153,157 @@ def comes_in(lights: ti.template(), node: ti.i32, origin: vec3):
 
 
 @ti.func
-def weigh(lights: ti.template(), origin: vec3, cut: ti.template(), weights: ti.template()):
-    """The nodes that a choice from a point looks at to `cut`, and to `weights` what each gives there.
+def from_afar(lights: ti.template(), origin: vec3, weights: ti.template()):
+    """What distant lights and domes give, by what comes in through portals.
 
-    Returns (how many, by what to multiply a weight for the node's chance, but for the even part). `cut` and `weights`
-    have room for MOST_ENTRIES. Of lights with a place it is the entries, or as long as there is room, the members of
-    groups that are near for their size.
     A sun that is behind a portal counts there as well: few points are, and it does no harm.
     """
     nodes = ti.static(lights.nodes)
-    total, even, through_portals = 0.0, 0.0, 0.0
     portals, distants = integer(nodes, 0, H_LAMPS), integer(nodes, 0, H_PORTALS)
     domes, end = integer(nodes, 0, H_DISTANTS), integer(nodes, 0, H_DOMES)
-    count = 0
-    if end > 2 or nodes[1, CHILD] > 0.0:
-        for node in range(1, portals):
-            cut[node - 1] = node
-        count = portals - 1
-        k = 0
-        while k < count:
-            node = cut[k]
-            child = integer(nodes, node, CHILD)
-            if child > 0 and count < FEW and is_near(nodes, node, origin) != 0:
-                # The nearer one is gone into first: there the room is needed.
-                a, b = node3(nodes, child, CENTRE) - origin, node3(nodes, child + 1, CENTRE) - origin
-                second = ti.cast(b.dot(b) < a.dot(a), ti.i32)
-                cut[k] = child + second
-                cut[count] = child + 1 - second
-                count += 1
-            else:
-                here = given(lights, node, origin)
-                weights[k] = here
-                total += here
-                even += ti.select(here > 0.0, nodes[node, EVEN], 0.0)
-                k += 1
-        for node in range(portals, end):
-            here = 0.0
-            if node < distants:
-                here = given(lights, node, origin)
-                through_portals += here
-            elif node < domes:
-                here = given(lights, node, origin)
-                if through_portals > 0.0 and comes_in(lights, node, origin) == 0:
-                    here *= _HIDDEN
-            elif nodes[node, ROUND] > 0.0 or through_portals == 0.0:
-                here = math.pi * nodes[node, STRENGTH]
-            else:
-                here = nodes[node, SIZE2] * through_portals
-            cut[count], weights[count] = node, here
-            count += 1
-            total += here
-            even += ti.select(here > 0.0, nodes[node, EVEN], 0.0)
-    return count, (1.0 - even) / total if total > 0.0 else 0.0
+    through_portals = 0.0
+    for entry in range(portals, distants):
+        through_portals += weights[entry]
+    if through_portals > 0.0:
+        for entry in range(distants, domes):
+            if comes_in(lights, entry, origin) == 0:
+                weights[entry] *= _HIDDEN
+    for entry in range(domes, end):
+        if of_entry(nodes, entry, ROUND) > 0.0 or through_portals == 0.0:
+            weights[entry] = math.pi * of_entry(nodes, entry, STRENGTH)
+        else:
+            weights[entry] = of_entry(nodes, entry, SIZE2) * through_portals
 
 
 @ti.func
-def choose(
-    lights: ti.template(),
-    cut: ti.template(),
-    weights: ti.template(),
-    count: ti.i32,
-    scale: ti.f32,
-    origin: vec3,
-    u: ti.f32,
-):
-    """(row, its chance, what is left of u) of the light or portal to sample from a point; chance 0 for none.
+def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
+    """What every entry gives at a point, to `weights`, which has room for MOST_ENTRIES.
 
-    cut ... scale: `weigh`.
+    Returns (how many nodes of entries there are to choose from, 0 where there is nothing to choose; by what to multiply
+    a weight for the entry's chance, but for the even part).
     """
     nodes = ti.static(lights.nodes)
-    node, chance, low = 1, 1.0, 0.0
+    count, scale = 0, 0.0
+    if nodes[0, H_CHOICE] > 0.0:
+        count = integer(nodes, 0, H_NODES)
+        total, even = 0.0, 0.0
+        for k in range(count):
+            here = given(lights, 1 + k, origin)
+            for lane in ti.static(range(LANES)):
+                weights[LANES * k + lane] = here[lane]
+            total += running_sums(here)[LANES - 1]
+            even += running_sums(ti.select(here > 0.0, attribute(nodes, 1 + k, EVEN), 0.0))[LANES - 1]
+            if nodes[1 + k, GROUPS] > 0.0:
+                x = attribute(nodes, 1 + k, CENTRE) - origin.x
+                y = attribute(nodes, 1 + k, CENTRE + 1) - origin.y
+                z = attribute(nodes, 1 + k, CENTRE + 2) - origin.z
+                near = not_negative(_NEAR * attribute(nodes, 1 + k, SPREAD2) - (x * x + y * y + z * z))
+                while near > 0:
+                    lane = lowest(near)
+                    near &= near - 1
+                    child = ti.cast(nodes[1 + k, LANES * CHILD + lane], ti.i32)
+                    entry = LANES * k + lane
+                    if child > 0 and weights[entry] > 0.0:
+                        exact = running_sums(given(lights, child, origin))[LANES - 1]
+                        total += exact - weights[entry]
+                        weights[entry] = exact
+        if nodes[0, H_DOMES] > nodes[0, H_LAMPS]:
+            from_afar(lights, origin, weights)
+            total, even = 0.0, 0.0
+            for entry in range(integer(nodes, 0, H_DOMES)):
+                total += weights[entry]
+                even += ti.select(weights[entry] > 0.0, of_entry(nodes, entry, EVEN), 0.0)
+        scale = (1.0 - even) / total if total > 0.0 else 0.0
+    return count, scale
+
+
+@ti.func
+def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: ti.f32, origin: vec3, u: ti.f32):
+    """(row, its chance, what is left of u) of the light or portal to sample from a point; chance 0 for none.
+
+    weights ... scale: `weigh`.
+    """
+    nodes = ti.static(lights.nodes)
+    entry, chance, rest = 0, 1.0, u
     if count > 0:
-        reached = 0.0
+        before = 0.0
         chance = 0.0
         for k in range(count):
-            here = ti.select(weights[k] > 0.0, weights[k] * scale + nodes[cut[k], EVEN], 0.0)
-            taken = (u >= reached) & (here > 0.0)
-            node, chance = ti.select(taken, cut[k], node), ti.select(taken, here, chance)
-            low = ti.select(taken, reached, low)
-            reached += here
-        if u >= reached:  # nothing gives light there, as far as one can tell
-            chance = 0.0
-    rest = ti.min((u - low) / ti.max(chance, 1e-20), 0.99999994)
-    node, chance, rest = member(lights, node, chance, rest, origin)
-    return integer(nodes, node, ROW), chance, rest
+            here = lanes(0.0)
+            for lane in ti.static(range(LANES)):
+                here[lane] = weights[LANES * k + lane]
+            here = ti.select(here > 0.0, here * scale + attribute(nodes, 1 + k, EVEN), 0.0)
+            lane, lane_chance, low = picked(here, u - before)
+            if lane_chance > 0.0 and u >= before:
+                entry, chance, rest = LANES * k + lane, lane_chance, u - before - low
+            before += running_sums(here)[LANES - 1]
+        rest = ti.min(rest / ti.max(chance, 1e-20), _BELOW_1)
+    place = LANES + entry
+    child = ti.cast(of_entry(nodes, entry, CHILD), ti.i32)
+    if child > 0:
+        place, chance, rest = member(lights, child, chance, rest, origin)
+    return row_at(nodes, place), chance, rest
 
 
 @ti.func
-def member(lights: ti.template(), group: ti.i32, group_chance: ti.f32, u: ti.f32, origin: vec3):
-    """(node, its chance, what is left of u) of one light of a group by what each gives; a light is its own group."""
+def row_at(nodes: ti.template(), place: ti.i32) -> ti.i32:
+    """The light of a member."""
+    return ti.cast(nodes[place // LANES, LANES * ROW + place % LANES], ti.i32)
+
+
+@ti.func
+def shares(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
+    """What each member of a node gives at a point, or 1 if none gives anything."""
+    result = given(lights, node, origin)
+    if running_sums(result)[LANES - 1] <= 0.0:
+        for k in ti.static(range(LANES)):
+            result[k] = ti.select(k < lights.nodes[node, COUNT], 1.0, 0.0)
+    return result
+
+
+@ti.func
+def member(lights: ti.template(), first: ti.i32, group_chance: ti.f32, u: ti.f32, origin: vec3):
+    """(place, its chance, what is left of u) of one light below a node, by what each gives."""
     nodes = ti.static(lights.nodes)
-    node, chance, rest = group, group_chance, u
-    child = integer(nodes, node, CHILD)
-    while child > 0:
-        share = share_of_first(lights, child, origin)
-        node = child
-        if rest < share:
-            rest /= share
-        else:
-            node = child + 1
-            rest = ti.min((rest - share) / (1.0 - share), 0.99999994)
-            share = 1.0 - share
-        chance *= share
-        child = integer(nodes, node, CHILD)
-    return node, chance, rest
+    node, place, chance, rest = first, 0, group_chance, u
+    while node > 0:
+        weights = shares(lights, node, origin)
+        total = running_sums(weights)[LANES - 1]
+        aim = rest * total
+        lane, here, low = picked(weights, aim)
+        rest = ti.min((aim - low) / here, _BELOW_1)
+        chance *= here / total
+        place = LANES * node + lane
+        node = ti.cast(nodes[node, LANES * CHILD + lane], ti.i32)
+    return place, chance, rest
 
 
 @ti.func
-def share_of_first(lights: ti.template(), child: ti.i32, origin: vec3) -> ti.f32:
-    """Of what the two members of a group give, the part of the first."""
-    a, b = given(lights, child, origin), given(lights, child + 1, origin)
-    return a / (a + b) if a + b > 0.0 else 0.5
-
-
-@ti.func
-def share_of(lights: ti.template(), node: ti.i32, parent: ti.i32, origin: vec3) -> ti.f32:
-    """Of what a group gives, the part of one of its two members."""
-    child = integer(lights.nodes, parent, CHILD)
-    share = share_of_first(lights, child, origin)
-    return share if node == child else 1.0 - share
+def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
+    """(the place of the entry that a member is below, its part of the entry's chance); place 0 for a mesh's member."""
+    nodes = ti.static(lights.nodes)
+    entries = integer(nodes, 0, H_NODES)
+    here, part = place, 1.0
+    while here // LANES > entries:
+        node = here // LANES
+        weights = shares(lights, node, origin)
+        mine = 0.0
+        for k in ti.static(range(LANES)):
+            mine = ti.select(here % LANES == k, weights[k], mine)
+        part *= mine / running_sums(weights)[LANES - 1]
+        here = integer(nodes, node, PARENT)
+    return here, part
 
 
 @ti.func
 def chance_of(
-    lights: ti.template(),
-    cut: ti.template(),
-    weights: ti.template(),
-    count: ti.i32,
-    scale: ti.f32,
-    row: ti.i32,
-    origin: vec3,
+    lights: ti.template(), weights: ti.template(), count: ti.i32, scale: ti.f32, row: ti.i32, origin: vec3
 ) -> ti.f32:
     """The chance with which `choose` picks the row."""
-    nodes = ti.static(lights.nodes)
-    node, part, found = integer(lights.values, row, NODE), 1.0, 0.0
-    if count == 0:
-        found = 1.0
-        node = 0
-    while node > 0:
-        for k in range(count):
-            if cut[k] == node:
-                found = ti.select(weights[k] > 0.0, weights[k] * scale + nodes[node, EVEN], 0.0)
-                node = 0
-        if node > 0:
-            parent = integer(nodes, node, PARENT)
-            part *= share_of(lights, node, parent, origin)
-            node = parent
-    return part * found
+    result = 1.0
+    if count > 0:
+        place, part = part_of(lights, integer(lights.values, row, NODE), origin)
+        entry = place - LANES
+        here = weights[entry]
+        result = part * (here * scale + of_entry(lights.nodes, entry, EVEN)) if here > 0.0 else 0.0
+    return result

@@ -7,10 +7,10 @@ It needs Lights with `geometry` and `materials`; kernels without them sample no 
 import taichi as ti
 
 from tiscene.render.bsdfs.inputs import lookup_value
-from tiscene.render.lights.choice import member, share_of
+from tiscene.render.lights.choice import member, part_of, row_at
 from tiscene.render.lights.light_sample import integer, no_sample
 from tiscene.render.surface import moved_by, row3, surface_at, transform_point, transform_vector
-from tiscene.scene.light_nodes import H_END, H_ROWS, PARENT, ROW
+from tiscene.scene.light_nodes import H_END, H_ROWS
 from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE, TREE
 from tiscene.scene.material_table import (
     COVERAGE,
@@ -88,12 +88,11 @@ def emission_at(materials: ti.template(), textures: ti.template(), surface: ti.t
 @ti.func
 def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, choice: ti.f32, u: vec2):
     """A direction from `origin` to the light: a LightSample. choice: a number for the triangle."""
-    nodes = ti.static(lights.nodes)
     result = no_sample()
     p = in_mesh(lights, row, origin)
-    node, chance, _ = member(lights, integer(lights.values, row, TREE), 1.0, choice, p)
+    place, chance, _ = member(lights, integer(lights.values, row, TREE), 1.0, choice, p)
     instance = integer(lights.values, row, INSTANCE)
-    triangle = integer(nodes, node, ROW)
+    triangle = row_at(lights.nodes, place)
     root = ti.sqrt(u.x)
     surface = surface_at(
         lights.geometry, instance, triangle, root * (1.0 - u.y), root * u.y, CURRENT, vec3(0.0, 0.0, 1.0)
@@ -114,18 +113,11 @@ def pdf(
     lights: ti.template(), row: ti.i32, triangle: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
 ) -> ti.f32:
     """Density of `sample` for a direction that meets a triangle of the light at that distance."""
-    nodes = ti.static(lights.nodes)
     at = integer(lights.values, row, DISTRIBUTION) + triangle - integer(lights.values, row, FIRST_TRIANGLE)
-    node = ti.cast(lights.distribution[at], ti.i32)
+    place = ti.cast(lights.distribution[at], ti.i32)
     result = 0.0
-    if node > 0:
-        p = in_mesh(lights, row, origin)
-        chance = 1.0
-        parent = integer(nodes, node, PARENT)
-        while parent > 0:
-            chance *= share_of(lights, node, parent, p)
-            node = parent
-            parent = integer(nodes, node, PARENT)
+    if place > 0:
+        _, chance = part_of(lights, place, in_mesh(lights, row, origin))
         facing = ti.abs(doubled_area(lights, integer(lights.values, row, INSTANCE), triangle).dot(direction))
         result = chance * 2.0 * distance * distance / ti.max(facing, 1e-20)
     return result

@@ -4,18 +4,18 @@ so that a light hides what is behind it however a path gets there."""
 import taichi as ti
 
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.choice import chance_of, node3, weigh
+from tiscene.render.lights.choice import attribute, chance_of, lowest, not_negative, row_at, weigh
 from tiscene.render.lights.light_sample import integer
 from tiscene.scene.light_nodes import (
     CENTRE,
     CHILD,
+    FEW,
     H_DISTANT_ROW,
     H_PORTAL_ROW,
-    H_SOLID,
+    H_SOLID_NODES,
+    LANES,
     MOST_ENTRIES,
-    NEXT,
     RADIUS2,
-    ROW,
 )
 from tiscene.scene.light_table import ON_DIFFUSE, ON_SPECULAR, SHADOWLESS
 
@@ -25,6 +25,8 @@ vec3 = ti.math.vec3
 LIGHT_FRONT = 1e-4
 # Of the squared distance to a light, what a float's rounding can do to how far a ray passes it.
 _ROUNDING = 1e-6
+# Seven wait at each level of a tree of up to 8^8 lights.
+_MOST_WAITING = 7 * 8 + FEW // LANES
 
 
 @ti.func
@@ -45,28 +47,34 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
     """(row, distance) of the light that a ray meets before the surface; row -1 for none."""
     nodes = ti.static(lights.nodes)
     row, nearest = -1, surface_distance * (1.0 + LIGHT_FRONT)
-    node = integer(nodes, 0, H_SOLID)
-    while node > 0:
-        following = integer(nodes, node, NEXT)
-        offset = node3(nodes, node, CENTRE) - origin
-        along, distance2 = offset.dot(direction), offset.dot(offset)
-        radius2 = nodes[node, RADIUS2] + _ROUNDING * distance2
-        beyond = along - nearest
-        # The sphere about the light or the group is not passed by, not behind, and not behind what was met.
-        if (
-            (distance2 - along * along <= radius2)
-            & ((along > 0.0) | (distance2 <= radius2))
-            & ((beyond <= 0.0) | (beyond * beyond <= radius2))
-        ):
-            child = integer(nodes, node, CHILD)
+    waiting, count = ti.Vector.zero(ti.i32, _MOST_WAITING), integer(nodes, 0, H_SOLID_NODES)
+    for k in range(count):
+        waiting[k] = count - k
+    while count > 0:
+        count -= 1
+        node = waiting[count]
+        x = attribute(nodes, node, CENTRE) - origin.x
+        y = attribute(nodes, node, CENTRE + 1) - origin.y
+        z = attribute(nodes, node, CENTRE + 2) - origin.z
+        along = x * direction.x + y * direction.y + z * direction.z
+        distance2 = x * x + y * y + z * z
+        # How far within the sphere about each member the ray's nearest point is.
+        closest = ti.min(ti.max(along, 0.0), nearest)
+        depth = attribute(nodes, node, RADIUS2) + (_ROUNDING - 1.0) * distance2 + closest * (2.0 * along - closest)
+        inside = not_negative(depth)
+        while inside > 0:
+            lane = lowest(inside)
+            inside &= inside - 1
+            child = ti.cast(nodes[node, LANES * CHILD + lane], ti.i32)
             if child > 0:
-                following = child
+                if count < _MOST_WAITING:
+                    waiting[count] = child
+                    count += 1
             else:
-                candidate = integer(nodes, node, ROW)
+                candidate = row_at(nodes, LANES * node + lane)
                 distance = all_lights.intersect(lights, candidate, origin, direction)
                 if distance < nearest:
                     row, nearest = candidate, distance
-        node = following
     return row, nearest
 
 
@@ -87,11 +95,11 @@ def weight_of_emission(
     if pdf > 0.0 and row >= 0:
         weight = 0.0  # without MIS, light sampling alone counts
         if mis != 0:
-            cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
-            count, scale = weigh(lights, last_vertex, cut, weights)
+            weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
+            count, scale = weigh(lights, last_vertex, weights)
             distance = (position - last_vertex).norm()
             there = mesh.pdf(lights, row, triangle, last_vertex, direction, distance)
-            there *= chance_of(lights, cut, weights, count, scale, row, last_vertex)
+            there *= chance_of(lights, weights, count, scale, row, last_vertex)
             weight = power_heuristic(pdf, there)
     return weight
 
@@ -121,7 +129,7 @@ def seen_lights(
     else:
         from_vertex = (origin + direction * distance - last_vertex).norm()
     weighed, count, scale = False, 0, 0.0
-    cut, weights = ti.Vector.zero(ti.i32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+    weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
     for row in range(first, end):
         radiance = all_lights.emitted(lights, textures, row, origin, direction, distance, pdf)
         if pdf > 0.0 and radiance.max() > 0.0:
@@ -129,9 +137,9 @@ def seen_lights(
             # A light without shadows is sampled through what is in its way, where no path could run into it.
             if mis != 0 and lights.values[row, SHADOWLESS] == 0.0:
                 if not weighed:
-                    count, scale = weigh(lights, last_vertex, cut, weights)
+                    count, scale = weigh(lights, last_vertex, weights)
                     weighed = True
-                there = all_lights.pdf(lights, cut, weights, count, scale, row, last_vertex, direction, from_vertex)
+                there = all_lights.pdf(lights, weights, count, scale, row, last_vertex, direction, from_vertex)
                 weight = power_heuristic(pdf, there)
             radiance *= weight * response(lights, row, diffuse_part)
         result += radiance
