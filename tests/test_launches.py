@@ -48,6 +48,15 @@ def total(values: FLOATS) -> ti.f32:
     return result
 
 
+@ti.kernel
+def above(values: FLOATS, limit: ti.f32) -> ti.i32:
+    count = 0
+    for i in range(values.shape[0]):
+        if values[i, 0] > limit:
+            count += 1
+    return count - 2
+
+
 def device_array(values):
     array = ti.ndarray(ti.f32, values.shape)
     array.from_numpy(values)
@@ -100,6 +109,14 @@ def test_arrays_of_any_type():
         ints = ti.ndarray(ti.i32, 3)
         copy(np.arange(3, dtype=np.int32), ints)
         assert ints.to_numpy().tolist() == [0, 1, 2]
+
+
+def test_counts_are_handed_back():
+    values = np.arange(10, dtype=np.float32).reshape(10, 1)
+    on_device = device_array(values)
+    for limit in (3.0, -1.0, 20.0, 3.0):
+        expected = int((values > limit).sum()) - 2
+        assert above(values, limit) == above(on_device, limit) == expected
 
 
 def test_whatever_is_not_plain_is_left_to_taichi():

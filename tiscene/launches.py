@@ -2,8 +2,8 @@
 
 Taichi 1.7.4 looks at all types of all arguments twice, asks each for what only a few kinds need, and sets all of them.
 Here a kernel that was called once is launched at once for further arguments of its types, and on a CPU only those are
-set that are not the last launch's. Whatever is not plainly so (another type, a result, a tape of derivatives) takes
-Taichi's own way, errors included.
+set that are not the last launch's. Whatever is not plainly so (another type, a result that is no integer, a tape of
+derivatives) takes Taichi's own way, errors included.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class _Plan:
 
     runtime: Any
     keeps: bool  # what was set for one launch is there for the next: so on CPUs
+    counts: bool  # the result is an integer; else there is none
     parameters: list[tuple[Any, ...]] = field(default_factory=list)
     templates: list[int] = field(default_factory=list)
     open: list[int] = field(default_factory=list)
@@ -98,9 +99,13 @@ def _call(kernel: Any, *args: Any, **kwargs: Any) -> Any:
         runtime.prog.launch_kernel(compiled.code, context)
     except Exception as error:
         raise kernel_impl.handle_exception_from_cpp(error) from None
+    result = None
+    if plan.counts:
+        runtime.sync()
+        result = context.get_struct_ret_int((0,))
     if plan.keeps:
         compiled.contexts.append((context, last))
-    return None
+    return result
 
 
 def _set(context: Any, last: list[Any], values: tuple[Any, ...], plan: _Plan, program: Any) -> bool:
@@ -161,9 +166,12 @@ def _size(array: Any) -> int:
 
 def _plan(kernel: Any) -> _Plan | None:
     """None for what is left to Taichi."""
-    if kernel.return_type is not None or kernel.classkernel or kernel.autodiff_mode != kernel_impl.AutodiffMode.NONE:
+    counts = kernel.return_type == [primitive_types.i32]
+    if kernel.classkernel or kernel.autodiff_mode != kernel_impl.AutodiffMode.NONE:
         return None
-    plan = _Plan(kernel.runtime, ti.cfg.arch in (ti.x64, ti.arm64))
+    if kernel.return_type is not None and not counts:
+        return None
+    plan = _Plan(kernel.runtime, ti.cfg.arch in (ti.x64, ti.arm64), counts)
     for row, argument in enumerate(kernel.arguments):
         wanted, slot = argument.annotation, (len(plan.parameters),)
         if isinstance(wanted, template):
