@@ -13,6 +13,7 @@ from PIL import Image
 
 from tests.export.fake_stream import FakeStream
 from tiscene import catalog, cli
+from tiscene.commands import render as render_command
 from tiscene.errors import SceneNotFound, StageWarning
 from tiscene.export import EXPORTERS
 from tiscene.render.aovs import AOVS
@@ -29,6 +30,7 @@ class FakeCommandStream(FakeStream):
             raise SceneNotFound("scene", source, ["somewhere"])
         super().__init__(buffers, width=width, height=height, seed=seed)
         self.source, self.others = source, others
+        self.world = SimpleNamespace(descriptions=[SimpleNamespace(lights=["Bulb"], materials=[])])
         self.interrupt_at = type(self).interrupt_at
         self.made.append(self)
 
@@ -96,6 +98,14 @@ def test_render_hands_on_every_option(tmp_path, fake):
     }
 
 
+def test_render_says_that_the_picture_will_be_black(tmp_path, fake, monkeypatch, capsys):
+    monkeypatch.setattr(render_command, "is_dark", lambda stage: True)
+    assert render("-o", tmp_path / "seen") == 0
+    assert "tiscene: warning: somewhere: there is no light, the picture will be black\n" in capsys.readouterr().err
+    assert render("-o", tmp_path / "labels", "--buffers", "depth") == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_render_takes_several_cameras(tmp_path, fake):
     assert render("-o", tmp_path, "--camera", "Front,Above") == 0
     assert fake.made[-1].others["camera"] == ("Front", "Above")
@@ -134,6 +144,7 @@ def test_interrupted_render_says_how_to_go_on_and_does(tmp_path, fake, capsys, m
         (["render", "nowhere", "-o", "x"], "tiscene: no scene 'nowhere'. Did you mean 'somewhere'?"),
         (["render", "s", "-o", "x", "--buffers", "dept"], "tiscene: no buffer 'dept'. Did you mean 'depth'?"),
         (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of cryptomatte, exr, npz"),
+        (["render", "s", "-o", "x", "--format", "sailenv", "--buffers", "rgb"], "needs the buffer 'semantic'; ask for"),
         (["demo", "-o", "x", "--frames", "0"], "tiscene: --frames 0: must be at least 1"),
         (["bench", "nowhere"], "tiscene: no scene 'nowhere'. Did you mean 'somewhere'?"),
         (["bench", "--seconds", "nan"], "tiscene: --seconds nan: must be 0 or more"),

@@ -63,6 +63,20 @@ def test_what_is_said_of_a_stage(tmp_path, capsys):
     assert "there is no light" not in lit
 
 
+def test_an_empty_file_and_one_that_is_far_away(tmp_path, capsys):
+    path = tmp_path / "a.usda"
+    path.write_text("#usda 1.0\n")
+    out = inspected(capsys, path)
+    assert "0 prims, 0 of them instances\n" in out
+    assert "0 things\n" in out
+    assert "there is nothing to see" in out
+    path.write_text(
+        '#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "A"\n{\n    double3 xformOp:translate = (4e6, 0, 0)\n'
+        '    uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+    )
+    assert "everything is far from the origin" in inspected(capsys, path)
+
+
 def test_a_file_that_does_not_say_its_unit(tmp_path, capsys):
     path = tmp_path / "a.usda"
     path.write_text('#usda 1.0\ndef Cube "A"\n{\n}\n')

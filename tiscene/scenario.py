@@ -211,15 +211,20 @@ class Scenario:
         write_scenario(content, path)
 
     @classmethod
-    def load(cls, source: str | os.PathLike[str], *, variants: Mapping[str, str] | None = None) -> Scenario:
+    def load(
+        cls, source: str | os.PathLike[str], *, variants: Mapping[str, str] | None = None, still: bool = False
+    ) -> Scenario:
         """Read what `save` wrote, or what the author of a USD stage means to happen on it.
 
         source: a scenario (.json), a USD file, or a scene's name. A stage of which nothing moves is a scenario without
-        objects. variants: as of `Stream`, of a stage. Raises MissingFile or SceneNotFound, StageError for a stage that
+        objects. variants: as of `Stream`, of a stage. still: nothing of a stage is to move, and it is not read for what
+        does. Raises MissingFile or SceneNotFound, StageError for a stage that
         cannot be read, or ScenarioError with the file and the place in it.
         """
         if Path(source).suffix.lower() == ".json":
             return cls._load_json(Path(source))
+        if still:
+            return cls(os.fspath(source))
         from tiscene.usd.scenario import read_scenario
 
         file = catalog.find_scene(source)

@@ -59,7 +59,8 @@ class Stream(Iterator[Frame]):
     seed: of the rendering's random numbers (trajectories have their own).
     camera: a Camera, or the name of one on the stage, in the place of the scenario's. Several: one simulation that all
         of them watch; `frame` is what the first sees, `frame.views` has a frame of each by the camera's name.
-    time_code: the stage's time code to read. variants: {"/Prim{set}": "variant"}. arch: "cpu" or "cuda".
+    time_code: shows the stage as it is then, still; None: it plays. variants: {"/Prim{set}": "variant"}.
+    arch: "cpu" or "cuda".
     shutter: when the shutter opens and closes, in frames from each frame, such as (0, 0.5): what moves meanwhile is
         blurred in `rgb` and `hdr`, labels are of the frame's own time. None: as the cameras say; (0, 0): no blur.
     taxonomy: of the semantic labels; None for "class", else "category", else any.
@@ -120,9 +121,9 @@ class Stream(Iterator[Frame]):
         self.buffers = buffer_names(buffers)
         parts = {"max_depth": max_depth, "denoise": denoise, "clamp": clamp, "pixel_filter": pixel_filter}
         self.quality: Quality = quality_named(quality, spp=spp, error=error, **parts)
-        if untrusted and not isinstance(source, Scenario):
-            source = Scenario(os.fspath(source))
-        scenario = source if isinstance(source, Scenario) else Scenario.load(source, variants=variants)
+        if not isinstance(source, Scenario):
+            source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None)
+        scenario = source
         if camera is not None:
             scenario = replace(scenario, camera=camera)
         if differential and not self.quality.may_be_differential:
@@ -208,8 +209,7 @@ class Stream(Iterator[Frame]):
         if self.frames is not None and self._position >= self.frames:
             raise StopIteration
         frame = self._render(self._position)
-        self._position += 1
-        self.world.next_frame = self._position
+        self.seek(self._position + 1)
         return frame
 
     def __len__(self) -> int:

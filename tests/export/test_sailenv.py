@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.export.fake_stream import FakeStream
-from tiscene.errors import ExportError, MissingFile
+from tiscene.errors import ArgumentError, ExportError, MissingFile
 from tiscene.export import NEEDED, export
 from tiscene.export.sailenv import Recording
 
@@ -62,8 +62,10 @@ def test_what_replaces_a_recording_leaves_nothing_of_it(tmp_path):
 
 
 def test_mistakes_are_said(tmp_path):
-    with pytest.raises(ExportError, match="needs the buffers rgb, semantic, backward_flow; backward_flow is missing"):
-        export(FakeStream(("rgb", "semantic")), tmp_path, format="sailenv", frames=[0])
+    stream = FakeStream(("rgb", "semantic"))
+    with pytest.raises(ArgumentError, match=r"needs the buffer 'backward_flow'; ask for buffers=\('rgb', "):
+        export(stream, tmp_path, format="sailenv", frames=[0])
+    assert stream.rendered == []
     with pytest.raises(MissingFile, match=r"fps\.json"):
         Recording(tmp_path / "nowhere")
     export(FakeStream(NEEDED["sailenv"]), tmp_path, format="sailenv", frames=[0], overwrite=True)

@@ -475,6 +475,20 @@ def test_time_samples_play_as_they_are(tmp_path):
             assert abs(np.dot(rows["Box"].rotation, expected)) == pytest.approx(1)
 
 
+def test_at_one_time_code_everything_stands(tmp_path):
+    path = write(tmp_path, ANIMATED, more="startTimeCode = 10\nendTimeCode = 30\ntimeCodesPerSecond = 5")
+    stream = ts.Stream(path, time_code=15.0, width=8, height=6, buffers=("instance",))
+    assert stream.scenario.objects == ()
+    for frame in (0, 7):
+        assert stream.world.view(frame)[1].position == pytest.approx((0.5, 0, 9))
+        rows = {each.name: each for each in stream.world.objects(frame)}
+        assert rows["Box"].position == pytest.approx((5, 0, 5))
+    json = tmp_path / "run.json"
+    ts.Scenario(str(path), [Object("ball", "Sphere", (1, 0, 0), dynamic=ts.Orbit((0, 0, 0), period=4))]).save(json)
+    rows = ts.Stream(json, time_code=15.0, width=8, height=6, buffers=("instance",)).world.objects(25)
+    assert [row.velocity == (0, 0, 0) for row in rows] == [True, True, False]  # what the scenario moves does
+
+
 def test_the_stage_of_the_documentation_plays(tmp_path):
     page = Path(__file__).parents[2] / "docs" / "usd_scenarios.md"
     (text,) = re.findall(r"```usda\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)

@@ -29,7 +29,7 @@ def test_a_missing_file(tmp_path):
 def test_a_file_that_is_no_usd(tmp_path):
     path = tmp_path / "text.usda"
     path.write_text("#usda 1.0\ndef Mesh 'M' { int x = }")
-    with pytest.raises(StageError, match=r"cannot be read: .*text\.usda"):
+    with pytest.raises(StageError, match=r"has 1 problem:\n  cannot be read: .*text\.usda:2:16: Expected }"):
         read_stage(path)
     path = tmp_path / "noise.usdc"
     path.write_bytes(bytes(range(256)) * 8)
@@ -121,6 +121,12 @@ def Xform "Room" (
     }
 }
 """
+
+
+def test_a_variant_that_is_missing_because_its_file_is(tmp_path):
+    path = write(tmp_path, 'def "A" (references = @./missing.usda@)\n{\n}')
+    with pytest.raises(StageError, match=r"</A> composition: .*missing\.usda"):
+        read_stage(path, variants={"/A{color}": "red"})
 
 
 def test_variants(tmp_path):

@@ -19,6 +19,7 @@ from tiscene.usd.inspection import StageFacts, stage_facts
 
 _SHOWN = 12
 _ROOM = (0.3, 200.0)  # m, of the longest side of what somebody would stream
+_FAR = 1e4  # times as far from the origin as it is large
 _TREE_BYTES = 100  # of the tree and the packed vertices, about, for each triangle
 
 
@@ -55,7 +56,7 @@ def _print_facts(path: Path, facts: StageFacts) -> None:
         print(
             f"  time codes {first:g} to {last:g}, {facts.time_codes_per_second:g} a second; {facts.animated} prims move"
         )
-    print(f"  {sum(facts.types.values()):,} prims, {facts.instances:,} of them instances: {_listing(facts.types)}")
+    print(f"  {sum(facts.types.values()):,} prims, {facts.instances:,} of them instances{_listing(facts.types)}")
     for place, (chosen, names) in list(facts.variants.items())[:_SHOWN]:
         print(f"  variants {place}: {', '.join(f'[{name}]' if name == chosen else name for name in names)}")
     if len(facts.variants) > _SHOWN:
@@ -74,7 +75,7 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     meshes, instances = _count(len(stage.meshes), "mesh", "es"), _count(len(stage.instances), "time")
     yield f"{unique:,} triangles in {meshes}, placed {instances}: {placed:,}"
     categories = Counter(thing.category or "(no category)" for thing in stage.objects)
-    yield f"{_count(len(stage.objects), 'thing')}: {_listing(dict(categories.most_common()))}"
+    yield f"{_count(len(stage.objects), 'thing')}{_listing(dict(categories.most_common()))}"
     parts = sum(len(thing.parts) or 1 for thing in stage.objects)
     passed = sum(not instance.collides for instance in stage.instances)
     movable = sum(thing.movable for thing in stage.objects)
@@ -91,7 +92,7 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     texels = _count(len(stage.textures), "texture")
     yield f"{_count(len(stage.materials), 'material')}, {texels} of {_bytes(pixels)}"
     kinds = Counter(type(light).__name__ for light in stage.lights)
-    yield f"{_count(len(stage.lights), 'light')}{': ' if kinds else ''}{_listing(dict(kinds))}"
+    yield f"{_count(len(stage.lights), 'light')}{_listing(dict(kinds))}"
     names = ", ".join(camera.name for camera in stage.cameras[:_SHOWN])
     yield f"{_count(len(stage.cameras), 'camera')}{': ' if names else ''}{names}"
     if stage.templates:
@@ -114,11 +115,14 @@ def _doubts(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
         said = f"metersPerUnit is {facts.meters_per_unit:g}" if facts else "see metersPerUnit"
         unauthored = ", USD's default: the file does not say" if facts and not facts.unit_is_authored else ""
         doubts.append(f"everything together is {size} long ({said}{unauthored})")
-    emitters = any(material.emissive_color != (0.0, 0.0, 0.0) for material in stage.materials)
-    if not stage.lights and not emitters:
+    if is_dark(stage):
         doubts.append("there is no light: the picture will be black")
+    if not stage.instances:
+        doubts.append("there is nothing to see")
+    elif float(np.abs(stage.bounds()).max()) > _FAR * longest:
+        doubts.append("everything is far from the origin: numbers of 32 bits blur it, so move it nearer")
     if not stage.cameras:
-        doubts.append("there is no camera: give one, or the default one looks from the origin")
+        doubts.append("there is no camera: the default one sees all of the stage")
     elif longest > 0.0:
         low, high = stage.bounds()
         far = [
@@ -136,9 +140,16 @@ def _doubts(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
     return doubts
 
 
+def is_dark(stage: SceneDescription) -> bool:
+    """Whether nothing gives light."""
+    return not stage.lights and all(material.emissive_color == (0.0, 0.0, 0.0) for material in stage.materials)
+
+
 def _listing(counts: dict[str, int]) -> str:
+    """ ": 3 Mesh, 1 Xform", "" of nothing."""
     shown = [f"{count:,} {name}" for name, count in list(counts.items())[:_SHOWN]]
-    return ", ".join(shown + ([f"{len(counts) - _SHOWN} more kinds"] if len(counts) > _SHOWN else []))
+    more = [f"{len(counts) - _SHOWN} more kinds"] if len(counts) > _SHOWN else []
+    return (": " if counts else "") + ", ".join(shown + more)
 
 
 def _count(number: int, name: str, plural: str = "s") -> str:

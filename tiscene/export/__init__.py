@@ -32,7 +32,7 @@ EXPORTERS: Mapping[str, Callable[[Frame], dict[str, bytes]]] = {
 SUMMARIES: Mapping[str, tuple[Sequence[str], Callable[[Stream, Manifest], dict[str, bytes]]]] = {
     "sailenv": (sailenv.SUMMARY, sailenv.summary)
 }
-# The buffers of a format that cannot do with others.
+# What a format cannot do without.
 NEEDED: Mapping[str, Sequence[str]] = {"cryptomatte": cryptomatte.BUFFERS, "sailenv": sailenv.BUFFERS}
 
 __all__ = ["EXPORTERS", "NEEDED", "Manifest", "export", "made_by"]
@@ -60,6 +60,10 @@ def export(
     """
     if format not in EXPORTERS:
         raise ArgumentError(f"format={format!r}: must be one of {', '.join(EXPORTERS)}")
+    missing = [name for name in NEEDED.get(format, ()) if name not in stream.buffers]
+    if missing:
+        all_of_them = (*stream.buffers, *missing)
+        raise ArgumentError(f"format={format!r}: needs the buffer {missing[0]!r}; ask for buffers={all_of_them!r}")
     if frames is None:
         if stream.frames is None:
             raise ArgumentError("an endless stream needs frames=range(...) to be exported")

@@ -26,7 +26,7 @@ from tiscene.export import exr
 if TYPE_CHECKING:
     from tiscene.frame import Frame
 
-BUFFERS = ("rgb", "coverage")  # what is exported by default
+BUFFERS = ("coverage",)  # what mattes are made of
 HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"
 _MASK = 0xFFFFFFFF
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from tiscene.frame import Frame
 
-COLORS = ("rgb", "hdr", "albedo")
+COLORS = ("rgb", "hdr", "denoised", "albedo")
 LARGEST_HALF = 65504.0
 
 

@@ -43,7 +43,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
     low, high = limits or limits_of(name, [buffer])
     if name == "rgb":
         return Picture(buffer, "display sRGB")
-    if name == "hdr":
+    if name in ("hdr", "denoised"):
         return Picture(_display(buffer / max(high, 1e-6)), f"radiance, white is {high:.3g}")
     if name in ("depth", "distance"):
         return Picture(depth_picture(buffer, low, high), f"{low:.2f} to {high:.2f} m")
@@ -82,7 +82,7 @@ def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
     finite = np.concatenate(values) if values else np.empty(0)
     if finite.size == 0:
         return (0.0, 1.0)
-    if name == "hdr":
+    if name in ("hdr", "denoised"):
         return (0.0, float(np.percentile(finite, 98.0)))
     if "flow" in name:
         # Of what moves, nearly the fastest: one thing that rushes past does not make all others pale.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +13,7 @@ from pxr import Tf
 from tiscene.errors import StageError, StageWarning
 from tiscene.usd.limits import Limits, Root, Spent
 
+_INTERNAL = re.compile(r"\bpxrInternal\w*::")
 _PATHS_NAMED = 5  # prims that one line of the warning names before it says how many more there are
 _PROBLEMS_TOLD = 100
 _LINES_TOLD = 20  # of what USD says of one failure
@@ -20,13 +22,14 @@ _LINES_TOLD = 20  # of what USD says of one failure
 def error_lines(error: Tf.ErrorException) -> list[str]:
     """What USD says of a failure, one line each."""
     lines = [one_line(diagnostic) for diagnostic in error.args[:_LINES_TOLD]]  # damaged files give a million
-    return list(dict.fromkeys(lines)) or ["USD gave no reason"]
+    reasons = [line for line in lines if not line.startswith("Failed to open layer")]  # said after each of them
+    return list(dict.fromkeys(reasons or lines)) or ["USD gave no reason"]
 
 
 def one_line(error: Any) -> str:
     """The text of an error or diagnostic of USD, whose `str` can fail on bytes that are no UTF-8."""
     try:
-        return " ".join(str(getattr(error, "commentary", error)).split())
+        return _INTERNAL.sub("", " ".join(str(getattr(error, "commentary", error)).split()))
     except UnicodeDecodeError:
         return "USD's message about it is not valid UTF-8, so that the file is likely damaged"
 

@@ -52,11 +52,19 @@ def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
         for layer in stage.GetUsedLayers():  # USD shares layers in a process: see to it that they are today's files
             if not layer.anonymous and not layer.dirty:
                 layer.Reload()
-    select_variants(stage, variants or {})
+    try:
+        select_variants(stage, variants or {})
+    except UnknownName:
+        _refuse_errors(stage, path)  # a variant may be missing because its file is
+        raise
+    _refuse_errors(stage, path)
+    return stage
+
+
+def _refuse_errors(stage: Usd.Stage, path: Path) -> None:
     problems = [f"<{_error_path(error)}> composition: {one_line(error)}" for error in stage.GetCompositionErrors()]
     if problems:
         raise StageError(str(path), list(dict.fromkeys(problems)))
-    return stage
 
 
 def _error_path(error: object) -> str:
