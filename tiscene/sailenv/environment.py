@@ -64,7 +64,8 @@ class Environment:
         if not (np.isfinite(fps) and fps > 0):
             raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
         # The world is made when it is needed; what cannot be is said now, before clients come.
-        quality_named(quality, spp=spp, max_depth=max_depth, denoise=denoise)
+        parts = {"spp": spp, "max_depth": max_depth, "denoise": denoise}
+        quality_named(quality, **parts)
         integer("seed", seed, 0, 2**32 - 1)
         device.start(arch)
         self.fps = float(fps)
@@ -72,15 +73,7 @@ class Environment:
         self.viewers: dict[int, Viewer] = {}
         self._first_scene = scene or names.first_scene()
         names.scene_of(self._first_scene)
-        self._settings: dict[str, Any] = {
-            "fps": fps,
-            "quality": quality,
-            "spp": spp,
-            "max_depth": max_depth,
-            "denoise": denoise,
-            "seed": seed,
-            "arch": arch,
-        }
+        self._settings: dict[str, Any] = {"fps": fps, "quality": quality, **parts, "seed": seed, "arch": arch}
         self.uploads = Uploads()
         self._stream: Stream | None = None
         self._ambient: Color8 = (0, 0, 0)
