@@ -117,6 +117,7 @@ def test_counts_are_handed_back():
     for limit in (3.0, -1.0, 20.0, 3.0):
         expected = int((values > limit).sum()) - 2
         assert above(values, limit) == above(on_device, limit) == expected
+    assert launches._plans[above._primal].counts
 
 
 def test_whatever_is_not_plain_is_left_to_taichi():

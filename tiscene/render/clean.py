@@ -11,7 +11,7 @@ from tiscene.render.denoise import denoise
 from tiscene.render.integrators.path import PathImage
 from tiscene.render.integrators.replay import ReplayImage
 from tiscene.render.integrators.replay_base import Base
-from tiscene.render.upsample import downsample, light, upsample
+from tiscene.render.upsample import light, upsample
 
 FloatImage = NDArray[np.float32]
 
@@ -32,7 +32,7 @@ class Cleaner:
         """Radiance of a picture of the reduced size, along the albedo and normal of full size."""
         if self.reduction == 1:
             return self._denoised(image.hdr, image.albedo, image.normal, self.sharp)
-        reached, white = light(image.hdr, image.albedo, image.normal)
+        reached, white, _ = light(image.hdr, image.albedo, image.normal)
         return upsample(self._denoised(reached, white, image.normal, False), image.normal, albedo, normal)
 
     def difference(self, image: ReplayImage) -> FloatImage:
@@ -46,8 +46,10 @@ class Cleaner:
         quick = self._quick(np.maximum(image.even, 0.0), image.albedo, image.normal)
         for group, factor in enumerate(image.factors):
             if factor.any():
-                quick = quick + image.unmoved * (factor * self._refinement(image.base, group))
-        return np.maximum(quick, 0.0)
+                more = self._refinement(image.base, group) * factor
+                more *= image.unmoved
+                quick += more
+        return np.maximum(quick, 0.0, out=quick)
 
     def _refinement(self, base: Base, group: int) -> FloatImage:
         """What the best picture of a base under a group of lights has more than the quick one."""
@@ -61,8 +63,7 @@ class Cleaner:
     def _quick(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
         if self.reduction == 1:
             return self._denoised(radiance, albedo, normal, self.sharp)
-        reached, white = light(radiance, albedo, normal)
-        reached, white, coarse = (downsample(each, self.reduction) for each in (reached, white, normal))
+        reached, white, coarse = light(radiance, albedo, normal, self.reduction)
         return upsample(self._denoised(reached, white, coarse, False), coarse, albedo, normal, self.reduction)
 
     def _denoised(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage, clean: bool) -> FloatImage:

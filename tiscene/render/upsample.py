@@ -23,21 +23,16 @@ def reduced(width: int, height: int, reduction: int) -> tuple[int, int]:
     return -(-width * low_height // height), low_height
 
 
-def light(radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """What reaches the surfaces, and the albedo of that [h, w, 3]: 1, and 0 where there is no surface and the light is
-    the radiance."""
-    surface = normal.any(axis=-1, keepdims=True)
-    white = np.broadcast_to(surface, radiance.shape).astype(np.float32)
-    return radiance / np.where(surface, albedo + np.float32(FLOOR), np.float32(1.0)), white
-
-
-def downsample(image: FloatImage, reduction: int) -> FloatImage:
-    """Means of squares of so many pixels; the last rows and columns count as often as it takes to fill them."""
-    height, width = image.shape[:2]
-    image = np.pad(image, ((0, -height % reduction), (0, -width % reduction), (0, 0)), mode="edge")
-    rows = sum(image[first::reduction] for first in range(reduction))
-    columns = sum(rows[:, first::reduction] for first in range(reduction))
-    return np.ascontiguousarray(columns / np.float32(reduction**2), np.float32)
+def light(
+    radiance: FloatImage, albedo: FloatImage, normal: FloatImage, reduction: int = 1
+) -> tuple[FloatImage, FloatImage, FloatImage]:
+    """What reaches the surfaces, the albedo of that [h, w, 3]: 1, and 0 where there is no surface and the light is the
+    radiance; and the normal. All as means of squares of so many pixels; the last rows and columns count as often as it
+    takes to fill them."""
+    height, width = (-(-length // reduction) for length in radiance.shape[:2])
+    reached, white, coarse = (np.empty((height, width, 3), np.float32) for _ in range(3))
+    _light(radiance, albedo, normal, reduction, reached, white, coarse)
+    return reached, white, coarse
 
 
 def upsample(
@@ -49,7 +44,7 @@ def upsample(
 ) -> FloatImage:
     """Radiance, float32 [h, w, 3], of the size of the full albedo and normal; no normal (0) says that nothing is there.
 
-    light, normal: as of `light`, of a picture of the size that `reduced` says, or with a reduction of `downsample`.
+    light, normal: as of `light`, of a picture of the size that `reduced` says, or with that reduction.
     """
     height, width = full_albedo.shape[:2]
     low_height, low_width = light.shape[:2]
@@ -67,6 +62,28 @@ def upsample(
 @ti.func
 def read(image: ti.template(), y: ti.i32, x: ti.i32) -> vec3:
     return vec3(image[y, x, 0], image[y, x, 1], image[y, x, 2])
+
+
+@ti.kernel
+def _light(
+    radiance: Image, albedo: Image, normal: Image, reduction: ti.i32, reached: Image, white: Image, coarse: Image
+):
+    height, width = radiance.shape[0], radiance.shape[1]
+    for y, x in ti.ndrange(reached.shape[0], reached.shape[1]):
+        light_sum, surface_sum, normal_sum = vec3(0.0), 0.0, vec3(0.0)
+        for place in range(reduction * reduction):
+            row = ti.min(y * reduction + place // reduction, height - 1)
+            column = ti.min(x * reduction + place % reduction, width - 1)
+            n, shown = read(normal, row, column), read(radiance, row, column)
+            if n.norm_sqr() > 0.0:
+                shown /= read(albedo, row, column) + FLOOR
+                surface_sum += 1.0
+            light_sum += shown
+            normal_sum += n
+        for c in ti.static(range(3)):
+            reached[y, x, c] = light_sum[c] / (reduction * reduction)
+            white[y, x, c] = surface_sum / (reduction * reduction)
+            coarse[y, x, c] = normal_sum[c] / (reduction * reduction)
 
 
 @ti.func

@@ -170,6 +170,10 @@ class Bvh:
             bvh_refit.refit_triangles(self.packs, packs.start, len(packs), *source)
             bvh_refit.refit_binary(self.nodes, nodes.start, len(nodes), self.packs)
 
+    def placed(self) -> set[int]:
+        """The times at which something, or nothing, is placed."""
+        return set(self._roots)
+
     def clear_instances(self) -> None:
         """Let nothing be placed."""
         self._roots.clear()

@@ -164,8 +164,12 @@ class DeviceScene:
         """Put the instances where they are around this frame, and build the tree over them for each of `times`.
 
         An instance is left out of a tree where it is not present, has nothing to hit or is squashed flat.
-        Raises ArgumentError for a mesh that was not added.
+        What was placed last is there already, if it is the same object. Raises ArgumentError for a mesh that was not
+        added.
         """
+        times = set(times)
+        if placement is self.placement and times <= self._bvh.placed():
+            return
         if self._mesh_arrays_are_old:
             self._upload_meshes()
         count = len(placement.mesh)
@@ -181,7 +185,7 @@ class DeviceScene:
             first = int(self._first_vertices[row])
             deforming.move(placement.seconds, first, self.vertex_position, self.vertex_normal)
             self._boxes[:, row] = deforming.boxes
-            for time in set(times) & set(TIMES):
+            for time in times & set(TIMES):
                 deforming.refit(time, self._bvh, self.vertex_position, self.triangle_vertices)
         inverse, determinant = _inverted(placement.world_from_object)
         self.placement = placement
@@ -190,7 +194,7 @@ class DeviceScene:
         self._place_mesh_lights()
         self._instance_boxes = boxes = _transformed(self._boxes[:, placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
-        for time in sorted(set(times)):
+        for time in sorted(times):
             rows = np.flatnonzero(hittable[time]).astype(np.int32)
             self._bvh.place(time, boxes[time, rows], rows, capacity=count)
         here = boxes[CURRENT, hittable[CURRENT]]
