@@ -23,8 +23,10 @@ def test_those_asked_for_run(monkeypatch, capsys):
 
     monkeypatch.setattr(benchmarks, "found", lambda: {"stream": stream.main})
     monkeypatch.setattr(stream.bench, "print_table", lambda source, seconds: print("table of", source.scene))
+    monkeypatch.setattr(stream, "five_views", lambda scenes, settings: print("views of", *scenes, *settings))
     assert benchmarks.main([]) == 0
     printed = capsys.readouterr().out
     assert "logical cores" in printed
     assert "stream: Whole frames of a stream" in printed
     assert "table of room_02" in printed
+    assert "views of room_02 object_view fast preview" in printed

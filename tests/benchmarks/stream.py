@@ -1,16 +1,122 @@
 """Whole frames of a stream with moving objects: from asking for a frame to numpy arrays in hand.
 
-The first frame of a line includes what that line compiles; lines after the first two should compile nothing.
+First the table of `tiscene bench`: the first frame of a line includes what that line compiles; lines after the first
+two should compile nothing. Then SAILenv's five views with three objects that bounce before a camera that stands still,
+whose frames are differences, or turns by a degree a frame; and how much of that is spent outside of kernels and the
+denoiser.
 """
 
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from taichi.lang import kernel_impl
+
+import tiscene as ts
+from dynamics.rotation import multiply
 from tiscene.commands import bench, demo
+from tiscene.render import denoise
+from tiscene.render.view import View
 
 SECONDS = 5.0
+FIVE_VIEWS = ("rgb", "semantic", "instance", "backward_flow", "depth")
+SETTINGS: dict[str, dict[str, Any]] = {
+    "fast": {"quality": "fast"},
+    "preview": {"quality": "preview"},
+    "standard, 4 spp": {"quality": "standard", "spp": 4},
+}
+SCENES = ("room_02", "object_view")
+SIZE = 256, 192
+WARM, FRAMES = 6, 24
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     bench.print_table(demo.scenario(), seconds=SECONDS)
+    five_views(SCENES, SETTINGS)
+
+
+def five_views(scenes: Iterable[str], settings: Iterable[str]) -> None:
+    """One line for each scene, quality and camera."""
+    print(f"{'':<12} {'':<16} {'camera':>8} {'frame':>10} {'CPU':>10} {'frames/s':>9} {'outside':>8}")
+    for scene in scenes:
+        for name in settings:
+            for turns in (False, True):
+                look = looking(scene, turns, SETTINGS[name])
+                for index in range(WARM):
+                    look(index)
+                walls, cpus, outside = [], [], []
+                with inside() as spent:
+                    for index in range(WARM, WARM + FRAMES):
+                        wall, cpu, before = time.perf_counter(), time.process_time(), spent[0]
+                        look(index)
+                        walls.append(time.perf_counter() - wall)
+                        cpus.append(time.process_time() - cpu)
+                        outside.append(1.0 - (spent[0] - before) / walls[-1])
+                wall, cpu = 1e3 * np.median(walls), 1e3 * np.median(cpus)
+                camera, share = "turns" if turns else "stands", 100.0 * np.median(outside)
+                times = f"{wall:>7.1f} ms {cpu:>7.1f} ms {1e3 / wall:>9.1f} {share:>6.1f} %"
+                print(f"{scene:<12} {name:<16} {camera:>8} {times}", flush=True)
+
+
+def looking(scene: str, turns: bool, settings: dict[str, Any]) -> Callable[[int], ts.Frame]:
+    """What makes a frame of a stream of three bouncing objects, by its number."""
+    camera = ts.Stream(scene, width=8, height=8, buffers=("depth",)).world.camera
+    movers = [
+        ts.Object(f"mover_{number}", name, before(camera, place), dynamic=ts.UniformMovementRandomBounce(0.8))
+        for number, (name, place) in enumerate(
+            (("Chair 01", (0.5, 0.0, -2.0)), ("Pillow 01", (0.0, -0.5, -2.0)), ("Dish 01", (-0.5, 0.5, -2.0)))
+        )
+    ]
+    width, height = SIZE
+    stream = ts.Stream(
+        ts.Scenario(scene, movers), width=width, height=height, buffers=FIVE_VIEWS, differential=not turns, **settings
+    )
+
+    def turned(index: int) -> ts.Camera:
+        half = math.radians(0.5 * index)
+        w, x, y, z = multiply(np.array([math.cos(half), 0.0, math.sin(half), 0.0]), np.array(camera.rotation)).tolist()
+        return camera.posed(camera.position, (w, x, y, z))
+
+    def look(index: int) -> ts.Frame:
+        if not turns:
+            return stream[index]
+        return stream.look(index, View(*(turned(index + step) for step in (-1, 0, 1)), width, height), FIVE_VIEWS)
+
+    return look
+
+
+def before(camera: ts.Camera, place: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A place in the world by a camera's axes, m."""
+    x, y, z = (np.array(camera.position) + camera.axes() @ place).tolist()
+    return x, y, z
+
+
+@contextmanager
+def inside() -> Iterator[list[float]]:
+    """How long kernels, their launches included, and the denoiser run meanwhile, s."""
+    spent = [0.0]
+    timed: list[tuple[Any, Any]] = [(kind, kind.__call__) for kind in (kernel_impl.Kernel, denoise._Denoiser)]
+    for kind, call in timed:
+
+        def measured(*args: Any, call: Any = call, **kwargs: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return call(*args, **kwargs)
+            finally:
+                spent[0] += time.perf_counter() - began
+
+        kind.__call__ = measured
+    try:
+        yield spent
+    finally:
+        for kind, call in timed:
+            kind.__call__ = call
 
 
 if __name__ == "__main__":
