@@ -1,7 +1,8 @@
 """Every per-pixel buffer: its name, type, unit and background. Film, kernels, Frame, command line and README read this.
 
-A frame's buffers are numpy arrays [height, width] or [height, width, channels], row 0 at the top. All but `rgb` and
-`hdr` are *labels*: what one ray through the pixel's centre meets at the frame's time; never averaged over a pixel.
+A frame's buffers are numpy arrays [height, width] or [height, width, channels], row 0 at the top. All but `rgb`,
+`hdr` and `denoised` are *labels*: what one ray through the pixel's centre meets at the frame's time; never averaged
+over a pixel.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ AOVS: dict[str, AOV] = {
     aov.name: aov
     for aov in (
         AOV("rgb", "uint8", (3,), "", None, "Display sRGB after exposure and tone map."),
-        AOV("hdr", "float32", (3,), "W/m²/sr", None, "Scene-linear Rec.709 radiance."),
+        AOV("hdr", "float32", (3,), "W/m²/sr", None, "Scene-linear Rec.709 radiance, as traced."),
+        AOV("denoised", "float32", (3,), "W/m²/sr", None, "`hdr` after the denoiser, if it is on; `rgb` shows this."),
         AOV("depth", "float32", (), "m", np.inf, "Distance along the optical axis (z, not ray length)."),
         AOV("distance", "float32", (), "m", np.inf, "Distance from the camera (ray length)."),
         AOV("position", "float32", (3,), "m", np.nan, "World position of the surface."),
@@ -78,7 +80,7 @@ AOVS: dict[str, AOV] = {
     )
 }
 
-COLORS = frozenset({"rgb", "hdr"})
+COLORS = frozenset({"rgb", "hdr", "denoised"})
 LABELS = tuple(name for name in AOVS if name not in COLORS)
 
 _OCCLUSION_TIME = {"forward_occlusion": NEXT, "backward_occlusion": PREVIOUS}

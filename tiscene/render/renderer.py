@@ -178,12 +178,13 @@ class Renderer:
         cleaner = Cleaner(quality.denoiser if quality.denoise else None, reduction, sharp)
         raw = replace(cleaner, denoiser=None)
         result: dict[str, NDArray[Any]] = {}
+        cleaned = "rgb" in buffers or "denoised" in buffers
         if moving is not None:
             difference = self._replay.render(moving)
             self.spp = float(quality.spp)
             result["hdr"] = difference.hdr
             guides = difference.albedo, difference.normal
-            if "rgb" in buffers:
+            if cleaned:
                 radiance = cleaner.difference(difference)
         else:
             if reduction > 1:
@@ -192,8 +193,10 @@ class Renderer:
             guides = (image.albedo, image.normal) if reduction == 1 else (labels[GUIDES[0]], labels[GUIDES[1]])
             if "hdr" in buffers:
                 result["hdr"] = raw.traced(image, *guides)
-            if "rgb" in buffers:
+            if cleaned:
                 radiance = cleaner.traced(image, *guides)
+        if "denoised" in buffers:
+            result["denoised"] = radiance
         if "rgb" in buffers:
             if any(view.ambient):
                 albedo, normal = guides

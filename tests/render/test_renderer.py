@@ -1,0 +1,47 @@
+"""The three pictures of one frame: as traced, without its noise, and as the screen shows it."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.benchmarks.room import still
+from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, device_scene, towards
+from tiscene.render.film import tone_map
+from tiscene.render.renderer import Quality, Renderer
+from tiscene.render.view import View
+from tiscene.scene.description import RectLight
+
+EXPOSURE = 1.25
+PICTURES = ("rgb", "hdr", "denoised")
+
+
+def pictures(denoise: bool, buffers: tuple[str, ...] = PICTURES, spp: int = 4) -> dict[str, np.ndarray[Any, Any]]:
+    lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
+    room = described(*box(CORNELL), [lamp])
+    renderer = Renderer(device_scene(room), 40, 30, Quality(spp=spp, max_depth=4, denoise=denoise))
+    view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, 40, 30)
+    return renderer.render(view, still(room), buffers, frame_index=0, seed=1, exposure=EXPOSURE)
+
+
+def test_without_a_denoiser_no_pixel_is_touched() -> None:
+    found = pictures(denoise=False)
+    assert found["denoised"].tobytes() == found["hdr"].tobytes()
+    assert found["rgb"].tobytes() == tone_map(found["hdr"], EXPOSURE).tobytes()
+
+
+def test_each_picture_is_there() -> None:
+    found, raw = pictures(denoise=True), pictures(denoise=False)
+    assert list(found) == list(PICTURES)
+    assert found["hdr"].tobytes() == raw["hdr"].tobytes()
+    assert found["rgb"].tobytes() == tone_map(found["denoised"], EXPOSURE).tobytes()
+    assert found["denoised"].mean() == pytest.approx(raw["hdr"].mean(), rel=0.05)
+
+    exact = pictures(denoise=False, buffers=("hdr",), spp=512)["hdr"]
+
+    def error(image: np.ndarray[Any, Any]) -> float:
+        return float(np.median(np.abs(image - exact)[exact > 0.0]))
+
+    assert error(found["denoised"]) < 0.5 * error(raw["hdr"])
+    alone = pictures(denoise=True, buffers=("denoised",))
+    assert alone["denoised"].tobytes() == found["denoised"].tobytes()
