@@ -75,9 +75,9 @@ def count_pixels(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     drawn: list[int] = []
     draw = LabelPass._draw
 
-    def counted(self: LabelPass, view: View, queue: object, count: int, *rest: object) -> None:
+    def counted(self: LabelPass, view: View, queue: object, count: int, *rest: object, **others: object) -> None:
         drawn.append(count)
-        draw(self, view, queue, count, *rest)  # type: ignore[arg-type]
+        draw(self, view, queue, count, *rest, **others)  # type: ignore[arg-type]
 
     monkeypatch.setattr(LabelPass, "_draw", counted)
     return drawn

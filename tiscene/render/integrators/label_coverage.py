@@ -1,6 +1,7 @@
 """Coverage: which objects a pixel shows, and how much of it each fills, by a fixed set of rays through the pixel."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 import taichi as ti
@@ -12,7 +13,7 @@ from tiscene.render.ray_arrays import HitIds, Hits, Rays, RayWave, write_ray
 from tiscene.render.surface import FLOATS_2D, INFO_INSTANCE_ID, INTS_1D, INTS_2D
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT
+from tiscene.scene.placement import CURRENT, MOVERS
 
 # Rays through a pixel, at the points of Hammersley's set: one in each row, column and cell of a 4 x 4 grid.
 SAMPLES_LOG2 = 4
@@ -22,29 +23,71 @@ _BATCH = 1 << 14  # pixels
 RANKED = ti.types.ndarray(dtype=ti.f32, ndim=4)
 
 
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What the rays of each pixel meet. distance: float32 [pixels, SAMPLES], m. ids: int32, of instances; 0: none."""
+
+    distance: NDArray[np.float32]
+    ids: NDArray[np.int32]
+
+    @classmethod
+    def empty(cls, pixels: int) -> Self:
+        """For so many pixels, not set."""
+        return cls(np.empty((pixels, SAMPLES), np.float32), np.empty((pixels, SAMPLES), np.int32))
+
+
 class CoverageLabels:
     """The part of the label pass that looks at all of a pixel, not at its centre."""
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
         self._wave = RayWave()
+        self._none = Samples.empty(1)
 
-    def render(self, view: View, queue: Any, count: int, coverage: NDArray[Any], reach: NDArray[np.float32]) -> None:
-        """Fill the pixels of a queue; raise `reach` [h, w] to the distance of the farthest thing that they show, m."""
+    def render(
+        self,
+        view: View,
+        queue: Any,
+        count: int,
+        coverage: NDArray[Any],
+        reach: NDArray[np.float32],
+        still: Samples | None = None,
+        kept: Samples | None = None,
+    ) -> None:
+        """Fill the pixels of a queue; raise `reach` [h, w] to the distance of the farthest thing that they show, m.
+
+        still: what stands still: only the tree MOVERS is looked at besides. kept: is filled with what is met.
+        """
+        tree, behind = (CURRENT, self._none) if still is None else (MOVERS, still)
+        kept_ids, kept_distance = (self._none.ids, self._none.distance) if kept is None else (kept.ids, kept.distance)
         for first in range(0, count, _BATCH):
             pixels = min(_BATCH, count - first)
             wave = self._wave.sized(pixels * SAMPLES)
-            coverage_rays(queue, first, pixels, view.array(), view.width, view.height, wave.rays)
-            first_hits(self.scene, CURRENT, wave, wave.queue, pixels * SAMPLES, together=True)
+            coverage_rays(
+                queue, first, pixels, view.array(), view.width, view.height,
+                int(still is not None), behind.distance, wave.rays,
+            )  # fmt: skip
+            first_hits(self.scene, tree, wave, wave.queue, pixels * SAMPLES, together=True)
             coverage_labels(
-                queue, first, pixels, wave.hits, wave.hit_ids, self.scene.instance_info, view.width, coverage, reach
-            )
+                queue, first, pixels, wave.hits, wave.hit_ids, self.scene.instance_info, view.width,
+                int(still is not None), behind.distance, behind.ids,
+                int(kept is not None), kept_distance, kept_ids, coverage, reach,
+            )  # fmt: skip
 
 
 @ti.kernel
 def coverage_rays(
-    queue: INTS_1D, first: ti.i32, count: ti.i32, view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: Rays
+    queue: INTS_1D,
+    first: ti.i32,
+    count: ti.i32,
+    view: FLOATS_2D,
+    width: ti.i32,
+    height: ti.i32,
+    is_bounded: ti.i32,
+    bounds: FLOATS_2D,
+    rays: Rays,
 ):
+    """Where `is_bounded` is set, rays end at the bounds, and meet what is there: the lower id counts then."""
     for i in range(count * SAMPLES):
         pixel, sample = queue[first + i // SAMPLES], i % SAMPLES
         mirrored = 0
@@ -53,7 +96,10 @@ def coverage_rays(
         x = pixel % width + (sample + 0.5) / SAMPLES - 0.5
         y = pixel // width + (mirrored + 0.5) / SAMPLES - 0.5
         origin, direction = camera_ray(view, CURRENT, x, y, width, height)
-        write_ray(rays, i, origin, direction, ti.math.inf)
+        t_max = ti.math.inf
+        if is_bounded != 0 and bounds[pixel, sample] < ti.math.inf:
+            t_max = ti.bit_cast(ti.bit_cast(bounds[pixel, sample], ti.i32) + 1, ti.f32)
+        write_ray(rays, i, origin, direction, t_max)
 
 
 @ti.kernel
@@ -65,10 +111,17 @@ def coverage_labels(
     hit_ids: HitIds,
     instance_info: INTS_2D,
     width: ti.i32,
+    is_before: ti.i32,
+    still_distance: FLOATS_2D,
+    still_ids: INTS_2D,
+    keeps: ti.i32,
+    kept_distance: FLOATS_2D,
+    kept_ids: INTS_2D,
     coverage: RANKED,
     reach: FLOATS_2D,
 ):
-    """Rank what the rays of each pixel met: the most first, of equals the lower id."""
+    """Rank what the rays of each pixel met, before what stands still if that is given: the most first, of equals the
+    lower id."""
     for i in range(count):
         pixel = queue[first + i]
         x, y = pixel % width, pixel // width
@@ -76,10 +129,17 @@ def coverage_labels(
         alike, farthest = True, reach[y, x]
         for s in range(SAMPLES):
             ray = i * SAMPLES + s
-            row = hit_ids[ray][0]
-            ids[s] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
+            row, distance = hit_ids[ray][0], hits[ray][0]
+            id = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
+            if is_before != 0:
+                other = still_distance[pixel, s]
+                if row < 0 or other < distance or (other == distance and still_ids[pixel, s] < id):
+                    id, distance = still_ids[pixel, s], other
+            if keeps != 0:
+                kept_ids[pixel, s], kept_distance[pixel, s] = id, distance
+            ids[s] = id
             alike &= ids[s] == ids[0]
-            farthest = ti.max(farthest, hits[ray][0])
+            farthest = ti.max(farthest, distance)
         reach[y, x] = farthest
         for rank in range(RANKS):
             coverage[y, x, rank, 0] = 0.0

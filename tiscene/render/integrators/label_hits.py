@@ -26,6 +26,7 @@ from tiscene.render.surface import (
 from tiscene.render.textures import Textures
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY
+from tiscene.scene.placement import CURRENT, MOVERS
 
 PRESENT_FROM = 0.5  # opacity
 MAX_LAYERS = 32  # the last of so many absent surfaces behind each other counts as present
@@ -37,6 +38,7 @@ def first_hits(
 ) -> None:
     """Trace rays of a queue and fill their hits and hit_ids; distances count from where the rays began.
 
+    time: or MOVERS.
     Rays that pass through something are moved on: their rows are not what they were. together: as for `closest`.
     """
     closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, together=together)
@@ -54,7 +56,7 @@ def first_hits(
             *geometry_of(scene),
             *scene.materials.arrays(),
             *scene.textures.arrays(),
-            time,
+            CURRENT if time == MOVERS else time,
             further,
             found,
         )

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Camera
+from tiscene.render.integrators.label_coverage import Samples
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 KEPT_VIEWS = 4  # those not seen for longest go first
-KEPT_PIXELS = 1 << 19  # larger pictures are rendered whole: this many take 60 MB with all buffers
+KEPT_PIXELS = 1 << 19  # larger pictures are rendered whole: this many take 130 MB with all buffers
 ALL_TIMES = PREVIOUS, CURRENT, NEXT
 MOST_CHANGED = 0.6  # of the pixels; where more change, the picture is rendered whole
 _MARGIN = 1e-3  # of a distance; far more than rays and boxes are rounded by
@@ -29,11 +30,13 @@ _MARGIN = 1e-3  # of a distance; far more than rays and boxes are rounded by
 @dataclass(eq=False)
 class Picture:
     """Labels of a view. arrays: buffers by name. reach: float32 [h, w], the distance beyond which nothing can change a
-    pixel, m. mirrors: bool [h, w], where another thing than the first one is shown."""
+    pixel, m. mirrors: bool [h, w], where another thing than the first one is shown. samples: what `coverage` is made
+    of, if it is among the buffers."""
 
     arrays: dict[str, NDArray[Any]]
     reach: NDArray[np.float32]
     mirrors: NDArray[np.bool_]
+    samples: Samples | None
 
 
 @dataclass(eq=False)
@@ -54,8 +57,9 @@ class StillLabels:
 
     def picture(
         self, view: View, buffers: Iterable[str], times: Iterable[int], draw: Callable[[View, tuple[str, ...]], Picture]
-    ) -> tuple[Picture, NDArray[np.bool_]] | None:
-        """A picture of what stands still, with those buffers, and bool [h, w]: the pixels where more is to be seen.
+    ) -> tuple[Picture, NDArray[np.bool_], NDArray[np.bool_]] | None:
+        """A picture of what stands still, with those buffers; bool [h, w]: the pixels where more is to be seen; and
+        bool [n]: the instances that may be there.
 
         times: for which those buffers need the scene placed, as it is again when this returns. draw: renders a picture
         of all that is placed. None: the whole picture is to be rendered; the view is new, changes too much or is too
@@ -73,7 +77,7 @@ class StillLabels:
         changed = self._changed(view, np.flatnonzero(~seen.still), times, seen.picture)
         if changed.mean() > MOST_CHANGED:
             return None
-        return seen.picture, changed
+        return seen.picture, changed, ~seen.still
 
     def _look(self, view: View, placement: Placement) -> _Seen | None:
         """What is known of a view, None if it is new, or orthographic; what moves now stands still no more."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tiscene.errors import BufferNotFound
 from tiscene.render.aovs import AOVS, LABELS, times_needed
 from tiscene.render.integrators import label_kernels as kernels
-from tiscene.render.integrators.label_coverage import CoverageLabels
+from tiscene.render.integrators.label_coverage import CoverageLabels, Samples
 from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_still import Picture, StillLabels
 from tiscene.render.integrators.label_surfaces import MATERIAL_BUFFERS, SURFACE_BUFFERS, surface_labels
@@ -54,23 +54,36 @@ class LabelPass:
             arrays = _empty(view, buffers)
             self._draw(view, rays.queue, rays.count, arrays)
         else:
-            picture, changed = found
+            picture, changed, moving = found
             arrays = {name: picture.arrays[name].copy() for name in buffers}
-            self._draw(view, *self._rays.sized(view.width, view.height).queue_of(changed), arrays)
+            queue, count = self._rays.sized(view.width, view.height).queue_of(changed)
+            if count and "coverage" in arrays:
+                self.scene.place_movers(moving)
+            self._draw(view, queue, count, arrays, still=picture.samples)
         return arrays
 
     def _picture(self, view: View, buffers: Sequence[str]) -> Picture:
         rays = self._rays.sized(view.width, view.height)
         shape = (view.height, view.width)
         arrays = _empty(view, buffers)
-        picture = Picture(arrays, np.empty(shape, np.float32), np.zeros(shape, bool))
+        samples = Samples.empty(rays.count) if "coverage" in arrays else None
+        picture = Picture(arrays, np.empty(shape, np.float32), np.zeros(shape, bool), samples)
         self._draw(view, rays.queue, rays.count, arrays, picture)
         return picture
 
     def _draw(
-        self, view: View, queue: Any, count: int, arrays: dict[str, NDArray[Any]], picture: Picture | None = None
+        self,
+        view: View,
+        queue: Any,
+        count: int,
+        arrays: dict[str, NDArray[Any]],
+        picture: Picture | None = None,
+        still: Samples | None = None,
     ) -> None:
-        """Write the pixels of a queue into the arrays, and into what else belongs to a picture."""
+        """Write the pixels of a queue into the arrays, and into what else belongs to a picture.
+
+        still: what coverage has of all but the tree MOVERS.
+        """
         if not count:
             return
         rays = self._rays
@@ -81,7 +94,8 @@ class LabelPass:
 
         if "coverage" in arrays:
             reach = np.zeros((view.height, view.width), np.float32) if picture is None else picture.reach
-            self._coverage.render(view, queue, count, arrays["coverage"], reach)
+            kept = None if picture is None else picture.samples
+            self._coverage.render(view, queue, count, arrays["coverage"], reach, still, kept)
 
         motion = instance_motion(self.scene.placement, view)
         cameras = camera_motion(view)
