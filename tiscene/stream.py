@@ -271,7 +271,7 @@ class Stream(Iterator[Frame]):
             "time_code": self.time_code,
             "variants": self.variants,
             "taxonomy": self.taxonomy,
-            "differential": [self.quality.base_spp, self._cache_bytes] if self.differential else None,
+            "differential": [*self.quality.of_differences, self._cache_bytes] if self.differential else None,
         }
 
     def layers(self) -> dict[str, str]:

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from tests.benchmarks.room import still
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, described, matte, quad, towards
 from tiscene.camera import Camera
+from tiscene.render.integrators import replay_cache
 from tiscene.render.integrators.path import PathImage, PathPass
-from tiscene.render.integrators.replay import CACHE_FRAME, ReplayPass, grouped
+from tiscene.render.integrators.replay import CACHE_FRAME, NEAR_FRAME, ReplayPass, grouped
+from tiscene.render.integrators.replay_cache import BLOCK
 from tiscene.render.integrators.replay_lights import BaseLights
 from tiscene.render.integrators.replay_record import light_column
 from tiscene.render.integrators.replay_spikes import evened
@@ -98,8 +100,11 @@ class Box:
         group = tuple(number + 1 if number < len(factors) else 0 for number in range(len(lights)))
         self.groups = LightGroups(lights, group, np.array([(1.0, 1.0, 1.0), *factors], np.float32))
 
-    def replay(self, *positions: tuple[float, float, float], base_spp: int = 16, seed: int = 1) -> PathImage:
-        self.passes.prepare(self.view, self.at(*positions), self.moving, seed=seed, base_spp=base_spp, **QUALITY)
+    def replay(
+        self, *positions: tuple[float, float, float], base_spp: int = 16, seed: int = 1, near_spp: int = 0
+    ) -> PathImage:
+        numbers = {"seed": seed, "base_spp": base_spp, "near_spp": near_spp, **QUALITY}
+        self.passes.prepare(self.view, self.at(*positions), self.moving, **numbers)
         self.device.place(self.at(*positions))
         return self.passes.render(self.moving)
 
@@ -119,7 +124,7 @@ class Box:
         """[h, w, 9]: mean of the kept paths and what changed of it, in the last picture."""
         base, scratch = next(reversed(self.passes._bases.values())), self.passes._scratch
         assert scratch is not None
-        mean = base.cache.mean.to_numpy()
+        mean = base.mean.to_numpy()
         if self.groups is not None:
             for group, factor in enumerate(self.groups.factors[1:], 1):
                 mean[:, :3] += factor * mean[:, light_column(group) : light_column(group) + 3]
@@ -165,6 +170,20 @@ def test_every_path_is_the_one_that_tracing_would_give_under_lamps_that_change(m
         np.testing.assert_allclose(
             scene.replayed_mean()[..., :3], scene.trace(*AT).hdr, rtol=1e-4, atol=1e-4, err_msg=lights
         )
+
+
+@pytest.mark.parametrize("block", [BLOCK, 600])
+def test_pixels_in_which_a_mover_is_seen_have_more_paths(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Theirs is the mean of both sets of paths; that of all others is what it was."""
+    monkeypatch.setattr(replay_cache, "BLOCK", block)
+    scene = Box(GLASS, wall=MIRROR, lights="sky and bulb")
+    before = stacked(scene.replay(*AT))
+    after = stacked(scene.replay(*AT, near_spp=3))
+    seen = (after != before).any(axis=-1)
+    assert 0.02 < seen.mean() < 0.3
+    both = (4.0 * stacked(scene.trace(*AT)) + 3.0 * stacked(scene.trace(*AT, frame=NEAR_FRAME, spp=3))) / 7.0
+    np.testing.assert_allclose(scene.replayed_mean()[seen], both[seen], rtol=1e-4, atol=1e-4)
+    np.testing.assert_array_equal(stacked(scene.replay(*AT, near_spp=3)), after)
 
 
 def test_light_adds_up() -> None:

@@ -36,7 +36,8 @@ class Quality:
     max_depth: edges of a path: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces.
     denoise: run Intel Open Image Denoise over the radiance; False never touches a pixel.
     denoiser: how well, one of `denoise.QUALITIES`; "high" takes some four times as long as "fast".
-    base_spp: paths per pixel of the base image of what stands still, where frames are differences to it.
+    base_spp: paths per pixel of the base image of what stands still, where frames are differences to it. near_spp: how
+    many more than `spp` go then through pixels in which something that moves is seen.
     error: paths go through each pixel until its standard error is estimated to be that part of its luminance, `spp` at
     most; None: always `spp`. clamp: the most that one path brings in a channel, W/m²/sr; None: all that it brings.
     pixel_filter: of `PIXEL_FILTERS`, that paths are spread by.
@@ -49,6 +50,7 @@ class Quality:
     denoise: bool = True
     denoiser: str = "balanced"
     base_spp: int = 256
+    near_spp: int = 0
     reduction: int = 1
     error: float | None = None
     clamp: float | None = None
@@ -68,6 +70,11 @@ class Quality:
         pixel_filter(self.pixel_filter)
 
     @property
+    def of_differences(self) -> tuple[int, int]:
+        """The parts that only frames which are differences depend on."""
+        return self.base_spp, self.near_spp
+
+    @property
     def may_be_differential(self) -> bool:
         """Whether paths can be kept: each counts for itself and for as much as any other."""
         return self.error is None and self.clamp is None and self.pixel_filter != "mitchell"
@@ -85,7 +92,7 @@ class Moment:
 MOST_SPP = 1024  # where an error is asked for, but no number
 
 QUALITIES = {
-    "fast": Quality(spp=1, max_depth=4, denoiser="fast", base_spp=64, reduction=2),
+    "fast": Quality(spp=1, max_depth=4, denoiser="fast", base_spp=64, near_spp=7, reduction=2),
     "preview": Quality(spp=4, max_depth=4, denoiser="fast", base_spp=64),
     "standard": Quality(spp=16, max_depth=6),
     "photo": Quality(spp=256, max_depth=12, denoiser="high", base_spp=1024),
@@ -151,7 +158,7 @@ class Renderer:
         if colored and moving is not None:
             self._replay.prepare(
                 view, placement, moving,
-                spp=quality.spp, base_spp=max(quality.base_spp, quality.spp), **sampling,
+                spp=quality.spp, base_spp=max(quality.base_spp, quality.spp), near_spp=quality.near_spp, **sampling,
             )  # fmt: skip
         elif colored and quality.reduction > 1:
             labels += [name for name in GUIDES if name not in labels]

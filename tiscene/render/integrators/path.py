@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,13 +140,19 @@ class PathPass:
         key: of their random numbers, see `frame_key`.
         """
         self._check(view, spp, max_depth)
-        every, self._pixels = self._pixels, upload(pixels)
-        try:
+        with self.through(upload(pixels)):
             self._expose(view, len(pixels), spp, key, max_depth, True, lambda _: None)
-        finally:
-            self._pixels = every
         rows: NDArray[np.float32] = self._film.to_numpy()[pixels]
         return rows
+
+    @contextlib.contextmanager
+    def through(self, pixels: Any) -> Iterator[None]:
+        """Number paths by these pixels, a device array of rows y * width + x, in the place of all."""
+        every, self._pixels = self._pixels, pixels
+        try:
+            yield
+        finally:
+            self._pixels = every
 
     def _check(self, view: View, spp: int, max_depth: int) -> None:
         if spp < 1 or max_depth < 1:

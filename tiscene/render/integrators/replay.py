@@ -28,6 +28,7 @@ from tiscene.render.integrators.replay_lights import BaseLights
 from tiscene.render.integrators.replay_near import ROWS, find_near
 from tiscene.render.integrators.replay_probe import Probe
 from tiscene.render.integrators.replay_record import light_column
+from tiscene.render.integrators.replay_selected import Selection
 from tiscene.render.integrators.replay_spikes import evened
 from tiscene.render.intersect import occluded
 from tiscene.render.sampler import frame_key, index_bits
@@ -38,7 +39,7 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
 
 # What stands for the frame in the keys of random numbers.
-CACHE_FRAME, MOVERS_FRAME = -2, -3
+CACHE_FRAME, MOVERS_FRAME, NEAR_FRAME, NEAR_MOVERS_FRAME = -2, -3, -5, -6
 ONE_PIXEL = 1 << 30  # as many samples a pixel: the row alone tells rays apart
 BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
 NOWHERE = 1e30
@@ -89,12 +90,13 @@ class ReplayPass:
         self._bases: dict[tuple[Any, ...], Base] = {}  # the one used last at the end
         self._probes: dict[tuple[Any, ...], tuple[Probe, _Scratch]] = {}  # the one used last at the end
         self._scratch: _Scratch | None = None
+        self._selection = Selection()
         self._paths_on_way: PathState | None = None
 
     @property
     def cached_bytes(self) -> int:
         """What all kept paths take of memory."""
-        return sum(base.cache.bytes for base in self._bases.values())
+        return sum(base.bytes for base in self._bases.values())
 
     @property
     def cached_spp(self) -> int:
@@ -111,15 +113,16 @@ class ReplayPass:
         spp: int,
         max_depth: int,
         base_spp: int,
+        near_spp: int = 0,
     ) -> None:
         """Make the base image and the paths of what does not move, unless they are at hand.
 
         They depend on the arguments alone. Places what it needs: the frame's instances are to be placed afterwards.
         moving: bool [n], which instances are not in the base. spp: paths per pixel to keep; base_spp: to make the base
-        image of.
+        image of. near_spp: how many more to keep for the pixels in which a mover will be seen.
         """
         still = placement.present[CURRENT] & ~moving
-        key = (*self._key(view, placement, still), seed, spp, max_depth, base_spp)
+        key = (*self._key(view, placement, still), seed, spp, max_depth, base_spp, near_spp)
         base = self._bases.pop(key, None)
         if base is None:
             left = standing(placement, moving)
@@ -129,12 +132,20 @@ class ReplayPass:
             self._report("paths", 0.0)
             self.scene.place(left)
             lights = BaseLights(self.scene, placement.light_groups)
-            base = Base(lights, image, self._kept_paths(view, lights, seed, spp, max_depth))
+            self._state(max(spp, near_spp))  # enough for both
+            keys = frame_key(seed, CACHE_FRAME), frame_key(seed, MOVERS_FRAME)
+            cache = self._kept_paths(view, lights, keys, spp, max_depth, self.memory_limit)
+            near, rest = None, self.memory_limit - cache.bytes
+            if near_spp and rest > cache.bytes // cache.numbers[0]:
+                keys = frame_key(seed, NEAR_FRAME), frame_key(seed, NEAR_MOVERS_FRAME)
+                near = self._kept_paths(view, lights, keys, near_spp, max_depth, rest)
+            base = Base(lights, image, cache, near)
             self._report("paths", 1.0)
-            while self._bases and self.cached_bytes + base.cache.bytes > self.memory_limit:
+            while self._bases and self.cached_bytes + base.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
-            if self._scratch is None or not self._scratch.fits(base.cache):
-                self._scratch = _Scratch(base.cache)
+            for each in (cache, near):
+                if each and (self._scratch is None or not self._scratch.fits(each)):
+                    self._scratch = _Scratch(each)
         self._bases[key] = base
 
     def pays(self, view: View, placement: Placement, moving: NDArray[np.bool_], *, seed: int, max_depth: int) -> bool:
@@ -173,12 +184,19 @@ class ReplayPass:
         factors = np.ones((1, 3), np.float32) if lit is None else lit.factors
         scene = self._paths.scene_arrays(base.lights.shining(factors))
         for block in cache.blocks:
-            self._replay(scene, cache, block, factors, scratch, groups)
+            self._replay(scene, cache, block, cache.pixels, factors, scratch, groups)
         self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
+        looks = np.empty(self.width * self.height, np.int32)
+        kernels.count_looks(cache.pixels, len(looks), scratch.cut, looks)
+        if base.near:
+            near = widened(looks.reshape(self.height, self.width) > 0).ravel()[cache.order]
+            for block, pixels in self._selection.blocks(base.near, np.flatnonzero(near)):
+                with self._paths.through(pixels):
+                    self._replay(scene, base.near, block, pixels, factors, scratch, groups, cache.numbers[0])
         hdr, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(3))
         unmoved = np.empty((self.height, self.width, 1), np.float32)
         kernels.combine(
-            cache.pixels, self.width, self.height, scratch.cut, scratch.change, factors, cache.mean, base.image,
+            self.width, self.height, looks, scratch.change, factors, base.mean, base.image,
             hdr, albedo, normal, unmoved,
         )  # fmt: skip
         even = evened(scratch.change, hdr)
@@ -232,11 +250,13 @@ class ReplayPass:
         scene: SceneForPaths,
         cache: PathCache,
         block: Block,
+        pixels: Any,
         factors: NDArray[np.float32],
         scratch: _Scratch,
         groups: Any,
+        others: int = 0,
     ) -> None:
-        """Add what the movers change of a block's pixels to scratch.change."""
+        """Add what the movers change of a block's pixels to scratch.change, the mean of so many other paths."""
         s, first = cache.state, block.first
         steps = cache.steps
         near = self._test(block.rays, block.rows, groups, scratch)
@@ -258,14 +278,16 @@ class ReplayPass:
                 if casts:
                     self._paths.cast_shadows(scene, s, casts, first, step, cache.numbers)
         kernels.collect(
-            cache.pixels, first, block.count, cache.numbers[0], scratch.cut_at, block.restore, block.features,
-            s.status, s.occluded, s.state, s.features, scratch.difference, scratch.change,
+            pixels, first, block.count, cache.numbers[0], scratch.cut_at, block.restore, block.features,
+            s.status, s.occluded, s.state, s.features, scratch.difference, others, scratch.change,
         )  # fmt: skip
 
-    def _kept_paths(self, view: View, lights: BaseLights, seed: int, spp: int, max_depth: int) -> PathCache:
-        """As many paths a pixel as are asked for, or half of them and so on until they fit."""
+    def _kept_paths(
+        self, view: View, lights: BaseLights, keys: tuple[int, int], spp: int, max_depth: int, limit: int
+    ) -> PathCache:
+        """As many paths a pixel as are asked for, or half of them and so on until they fit. limit: bytes."""
         scenes = [under_group(self._paths, group, lights) for group in range(lights.groups)]
-        key, movers_key = frame_key(seed, CACHE_FRAME), frame_key(seed, MOVERS_FRAME)
+        key, movers_key = keys
 
         def cache(spp: int) -> PathCache:
             numbers = (spp, index_bits(spp), key)
@@ -275,16 +297,16 @@ class ReplayPass:
 
         steps = scenes[0].steps(max_depth)
         most = (1 + lights.groups) * steps * 80 * self.width * self.height  # no path can take more
-        if spp > 1 and spp * most > self.memory_limit:
+        if spp > 1 and spp * most > limit:
             each = cache(1).bytes
-            while spp > 1 and spp * each > self.memory_limit:
+            while spp > 1 and spp * each > limit:
                 spp = -(-spp // 2)
         return cache(spp)
 
     def _state(self, spp: int) -> PathState:
         """Room for a block of paths on their way; all caches use the same."""
         size = room_for(self.width * self.height, spp)
-        if self._paths_on_way is None or self._paths_on_way.size != size:
+        if self._paths_on_way is None or self._paths_on_way.size < size:
             self._paths_on_way = PathState(size)
         return self._paths_on_way
 
@@ -309,6 +331,13 @@ class _Scratch:
     def fits(self, cache: PathCache) -> bool:
         """Whether there is room for the blocks of another cache of pictures of this size."""
         return self.rows >= cache.most_rows and self.steps >= cache.steps and self.size >= cache.state.size
+
+
+def widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """And the eight pixels around each."""
+    padded = np.pad(mask, 1)
+    rows = padded[:-2] | padded[1:-1] | padded[2:]
+    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
 def grouped(boxes: NDArray[np.float64]) -> NDArray[np.float32]:

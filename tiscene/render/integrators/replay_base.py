@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from tiscene.render.integrators.replay_cache import PathCache
 from tiscene.render.integrators.replay_lights import BaseLights
 from tiscene.render.integrators.replay_record import AUXILIARY, light_column
 from tiscene.render.view import View
+from tiscene.scene.device_array import upload
 from tiscene.scene.placement import CURRENT, Placement
 
 BASE_FRAME = -1  # what stands for the frame in the keys of random numbers
@@ -28,13 +31,30 @@ class Base:
 
     lights: of it, which alone are sampled: what a mover emits is met.
 
+    near: more paths for pixels in which a mover is seen.
+
     kept: what others have made of it, by name, for as long as there is use for it.
     """
 
     lights: BaseLights
     image: FloatImage
     cache: PathCache
+    near: PathCache | None = None
     kept: dict[str, FloatImage] = field(default_factory=dict)
+
+    @cached_property
+    def mean(self) -> Any:
+        """What all kept paths show together, as of `PathCache`."""
+        if self.near is None:
+            return self.cache.mean
+        few, more = self.cache.numbers[0], self.near.numbers[0]
+        total = few * self.cache.mean.to_numpy() + more * self.near.mean.to_numpy()
+        return upload(total / np.float32(few + more))
+
+    @property
+    def bytes(self) -> int:
+        """What the kept paths take of memory."""
+        return self.cache.bytes + (self.near.bytes if self.near else 0)
 
     def parts(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
         """Radiance under a group of lights, albedo and normal as arrays of their own."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 from tiscene.render.integrators import path_kernels
 from tiscene.render.integrators import replay_kernels as kernels
@@ -41,6 +43,12 @@ class Block:
     restore: Any
     features: Any
 
+    @cached_property
+    def starts(self) -> NDArray[np.int32]:
+        """`offsets` on the host."""
+        starts: NDArray[np.int32] = self.offsets.to_numpy()
+        return starts
+
     @property
     def bytes(self) -> int:
         """What it takes of memory."""
@@ -61,6 +69,7 @@ def room_for(pixels: int, spp: int) -> int:
 class PathCache:
     """`spp` paths a pixel through what a DeviceScene has placed at CURRENT, which should be all but the movers.
 
+    order, pixels: i32 [pixels], rows y * width + x in the order of the paths, on the host and the device.
     mean: f32 [pixels, 6 + 3 * groups], what the paths show, columns as `light_column` says.
     looks: f32 [pixels * LOOKS, 8], rays through fixed places of every pixel up to the first surface.
     """
@@ -85,7 +94,8 @@ class PathCache:
         self.movers_key = movers_key
         self.max_depth = max_depth
         self.steps = scenes[0].steps(max_depth)
-        self.pixels = upload(tiled_order(view.width, view.height))
+        self.order = tiled_order(view.width, view.height)
+        self.pixels = upload(self.order)
         self._paths, self._scenes, self._view = paths, scenes, view
         spp = numbers[0]
         pixel_count = view.width * view.height

@@ -143,9 +143,13 @@ def collect(
     state: States,
     features: Floats2,
     difference: Floats2,
+    others: ti.i32,
     film: Floats2,
 ):
-    """The mean change of light, albedo and normal of the pixels whose paths these are: film [n, 9]."""
+    """The mean change of light, albedo and normal of the pixels whose paths these are: film [n, 9].
+
+    others: of how many paths a pixel that has the mean already.
+    """
     for rank in range(first // spp, (first + count) // spp):
         sums = ti.Vector.zero(ti.f32, 3 + FEATURE_COLUMNS)
         for i in range(rank * spp - first, (rank + 1) * spp - first):
@@ -162,7 +166,8 @@ def collect(
                 for c in ti.static(range(3)):
                     sums[c] += change[c]
         for c in ti.static(range(3 + FEATURE_COLUMNS)):
-            film[pixels[rank], c] = sums[c] / spp
+            before = film[pixels[rank], c] * others if others > 0 else 0.0
+            film[pixels[rank], c] = (before + sums[c]) / (others + spp)
 
 
 @ti.kernel
@@ -185,11 +190,20 @@ def end_looks(count: ti.i32, hits: Hits, rays: Rays):
 
 
 @ti.kernel
+def count_looks(pixels: Ints1, count: ti.i32, covered: Ints1, looks: Ints1):
+    """In how many of the LOOKS of each pixel a mover is in front. covered: of each, by the pixel's rank."""
+    for rank in range(count):
+        found = 0
+        for k in ti.static(range(LOOKS)):
+            found += covered[rank * LOOKS + k]
+        looks[pixels[rank]] = found
+
+
+@ti.kernel
 def combine(
-    pixels: Ints1,
     width: ti.i32,
     height: ti.i32,
-    covered: Ints1,
+    looks: Ints1,
     change: Floats2,
     factors: Floats2,
     mean: Floats2,
@@ -201,27 +215,26 @@ def combine(
 ):
     """The picture: the change added to the base image, and where movers cover most of a pixel, to its own paths' mean.
 
-    covered: of each of the LOOKS of a pixel, whether a mover is in front. change: f32 [n, 9]; factors: as of `settle`;
+    looks: as of `count_looks`. change: f32 [n, 9]; factors: as of `settle`;
     mean [n, ...], base [h, w, ...]: columns as `light_column` says.
     unmoved: 1 where what is seen first has not changed, else 0.
     """
-    for rank in range(width * height):
-        pixel = pixels[rank]
+    for pixel in range(width * height):
         x, y = pixel % width, pixel // width
-        looks = 0
-        for k in ti.static(range(LOOKS)):
-            looks += covered[rank * LOOKS + k]
-        changed = ti.cast(looks, ti.f32)
+        changed = ti.cast(looks[pixel], ti.f32)
         for c in ti.static(range(3, 9)):
             changed += ti.abs(change[pixel, c])
         unmoved[y, x, 0] = ti.cast(changed == 0.0, ti.f32)
         for c in ti.static(range(3)):
             below = vec3(base[y, x, c], base[y, x, 3 + c], base[y, x, 6 + c])
-            if 2 * looks > LOOKS:
+            if 2 * looks[pixel] > LOOKS:
                 below = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
             for group in range(1, factors.shape[0]):
                 column = FEATURE_COLUMNS + 3 * group + c
-                below[0] += factors[group, c] * (mean[pixel, column] if 2 * looks > LOOKS else base[y, x, column])
+                part = base[y, x, column]
+                if 2 * looks[pixel] > LOOKS:
+                    part = mean[pixel, column]
+                below[0] += factors[group, c] * part
             hdr[y, x, c] = below[0] + change[pixel, c]
             albedo[y, x, c] = below[1] + change[pixel, 3 + c]
             normal[y, x, c] = below[2] + change[pixel, 6 + c]

@@ -247,3 +247,27 @@ def keep_features(count: ti.i32, group: ti.i32, features: Floats2, kept: Floats2
         for c in ti.static(range(FEATURE_COLUMNS)):
             other = features[i, c] if group == 0 else kept[i, c]
             kept[i, c] = ti.max(features[i, c], other)
+
+
+@ti.kernel
+def gather(
+    count: ti.i32,
+    paths: Ints1,
+    offsets: Ints1,
+    all_offsets: Ints1,
+    all_rays: Rays,
+    all_light: Floats2,
+    all_features: Floats2,
+    rays: Rays,
+    light: Floats2,
+    features: Floats2,
+):
+    """The rows of some paths one after another, from offsets[k] on those of paths[k]; their entries in `restore` stay
+    where they are."""
+    for k in range(count):
+        begin = all_offsets[paths[k]]
+        for row in range(all_offsets[paths[k] + 1] - begin):
+            rays[offsets[k] + row] = all_rays[begin + row]
+            write3(light, offsets[k] + row, 0, read3(all_light, begin + row, 0))
+        for c in ti.static(range(FEATURE_COLUMNS)):
+            features[k, c] = all_features[paths[k], c]
