@@ -9,12 +9,11 @@ what eight members give is computed at once). The same nodes say which lights a 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-LANES = 8
+LANE_BITS = 3
+LANES = 1 << LANE_BITS
 # What a node knows of its members: attribute a of member k stands in column LANES * a + k.
 # NORMAL: against which a flat light shines. To a point at distance d and at height h against the normal a member
 # gives STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * max(d * d + SIZE2, SPREAD2)), about the irradiance by
@@ -34,10 +33,10 @@ PARENT, COUNT, CONES, GROUPS = range(LANES * ATTRIBUTES, LANES * ATTRIBUTES + 4)
 NODE_COLUMNS = 128
 
 # Columns of the header: where the entries of a sort end, counted from 0; whether there is anything to choose; how many
-# nodes hold the entries, and how many of them, from the first, lights that a ray can meet; how many such lights; the
-# rows where distant lights, domes and portals begin, and where they end; where those of meshes end.
-H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_CHOICE, H_NODES, H_SOLID_NODES, H_SOLID_COUNT = range(8)
-H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END = range(8, 13)
+# nodes hold the entries, and how many of them, from the first, any but domes, and lights that a ray can meet; how many
+# such lights; the rows where distant lights, domes and portals begin, and where they end; where those of meshes end.
+H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_CHOICE, H_NODES, H_PLACED_NODES, H_SOLID_NODES, H_SOLID_COUNT = range(9)
+H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END = range(9, 14)
 
 # So many lamps are entries one by one, more are LANES groups; so many of each other sort.
 FEW = 16
@@ -83,7 +82,7 @@ def tree(leaves: Floats) -> Floats:
     while len(parents):
         first, count = used, len(parents)
         of = np.arange(count)  # the node that each group is a member of
-        for _ in range(round(math.log2(LANES))):
+        for _ in range(LANE_BITS):
             order, starts, split = _halved(order, starts, leaves[:, CENTRE : CENTRE + 3])
             of = np.repeat(of, split)
         used += count
@@ -201,6 +200,7 @@ def assembled(lamps: Floats, portals: Floats, distants: Floats, domes: Floats) -
     header[[H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES]] = ends
     header[H_CHOICE] = count > 1 or len(further) > 0
     header[H_NODES] = used - 1
+    header[H_PLACED_NODES] = -(-int(ends[2]) // LANES)
     solid = int((lamps[:, RADIUS2] >= 0.0).sum())
     header[[H_SOLID_NODES, H_SOLID_COUNT]] = -(-int(ends[0]) // LANES) * (solid > 0), solid
     return np.concatenate([header[None], nodes, *further])

@@ -23,9 +23,11 @@ from tiscene.scene.light_nodes import (
     H_DOMES,
     H_LAMPS,
     H_NODES,
+    H_PLACED_NODES,
     H_PORTAL_ROW,
     H_PORTALS,
     H_ROWS,
+    LANE_BITS,
     LANES,
     NORMAL,
     PARENT,
@@ -60,7 +62,7 @@ def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes
 @ti.func
 def of_entry(nodes: ti.template(), entry: ti.i32, which: ti.template()) -> ti.f32:
     """One attribute of an entry; entries are counted from 0."""
-    return nodes[1 + entry // LANES, LANES * which + entry % LANES]
+    return nodes[1 + (entry >> LANE_BITS), LANES * which + (entry & (LANES - 1))]
 
 
 @ti.func
@@ -176,6 +178,31 @@ def from_afar(lights: ti.template(), origin: vec3, weights: ti.template()):
 
 
 @ti.func
+def open_near_groups(lights: ti.template(), k: ti.i32, origin: vec3, weights: ti.template()):
+    """Of groups among the entries of the k-th node, what their members give where the point is near."""
+    nodes = ti.static(lights.nodes)
+    x = attribute(nodes, 1 + k, CENTRE) - origin.x
+    y = attribute(nodes, 1 + k, CENTRE + 1) - origin.y
+    z = attribute(nodes, 1 + k, CENTRE + 2) - origin.z
+    near = not_negative(_NEAR * attribute(nodes, 1 + k, SPREAD2) - (x * x + y * y + z * z))
+    while near > 0:
+        lane = lowest(near)
+        near &= near - 1
+        child = ti.cast(nodes[1 + k, LANES * CHILD + lane], ti.i32)
+        if child > 0 and weights[LANES * k + lane] > 0.0:
+            weights[LANES * k + lane] = running_sums(given(lights, child, origin))[LANES - 1]
+
+
+@ti.func
+def eight(weights: ti.template(), k: ti.i32) -> lanes:
+    """The weights of the entries of the k-th node."""
+    result = lanes(0.0)
+    for lane in ti.static(range(LANES)):
+        result[lane] = weights[LANES * k + lane]
+    return result
+
+
+@ti.func
 def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
     """What every entry gives at a point, to `weights`, which has room for MOST_ENTRIES.
 
@@ -186,33 +213,19 @@ def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
     count, scale = 0, 0.0
     if nodes[0, H_CHOICE] > 0.0:
         count = integer(nodes, 0, H_NODES)
-        total, even = 0.0, 0.0
-        for k in range(count):
+        for k in range(integer(nodes, 0, H_PLACED_NODES)):
             here = given(lights, 1 + k, origin)
             for lane in ti.static(range(LANES)):
                 weights[LANES * k + lane] = here[lane]
-            total += running_sums(here)[LANES - 1]
-            even += running_sums(ti.select(here > 0.0, attribute(nodes, 1 + k, EVEN), 0.0))[LANES - 1]
             if nodes[1 + k, GROUPS] > 0.0:
-                x = attribute(nodes, 1 + k, CENTRE) - origin.x
-                y = attribute(nodes, 1 + k, CENTRE + 1) - origin.y
-                z = attribute(nodes, 1 + k, CENTRE + 2) - origin.z
-                near = not_negative(_NEAR * attribute(nodes, 1 + k, SPREAD2) - (x * x + y * y + z * z))
-                while near > 0:
-                    lane = lowest(near)
-                    near &= near - 1
-                    child = ti.cast(nodes[1 + k, LANES * CHILD + lane], ti.i32)
-                    entry = LANES * k + lane
-                    if child > 0 and weights[entry] > 0.0:
-                        exact = running_sums(given(lights, child, origin))[LANES - 1]
-                        total += exact - weights[entry]
-                        weights[entry] = exact
+                open_near_groups(lights, k, origin, weights)
         if nodes[0, H_DOMES] > nodes[0, H_LAMPS]:
             from_afar(lights, origin, weights)
-            total, even = 0.0, 0.0
-            for entry in range(integer(nodes, 0, H_DOMES)):
-                total += weights[entry]
-                even += ti.select(weights[entry] > 0.0, of_entry(nodes, entry, EVEN), 0.0)
+        total, even = 0.0, 0.0
+        for k in range(count):
+            here = eight(weights, k)
+            total += running_sums(here)[LANES - 1]
+            even += running_sums(ti.select(here > 0.0, attribute(nodes, 1 + k, EVEN), 0.0))[LANES - 1]
         scale = (1.0 - even) / total if total > 0.0 else 0.0
     return count, scale
 
@@ -229,9 +242,7 @@ def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: 
         before = 0.0
         chance = 0.0
         for k in range(count):
-            here = lanes(0.0)
-            for lane in ti.static(range(LANES)):
-                here[lane] = weights[LANES * k + lane]
+            here = eight(weights, k)
             here = ti.select(here > 0.0, here * scale + attribute(nodes, 1 + k, EVEN), 0.0)
             lane, lane_chance, low = picked(here, u - before)
             if lane_chance > 0.0 and u >= before:
@@ -248,7 +259,7 @@ def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: 
 @ti.func
 def row_at(nodes: ti.template(), place: ti.i32) -> ti.i32:
     """The light of a member."""
-    return ti.cast(nodes[place // LANES, LANES * ROW + place % LANES], ti.i32)
+    return ti.cast(nodes[place >> LANE_BITS, LANES * ROW + (place & (LANES - 1))], ti.i32)
 
 
 @ti.func
@@ -284,12 +295,12 @@ def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
     nodes = ti.static(lights.nodes)
     entries = integer(nodes, 0, H_NODES)
     here, part = place, 1.0
-    while here // LANES > entries:
-        node = here // LANES
+    while here >> LANE_BITS > entries:
+        node = here >> LANE_BITS
         weights = shares(lights, node, origin)
         mine = 0.0
         for k in ti.static(range(LANES)):
-            mine = ti.select(here % LANES == k, weights[k], mine)
+            mine = ti.select(here & (LANES - 1) == k, weights[k], mine)
         part *= mine / running_sums(weights)[LANES - 1]
         here = integer(nodes, node, PARENT)
     return here, part
