@@ -15,10 +15,12 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import tiscene
 from tiscene.errors import StageWarning, TisceneError
+
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,7 +58,12 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
+    for add in (_demo, _render, _list, _show, _inspect, _import, _bench, _serve):
+        add(commands)
+    return top
 
+
+def _demo(commands: Commands) -> None:
     demo = commands.add_parser("demo", help="render a short scenario and show every buffer of it")
     demo.add_argument(
         "-o", "--output", metavar="DIR", default="tiscene-demo", help="folder to write (default: %(default)s)"
@@ -68,6 +75,8 @@ def parser() -> argparse.ArgumentParser:
     _add_quality(demo, "standard")
     _add_arch(demo)
 
+
+def _render(commands: Commands) -> None:
     render = commands.add_parser(
         "render",
         help="write frames of a scene or scenario into a folder",
@@ -130,17 +139,25 @@ def parser() -> argparse.ArgumentParser:
     _add_reading(render)
     _add_arch(render)
 
+
+def _list(commands: Commands) -> None:
     commands.add_parser("list", help="list scenes and object templates")
 
+
+def _show(commands: Commands) -> None:
     show = commands.add_parser("show", help="show what a scene holds: size, cameras, lights, objects, templates")
     show.add_argument("scene", metavar="SCENE", help="a scene's name or a USD file")
 
+
+def _inspect(commands: Commands) -> None:
     inspect = commands.add_parser(
         "inspect", help="say what is in a USD file, what is rendered of it, what is not and why"
     )
     inspect.add_argument("file", metavar="FILE", help="a USD file or a scene's name")
     _add_reading(inspect)
 
+
+def _import(commands: Commands) -> None:
     importer = commands.add_parser(
         "import",
         help="make a template of a model: OBJ, glTF, PLY, STL, USD, or a catalogue of furniture (.sh3f)",
@@ -160,6 +177,8 @@ def parser() -> argparse.ArgumentParser:
         "--licence", metavar="TEXT", default="", help="its text, or a file (default: the licence files beside it)"
     )
 
+
+def _bench(commands: Commands) -> None:
     bench = commands.add_parser("bench", help="measure frames per second on this machine")
     bench.add_argument("scene", metavar="SCENE", nargs="?", help="a scene's name or a USD file (default: the demo's)")
     bench.add_argument(
@@ -167,6 +186,8 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_arch(bench)
 
+
+def _serve(commands: Commands) -> None:
     serve = commands.add_parser(
         "serve",
         help="speak SAILenv's protocol, for its unmodified clients",
@@ -191,7 +212,6 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_arch(serve)
     serve.add_argument("-v", "--verbose", action="count", default=0, help="a line for each event; -vv: for each frame")
-    return top
 
 
 def _add_size(command: argparse.ArgumentParser, width: int, height: int) -> None:

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from tests.export.fake_stream import FakeStream
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.animation import write_animation
 from tiscene.export.contact_sheet import GAP, contact_sheet
 from tiscene.render.aovs import AOVS
@@ -61,6 +61,9 @@ def test_animation_refuses_what_it_cannot_write(tmp_path):
     image = np.zeros((4, 4, 3), np.uint8)
     with pytest.raises(ArgumentError, match=r"ends in \.webp, \.gif, \.png"):
         write_animation(tmp_path / "a.mp4", [image], 25)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExportError, match=r"cannot write .*a\.webp"):
+        write_animation(tmp_path / "file" / "a.webp", [image], 25)
     for images in ([], [image, image[:2]]):
         with pytest.raises(ArgumentError, match="all of one size"):
             write_animation(tmp_path / "a.webp", images, 25)

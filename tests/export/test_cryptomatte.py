@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 
 from tests.export.fake_stream import FakeStream
-from tiscene.errors import BufferNotFound, ExportError
+from tiscene.errors import BufferNotFound, ExportError, MissingFile
 from tiscene.export import cryptomatte
 from tiscene.export.cryptomatte import decode, hash_of, murmur3
 
@@ -125,6 +125,8 @@ def test_other_files_are_told_apart(tmp_path):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(ExportError, match="holds no Cryptomatte"):
         decode(tmp_path / name)
+    with pytest.raises(MissingFile, match="no file"):
+        decode(tmp_path / "nowhere.exr")
 
 
 def test_without_coverage_there_is_nothing_to_write():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import ArgumentError
-from tiscene.export.manifest import write_atomically
+from tiscene.export.manifest import write_file
 
 OPTIONS: dict[str, dict[str, Any]] = {
     ".webp": {"format": "webp", "quality": 82, "method": 4},
@@ -24,7 +24,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
 def write_animation(path: str | Path, images: Sequence[NDArray[np.uint8]], fps: float) -> None:
     """Write uint8 images [h, w, 3] of one size as an endless loop.
 
-    Raises ArgumentError for a suffix that is not in OPTIONS, for no images, or for images of different sizes.
+    Raises ArgumentError for a suffix that is not in OPTIONS, for no images, or for images of different sizes,
+    ExportError if it cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in OPTIONS:
@@ -35,4 +36,4 @@ def write_animation(path: str | Path, images: Sequence[NDArray[np.uint8]], fps: 
     data = io.BytesIO()
     options = OPTIONS[path.suffix.lower()]
     first.save(data, save_all=True, append_images=rest, duration=round(1000.0 / fps), loop=0, **options)
-    write_atomically(path, data.getvalue())
+    write_file(path, data.getvalue())

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.errors import ExportError
+from tiscene.errors import ExportError, MissingFile
 from tiscene.export import exr
 
 if TYPE_CHECKING:
@@ -73,9 +73,11 @@ def encode(frame: Frame) -> dict[str, bytes]:
 
 
 def decode(path: str | Path) -> dict[str, Mattes]:
-    """The sets of mattes in a file, by name. Raises ExportError for a file that has none."""
+    """The sets of mattes in a file, by name. Raises MissingFile, ExportError for a file that has none."""
     import OpenEXR
 
+    if not Path(path).is_file():
+        raise MissingFile(f"no file {str(path)!r}")
     with OpenEXR.File(str(path), separate_channels=True) as file:
         header, channels = file.header(), file.channels()
         keys = [key.split("/")[1] for key in header if key.startswith("cryptomatte/") and key.endswith("/name")]

@@ -141,6 +141,14 @@ def write_atomically(path: Path, data: bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def write_file(path: str | Path, data: bytes) -> None:
+    """The same for a file on its own. Raises ExportError if it cannot be written."""
+    try:
+        write_atomically(Path(path), data)
+    except OSError as error:
+        raise ExportError(f"cannot write {str(path)!r}: {error}") from error
+
+
 def _file_digest(path: Path) -> str | None:
     try:
         with path.open("rb") as file:

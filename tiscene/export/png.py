@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import ExportError
-from tiscene.export.manifest import write_atomically
+from tiscene.export.manifest import write_file
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame
@@ -59,10 +59,7 @@ def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
 
 def write_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
     """Write one picture, uint8 [h, w, 3]. Raises ExportError if it cannot be written."""
-    try:
-        write_atomically(Path(path), _png(pixels))
-    except OSError as error:
-        raise ExportError(f"cannot write {str(path)!r}: {error}") from error
+    write_file(path, _png(pixels))
 
 
 def _png(pixels: NDArray[Any]) -> bytes:
