@@ -18,6 +18,7 @@ Ids = ti.types.ndarray(ti.i32, 2)
 Queue = ti.types.ndarray(ti.i32, 1)
 
 BLOCK = 32  # rays of one thread that share a stack: Taichi clears it where it is made
+MANY = 1 << 11  # Taichi gives a thread 512 turns of a loop at least
 STACK = 112  # a BLAS and a TLAS need 56 entries each at most (scene/bvh.py)
 SLACK = 1.000002  # far planes and t_max are moved out by this
 INFINITY = ti.math.inf
@@ -284,10 +285,11 @@ def closest(
     hits: Hits,
     hit_ids: HitIds,
 ):
-    for block in range((count + BLOCK - 1) // BLOCK):
+    size = ti.math.clamp(count // MANY, 1, BLOCK)
+    for block in range((count + size - 1) // size):
         references = ti.Vector([0] * STACK)
         distances = ti.Vector([0.0] * STACK)
-        for i in range(block * BLOCK, ti.min(count, (block + 1) * BLOCK)):
+        for i in range(block * size, ti.min(count, (block + 1) * size)):
             ray = queue[i]
             t, b1, b2, instance, triangle = trace(
                 nodes, packs, transforms, instances, time, root, -1, rays, ray, False, references, distances
@@ -313,10 +315,11 @@ def occluded(
     targeted: ti.i32,
     result: Queue,
 ):
-    for block in range((count + BLOCK - 1) // BLOCK):
+    size = ti.math.clamp(count // MANY, 1, BLOCK)
+    for block in range((count + size - 1) // size):
         references = ti.Vector([0] * STACK)
         distances = ti.Vector([0.0] * STACK)
-        for i in range(block * BLOCK, ti.min(count, (block + 1) * BLOCK)):
+        for i in range(block * size, ti.min(count, (block + 1) * size)):
             ray = queue[i]
             only = -1
             if targeted > 0:
