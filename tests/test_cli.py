@@ -17,6 +17,7 @@ from tiscene.commands import render as render_command
 from tiscene.errors import SceneNotFound, StageWarning
 from tiscene.export import EXPORTERS
 from tiscene.render.aovs import AOVS
+from tiscene.scenario import Scenario
 
 
 class FakeCommandStream(FakeStream):
@@ -254,6 +255,14 @@ def test_show_tells_what_a_scene_holds(tmp_path, capsys):
     ]
     assert lines[5].startswith("  Bulb: sphere, ")
     assert lines[8:] == [f"Templates ({len(catalog.templates())}):", *(f"  {name}" for name in catalog.templates())]
+
+
+def test_show_and_inspect_take_a_scenario_for_its_scene(tmp_path, capsys):
+    (tmp_path / "kitchen.usda").write_text(KITCHEN)
+    Scenario(str(tmp_path / "kitchen.usda")).save(tmp_path / "run.json")
+    for command in ("show", "inspect"):
+        assert cli.main([command, str(tmp_path / "run.json")]) == 0
+        assert f"{tmp_path / 'kitchen.usda'}\n" in capsys.readouterr().out
 
 
 def test_show_cuts_long_lists_short():

@@ -146,14 +146,14 @@ def _list(commands: Commands) -> None:
 
 def _show(commands: Commands) -> None:
     show = commands.add_parser("show", help="show what a scene holds: size, cameras, lights, objects, templates")
-    show.add_argument("scene", metavar="SCENE", help="a scene's name or a USD file")
+    show.add_argument("scene", metavar="SCENE", help="a scene's name, a USD file, or a scenario (.json)")
 
 
 def _inspect(commands: Commands) -> None:
     inspect = commands.add_parser(
         "inspect", help="say what is in a USD file, what is rendered of it, what is not and why"
     )
-    inspect.add_argument("file", metavar="FILE", help="a USD file or a scene's name")
+    inspect.add_argument("file", metavar="FILE", help="a USD file, a scene's name, or a scenario (.json)")
     _add_reading(inspect)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         _import_model(args, library)
     if library.resolve() not in [folder.resolve() for folder in catalog.search_path()]:
-        print(f"To use them by name: export TISCENE_PATH={library.resolve()}")
+        print(f"To use them by name: export TISCENE_PATH={shlex.quote(str(library.resolve()))}")
 
 
 def _import_model(args: argparse.Namespace, library: Path) -> None:

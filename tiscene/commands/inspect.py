@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tiscene import catalog
+from tiscene.commands.show import stage_file
 from tiscene.errors import StageWarning
 from tiscene.scene.description import DistantLight, DomeLight, SceneDescription
 from tiscene.usd import read_stage
@@ -25,7 +25,7 @@ _TREE_BYTES = 100  # of the tree and the packed vertices, about, for each triang
 
 def run(args: argparse.Namespace) -> None:
     """Print it."""
-    path = catalog.find_scene(args.file)
+    path = stage_file(args.file)
     options = {"variants": dict(args.variant), "root": args.root}
     if not args.untrusted:
         _print_facts(path, stage_facts(path, **options))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 
 import numpy as np
 
 from tiscene import catalog
 from tiscene.camera import Camera
+from tiscene.scenario import Scenario
 from tiscene.scene.description import DistantLight, Light, SceneDescription
 from tiscene.usd import read_stage
 
@@ -17,7 +19,7 @@ SHOWN = 8  # names of objects in a line
 
 def run(args: argparse.Namespace) -> None:
     """Print it."""
-    path = catalog.find_scene(args.scene)
+    path = stage_file(args.scene)
     stage = read_stage(path)
     templates = sorted({template.name for template in stage.templates} | set(catalog.templates()))
     low, high = stage.bounds()
@@ -28,6 +30,12 @@ def run(args: argparse.Namespace) -> None:
     _section("Lights", [_light(light) for light in stage.lights])
     _section("Objects", _objects(stage), len(stage.objects))
     _section("Templates", templates)
+
+
+def stage_file(source: str) -> Path:
+    """The USD file of a scene, or of the scene of a scenario (.json)."""
+    path = catalog.find_scene(source)
+    return catalog.find_scene(Scenario.load(path).scene) if path.suffix.lower() == ".json" else path
 
 
 def triangle_count(stage: SceneDescription) -> int:
