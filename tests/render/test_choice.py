@@ -48,7 +48,7 @@ def choices(
         weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, point, weights)
         for k in range(samples):
-            row, chance, _rest = choose(lights, weights, count, scale, point, (k + 0.5) / samples)
+            row, _place, chance = choose(lights, weights, count, scale, point, (k + 0.5) / samples)
             counts[row] += 1.0 / samples
             again = chance_of(lights, weights, count, scale, row, point)
             mismatch[0] = ti.max(mismatch[0], ti.abs(chance - again))

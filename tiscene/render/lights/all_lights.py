@@ -6,7 +6,7 @@ from tiscene.render.lights import cylinder, disk, distant, dome, mesh, point, po
 from tiscene.render.lights.choice import chance_of, choose, weigh
 from tiscene.render.lights.light_sample import integer, no_sample
 from tiscene.scene.light_nodes import H_CHOICE, H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
-from tiscene.scene.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, RECT, SHAPED
+from tiscene.scene.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
@@ -28,7 +28,7 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice:
     if lights.nodes[0, H_NODES] > 0.0:
         weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, origin, weights)
-        row, chance, rest = choose(lights, weights, count, scale, origin, choice)
+        row, place, chance = choose(lights, weights, count, scale, origin, choice)
         if chance > 0.0:
             kind = integer(lights.values, row, KIND)
             result.row = row
@@ -39,14 +39,43 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice:
                         result.row = row
             if ti.static(lights.with_meshes):
                 if kind == MESH:
-                    result = mesh.sample(lights, textures, row, origin, rest, u)
+                    result = mesh.sample(lights, textures, row, place, origin, u)
                     result.row = row
             result.pdf *= chance
             if (kind == DOME or kind == PORTAL) and result.pdf > 0.0:
-                result.pdf += pdf(lights, weights, count, scale, result.row, row, origin, result.direction, ti.math.inf)
+                result.pdf += other_ways(lights, weights, count, scale, result.row, row, origin, result.direction)
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
                 met = origin + result.direction * result.distance
                 result.radiance *= shaping.scale(lights.values, textures, row, met, -result.direction)
+    return result
+
+
+@ti.func
+def other_ways(
+    lights: ti.template(),
+    weights: ti.template(),
+    count: ti.i32,
+    scale: ti.f32,
+    row: ti.i32,
+    but: ti.i32,
+    origin: vec3,
+    direction: vec3,
+) -> ti.f32:
+    """The density of a dome's direction by its image and all its portals, leaving out the row `but`."""
+    result = 0.0
+    first = integer(lights.nodes, 0, H_PORTAL_ROW)
+    for turn in range(first - 1, integer(lights.nodes, 0, H_ROWS)):
+        way, reach = row, ti.math.inf
+        if turn >= first:
+            way = turn
+            reach = rect.intersect(lights, way, origin, direction)
+        if way != but and (turn < first or (reach < ti.math.inf and integer(lights.values, way, DOME_ROW) == row)):
+            chance = chance_of(lights, weights, count, scale, way, origin)
+            if chance > 0.0:
+                if turn < first:
+                    result += chance * dome.pdf(lights, way, origin, direction, reach)
+                else:
+                    result += chance * rect.pdf(lights, way, origin, direction, reach)
     return result
 
 
@@ -57,34 +86,21 @@ def pdf(
     count: ti.i32,
     scale: ti.f32,
     row: ti.i32,
-    but: ti.i32,
     origin: vec3,
     direction: vec3,
     distance: ti.f32,
 ) -> ti.f32:
-    """Density of `sample` for a direction that meets the light at that distance.
-
-    Ways to a dome are itself and its portals; that by the row `but` is left out. weights ... scale: `weigh` there.
-    """
+    """Density of `sample` for a direction that meets the light at that distance. weights ... scale: `weigh` there."""
     result = 0.0
-    first_portal, end = integer(lights.nodes, 0, H_PORTAL_ROW), integer(lights.nodes, 0, H_ROWS)
-    if integer(lights.values, row, KIND) != DOME:
-        end = first_portal
-    for turn in range(first_portal - 1, end):
-        way, reach = row, distance
-        if turn >= first_portal:
-            way = turn
-            reach = rect.intersect(lights, way, origin, direction)
-        kind = integer(lights.values, way, KIND)
-        if kind == PORTAL:
-            kind = RECT if reach < ti.math.inf and integer(lights.values, way, DOME_ROW) == row else -1
-        here = 0.0
-        if way != but:
-            for k in ti.static(range(DOME + 1)):
-                if kind == k:
-                    here = LIGHTS[k].pdf(lights, way, origin, direction, reach)
-        if here > 0.0:
-            result += here * chance_of(lights, weights, count, scale, way, origin)
+    kind = integer(lights.values, row, KIND)
+    if kind == DOME:
+        result = other_ways(lights, weights, count, scale, row, -1, origin, direction)
+    else:
+        for k in ti.static(range(DOME)):
+            if kind == k:
+                result = LIGHTS[k].pdf(lights, row, origin, direction, distance)
+        if result > 0.0:
+            result *= chance_of(lights, weights, count, scale, row, origin)
     return result
 
 

@@ -10,6 +10,7 @@ import taichi as ti
 
 from tiscene.render.lights import shaping
 from tiscene.render.lights.light_sample import axis, integer
+from tiscene.render.surface import transform_point
 from tiscene.scene.light_nodes import (
     BACK,
     CENTRE,
@@ -37,7 +38,8 @@ from tiscene.scene.light_nodes import (
     SPREAD2,
     STRENGTH,
 )
-from tiscene.scene.light_table import NODE, SHADE_COLUMNS, SHADES
+from tiscene.scene.light_table import INSTANCE, KIND, MESH, NODE, SHADE_COLUMNS, SHADES, TREE
+from tiscene.scene.placement import CURRENT
 
 vec3 = ti.math.vec3
 lanes = ti.types.vector(LANES, ti.f32)
@@ -82,7 +84,7 @@ def given(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
     result = ti.max(attribute(nodes, node, STRENGTH) * facing / (distance * apart2), 0.0)
     if nodes[node, CONES] > 0.0:
         within = ti.Vector.one(ti.f32, LANES)
-        for k in range(LANES):
+        for k in range(integer(nodes, node, COUNT)):  # no number that LLVM knows: it would unroll the loop
             if nodes[node, LANES * BACK + k] < 0.0:
                 row = ti.cast(nodes[node, LANES * ROW + k], ti.i32)
                 offset = axis(lights.values, row, 3) - origin
@@ -178,19 +180,12 @@ def from_afar(lights: ti.template(), origin: vec3, weights: ti.template()):
 
 
 @ti.func
-def open_near_groups(lights: ti.template(), k: ti.i32, origin: vec3, weights: ti.template()):
-    """Of groups among the entries of the k-th node, what their members give where the point is near."""
-    nodes = ti.static(lights.nodes)
-    x = attribute(nodes, 1 + k, CENTRE) - origin.x
-    y = attribute(nodes, 1 + k, CENTRE + 1) - origin.y
-    z = attribute(nodes, 1 + k, CENTRE + 2) - origin.z
-    near = not_negative(_NEAR * attribute(nodes, 1 + k, SPREAD2) - (x * x + y * y + z * z))
-    while near > 0:
-        lane = lowest(near)
-        near &= near - 1
-        child = ti.cast(nodes[1 + k, LANES * CHILD + lane], ti.i32)
-        if child > 0 and weights[LANES * k + lane] > 0.0:
-            weights[LANES * k + lane] = running_sums(given(lights, child, origin))[LANES - 1]
+def near_groups(nodes: ti.template(), node: ti.i32, origin: vec3) -> ti.i32:
+    """A bit for each member of a node that is a group and near."""
+    x = attribute(nodes, node, CENTRE) - origin.x
+    y = attribute(nodes, node, CENTRE + 1) - origin.y
+    z = attribute(nodes, node, CENTRE + 2) - origin.z
+    return not_negative(_NEAR * attribute(nodes, node, SPREAD2) - (x * x + y * y + z * z + 1e-12))
 
 
 @ti.func
@@ -213,12 +208,23 @@ def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
     count, scale = 0, 0.0
     if nodes[0, H_CHOICE] > 0.0:
         count = integer(nodes, 0, H_NODES)
-        for k in range(integer(nodes, 0, H_PLACED_NODES)):
-            here = given(lights, 1 + k, origin)
-            for lane in ti.static(range(LANES)):
-                weights[LANES * k + lane] = here[lane]
-            if nodes[1 + k, GROUPS] > 0.0:
-                open_near_groups(lights, k, origin, weights)
+        done, near, end = 0, 0, integer(nodes, 0, H_PLACED_NODES)
+        while near > 0 or done < end:
+            node, opened = 1 + done, -1
+            if near > 0:
+                opened = lowest(near)
+                near &= near - 1
+                node = ti.cast(nodes[done, LANES * CHILD + opened], ti.i32)
+            here = given(lights, node, origin)
+            if opened >= 0:
+                at = LANES * (done - 1) + opened
+                weights[at] = running_sums(here)[LANES - 1] if weights[at] > 0.0 else 0.0
+            else:
+                for lane in ti.static(range(LANES)):
+                    weights[LANES * done + lane] = here[lane]
+                done += 1
+                if nodes[done, GROUPS] > 0.0:
+                    near = near_groups(nodes, done, origin)
         if nodes[0, H_DOMES] > nodes[0, H_LAMPS]:
             from_afar(lights, origin, weights)
         total, even = 0.0, 0.0
@@ -231,10 +237,59 @@ def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
 
 
 @ti.func
-def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: ti.f32, origin: vec3, u: ti.f32):
-    """(row, its chance, what is left of u) of the light or portal to sample from a point; chance 0 for none.
+def row_at(nodes: ti.template(), place: ti.i32) -> ti.i32:
+    """The light of a member."""
+    return ti.cast(nodes[place >> LANE_BITS, LANES * ROW + (place & (LANES - 1))], ti.i32)
 
-    weights ... scale: `weigh`.
+
+@ti.func
+def in_mesh(lights: ti.template(), row: ti.i32, p: vec3) -> vec3:
+    """A point in the space of the mesh that is a light."""
+    return transform_point(lights.geometry.instance_from_world, CURRENT, integer(lights.values, row, INSTANCE), p)
+
+
+@ti.func
+def shares(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
+    """What each member of a node gives at a point, or 1 if none gives anything."""
+    result = given(lights, node, origin)
+    if running_sums(result)[LANES - 1] <= 0.0:
+        for k in ti.static(range(LANES)):
+            result[k] = ti.select(k < lights.nodes[node, COUNT], 1.0, 0.0)
+    return result
+
+
+@ti.func
+def member(lights: ti.template(), entry: ti.i32, entry_chance: ti.f32, u: ti.f32, origin: vec3):
+    """(row, its place, its chance) of one light of an entry by what each gives, and of one of its triangles."""
+    nodes = ti.static(lights.nodes)
+    row, place, chance, rest, p = -1, entry, entry_chance, u, origin
+    node = 0
+    arrived = False
+    while not arrived:
+        node = ti.cast(nodes[place >> LANE_BITS, LANES * CHILD + (place & (LANES - 1))], ti.i32)
+        if node == 0 and row < 0:
+            row = row_at(nodes, place)
+            if ti.static(lights.with_meshes):
+                if integer(lights.values, row, KIND) == MESH:
+                    node = integer(lights.values, row, TREE)
+                    p = in_mesh(lights, row, origin)
+        arrived = node == 0
+        if not arrived:
+            weights = shares(lights, node, p)
+            total = running_sums(weights)[LANES - 1]
+            aim = rest * total
+            lane, here, low = picked(weights, aim)
+            rest = ti.min((aim - low) / here, _BELOW_1)
+            chance *= here / total
+            place = LANES * node + lane
+    return row, place, chance
+
+
+@ti.func
+def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: ti.f32, origin: vec3, u: ti.f32):
+    """(row, its place, its chance) of the light or portal to sample from a point; chance 0 for none.
+
+    Of a mesh the place is that of a triangle, and so is the chance. weights ... scale: `weigh`.
     """
     nodes = ti.static(lights.nodes)
     entry, chance, rest = 0, 1.0, u
@@ -249,44 +304,7 @@ def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: 
                 entry, chance, rest = LANES * k + lane, lane_chance, u - before - low
             before += running_sums(here)[LANES - 1]
         rest = ti.min(rest / ti.max(chance, 1e-20), _BELOW_1)
-    place = LANES + entry
-    child = ti.cast(of_entry(nodes, entry, CHILD), ti.i32)
-    if child > 0:
-        place, chance, rest = member(lights, child, chance, rest, origin)
-    return row_at(nodes, place), chance, rest
-
-
-@ti.func
-def row_at(nodes: ti.template(), place: ti.i32) -> ti.i32:
-    """The light of a member."""
-    return ti.cast(nodes[place >> LANE_BITS, LANES * ROW + (place & (LANES - 1))], ti.i32)
-
-
-@ti.func
-def shares(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
-    """What each member of a node gives at a point, or 1 if none gives anything."""
-    result = given(lights, node, origin)
-    if running_sums(result)[LANES - 1] <= 0.0:
-        for k in ti.static(range(LANES)):
-            result[k] = ti.select(k < lights.nodes[node, COUNT], 1.0, 0.0)
-    return result
-
-
-@ti.func
-def member(lights: ti.template(), first: ti.i32, group_chance: ti.f32, u: ti.f32, origin: vec3):
-    """(place, its chance, what is left of u) of one light below a node, by what each gives."""
-    nodes = ti.static(lights.nodes)
-    node, place, chance, rest = first, 0, group_chance, u
-    while node > 0:
-        weights = shares(lights, node, origin)
-        total = running_sums(weights)[LANES - 1]
-        aim = rest * total
-        lane, here, low = picked(weights, aim)
-        rest = ti.min((aim - low) / here, _BELOW_1)
-        chance *= here / total
-        place = LANES * node + lane
-        node = ti.cast(nodes[node, LANES * CHILD + lane], ti.i32)
-    return place, chance, rest
+    return member(lights, LANES + entry, chance, rest, origin)
 
 
 @ti.func

@@ -7,11 +7,11 @@ It needs Lights with `geometry` and `materials`; kernels without them sample no 
 import taichi as ti
 
 from tiscene.render.bsdfs.inputs import lookup_value
-from tiscene.render.lights.choice import member, part_of, row_at
+from tiscene.render.lights.choice import in_mesh, part_of, row_at
 from tiscene.render.lights.light_sample import integer, no_sample
-from tiscene.render.surface import moved_by, row3, surface_at, transform_point, transform_vector
+from tiscene.render.surface import moved_by, row3, surface_at, transform_vector
 from tiscene.scene.light_nodes import H_END, H_ROWS
-from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE, TREE
+from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
 from tiscene.scene.material_table import (
     COVERAGE,
     EMISSIVE,
@@ -40,12 +40,6 @@ def row_of(lights: ti.template(), instance: ti.i32) -> ti.i32:
         else:
             high = middle
     return low if high > low and integer(lights.values, low, INSTANCE) == instance else -1
-
-
-@ti.func
-def in_mesh(lights: ti.template(), row: ti.i32, p: vec3) -> vec3:
-    """A point in the space of the mesh."""
-    return transform_point(lights.geometry.instance_from_world, CURRENT, integer(lights.values, row, INSTANCE), p)
 
 
 @ti.func
@@ -86,11 +80,9 @@ def emission_at(materials: ti.template(), textures: ti.template(), surface: ti.t
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, choice: ti.f32, u: vec2):
-    """A direction from `origin` to the light: a LightSample. choice: a number for the triangle."""
+def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, place: ti.i32, origin: vec3, u: vec2):
+    """A direction from `origin` to a triangle of the light, by its place: a LightSample."""
     result = no_sample()
-    p = in_mesh(lights, row, origin)
-    place, chance, _ = member(lights, integer(lights.values, row, TREE), 1.0, choice, p)
     instance = integer(lights.values, row, INSTANCE)
     triangle = row_at(lights.nodes, place)
     root = ti.sqrt(u.x)
@@ -103,7 +95,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
     if facing > 0.0 and distance2 > 0.0:
         result.distance = ti.sqrt(distance2)
         result.direction = offset / result.distance
-        result.pdf = chance * 2.0 * distance2 * result.distance / facing
+        result.pdf = 2.0 * distance2 * result.distance / facing
         result.radiance = emission_at(lights.materials, textures, surface)
     return result
 

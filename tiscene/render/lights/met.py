@@ -139,7 +139,7 @@ def seen_lights(
                 if not weighed:
                     count, scale = weigh(lights, last_vertex, weights)
                     weighed = True
-                there = all_lights.pdf(lights, weights, count, scale, row, -1, last_vertex, direction, from_vertex)
+                there = all_lights.pdf(lights, weights, count, scale, row, last_vertex, direction, from_vertex)
                 weight = power_heuristic(pdf, there)
             radiance *= weight * response(lights, row, diffuse_part)
         result += radiance
