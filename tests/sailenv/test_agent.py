@@ -157,6 +157,34 @@ def test_spawned_things_can_be_moved_and_taken_away(make_agent):
     assert not agent.get_frame()["object"][:, :32].any()
 
 
+def test_spawning_as_clients_of_all_ages_do(make_agent):
+    """(dynamic, remove, limited, scale, parent) today; without `limited` in 2021, without `dynamic` in 2020."""
+    agent = make_agent(main_frame_active=False, category_frame_active=False, flow_frame_active=False)
+    calls = (
+        ((None, True, True, (2, 2, 2), True), {}),
+        ((None, True, (2, 2, 2), True), {}),
+        ((True, (2, 2, 2), True), {}),
+        ((), {"remove_dynamics": False, "scale": (2, 2, 2)}),
+        ((True,), {"scale": (2, 2, 2), "use_parent": False}),
+    )
+    seen = []
+    for positional, named in calls:
+        id = agent.spawn_object("Cube", (0, 1, 4), (0, 0, 0), *positional, **named)
+        seen.append(agent.get_frame()["depth"].tobytes())
+        agent.despawn_object(id)
+    assert set(seen) == {seen[0]}
+    agent.spawn_object("Cube", (0, 1, 4), (0, 0, 0), True)
+    assert agent.get_frame()["depth"].tobytes() != seen[0]
+
+
+@pytest.mark.parametrize(("walls", "frustum"), [(True, tiscene.Frustum()), (False, None)])
+def test_walls_as_early_clients_ask_for_them(make_agent, walls, frustum):
+    agent = make_agent()
+    with agent._world() as (world, viewer):
+        world.load(viewer, {"scene_name": SCENE, "objects": [], "spawn_frustum": walls})
+        assert world._world().scenario.frustum == frustum
+
+
 def test_a_scenario_is_the_same_natively(make_agent):
     """The views are the buffers of tiscene's own stream of the same scenario, seed and settings."""
     agent = make_agent(seed=3)

@@ -180,12 +180,20 @@ class Agent:
         frustum_limited: bool = True,
         scale: Any = (1, 1, 1),
         use_parent: bool = True,
+        remove_dynamics: bool = True,
     ) -> str:
         """Let an object appear in the next frame; its id, "" if it cannot be.
 
-        name: one of `spawnable_objects_names`, or "file:" and what `send_obj_zip` gave. remove_default_dynamics and
-        use_parent are of no effect: nothing falls here, and places are those of the world.
+        name: one of `spawnable_objects_names`, or "file:" and what `send_obj_zip` gave. remove_default_dynamics,
+        `remove_dynamics` as it was called in 2020, and use_parent are of no effect: nothing falls here, and places are
+        those of the world.
         """
+        # Before there were dynamics, and before there were limits, scale was that much earlier in the row.
+        if isinstance(dynamic, bool):
+            dynamic, scale = None, scale if isinstance(remove_default_dynamics, bool) else remove_default_dynamics
+            frustum_limited = True
+        elif not isinstance(frustum_limited, bool | int):
+            frustum_limited, scale = True, frustum_limited
         id: str = self._try(
             f"Error object {name} not spawned: {{}}",
             lambda world, viewer: world.spawn(

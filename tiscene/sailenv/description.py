@@ -52,7 +52,6 @@ def timings_of(content: Any, ids: Sequence[str], there: Collection[str]) -> dyna
             case "wait_until_complete":
                 return dynamics.WaitUntilComplete(float(description.get("wait_time", 0.0)))
             case "dict":
-                # JSON has made texts of the indices.
                 turns = {_id(key, ids): float(seconds) for key, seconds in (description.get("times") or {}).items()}
                 return dynamics.DictTimings([(id, seconds) for id, seconds in turns.items() if id in there])
         raise ScenarioError(f"type {content.get('type')!r}: must be all_together, wait_until_complete or dict")
@@ -102,7 +101,10 @@ def _waypoint(content: Mapping[str, Any]) -> dynamics.Waypoint:
 
 
 def _id(key: Any, ids: Sequence[str]) -> str:
-    return str(key) if str(key) in ids else ids[int(key)]
+    """Of the object that a key of timings means, by its name or index, of which JSON has made a text; "" for none."""
+    if str(key) in ids:
+        return str(key)
+    return ids[int(key)] if 0 <= int(key) < len(ids) else ""
 
 
 @contextmanager

@@ -39,9 +39,9 @@ def first_scene() -> str:
 
 def scene_of(name: str) -> str:
     """tiscene's name of a scene, with or without "/scene". Raises SceneNotFound."""
-    plain = name.strip().removesuffix(_SUFFIX)
+    plain = str(name).strip().removesuffix(_SUFFIX)
     if plain not in catalog.scenes():
-        raise SceneNotFound("scene", name, scenes())
+        raise SceneNotFound("scene", str(name), scenes())
     return plain
 
 
