@@ -177,7 +177,7 @@ def test_spawning_as_clients_of_all_ages_do(make_agent):
     assert agent.get_frame()["depth"].tobytes() != seen[0]
 
 
-@pytest.mark.parametrize(("walls", "frustum"), [(True, tiscene.Frustum()), (False, None)])
+@pytest.mark.parametrize(("walls", "frustum"), [(True, ts.Frustum()), (False, None)])
 def test_walls_as_early_clients_ask_for_them(make_agent, walls, frustum):
     agent = make_agent()
     with agent._world() as (world, viewer):
