@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tiscene import catalog
+from tiscene.commands.progress import progress
 from tiscene.errors import ArgumentError
 from tiscene.usd import read_template
 from tiscene.usd.furniture import Catalogue
@@ -63,8 +64,12 @@ def _import_catalogue(file: Path, library: Path) -> None:
         return _folder(library, f"{name} {used[name]:02d}")
 
     catalogue = Catalogue(file)
-    done = [path for _, path in catalogue.import_into(lambda entry: folder_of(_title(entry.name))) if path]
-    print(f"{len(done)} of {len(catalogue.entries)} models of {file.name} are in {library / 'templates'}")
+    done = 0
+    with progress(f"importing {file.name}", len(catalogue.entries)) as step:
+        for _, path in catalogue.import_into(lambda entry: folder_of(_title(entry.name))):
+            done += path is not None
+            step()
+    print(f"{done} of {len(catalogue.entries)} models of {file.name} are in {library / 'templates'}")
 
 
 def _tell(path: Path) -> None:
@@ -72,12 +77,10 @@ def _tell(path: Path) -> None:
     description = read_template(path).description
     low, high = description.bounds()
     triangles = sum(len(mesh.triangles) for mesh in description.meshes)
-    size = high - low
-    print(
-        f"{catalog.template_name(path.parent.name)}: {' x '.join(f'{s:.3g}' for s in size)} m, {triangles:,} triangles"
-    )
+    sides = " x ".join(f"{side:.3g}" for side in high - low)
+    print(f"{catalog.template_name(path.parent.name)}: {sides} m, {triangles:,} triangle{'s' * (triangles != 1)}")
     print(f"  {path}")
-    longest = float(np.max(size))
+    longest = float(np.max(high - low))
     if not _USUAL[0] <= longest <= _USUAL[1]:
         print(f"  {longest:.3g} m is unusual for something in a room: is --unit right?")
 
