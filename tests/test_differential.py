@@ -71,6 +71,17 @@ def test_no_difference_where_nothing_moves_or_the_camera_does(prepared: list[int
     assert prepared == []
 
 
+def test_base_spp_is_that_of_the_base() -> None:
+    scenario = moving_scenario()
+    scenario = replace(scenario, objects=[*scenario.objects, ts.Object("rests", "Sphere")])
+    few, many = (ts.Stream(scenario, **SMALL, base_spp=spp) for spp in (2, 3))
+    assert (few[2].hdr != many[2].hdr).any()
+    with pytest.raises(ts.TisceneError, match="differential"):
+        few.load_state_dict(many.state_dict())
+    with pytest.raises(ts.TisceneError, match="base_spp=0"):
+        ts.Stream(moving_scenario(), **SMALL, base_spp=0)
+
+
 def test_settings_tell_differential_streams_apart() -> None:
     plain, differential = (ts.Stream(moving_scenario(), differential=way, **SMALL) for way in (False, True))
     with pytest.raises(ts.TisceneError, match="differential"):

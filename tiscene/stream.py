@@ -66,10 +66,9 @@ class Stream(Iterator[Frame]):
     taxonomy: of the semantic labels; None for "class", else "category", else any.
     root: the folder that all of the stage's files must be in. untrusted: read a stage that may be damaged or hostile in
         a process of its own; no motion is read from it then.
-
     differential: whether frames with the camera and the lights of frame 0 are made as differences to an image of what
         never moves, which takes time once and then leaves little to trace (docs/differential.md). None: if there are
-        frames enough for that to pay.
+        frames enough for that to pay. base_spp: paths per pixel of that image; None: by the quality.
     cache_bytes: what that may keep in memory. report: is called with what is being made for it, and how much of that
         is done, 0..1; by default a terminal shows it.
 
@@ -108,6 +107,7 @@ class Stream(Iterator[Frame]):
         untrusted: bool = False,
         arch: str | None = None,
         differential: bool | None = None,
+        base_spp: int | None = None,
         cache_bytes: int = CACHE_BYTES,
         report: Report | None = None,
     ) -> None:
@@ -120,7 +120,7 @@ class Stream(Iterator[Frame]):
         self.fps = float(fps)
         self.buffers = buffer_names(buffers)
         parts = {"max_depth": max_depth, "denoise": denoise, "clamp": clamp, "pixel_filter": pixel_filter}
-        self.quality: Quality = quality_named(quality, spp=spp, error=error, **parts)
+        self.quality: Quality = quality_named(quality, spp=spp, error=error, base_spp=base_spp, **parts)
         if not isinstance(source, Scenario):
             source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None)
         scenario = source

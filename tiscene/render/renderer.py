@@ -59,6 +59,8 @@ class Quality:
     def __post_init__(self) -> None:
         if self.spp < 1:
             raise ArgumentError(f"spp={self.spp}: at least one path per pixel")
+        if self.base_spp < 1:
+            raise ArgumentError(f"base_spp={self.base_spp}: at least one path per pixel")
         if self.max_depth < 1:
             raise ArgumentError(f"max_depth={self.max_depth}: a path has at least one edge")
         if self.reduction < 1:
