@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
 from tiscene.scene import bvh_refit, bvh_write
+from tiscene.scene.bvh_parts import Parts, parts_of
 from tiscene.scene.bvh_workspace import KEPT_WORKSPACE, LAYOUTS, WIDE, Boxes, Workspace
 
 TREES = 4  # over instances: one for each time, one over the movers
@@ -154,6 +155,14 @@ class Bvh:
             entry = -1 - 10 * row[2] if self.layout is WIDE and row[3] - row[2] == 1 else root
             result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
         return result
+
+    def parts(self, meshes: Sequence[Blas]) -> Parts:
+        """The children of the meshes' roots; none of a mesh of one pack, and none in the binary layout."""
+        roots = np.array([blas.root if blas.entry == blas.root else EMPTY_NODE for blas in meshes], np.int32)
+        nodes = np.zeros((len(roots), 8, 8), np.float32)
+        if self.layout is WIDE and len(roots):
+            bvh_write.read_wide_nodes(self.nodes, roots, nodes)
+        return parts_of(nodes)
 
     def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, moved: int) -> None:
         """Fit the tree of a mesh that deforms to where its vertices are now.

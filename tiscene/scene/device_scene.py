@@ -13,6 +13,7 @@ from tiscene import device
 from tiscene.errors import ArgumentError
 from tiscene.scene import instance_arrays
 from tiscene.scene.bvh import Blas, Bvh
+from tiscene.scene.bvh_parts import INFO_PARTS, MOST_OPENED, PARTS, ROW_BITS, largest
 from tiscene.scene.deforming import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.device_array import upload
@@ -41,10 +42,10 @@ class DeviceScene:
     A mesh that deforms has its vertices there three times: as they are now, at the next frame, and at the last one.
     triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
     triangle_part: i32 [m], which part of its mesh.
-    instance_info: i32 [i, 9], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
+    instance_info: i32 [i, 17], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
     5 flags (HAS_NORMALS | HAS_UV | MIRRORED | HAS_COLORS), 6 first part, 7 vertices of a mesh that deforms, else 0,
-    8 first row of colours less 3 times the first vertex. As rays find them at CURRENT; `instances_at` has those of
-    other times.
+    8 first row of colours less 3 times the first vertex, 9 to 16 where rays enter its BLAS's parts (bvh_parts.py). As
+    rays find them at CURRENT; `instances_at` has those of other times.
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
     descriptions: what was added, each with the row of its first mesh (host).
@@ -195,13 +196,29 @@ class DeviceScene:
         self._instance_boxes = boxes = _transformed(self._boxes[:, placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
         for time in sorted(times):
-            rows = np.flatnonzero(hittable[time]).astype(np.int32)
-            self._bvh.place(time, boxes[time, rows], rows, capacity=count)
+            names = self._taken_apart(time, np.flatnonzero(hittable[time]).astype(np.int32))
+            self._bvh.place(time, *names, capacity=count + PARTS * MOST_OPENED)
         here = boxes[CURRENT, hittable[CURRENT]]
         if len(here):
             self.bounds = np.stack([here[:, :3].min(axis=0), here[:, 3:].max(axis=0)])
         else:
             self.bounds = np.zeros((2, 3))
+
+    def _taken_apart(self, time: int, rows: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """World boxes, and what the tree calls what is in them: instances, of large ones their parts instead."""
+        boxes = self._instance_boxes[time, rows]
+        if not len(rows):
+            return boxes, rows
+        large = largest(boxes)
+        meshes = self.placement.mesh[rows[large]]
+        large = large[self._parts.entries[meshes].any(axis=1)]
+        meshes = self.placement.mesh[rows[large]]
+        matrices = np.repeat(self.placement.world_from_object[time, rows[large]][None], PARTS, axis=0)
+        part_boxes = _transformed(self._parts.boxes[meshes].swapaxes(0, 1), matrices)
+        names = rows[large] | np.arange(1, PARTS + 1, dtype=np.int32)[:, None] << ROW_BITS
+        real = self._parts.entries[meshes].T != 0
+        left = np.delete(np.arange(len(rows)), large)
+        return np.concatenate([boxes[left], part_boxes[real]]), np.concatenate([rows[left], names[real]])
 
     def _place_mesh_lights(self) -> None:
         placement = self.placement
@@ -242,12 +259,14 @@ class DeviceScene:
             for m in meshes
         ]
         entries = [blas.entry for blas in self._blas]
+        self._parts = self._bvh.parts(self._blas)
         moved = np.where(np.array(copies) > 1, vertex_counts, 0)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
         self._boxes = np.array([[blas.box for blas in self._blas]] * 3).reshape(3, -1, 2, 3)
         for row, deforming in self._deforming.items():
             entries[row] = deforming.blas[CURRENT].entry
             self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
+            self._parts.entries[row] = 0
             deforming.forget()
         columns = [entries, self._first_triangles[:-1], flags, moved, first_colors - 3 * first_vertices[:-1]]
         self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 5)
@@ -258,6 +277,7 @@ class DeviceScene:
         count = len(placement.mesh)
         info = np.zeros((count, INFO_COLUMNS), np.int32)
         info[:, [0, 1, 5, 7, 8]] = self._mesh_table[placement.mesh]
+        info[:, INFO_PARTS:] = self._parts.entries[placement.mesh]
         info[:, 2] = placement.instance_id
         info[:, 3] = placement.category_id
         info[:, 4] = placement.mesh

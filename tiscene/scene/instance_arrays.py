@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-INFO_COLUMNS = 9
+INFO_COLUMNS = 17
 
 Table = ti.types.ndarray(ti.f32, 2)
 Tables = ti.types.ndarray(ti.f32, 3)
@@ -20,7 +20,7 @@ def fill(
     inverse: Tables,
     box: Table,
 ):
-    """Copy host arrays to device arrays of the same shapes: [n, 9], [3, n, 12] twice, [n, 12]."""
+    """Copy host arrays to device arrays of the same shapes: [n, 17], [3, n, 12] twice, [n, 12]."""
     for i in range(given_info.shape[0]):
         for c in ti.static(range(INFO_COLUMNS)):
             info[i, c] = given_info[i, c]

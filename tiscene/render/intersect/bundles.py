@@ -2,7 +2,8 @@
 
 Boxes are tested against all directions of a bundle together, by intervals; triangles against the sixteen rays, one a
 lane (a packet in the sense of Wald et al., "Interactive Rendering with Coherent Ray Tracing", 2001). What is no bundle,
-or whose rays disagree about their largest axis in the space of an instance, is traced ray by ray.
+whose rays disagree about their largest axis in the space of an instance, or what meets many triangles, is traced ray by
+ray.
 """
 
 import taichi as ti
@@ -16,18 +17,21 @@ from tiscene.render.intersect.wide import (
     Packs,
     Queue,
     Wide,
+    entry_column,
     larger,
     smaller,
     trace,
     vec8,
 )
 from tiscene.render.ray_arrays import HitIds, Hits, Rays, hit, hit_id
+from tiscene.scene.bvh_parts import ROW_MASK
 
 LANES = 16
 lanes = ti.types.vector(LANES, ti.f32)
 int_lanes = ti.types.vector(LANES, ti.i32)
 
 WIDEST = 0.01  # directions of a bundle are no further apart along an axis, about two pixels: else one by one is faster
+MOST_PACKS = 16  # where triangles are so small that each ray meets its own ones, one by one is faster too
 MARGIN = 1e-6  # by this part of what they are computed from, intervals are wider: more than rounding can do
 LOOSE = 1.00001  # far planes are moved out by this
 
@@ -122,6 +126,7 @@ def closest(
             px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2  # set on entering an instance
             shx, shy, shz = dx, dy, dz
             waiting = 0
+            tested = 0
             floor = -1
             instance = -1
             current = root
@@ -165,7 +170,8 @@ def closest(
                     pop = not found
                 if not pop:
                     if floor < 0:
-                        instance = -1 - current
+                        entered = -1 - current
+                        instance = entered & ROW_MASK
                         m0, m1, m2, m3 = matrix_row(transforms, time, instance, 0)
                         m4, m5, m6, m7 = matrix_row(transforms, time, instance, 4)
                         m8, m9, m10, m11 = matrix_row(transforms, time, instance, 8)
@@ -212,7 +218,7 @@ def closest(
                             searching = False
                         shz = scale
                         floor = waiting
-                        current = instances[instance, 0]
+                        current = instances[instance, entry_column(entered)]
                     else:
                         at = -1 - current
                         ax = packs[at + kx] - px
@@ -255,6 +261,10 @@ def closest(
                                 hit_triangle = ti.select(wins > 0, int_lanes(triangle), hit_triangle)
                         bound = greatest_of(best) * LOOSE
                         pop = True
+                        tested += 1
+                        if tested > MOST_PACKS:
+                            together = False
+                            searching = False
                 while pop and searching:
                     if waiting == floor:
                         floor = -1

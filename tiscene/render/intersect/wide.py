@@ -8,6 +8,7 @@ out by more than that error: what a box holds is never lost to rounding (Ize 201
 import taichi as ti
 
 from tiscene.render.ray_arrays import HitIds, Hits, Rays, hit, hit_id
+from tiscene.scene.bvh_parts import INFO_PARTS, ROW_BITS, ROW_MASK
 
 vec8 = ti.types.vector(8, ti.f32)
 vec4 = ti.types.vector(4, ti.f32)
@@ -34,6 +35,13 @@ def larger(a, b):
 @ti.func
 def smaller(a, b):
     return ti.select(a < b, a, b)
+
+
+@ti.func
+def entry_column(entered: ti.i32) -> ti.i32:
+    """Which column of an instance's row says where to enter what a leaf of the tree over instances names."""
+    part = entered >> ROW_BITS
+    return ti.select(part > 0, INFO_PARTS - 1 + part, 0)
 
 
 @ti.func
@@ -210,12 +218,13 @@ def trace(
             pop = not found
         if not pop:
             if floor < 0:
-                instance = -1 - current
+                entered = -1 - current
+                instance = entered & ROW_MASK
                 ox, oy, oz, dx, dy, dz = into_instance(transforms, time, instance, wox, woy, woz, wdx, wdy, wdz)
                 ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
                 px, py, pz, kx, ky, kz, shx, shy, shz = shear(ox, oy, oz, dx, dy, dz)
                 floor = waiting
-                current = instances[instance, 0]
+                current = instances[instance, entry_column(entered)]
             else:
                 at = -1 - current
                 t, u, v = hit_pack(packs, at, px, py, pz, kx, ky, kz, shx, shy, shz)
