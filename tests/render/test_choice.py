@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 import taichi as ti
+from scipy import stats
 
+from tests.reference.chi_square import LEAST
 from tiscene.render.lights.choice import chance_of, choose, weigh
 from tiscene.render.lights.light_sample import Lights
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
@@ -39,7 +41,7 @@ def choices(
     chances: NUMBERS,
     counts: NUMBERS,
     mismatch: NUMBERS,
-    samples: ti.i32,
+    numbers: NUMBERS,
 ):
     lights = ti.static(Lights(values, nodes, distribution))
     point = ti.math.vec3(x, y, z)
@@ -47,29 +49,34 @@ def choices(
     for _ in range(1):
         weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, point, weights)
-        for k in range(samples):
-            row, _place, chance = choose(lights, weights, count, scale, point, (k + 0.5) / samples)
-            counts[row] += 1.0 / samples
+        for k in range(numbers.shape[0]):
+            row, _place, chance = choose(lights, weights, count, scale, point, numbers[k])
+            counts[row] += 1.0
             again = chance_of(lights, weights, count, scale, row, point)
             mismatch[0] = ti.max(mismatch[0], ti.abs(chance - again))
         for row in range(chances.shape[0]):
             chances[row] = chance_of(lights, weights, count, scale, row, point)
 
 
-def chances_at(lights, point):
-    """Kinds of the table's rows, and the chance of each at a point; checks that choosing agrees with them."""
+def chosen(lights, point, numbers):
+    """Kinds of the table's rows, the chance of each at a point, and how often it is chosen by numbers in 0..1."""
     table = LightTable()
     table.append(lights, 0)
     arrays = table.arrays(TextureAtlas())
     kinds = arrays.values.to_numpy()[:, KIND].astype(int)
-    total = len(kinds)
-    chances, counts, mismatch = (np.zeros(size, np.float32) for size in (total, total, 1))
-    samples = 10_000 if total <= FEW else 100_000
-    choices(*arrays, *point, chances, counts, mismatch, samples)
+    chances, counts, mismatch = (np.zeros(size, np.float32) for size in (len(kinds), len(kinds), 1))
+    choices(*arrays, *point, chances, counts, mismatch, numbers.astype(np.float32))
     assert chances.sum() == pytest.approx(1.0, abs=1e-5)
-    # One number serves for every step of the choice: what is left of it after many is as good as random.
-    assert counts == pytest.approx(chances, abs=2e-4 if total <= FEW else 2e-3)
     assert mismatch[0] < 1e-6
+    return kinds, chances, counts
+
+
+def chances_at(lights, point):
+    """Kinds of the table's rows, and the chance of each at a point; checks that choosing agrees with them."""
+    samples = 100_000
+    kinds, chances, counts = chosen(lights, point, (np.arange(samples) + 0.5) / samples)
+    # One number serves for every step of the choice: what is left of it after many is as good as random.
+    assert counts / samples == pytest.approx(chances, abs=2e-4 if len(kinds) <= FEW else 2e-3)
     return kinds, chances
 
 
@@ -139,6 +146,20 @@ def test_of_many_lamps_the_near_and_bright_ones(count):
     # The mean square of what a light gives over its chance; 1 for chances by what each gives.
     evenly = (ideal**2 * len(lamps)).sum()
     assert (ideal**2 / chances).sum() < min(1.5, 0.5 * evenly)
+
+
+@pytest.mark.parametrize("count", [3, 60, 700])
+def test_choices_follow_their_chances(count):
+    """Chi-square."""
+    samples = 200_000
+    lights = [*many_lamps(count), DomeLight("sky", "/sky", np.eye(4), (0.01, 0.01, 0.01))]
+    _, chances, counts = chosen(lights, (1.0, 2.0, -3.0), np.random.default_rng(5).random(samples, np.float32))
+    expected = chances / chances.sum(dtype=np.float64) * samples
+    often = expected >= 5.0
+    assert often.sum() > 0.3 * count
+    observed = np.append(counts[often], counts[~often].sum() + 1e-9)
+    expected = np.append(expected[often], expected[~often].sum() + 1e-9)
+    assert stats.chisquare(observed, expected).pvalue > LEAST
 
 
 def test_groups_hold_every_light_once():

@@ -4,9 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import taichi as ti
 
 from tests.benchmarks.room import still
+from tests.reference.chi_square import LEAST, chi_square
+from tests.reference.ray_casting import cast
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
+from tiscene.render.bsdfs.inputs import Materials
+from tiscene.render.integrators.path import PathPass
+from tiscene.render.lights import all_lights, mesh
+from tiscene.render.lights.light_sample import lights_of
+from tiscene.render.surface import FLOATS_3D, Geometry
+from tiscene.render.textures import Textures
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.light_nodes import BACK, ROUND, STRENGTH, members, places
@@ -135,3 +144,109 @@ def test_a_picture_glows_by_its_mean() -> None:
     mean = texture.pixels[..., :3].mean()
     assert glow_of(material, (texture,)) == pytest.approx(mean * (2.0 * 0.2126 + 1.5 * 0.7152 + 0.0722), rel=1e-5)
     assert glow_of(matte("grey", (0.5, 0.5, 0.5)), ()) == 0.0
+
+
+Floats1, Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.f32, ndim=2)
+Ints1, Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=2)
+
+
+@ti.kernel
+def from_origin(
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    light_values: Floats2,
+    light_nodes: Floats2,
+    light_distribution: Floats1,
+    energy: Floats1,
+    numbers: Floats2,
+    triangles: Ints1,
+    rays: Floats2,
+):
+    """A direction to the only light from each row of numbers, its distance and its density, to rays [n, 5].
+
+    Where `triangles` is not negative, only the density of the direction and distance in the row, by that triangle.
+    """
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, True))
+    for i in range(rays.shape[0]):
+        origin = ti.math.vec3(0.0)
+        if triangles[i] >= 0:
+            direction = ti.math.vec3(rays[i, 0], rays[i, 1], rays[i, 2])
+            rays[i, 4] = mesh.pdf(lights, 0, triangles[i], origin, direction, rays[i, 3])
+        else:
+            u = ti.math.vec2(numbers[i, 1], numbers[i, 2])
+            found = all_lights.sample(lights, textures, origin, numbers[i, 0], u)
+            for c in ti.static(range(3)):
+                rays[i, c] = found.direction[c]
+            rays[i, 3], rays[i, 4] = found.distance, found.pdf
+
+
+@pytest.mark.parametrize("matrix", [np.eye(3), np.diag([-0.6, 1.0, 1.5])], ids=["round", "squashed"])
+def test_directions_to_a_mesh_follow_their_density(matrix: np.ndarray) -> None:
+    """The half of a ball that faces the origin, of bright and dark triangles, so that each direction has one."""
+    whole = ball((0.0, 0.0, 0.0), 0.5, subdivisions=1)
+    place = np.column_stack([matrix, (0.2, 0.1, -1.2)])
+    corners = (whole.positions @ matrix.T + place[:, 3])[whole.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * np.linalg.det(matrix)
+    faces = whole.triangles[(normals * corners[:, 0]).sum(axis=1) < 0.0]
+    half = replace(whole, triangles=faces, materials=(np.arange(len(faces)) % 2).astype(np.int32), normals=None)
+    glow = [matte(str(k), (0.0, 0.0, 0.0), emissive_color=(k, k, k)) for k in (1.0, 4.0)]
+    description = described([half], glow)
+    description = replace(description, instances=(Instance(0, 0, np.vstack([place, (0.0, 0.0, 0.0, 1.0)])),))
+    arrays = PathPass(device_scene(description), 8, 8).scene_arrays().arrays
+    count = 30_000
+    rays = np.zeros((count, 5), np.float32)
+    numbers = np.random.default_rng(1).random((count, 3), np.float32)
+    from_origin(*arrays, numbers, np.full(count, -1, np.int32), rays)
+    assert (rays[:, 4] > 0.0).all()
+
+    def density(directions: np.ndarray) -> np.ndarray:
+        """Of unit vectors."""
+        asked = np.zeros((len(directions), 8), np.float32)
+        asked[:, 4:7], asked[:, 7] = directions, np.inf
+        hits = cast((half,), still(description), asked)
+        met = hits.triangle >= 0
+        result = np.zeros((int(met.sum()), 5), np.float32)
+        result[:, :3], result[:, 3] = directions[met], hits.t[met]
+        from_origin(*arrays, result[:, :3].copy(), hits.triangle[met].astype(np.int32), result)
+        values = np.zeros(len(directions))
+        values[met] = result[:, 4]
+        return values
+
+    again = density(rays[:2000, :3].astype(np.float64))
+    assert np.isclose(again, rays[:2000, 4], rtol=1e-3).mean() > 0.99  # but at edges
+    assert rays[:, 4].max() > 3.0 * rays[:, 4].min()
+    points = rays[:, :2].astype(np.float64) / -rays[:, 2:3]
+
+    def projected(points: np.ndarray) -> np.ndarray:
+        towards = np.concatenate([points, -np.ones((len(points), 1))], axis=1)
+        length = np.linalg.norm(towards, axis=1)
+        return density(towards / length[:, None]) / length**3
+
+    low, high = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
+    assert chi_square(points, projected, tuple(low), tuple(high), (8, 8), 48) > LEAST
