@@ -11,11 +11,13 @@ from tests.render.validation.stages import STAGES
 MOTION = "motion blur"
 
 
-def row(name: str, mean: Agreement, variance: Agreement | None) -> str:
-    """Ratio and largest z of the means and of the variances."""
+def row(name: str, mean: Agreement, variance: Agreement | None, less: bool = False) -> str:
+    """Ratio and largest z of the means and of the variances. less: there ours should be below theirs."""
     cells = [name]
     for found in (mean, variance):
-        cells += [f"{found.ratio:.4f}", f"{found.z:.1f}", f"{np.max(found.pixels):.1f}"] if found else ["", "", ""]
+        cells += [f"{found.ratio:.4f}", f"{found.z:.1f}", f"{np.max(found.pixels):.1f}"] if found else 3 * ["–"]
+    if less:
+        cells[-2:] = "less", "less"
     return f"| {' | '.join(cells)} |"
 
 
@@ -26,7 +28,8 @@ def main(names: list[str]) -> None:
             print(row(name, motion.agreement_of_pictures(), None), flush=True)
             continue
         stage = STAGES[name]()
-        print(row(name, means(stage), None if stage.noise == "other" else variances(stage)), flush=True)
+        variance = None if stage.noise == "other" else variances(stage)
+        print(row(name, means(stage), variance, stage.noise == "less"), flush=True)
 
 
 if __name__ == "__main__":
