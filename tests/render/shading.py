@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tiscene.render.bsdfs import preview_surface as bsdf
 from tiscene.render.bsdfs.energy import energy_tables
-from tiscene.render.bsdfs.inputs import ALL_INPUTS, Materials, material_at
+from tiscene.render.bsdfs.inputs import ALL_INPUTS, Footprint, Materials, material_at
 from tiscene.render.lights import all_lights
 from tiscene.render.lights.choice import weigh
 from tiscene.render.lights.light_sample import Lights
@@ -57,7 +57,8 @@ def scatter(
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(outgoing.shape[0]):
-        point = material_at(materials, textures, VisibleSurface(material=row, uv=vec2(uv[i, 0], uv[i, 1])), ALL_INPUTS)
+        surface = VisibleSurface(material=row, uv=vec2(uv[i, 0], uv[i, 1]))
+        point = material_at(materials, textures, surface, ALL_INPUTS, Footprint())
         closure = bsdf.closure_at(point, energy, row_of(outgoing, i), front)
         if samples != 0:
             wi = bsdf.sample(closure, row_of(numbers, i))

@@ -14,6 +14,7 @@ from tests.render.tracing import described, mesh, placed
 from tiscene.camera import Camera
 from tiscene.errors import BufferNotFound
 from tiscene.render.aovs import AOVS, LABELS
+from tiscene.render.integrators.label_surfaces import FILTERED_ALBEDO
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.ray_arrays import tiled_order
 from tiscene.scene.description import Material, Texture, TextureLookup
@@ -144,6 +145,24 @@ def test_albedo_of_a_textured_plate() -> None:
     albedo = stage.render(VIEW, "albedo")["albedo"]
     np.testing.assert_allclose(albedo[:, :15], np.broadcast_to((1.0, 0.5, 0.0), (HEIGHT, 15, 3)), atol=1e-5)
     np.testing.assert_allclose(albedo[:, -15:], np.broadcast_to((0.0, 0.5, 1.0), (HEIGHT, 15, 3)), atol=1e-5)
+
+
+def test_filtered_albedo_is_the_mean_of_what_a_pixel_cannot_tell_apart() -> None:
+    codes = np.random.default_rng(0).integers(0, 2, (1024, 1024, 1), np.uint8) * 255
+    pixels = np.concatenate([np.repeat(codes, 3, axis=2), np.full_like(codes, 255)], axis=2)
+    stage = Stage(
+        [plate(4.0, 4.0), plate(4.0, 0.8, material=1)],
+        [Thing(0, [pose((0, 0, -2))]), Thing(1, [pose((0, 0, -1.9))])],
+        [Material("noise", diffuse_color=TextureLookup(0)), Material("plain", diffuse_color=(0.2, 0.4, 0.6))],
+        [Texture("noise", pixels, encoding="raw")],
+    )
+    labels = stage.render(VIEW, "albedo", FILTERED_ALBEDO, "instance")
+    noise, plain = labels["instance"] == 1, labels["instance"] == 2
+    assert labels["albedo"][noise].std() > 0.3
+    assert labels[FILTERED_ALBEDO][noise].std() < 0.1
+    assert labels[FILTERED_ALBEDO][noise].mean() == pytest.approx(0.5, abs=0.02)
+    assert np.array_equal(labels["albedo"][plain], labels[FILTERED_ALBEDO][plain])
+    assert np.array_equal(stage.render(VIEW, FILTERED_ALBEDO)[FILTERED_ALBEDO], labels[FILTERED_ALBEDO])
 
 
 def curtain(rows: int, step: float = 0.0) -> tuple[Stage, np.ndarray]:

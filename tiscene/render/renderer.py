@@ -15,6 +15,7 @@ from tiscene.render.aovs import COLORS, times_needed
 from tiscene.render.base_image import BaseImages
 from tiscene.render.clean import Cleaner
 from tiscene.render.film import meter, tone_map
+from tiscene.render.integrators.label_surfaces import FILTERED_ALBEDO
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.integrators.path import PathImage, PathPass
 from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass
@@ -25,7 +26,7 @@ from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
-GUIDES = ("albedo", "normal")  # the labels that a picture traced in a smaller size is enlarged along
+GUIDES = (FILTERED_ALBEDO, "normal")  # the labels that a picture traced in a smaller size is enlarged along
 
 
 @dataclass(frozen=True)

@@ -101,6 +101,17 @@ def level_of(area: ti.f32) -> ti.f32:
 
 
 @ti.func
+def copy_about(textures: ti.template(), row: ti.i32, area: ti.f32, u: ti.f32) -> ti.i32:
+    """The row of the image's copy whose pixels are as large as `area` of its own; u chooses between two."""
+    copy = row
+    if area > 0.5:
+        level = ti.min(ti.cast(ti.floor(level_of(area) + u), ti.i32), textures.info[row, LEVELS])
+        if level > 0:
+            copy = textures.info[row, COARSER] + level - 1
+    return copy
+
+
+@ti.func
 def lookup_one(textures: ti.template(), row: ti.i32, uv: vec2, area: ti.f32, u: vec3) -> vec4:
     """One pixel of the image near uv. The mean over u, uniform in [0, 1)^3, is what interpolation between pixels and
     between copies would give (Pharr et al., "Filtering After Shading with Stochastic Texture Filtering", 2024).
@@ -108,11 +119,8 @@ def lookup_one(textures: ti.template(), row: ti.i32, uv: vec2, area: ti.f32, u: 
     area: how much of the image is meant, in pixels.
     """
     info = ti.static(textures.info)
-    copy, wrap_s, wrap_t = row, info[row, WRAP_S], info[row, WRAP_T]
-    if area > 0.5:
-        level = ti.min(ti.cast(ti.floor(level_of(area) + u.z), ti.i32), info[row, LEVELS])
-        if level > 0:
-            copy = info[row, COARSER] + level - 1
+    wrap_s, wrap_t = info[row, WRAP_S], info[row, WRAP_T]
+    copy = copy_about(textures, row, area, u.z)
     width, height = info[copy, WIDTH], info[copy, HEIGHT]
     p = pixel_coordinates(uv, width, height, wrap_s, wrap_t) + u.xy - 0.5
     x = wrapped(ti.cast(ti.floor(p.x), ti.i32), width, wrap_s)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tiscene.render.sampler import mix
-from tiscene.render.textures import lookup, lookup_one
+from tiscene.render.textures import copy_about, lookup, lookup_one
 from tiscene.scene.material_table import (
     CLEARCOAT,
     CLEARCOAT_ROUGHNESS,
@@ -108,7 +108,7 @@ def lookup_value(
 ):
     """A row of the lookups at a point of a surface: rgb as it is, or one channel four times; scaled and biased.
 
-    exact: 1 for the interpolated value, 0 for one of the footprint's pixels.
+    exact: 1 for the interpolated value, 0 for one pixel; both of a copy of the texture that fits the footprint.
     """
     transform = LOOKUP_TRANSFORM
     lookups = ti.static(materials.lookups)
@@ -120,10 +120,10 @@ def lookup_value(
     texture = ti.cast(lookups[row, LOOKUP_TEXTURE], ti.i32)
     value = surface.color
     if texture >= 0:
+        pixels = textures.info[texture, WIDTH] * textures.info[texture, HEIGHT] * lookups[row, LOOKUP_SCALED_AREA]
         if ti.static(exact):
-            value = lookup(textures, texture, vec2(u, v))
+            value = lookup(textures, copy_about(textures, texture, footprint.uv_area * pixels, 0.0), vec2(u, v))
         else:
-            pixels = textures.info[texture, WIDTH] * textures.info[texture, HEIGHT] * lookups[row, LOOKUP_SCALED_AREA]
             value = lookup_one(textures, texture, vec2(u, v), footprint.uv_area * pixels, footprint.u)
     for channel in ti.static(range(4)):
         value[channel] = value[channel] * lookups[row, LOOKUP_SCALE + channel] + lookups[row, LOOKUP_BIAS + channel]
@@ -134,12 +134,14 @@ def lookup_value(
 
 
 @ti.func
-def material_at(materials: ti.template(), textures: ti.template(), surface: ti.template(), inputs: ti.i32):
-    """The material at a point of a surface, as its author has it there: a MaterialPoint.
+def material_at(
+    materials: ti.template(), textures: ti.template(), surface: ti.template(), inputs: ti.i32, footprint: ti.template()
+):
+    """The material at a point of a surface, as its author has it there, or the mean over a footprint: a MaterialPoint.
 
     inputs: bits 1 << DIFFUSE and so on of those that are wanted; others may be what they are without their textures.
     """
-    return material_about(materials, textures, surface, 1, Footprint(), inputs)
+    return material_about(materials, textures, surface, 1, footprint, inputs)
 
 
 @ti.func

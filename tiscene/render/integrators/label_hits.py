@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from tiscene.render.bsdfs.inputs import Materials, material_at
+from tiscene.render.bsdfs.inputs import Footprint, Materials, material_at
 from tiscene.render.intersect import closest
 from tiscene.render.ray_arrays import HitIds, Hits, RayArrays, Rays, RayWave, ray_direction
 from tiscene.render.surface import (
@@ -117,7 +117,7 @@ def pass_absent(
         if may_be_absent:
             direction = ray_direction(rays, ray)
             surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], time, direction)
-            if material_at(materials, textures, surface, 1 << OPACITY).opacity < PRESENT_FROM:
+            if material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity < PRESENT_FROM:
                 origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):
                     rays[ray][c] = origin[c]

@@ -5,7 +5,14 @@ One loop turn is one pixel of a queue; nothing is summed over pixels.
 
 import taichi as ti
 
-from tiscene.render.bsdfs.inputs import Materials, is_mirror_like, material_at, shading_normal
+from tiscene.render.bsdfs.inputs import (
+    Footprint,
+    Materials,
+    footprint_at,
+    is_mirror_like,
+    material_at,
+    shading_normal,
+)
 from tiscene.render.integrators.label_kernels import (
     DISPLACEMENT,
     FOCAL_LENGTH,
@@ -35,12 +42,13 @@ from tiscene.render.surface import (
     vec3,
 )
 from tiscene.render.textures import Textures
-from tiscene.render.view import FORWARD, RIGHT, UP, view_vector
+from tiscene.render.view import FORWARD, HALF_HEIGHT, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.material_table import DIFFUSE, FLAGS, MAY_MIRROR, METALLIC, NORMAL, ROUGHNESS, SPECULAR
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 # The buffers that `surface_labels` writes, in the order of its arguments; a buffer's number is its place in `wanted`.
-MATERIAL_BUFFERS = ("albedo", "roughness", "metallic")  # of the first surface that is not a mirror
+FILTERED_ALBEDO = "filtered_albedo"  # the mean over a pixel, nearly: for whoever shows it and does not label
+MATERIAL_BUFFERS = ("albedo", "roughness", "metallic", FILTERED_ALBEDO)  # of the first surface that is not a mirror
 SURFACE_BUFFERS = (
     "depth",
     "distance",
@@ -60,7 +68,7 @@ SURFACE_BUFFERS = (
 )
 OF_DEPTH, OF_DISTANCE, OF_POSITION, OF_NORMAL, OF_GEOMETRIC_NORMAL, OF_NORMAL_CAMERA = range(6)
 OF_SEMANTIC, OF_INSTANCE, OF_PART, OF_FORWARD_FLOW, OF_BACKWARD_FLOW, OF_SCENE_FLOW = range(6, 12)
-OF_UV, OF_OBJECT_COORDINATES, OF_ALBEDO, OF_ROUGHNESS, OF_METALLIC = range(12, 17)
+OF_UV, OF_OBJECT_COORDINATES, OF_ALBEDO, OF_ROUGHNESS, OF_METALLIC, OF_FILTERED_ALBEDO = range(12, 18)
 
 _OF_MIRRORS = 1 << ROUGHNESS | 1 << METALLIC | 1 << SPECULAR | 1 << NORMAL  # inputs that tell what one sees in them
 
@@ -139,6 +147,7 @@ def surface_labels(
     albedo: FLOATS_3D,
     roughness: FLOATS_2D,
     metallic: FLOATS_2D,
+    filtered_albedo: FLOATS_3D,
 ):
     """Write what each ray of the queue met. Where `follow` is set and a material is wanted of a mirror, the ray becomes
     its reflection instead, in the queue `mirrored`."""
@@ -213,13 +222,14 @@ def surface_labels(
                 place = ti.math.clamp(affine(box_from_instance, row, 0, object_point), 0.0, 1.0)
             write3(object_coordinates, y, x, place)
 
-        of_material = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC]
+        exactly = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC]
+        of_material = exactly | wanted[OF_FILTERED_ALBEDO]
         of_normals = wanted[OF_NORMAL] | wanted[OF_GEOMETRIC_NORMAL] | wanted[OF_NORMAL_CAMERA]
         if wanted[OF_POSITION] | of_normals | wanted[OF_UV] | of_material:
             point = vec3(ti.math.nan)
             shading, flat = vec3(0.0), vec3(0.0)
             texture = vec2(0.0)
-            color, rough, metal = vec3(0.0), 0.0, 0.0
+            color, rough, metal, filtered_color = vec3(0.0), 0.0, 0.0, vec3(0.0)
             is_mirror = False
             if row >= 0:
                 direction = ray_direction(rays, pixel)
@@ -231,13 +241,25 @@ def surface_labels(
                     may_mirror = follow != 0 and (material_info[s.material, FLAGS] & MAY_MIRROR) != 0
                     if may_mirror:
                         inputs |= _OF_MIRRORS
-                    material = material_at(materials, textures, s, inputs)
-                    color, rough, metal = material.diffuse_color, material.roughness, material.metallic
-                    is_mirror = may_mirror and is_mirror_like(material) != 0
-                    if is_mirror:
-                        reflected = reflection(s, material, direction)
-                        write_ray(rays, pixel, offset_origin(s, reflected), reflected, ti.math.inf)
-                        mirrored[ti.atomic_add(mirrored_count[0], 1)] = pixel
+                    for filtered in range(2):  # not unrolled: reading textures is much code
+                        is_needed, reads, footprint = exactly != 0 or may_mirror, inputs, Footprint()
+                        if filtered == 1:
+                            is_needed, reads = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror, 1 << DIFFUSE
+                            wide = 2.0 * (view[CURRENT, TANGENT] + view[CURRENT, HALF_HEIGHT]) / height
+                            if ahead > 0.0:
+                                wide *= hits[pixel][0]
+                            footprint = footprint_at(s, direction, wide, ti.u32(0))
+                        if is_needed:
+                            material = material_at(materials, textures, s, reads, footprint)
+                            if filtered == 1:
+                                filtered_color = material.diffuse_color
+                            else:
+                                color, rough, metal = material.diffuse_color, material.roughness, material.metallic
+                                is_mirror = may_mirror and is_mirror_like(material) != 0
+                                if is_mirror:
+                                    reflected = reflection(s, material, direction)
+                                    write_ray(rays, pixel, offset_origin(s, reflected), reflected, ti.math.inf)
+                                    mirrored[ti.atomic_add(mirrored_count[0], 1)] = pixel
             if wanted[OF_POSITION]:
                 write3(position, y, x, point)
             if wanted[OF_NORMAL]:
@@ -257,3 +279,5 @@ def surface_labels(
                     roughness[y, x] = rough
                 if wanted[OF_METALLIC]:
                     metallic[y, x] = metal
+                if wanted[OF_FILTERED_ALBEDO]:
+                    write3(filtered_albedo, y, x, filtered_color)

@@ -17,7 +17,12 @@ from tiscene.render.integrators import label_kernels as kernels
 from tiscene.render.integrators.label_coverage import CoverageLabels, Samples
 from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_still import Picture, StillLabels
-from tiscene.render.integrators.label_surfaces import MATERIAL_BUFFERS, SURFACE_BUFFERS, surface_labels
+from tiscene.render.integrators.label_surfaces import (
+    FILTERED_ALBEDO,
+    MATERIAL_BUFFERS,
+    SURFACE_BUFFERS,
+    surface_labels,
+)
 from tiscene.render.ray_arrays import RayArrays
 from tiscene.render.surface import geometry_of
 from tiscene.render.view import View
@@ -25,6 +30,7 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 MAX_MIRRORS = 4  # a mirror behind so many others is labelled as itself
+_AOVS = AOVS | {FILTERED_ALBEDO: AOVS["albedo"]}
 _OCCLUSIONS = (("backward_occlusion", PREVIOUS), ("forward_occlusion", NEXT))
 
 
@@ -41,10 +47,11 @@ class LabelPass:
     def render(self, view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
         """The label buffers named, as new arrays; those not named cost nothing.
 
-        The scene must have been placed at `times_needed(buffers)`. Raises BufferNotFound for any other name.
+        FILTERED_ALBEDO is one of them here. The scene must have been placed at `times_needed(buffers)`. Raises
+        BufferNotFound for any other name.
         """
         for name in buffers:
-            if name not in LABELS:
+            if name not in LABELS and name != FILTERED_ALBEDO:
                 raise BufferNotFound("label buffer", str(name), LABELS)
         if not buffers:
             return {}
@@ -193,7 +200,7 @@ class LabelPass:
 
 
 def _empty(view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
-    return {name: AOVS[name].empty(view.width, view.height) for name in buffers}
+    return {name: _AOVS[name].empty(view.width, view.height) for name in buffers}
 
 
 _UNWANTED: dict[str, NDArray[Any]] = {}
@@ -202,7 +209,7 @@ _UNWANTED: dict[str, NDArray[Any]] = {}
 def _unwanted(name: str) -> NDArray[Any]:
     """What a kernel gets in the place of a buffer that nobody wants: an array of its kind with one pixel."""
     if name not in _UNWANTED:
-        _UNWANTED[name] = AOVS[name].empty(1, 1)
+        _UNWANTED[name] = _AOVS[name].empty(1, 1)
     return _UNWANTED[name]
 
 

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from tiscene.render.bsdfs.inputs import Materials, material_at
+from tiscene.render.bsdfs.inputs import Footprint, Materials, material_at
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
 from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.sampler import combine, uniform
@@ -83,7 +83,7 @@ def pass_shadows(
                 occluded[i] = 1
                 direction = ray_direction(shadow_rays, i)
                 surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
-                point = material_at(materials, textures, surface, 1 << OPACITY)
+                point = material_at(materials, textures, surface, 1 << OPACITY, Footprint())
                 if point.flags & COVERAGE:
                     key = combine(
                         path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)

@@ -6,7 +6,7 @@ It needs Lights with `geometry` and `materials`; kernels without them sample no 
 
 import taichi as ti
 
-from tiscene.render.bsdfs.inputs import lookup_value
+from tiscene.render.bsdfs.inputs import Footprint, lookup_value
 from tiscene.render.lights.choice import in_mesh, part_of, row_at
 from tiscene.render.lights.light_sample import integer, no_sample
 from tiscene.render.surface import moved_by, row3, surface_at, transform_vector
@@ -66,7 +66,7 @@ def emission_at(materials: ti.template(), textures: ti.template(), surface: ti.t
         for lookup_row in range(first, first + materials.info[row, LOOKUP_COUNT]):
             column = ti.cast(materials.lookups[lookup_row, LOOKUP_INPUT], ti.i32)
             if column == EMISSIVE or column == OPACITY:
-                value = lookup_value(materials, textures, lookup_row, surface, 1, 0)
+                value = lookup_value(materials, textures, lookup_row, surface, 1, Footprint())
                 if column == EMISSIVE:
                     emitted = value.xyz
                 else:
