@@ -1,5 +1,7 @@
 """The tables of materials, textures and lights: rows, flags, packing, chances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ from tiscene.scene.light_nodes import (
     STRENGTH,
     members,
 )
-from tiscene.scene.light_table import DOME, KIND, POINT, RECT, SPHERE, TEXTURE, LightTable
+from tiscene.scene.light_table import DOME, KIND, POINT, RECT, SPHERE, TEXTURE, TRANSFORM, LightTable
 from tiscene.scene.material_table import (
     COVERAGE,
     DIFFUSE,
@@ -144,3 +146,18 @@ def test_no_lights_and_black_lights_are_no_error() -> None:
     nodes = dark.arrays(TextureAtlas()).nodes.to_numpy()
     assert not members(nodes[1])[:, [STRENGTH, EVEN]].any()
     assert nodes[0, H_SOLID_COUNT] == 2  # they are in the way all the same
+
+
+def test_what_lamps_do_leaves_the_images_of_lights_on_the_device() -> None:
+    table, images = lights(), atlas()
+    before = table.arrays(images)
+    sky, lamp, *others = table.lights
+    moved = EYE.copy()
+    moved[0, 3] = 2.0
+    table.place([sky, replace(lamp, world_from_light=moved), *others], [0, 1, 1, 1, 1])
+    after = table.arrays(images)
+    assert after.values.to_numpy()[0, TRANSFORM + 3] == 2.0
+    assert after.distribution is before.distribution
+    table.place([lamp, *others], [1, 1, 1, 1])
+    without = table.arrays(images)
+    assert without.distribution.shape < before.distribution.shape

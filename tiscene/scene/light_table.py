@@ -181,6 +181,9 @@ class LightTable:
         self._copies: dict[int, NDArray[np.float32] | None] = {}
         self._panels: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}
         self._means: dict[int, float] = {}
+        # What is on the device as LightArrays.distribution: a lamp that moves leaves it as it is.
+        self._distributions: list[NDArray[np.float32]] = []
+        self._uploaded: Any = None
 
     def __len__(self) -> int:
         return len(self.lights)
@@ -327,7 +330,10 @@ class LightTable:
         values[rows, NODE] = LANES + places
         nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), used, distributions)])
         distributions.append(np.zeros(1, np.float32))
-        return LightArrays(upload(values), upload(nodes), upload(np.concatenate(distributions)))
+        known = self._distributions
+        if len(known) != len(distributions) or not all(map(np.array_equal, known, distributions)):
+            self._distributions, self._uploaded = distributions, upload(np.concatenate(distributions))
+        return LightArrays(upload(values), upload(nodes), self._uploaded)
 
     def _add_meshes(
         self, rows: NDArray[np.float32], used_nodes: int, used: int, distributions: list[NDArray[np.float32]]
