@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.benchmarks import living_room as living
+from tests.benchmarks import power_law
 from tests.benchmarks.path import DEPTH
 from tests.benchmarks.room import room, still
 from tests.reference import mitsuba_scene
@@ -88,7 +89,7 @@ def living_room(width: int, height: int) -> Case:
 
 def matte_room(width: int, height: int) -> Case:
     """The same without gloss; the movers stand where they are at the last frame."""
-    description, moving = living.matte_room(FRAMES - 1)
+    description, moving = living.room(FRAMES - 1, matte=True)
     scene = DeviceScene()
     scene.add(description)
     placed = still(description)
@@ -215,13 +216,9 @@ def difference(case: Case, spp: int, images: BaseImages, row: Callable[..., Row]
 
 
 def time_for(rows: list[Row], error: float, *, clean: bool = False) -> float:
-    """How long a renderer takes for an error, s, by the power law between or beyond its two nearest rows."""
+    """How long a renderer takes for an error, s, by its rows."""
     points = [(each.clean_error, each.clean_seconds) if clean else (each.error, each.seconds) for each in rows]
-    logs = np.log(np.array(sorted(points)))
-    at = int(np.clip(np.searchsorted(logs[:, 0], np.log(error)), 1, len(logs) - 1))
-    (x0, y0), (x1, y1) = logs[at - 1], logs[at]
-    slope = min((y1 - y0) / max(x1 - x0, 1e-6), 0.0)
-    return float(np.exp(y0 + slope * (np.log(error) - x0)))
+    return power_law.time_for(error, points)
 
 
 def mitsuba(description: SceneDescription, view: View) -> Iterator[tuple[int, float, NDArray[np.float32]]]:

@@ -1,8 +1,8 @@
-"""`room_02` with three movers as one description of matte materials, which Mitsuba renders as well as tiscene does."""
+"""`room_02` with three movers as one description, which Mitsuba renders as well: exactly so in matte materials."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ def stream() -> Stream:
     return made
 
 
-def matte_room(frame: int) -> tuple[SceneDescription, NDArray[np.bool_]]:
-    """The room as it is at a frame, and which of its instances move."""
+def room(frame: int, *, matte: bool) -> tuple[SceneDescription, NDArray[np.bool_]]:
+    """The room as it is at a frame, and which of its instances move. matte: of materials the diffuse colour alone, and
+    what glows evenly."""
     world = stream().world
     meshes: list[Mesh] = []
     materials: list[Material] = []
@@ -35,7 +36,8 @@ def matte_room(frame: int) -> tuple[SceneDescription, NDArray[np.bool_]]:
         else:
             textures += description.textures
         meshes += [replace(mesh, materials=mesh.materials + first_material) for mesh in description.meshes]
-        materials += [_matte(material, first_texture) for material in description.materials]
+        moved = [_moved(material, first_texture) for material in description.materials]
+        materials += [_matte(material) for material in moved] if matte else moved
     placement = world.placement(frame)
     instances = []
     for row in np.flatnonzero(placement.present[1]):
@@ -55,11 +57,19 @@ def matte_room(frame: int) -> tuple[SceneDescription, NDArray[np.bool_]]:
     return room, world.moving(frame)[placement.present[1]]
 
 
-def _matte(material: Material, first_texture: int) -> Material:
-    """The diffuse colour alone, and what glows."""
-    color, glow = material.diffuse_color, material.emissive_color
-    if isinstance(color, TextureLookup):
-        color = replace(color, texture=color.texture + first_texture)
+def _moved(material: Material, first_texture: int) -> Material:
+    """With lookups in textures that begin at another row. What glows does so evenly: Mitsuba's meshes do."""
+    lookups = {
+        field.name: replace(value, texture=value.texture + first_texture)
+        for field in fields(material)
+        if isinstance(value := getattr(material, field.name), TextureLookup) and value.texture >= 0
+    }
+    if "emissive_color" in lookups:
+        return replace(material, **lookups | {"emissive_color": (0.0, 0.0, 0.0)})  # type: ignore[arg-type]
+    return replace(material, **lookups)  # type: ignore[arg-type]
+
+
+def _matte(material: Material) -> Material:
     return Material(
-        material.name, color, (0.0, 0.0, 0.0) if isinstance(glow, TextureLookup) else glow, roughness=1.0, ior=1.0
+        material.name, material.diffuse_color, emissive_color=material.emissive_color, roughness=1.0, ior=1.0
     )

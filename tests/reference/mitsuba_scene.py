@@ -22,19 +22,33 @@ from tiscene.scene.description import (
     Texture,
     TextureLookup,
 )
+from tiscene.scene.texture_atlas import linear_pixels
 
 
 def scene(
-    mi: Any, description: SceneDescription, camera: Camera, width: int, height: int, *, max_depth: int, spp: int
+    mi: Any,
+    description: SceneDescription,
+    camera: Camera,
+    width: int,
+    height: int,
+    *,
+    max_depth: int,
+    spp: int,
+    glossy: bool = False,
+    guides: bool = False,
 ) -> Any:
     """The scene for the `path` integrator. mi: the mitsuba module with its variant set. Russian roulette from depth 3.
 
     Materials: the diffuse colour, of a texture too; glass where opacity is 0, partly there where it is less than 1; a
-    white metal where metallic is 1; emission.
+    white metal where metallic is 1; emission. glossy: opaque ones as Mitsuba's `principled` instead, with roughness,
+    metallic, ior and normal maps. guides: pictures have the first hit's albedo and normal in channels 3 to 8.
     """
+    integrator: dict[str, Any] = {"type": "path", "max_depth": max_depth, "rr_depth": 3}
+    if guides:
+        integrator = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "image": integrator}
     parts: dict[str, Any] = {
         "type": "scene",
-        "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": 3},
+        "integrator": integrator,
         "sensor": _sensor(mi, camera, width, height, spp),
     }
     for light_row, light in enumerate(description.lights):
@@ -42,7 +56,8 @@ def scene(
     for row, material in enumerate(description.materials):
         corners, normals, uv = _triangles(description, row)
         if len(corners):
-            bsdf = mi.load_dict(_bsdf(mi, material, description.textures))
+            described = _principled if glossy and material.opacity == 1.0 else _bsdf
+            bsdf = mi.load_dict(described(mi, material, description.textures))
             parts[f"material_{row}"] = _mesh(mi, f"material_{row}", corners, normals, uv, bsdf, material)
     return mi.load_dict(parts)
 
@@ -106,6 +121,33 @@ def _bsdf(mi: Any, material: Material, textures: tuple[Texture, ...] = ()) -> di
         bsdf = {"type": "diffuse", "reflectance": reflectance}
     bsdf = {"type": "twosided", "bsdf": bsdf}
     return bsdf if material.opacity == 1.0 else {"type": "mask", "opacity": material.opacity, "bsdf": bsdf}
+
+
+# What a layer of index 1.5 reflects: UsdPreviewSurface takes it from the light below, Mitsuba's `principled` does not.
+_BELOW_LAYER = 0.95
+
+
+def _principled(mi: Any, material: Material, textures: tuple[Texture, ...]) -> dict[str, Any]:
+    def value(given: Any, scale: float = 1.0) -> Any:
+        if not isinstance(given, TextureLookup):
+            return _color(scale * np.array(given)) if isinstance(given, tuple) else float(given)
+        texture = textures[given.texture]
+        pixels = np.float32(scale) * linear_pixels(texture)
+        if given.channel != "rgb":
+            pixels = pixels[..., ["rgba".index(given.channel)] * 4]
+        raw = Texture(texture.name, pixels, encoding="raw")
+        return _image(mi, raw, wrap="repeat" if texture.wrap_s == "repeat" else "clamp")
+
+    bsdf: dict[str, Any] = {
+        "type": "principled",
+        "base_color": value(material.diffuse_color, _BELOW_LAYER if material.metallic == 0.0 else 1.0),
+        "roughness": value(material.roughness),
+        "metallic": value(material.metallic),
+        "eta": material.ior,
+    }
+    if material.normal is not None:  # scaled and moved from 0..1 to -1..1, as Mitsuba takes it to be
+        bsdf = {"type": "normalmap", "normalmap": value(material.normal), "bsdf": bsdf}
+    return {"type": "twosided", "bsdf": bsdf}
 
 
 def _light(mi: Any, light: Light, textures: tuple[Texture, ...] = ()) -> dict[str, Any]:

@@ -1,0 +1,14 @@
+"""Times to equal error: between the samples that were measured, and beyond them, error and time follow a power law."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+
+def time_for(error: float, measured: Iterable[tuple[float, float]]) -> float:
+    """How long a renderer takes for an error, s, by the two nearest of its measured (error, s)."""
+    logs = np.log(np.array(sorted(measured)))
+    at = int(np.clip(np.searchsorted(logs[:, 0], np.log(error)), 1, len(logs) - 1))
+    (x0, y0), (x1, y1) = logs[at - 1], logs[at]
+    slope = min((y1 - y0) / max(x1 - x0, 1e-6), 0.0)
+    return float(np.exp(y0 + slope * (np.log(error) - x0)))
