@@ -10,7 +10,7 @@ from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_squar
 from tests.render.shading import Bsdf
 from tiscene.render.bsdfs.energy import AVERAGES_AT, COSINES, ROUGHNESSES, reflection_tables
 from tiscene.scene.description import Material, Texture, TextureLookup
-from tiscene.scene.material_table import COVERAGE, GLASS, MATTE, flags_of
+from tiscene.scene.material_table import COVERAGE, GLASS, MATTE, MAY_MIRROR, flags_of
 
 WHITE = (1.0, 1.0, 1.0)
 MATERIALS = {
@@ -232,6 +232,24 @@ def test_what_opacity_means(material: Material, flag: int) -> None:
 )
 def test_which_materials_are_matte(material: Material, matte: bool) -> None:
     assert bool(flags_of(material) & MATTE) == matte
+
+
+@pytest.mark.parametrize(
+    ("material", "may_mirror"),
+    [
+        (Material("m", metallic=1.0, roughness=0.0), True),
+        (Material("m", metallic=1.0, roughness=0.2), False),
+        (Material("m", metallic=1.0, roughness=TextureLookup(0, "r")), True),
+        (Material("m", metallic=TextureLookup(0, "r"), roughness=0.1), True),
+        (Material("m", metallic=0.5, roughness=0.1), False),
+        (Material("m", metallic=1.0, roughness=0.0, opacity=0.3), False),  # glass
+        (Material("m", metallic=1.0, roughness=0.0, use_specular_workflow=True), False),
+        (Material("m", specular_color=(0.9, 0.6, 0.6), roughness=0.0, use_specular_workflow=True), True),
+        (Material("m", specular_color=TextureLookup(0), roughness=0.0, use_specular_workflow=True), True),
+    ],
+)
+def test_which_materials_may_be_mirrors(material: Material, may_mirror: bool) -> None:
+    assert bool(flags_of(material) & MAY_MIRROR) == may_mirror
 
 
 def test_textured_inputs_reach_the_lobes() -> None:
