@@ -105,6 +105,10 @@ def _render(commands: Commands) -> None:
     )
     _add_quality(render, "standard")
     _add_spp(render)
+    render.add_argument("--max-depth", metavar="N", type=int, help="edges of a path, instead of the quality's")
+    render.add_argument(
+        "--denoise", action=argparse.BooleanOptionalAction, help="take the noise out of rgb (default: yes)"
+    )
     render.add_argument(
         "--error",
         metavar="PART",
@@ -293,15 +297,16 @@ def _variant(text: str) -> tuple[str, str]:
 @contextmanager
 def _interrupts_later() -> Iterator[None]:
     """Ctrl-C inside counts at the end: while pxr is imported, its C++ would swallow it."""
-    if threading.current_thread() is not threading.main_thread():
+    usual = signal.default_int_handler
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not usual:
         yield
         return
     came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, usual)
     if came:
         raise KeyboardInterrupt
 
