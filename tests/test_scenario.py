@@ -12,7 +12,7 @@ import pytest
 import tiscene as ts
 from dynamics import Composite, Dynamic, Keyframes, LookAt, Orbit, Timing
 from tiscene import scenario_json
-from tiscene.errors import ArgumentError, MissingFile, ScenarioError
+from tiscene.errors import ArgumentError, ExportError, MissingFile, ScenarioError
 from tiscene.scenario import FIELDS, Frustum, Object, Scenario
 
 HERE = ts.Waypoint((0.1, 1 / 3, -2e-7), (10, 20, 30))
@@ -257,6 +257,8 @@ def test_files_that_are_not_there_not_text_or_not_json(tmp_path):
         Scenario.load(binary)
     with pytest.raises(ArgumentError, match=r"ends in \.json"):
         Scenario("room").save(tmp_path / "run.txt")
+    with pytest.raises(ExportError, match=r"cannot write .*run\.json"):
+        Scenario("room").save(tmp_path / "nowhere" / "run.json")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -196,12 +196,13 @@ class Scenario:
 
         The layer shows the scenario's start in any USD program, and keeps the scenario by the schema of
         `tiscene.usd.schema`; it refers to the files of the scene and of the templates, which must be there.
-        Raises ArgumentError for another suffix, ScenarioError for what a file cannot hold.
+        Raises ArgumentError for another suffix, ScenarioError for what a file cannot hold, ExportError if it cannot be
+        written.
         """
         path = Path(path)
         content = self.to_json()
         if path.suffix.lower() == ".json":
-            path.write_text(scenario_json.dumps(content), encoding="utf-8")
+            scenario_json.write(path, content)
             return
         if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
             suffixes = ", ".join((".json", *catalog.LAYER_SUFFIXES))

@@ -13,9 +13,10 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
-from tiscene.errors import ScenarioError
+from tiscene.errors import ExportError, ScenarioError
 
 Classes = Mapping[str, type]
 LINE_LENGTH = 110
@@ -67,6 +68,14 @@ def decode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
 def dumps(value: Any) -> str:
     """JSON for people: what fits on a line stands on one. Floats are written so that they read back exactly."""
     return _lines(value, "", "") + "\n"
+
+
+def write(path: Path, value: Any) -> None:
+    """The same into a file. Raises ExportError."""
+    try:
+        path.write_text(dumps(value), encoding="utf-8")
+    except OSError as error:
+        raise ExportError(f"cannot write {str(path)!r}: {error}") from error
 
 
 def loads(text: str) -> Any:
