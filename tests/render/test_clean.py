@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tiscene.render.clean import Cleaner, patches
+from tiscene.render.clean import Cleaner
 from tiscene.render.denoise import denoise
 from tiscene.render.integrators.replay import ReplayImage
 from tiscene.render.integrators.replay_base import Base
@@ -49,30 +49,6 @@ def test_movers_show_through_and_leave_the_rest_alone(reduction: int) -> None:
     before, after = (cleaner.difference(difference(base, change)) for change in (0.0, 4.0))
     assert after[:, 40:].mean() == pytest.approx(4.5, rel=0.05)
     assert np.abs(after - before)[:, :24].mean() < 0.02
-
-
-def test_movers_are_denoised_in_full_size() -> None:
-    image = difference(noisy_base(), 1.0)
-    shown = Cleaner("fast", 2, True).difference(image)
-    moved = image.unmoved[..., 0] == 0.0
-    ((rows, columns),) = patches(moved)
-    parts = (each[rows, columns] for each in (image.even, image.albedo, image.normal))
-    np.testing.assert_array_equal(shown[moved], denoise(*parts, "fast", clean=False)[moved[rows, columns]])
-
-
-@pytest.mark.parametrize("size", [(48, 64), (20, 130), (7, 9)])
-def test_patches_hold_all_that_moves(size: tuple[int, int]) -> None:
-    rng = np.random.default_rng(2)
-    for share in (0.0, 0.002, 0.02, 0.5):
-        mask = rng.random(size) < share
-        left, area = mask.copy(), 0
-        for rows, columns in patches(mask):
-            assert 0 <= rows.start < rows.stop <= size[0]
-            assert 0 <= columns.start < columns.stop <= size[1]
-            left[rows, columns] = False
-            area += (rows.stop - rows.start) * (columns.stop - columns.start)
-        assert not left.any()
-        assert area <= mask.size
 
 
 def test_without_a_denoiser_nothing_is_touched_but_what_overshoots() -> None:

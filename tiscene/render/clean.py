@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +14,6 @@ from tiscene.render.integrators.replay_base import Base
 from tiscene.render.upsample import light, upsample
 
 FloatImage = NDArray[np.float32]
-# Patches are made of such squares, px, with so much around, and are as large as whole numbers of the last.
-CELL, AROUND, STEP = 8, 8, 16
 
 
 @dataclass(frozen=True)
@@ -52,17 +49,7 @@ class Cleaner:
                 more = self._refinement(image.base, group) * factor
                 more *= image.unmoved
                 quick += more
-        if self.reduction > 1:
-            self._sharpen(quick, image)
         return np.maximum(quick, 0.0, out=quick)
-
-    def _sharpen(self, shown: FloatImage, image: ReplayImage) -> None:
-        """Denoise in full size where something moves, as that was traced more finely too."""
-        moved = image.unmoved[..., 0] == 0.0
-        for rows, columns in patches(moved):
-            here = moved[rows, columns]
-            parts = (each[rows, columns] for each in (np.maximum(image.even, 0.0), image.albedo, image.normal))
-            shown[rows, columns][here] = self._denoised(*parts, False)[here]
 
     def _refinement(self, base: Base, group: int) -> FloatImage:
         """What the best picture of a base under a group of lights has more than the quick one."""
@@ -83,33 +70,3 @@ class Cleaner:
         if self.denoiser is None:
             return radiance
         return denoise(radiance, albedo, normal, self.denoiser, clean=clean)
-
-
-def patches(mask: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
-    """Rectangles that hold all of the mask, one for each group of it; of the whole picture, if that is no larger."""
-    height, width = mask.shape
-    padded = np.pad(mask, ((0, -height % CELL), (0, -width % CELL)))
-    cells = padded.reshape(padded.shape[0] // CELL, CELL, padded.shape[1] // CELL, CELL).any(axis=(1, 3))
-    left = set(map(tuple, np.argwhere(cells).tolist()))
-    result = []
-    while left:
-        waiting, group = [left.pop()], []
-        while waiting:
-            row, column = waiting.pop()
-            group.append((row, column))
-            near = {(row + y, column + x) for y in (-1, 0, 1) for x in (-1, 0, 1)} & left
-            left -= near
-            waiting += near
-        cell_rows, cell_columns = zip(*group, strict=True)
-        result.append((_span(cell_rows, height), _span(cell_columns, width)))
-    if sum((y.stop - y.start) * (x.stop - x.start) for y, x in result) >= mask.size:
-        return [(slice(0, height), slice(0, width))]
-    return result
-
-
-def _span(cells: Sequence[int], size: int) -> slice:
-    """Pixels along one axis that hold the cells and what is around them."""
-    begin, end = min(cells) * CELL - AROUND, (max(cells) + 1) * CELL + AROUND
-    length = min(-(-(end - begin) // STEP) * STEP, size)
-    begin = max(0, min(begin, size - length))
-    return slice(begin, begin + length)

@@ -95,7 +95,7 @@ class Moment:
 MOST_SPP = 1024  # where an error is asked for, but no number
 
 QUALITIES = {
-    "fast": Quality(spp=1, max_depth=4, denoiser="fast", base_spp=64, near_spp=3, reduction=2),
+    "fast": Quality(spp=1, max_depth=4, denoiser="fast", base_spp=64, near_spp=5, reduction=2),
     "preview": Quality(spp=4, max_depth=4, denoiser="fast", base_spp=64),
     "standard": Quality(spp=16, max_depth=6),
     "photo": Quality(spp=256, max_depth=12, denoiser="high", base_spp=1024),
