@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
+from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, render
 from tests.render.shading import Illumination
 from tiscene.camera import quaternion_from_matrix
 from tiscene.scene.description import (
@@ -224,6 +225,22 @@ def test_irradiance_of_a_sky_is_the_image_integrated() -> None:
         expected = (value * cosine * np.sin(theta)).mean() * 2.0 * math.pi**2
         sky = Illumination(DomeLight("l", "/l", np.eye(4), (1.0, 1.0, 1.0), 0), ORIGIN, SKY)
         assert irradiance(sky, normal)[0] == pytest.approx(expected, rel=0.02), normal
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.4])
+def test_the_indirect_multiplier_is_for_what_comes_after_a_bounce(radius: float) -> None:
+    meshes, materials = box(CORNELL)
+    power = 4.0 if radius == 0.0 else 6.0
+
+    def lit(indirect: float, max_depth: int = 5) -> np.ndarray:
+        light = SphereLight("l", "/l", placed((0.2, 0.4, 0.3), (0, -1, 0)), (power,) * 3, radius, indirect=indirect)
+        description = described(meshes, materials, [light])
+        return render(description, BOX_CAMERA, spp=16, max_depth=max_depth).hdr.astype(np.float64)
+
+    direct, whole = lit(0.0), lit(1.0)
+    assert direct.mean() < 0.95 * whole.mean()
+    np.testing.assert_allclose(direct, lit(1.0, max_depth=2), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(lit(3.0), direct + 3.0 * (whole - direct), rtol=1e-3, atol=1e-4)
 
 
 def test_a_sky_is_sampled_by_its_brightness() -> None:

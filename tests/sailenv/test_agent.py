@@ -383,8 +383,16 @@ def test_lights_change_the_picture(make_agent):
     assert mean().mean() > plain.mean()
     agent.set_light_position(name, (1, 2, 3))
     assert agent.get_light_position(name) == (1, 2, 3)
-    agent.set_light_indirect_multiplier(name, 0.5)
-    assert agent.get_light_indirect_multiplier(name) == 0.5
+
+
+def test_the_indirect_multiplier_is_for_light_that_was_reflected(make_agent):
+    agent = make_agent(width=32, height=24, scene="solid_benchmark/scene")
+    means = {}
+    for multiplier in (0.0, 1.0, 5.0):
+        agent.set_light_indirect_multiplier("Directional Light", multiplier)
+        assert agent.get_light_indirect_multiplier("Directional Light") == multiplier
+        means[multiplier] = agent.get_frame()["main"].mean()
+    assert means[0.0] + 0.03 < means[1.0] < means[5.0] - 0.03
 
 
 def test_ambient_light_reaches_everything(make_agent):

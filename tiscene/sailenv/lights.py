@@ -40,7 +40,7 @@ class NamedLight:
     def described(self) -> Light:
         """The light as it is now."""
         r, g, b = (component * self.peak * self.intensity for component in linear(self.color))
-        changes: dict[str, Any] = {emission(self.light): (r, g, b)}
+        changes: dict[str, Any] = {emission(self.light): (r, g, b), "indirect": self.indirect}
         return replace(self.light, **changes)
 
 
@@ -93,12 +93,14 @@ class Lights:
         self._changed(light)
 
     def indirect_multiplier(self, name: str) -> float:
-        """What was set. Light that surfaces reflect is simulated, not estimated, so there is nothing to multiply."""
+        """1: as the scene has it."""
         return self.find(name).indirect
 
     def set_indirect_multiplier(self, name: str, multiplier: float) -> None:
-        """Kept, and of no effect on the picture."""
-        self.find(name).indirect = _finite(multiplier)
+        """Of what the light gives to surfaces that are seen by way of others. Less than 0 counts as 0."""
+        light = self.find(name)
+        light.indirect = max(_finite(multiplier), 0.0)
+        self._changed(light)
 
     def position(self, name: str) -> Vector3:
         """Unity's space, m."""
@@ -159,7 +161,7 @@ def _named(row: int, light: Light) -> NamedLight:
     peak = max(values)
     scaled = np.asarray(values) / (peak or 1.0)
     encoded = np.where(scaled <= 0.0031308, 12.92 * scaled, 1.055 * scaled ** (1.0 / 2.4) - 0.055)
-    return NamedLight(row, light, peak, clipped(np.rint(encoded * 255.0).tolist()))
+    return NamedLight(row, light, peak, clipped(np.rint(encoded * 255.0).tolist()), indirect=light.indirect)
 
 
 def _axes_towards(direction: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -135,6 +135,7 @@ class Light:
     """Base of the lights. world_from_light: 4x4, rigid (scale is already in the sizes).
 
     diffuse, specular: multipliers of what materials reflect of it by their diffuse and by their other lobes.
+    indirect: multiplier of what it gives to surfaces that the camera sees by way of others.
     shaping: None for all directions alike. casts_shadows: False, nothing keeps its light off anything.
     """
 
@@ -144,6 +145,7 @@ class Light:
     _: KW_ONLY
     diffuse: float = 1.0
     specular: float = 1.0
+    indirect: float = 1.0
     shaping: Shaping | None = None
     casts_shadows: bool = True
 

@@ -66,14 +66,16 @@ LAST_SOLID = CYLINDER
 # `distribution` begins by which portals a distant light comes in, see `_shades`, or -1 without portals. SMALL_COPY:
 # where there a dome's begins, see `small_copy`, or -1. Of an instance that gives light INSTANCE is its row, TREE the
 # node where that of its mesh's triangles begins; FIRST_TRIANGLE: of the mesh, for which at DISTRIBUTION each triangle's
-# place follows, 0 for none. ON_DIFFUSE, ON_SPECULAR: multipliers of the response. SHADOWLESS: 1 where nothing keeps its
-# light off anything. SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its cone's angle; CONE_EDGE: the angles at
-# which the soft edge begins and ends, and the cosine where it begins; FOCUS_TINT, PROFILE as TEXTURE.
-COLUMNS = 38
+# place follows, 0 for none. ON_DIFFUSE, ON_SPECULAR: multipliers of the response; ON_INDIRECT: after a bounce.
+# SHADOWLESS: 1 where nothing keeps its light off anything. SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its
+# cone's angle; CONE_EDGE: the angles at which the soft edge begins and ends, and the cosine where it begins;
+# FOCUS_TINT, PROFILE as TEXTURE.
+COLUMNS = 39
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_PART = 0, 1, 13, 16, 18, 19, 20, 22
 NODE, DOME_ROW, SHADES, SMALL_COPY, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
 INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
+ON_INDIRECT = 38
 
 # The light through a portal's frame counts a little beyond it, for rounding and the width of the sun.
 _MARGIN = 0.05
@@ -81,7 +83,7 @@ SHADE_COLUMNS = 8
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n + portals, 38], columns as named above; nodes: f32 [m, 128], see `light_nodes`; distribution: f32
+    """values: f32 [n + portals, 39], columns as named above; nodes: f32 [m, 128], see `light_nodes`; distribution: f32
     [k], see `dome_distribution`."""
 
     values: Any
@@ -257,6 +259,7 @@ class LightTable:
             values[row, KIND] = kind
             values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
             values[row, ON_DIFFUSE : SHADOWLESS + 1] = light.diffuse, light.specular, not light.casts_shadows
+            values[row, ON_INDIRECT] = light.indirect
             if light.shaping is not None and kind <= POINT:
                 values[row, SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, first_texture)
                 leaves[row, BACK] = CONE
@@ -355,5 +358,5 @@ class LightTable:
             row[[KIND, INSTANCE, FIRST_TRIANGLE]] = MESH, instance, first_triangle
             row[[TREE, DISTRIBUTION]] = known[first_triangle]
             row[[TEXTURE, PROFILE]] = -1.0
-            row[[ON_DIFFUSE, ON_SPECULAR]] = 1.0
+            row[[ON_DIFFUSE, ON_SPECULAR, ON_INDIRECT]] = 1.0
         return trees

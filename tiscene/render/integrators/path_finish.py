@@ -4,6 +4,7 @@ import taichi as ti
 
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2
 from tiscene.render.integrators.path_state import (
+    DEPTH_MASK,
     DIFFUSE_PART,
     DIRECT,
     ORIGIN,
@@ -47,12 +48,13 @@ def finish(
         i = queue[k]
         if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
             set3(state, i, RADIANCE, get3(state, i, RADIANCE) + get3(state, i, DIRECT))
+        depth = status[i] & DEPTH_MASK
         status[i] = 0
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)
         light, distance = nearest_light(lights, origin, direction, ti.math.inf)
         reach = distance * (1.0 - LIGHT_FRONT) if light >= 0 else FAR
-        seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
+        seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, depth, mis)
         if seen.max() > 0.0:
             set3(state, i, DIRECT, get3(state, i, THROUGHPUT) * seen)
             write_ray(shadow_rays, i, origin, direction, reach)

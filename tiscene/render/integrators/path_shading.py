@@ -178,7 +178,7 @@ def shade(
         if light < 0 and instance < 0 and pdf == 0.0 and background_red >= 0.0:
             seen = vec3(background_red, background_green, background_blue)
         elif light >= 0 or instance < 0:
-            seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, mis)
+            seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, depth, mis)
         elif not last:
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             key = path_key(pixels, frame_key, first + i, spp)
@@ -224,7 +224,7 @@ def shade(
                     if light_sample.pdf > 0.0:
                         light_row = light_sample.row
                         direct = throughput * scattering.towards_light.xyz * light_sample.radiance
-                        direct *= response(lights, light_row, scattering.diffuse_parts.x) / light_sample.pdf
+                        direct *= response(lights, light_row, scattering.diffuse_parts.x, depth) / light_sample.pdf
                         shadowless = light_values[light_row, SHADOWLESS] > 0.0
                         if mis != 0 and light_sample.delta == 0 and not shadowless:
                             direct *= power_heuristic(light_sample.pdf, scattering.towards_light.w)

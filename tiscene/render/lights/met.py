@@ -17,7 +17,7 @@ from tiscene.scene.light_nodes import (
     MOST_ENTRIES,
     RADIUS2,
 )
-from tiscene.scene.light_table import ON_DIFFUSE, ON_SPECULAR, SHADOWLESS
+from tiscene.scene.light_table import ON_DIFFUSE, ON_INDIRECT, ON_SPECULAR, SHADOWLESS
 
 vec3 = ti.math.vec3
 
@@ -37,9 +37,12 @@ def power_heuristic(a: ti.f32, b: ti.f32) -> ti.f32:
 
 
 @ti.func
-def response(lights: ti.template(), row: ti.i32, diffuse_part: ti.f32) -> ti.f32:
-    """How much of a light a scattering reflects, by the light's multipliers of diffuse and other reflection."""
-    return lights.values[row, ON_DIFFUSE] * diffuse_part + lights.values[row, ON_SPECULAR] * (1.0 - diffuse_part)
+def response(lights: ti.template(), row: ti.i32, diffuse_part: ti.f32, depth: ti.i32) -> ti.f32:
+    """How much of a light a scattering at the depth-th surface of a path reflects, by the light's multipliers."""
+    result = lights.values[row, ON_DIFFUSE] * diffuse_part + lights.values[row, ON_SPECULAR] * (1.0 - diffuse_part)
+    if depth > 1:
+        result *= lights.values[row, ON_INDIRECT]
+    return result
 
 
 @ti.func
@@ -115,12 +118,13 @@ def seen_lights(
     last_vertex: vec3,
     pdf: ti.f32,
     diffuse_part: ti.f32,
+    depth: ti.i32,
     mis: ti.i32,
 ) -> vec3:
     """Radiance from the light that a path ran into at that distance, weighted against having sampled it from the last
     vertex; from all lights at infinity where `light` is -1.
 
-    diffuse_part: of the scattering there.
+    diffuse_part: of the scattering there; depth: the number of that surface.
     """
     result = vec3(0.0)
     first, end, from_vertex = light, light + 1, distance
@@ -141,6 +145,6 @@ def seen_lights(
                     weighed = True
                 there = all_lights.pdf(lights, weights, count, scale, row, last_vertex, direction, from_vertex)
                 weight = power_heuristic(pdf, there)
-            radiance *= weight * response(lights, row, diffuse_part)
+            radiance *= weight * response(lights, row, diffuse_part, depth)
         result += radiance
     return result
