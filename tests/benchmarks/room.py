@@ -31,14 +31,18 @@ COLORS = {
 BOOKS = ("fabric", "yellow", "dark", "red", "green", "ceramic")
 
 
-def room() -> SceneDescription:
-    """The room, Y up, its corner at the origin, always the same."""
+def room(balls: int = 0) -> SceneDescription:
+    """The room, Y up, its corner at the origin, always the same; and so many small balls more, anywhere in it."""
     builder = _Builder()
     _walls(builder)
     _table_and_chairs(builder)
     _sofa(builder)
     _shelf(builder)
     _things(builder)
+    for _ in range(balls):
+        builder.thing("ball")
+        at = builder.random.uniform((0.8, 0.1, 0.8), (WIDTH - 0.4, HEIGHT - 0.3, DEPTH - 0.2))
+        builder.put("ball", str(builder.random.choice(BOOKS)), at, builder.random.uniform(0.03, 0.07))
     return builder.description()
 
 

@@ -1,0 +1,98 @@
+"""Ten million instanced triangles: rays per CPU-second and memory, against the benchmark room of 500 thousand.
+
+Twenty such rooms side by side, seen from within one of them; and the room with 464 balls more, of 20,480 triangles
+each, that hang all over it. The rates are those of the rays of a path-traced picture, each kind as it comes.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tests.benchmarks.room import DEPTH as LENGTH
+from tests.benchmarks.room import WIDTH as BREADTH
+from tests.benchmarks.room import room, still
+from tiscene.render import intersect
+from tiscene.render.integrators import path
+from tiscene.render.view import View
+from tiscene.scene.description import SceneDescription
+from tiscene.scene.device_scene import DeviceScene
+
+WIDTH, HEIGHT, SPP, DEPTH = 256, 192, 16, 5
+ROUNDS = 5
+KINDS = ("camera", "bounce", "shadow")
+
+
+class Rates:
+    """Counts the rays of path tracing, and the CPU time that they take."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.rays: dict[str, int] = defaultdict(int)
+
+    def timed(self, trace: Callable[..., None], kind: str) -> Callable[..., None]:
+        """The same function, measured. Its arguments: scene, time, rays, queue, count, what it fills."""
+
+        def measured(*arguments: Any, **options: Any) -> None:
+            start = time.process_time()
+            trace(*arguments, **options)
+            what = "camera" if options.get("together") else kind
+            self.seconds[what] += time.process_time() - start
+            self.rays[what] += arguments[4]
+
+        return measured
+
+
+def measure(description: SceneDescription) -> dict[str, float]:
+    """Rays per CPU-second of each of KINDS, the best of some pictures; and how many "triangles" there are."""
+    scene = DeviceScene()
+    scene.add(description)
+    placement = still(description)
+    scene.place(placement)
+    camera = description.cameras[0]
+    view = View(camera, camera, camera, WIDTH, HEIGHT)
+    paths = path.PathPass(scene, WIDTH, HEIGHT)
+    best: dict[str, float] = defaultdict(float)
+    traces = intersect.closest, intersect.occluded
+    for seed in range(ROUNDS + 1):  # the first one compiles
+        rates = Rates()
+        vars(path).update(closest=rates.timed(traces[0], "bounce"), occluded=rates.timed(traces[1], "shadow"))
+        paths.render(view, frame_index=0, seed=seed, spp=SPP, max_depth=DEPTH)
+        vars(path).update(closest=traces[0], occluded=traces[1])
+        if seed > 0:
+            for kind, seconds in rates.seconds.items():
+                best[kind] = max(best[kind], rates.rays[kind] / seconds)
+    best["triangles"] = sum(len(description.meshes[row].triangles) for row in placement.mesh)
+    return best
+
+
+def rooms(across: int, along: int) -> SceneDescription:
+    """Rooms with a wall's thickness between them."""
+    one = room()
+    instances = []
+    for x in range(across):
+        for z in range(along):
+            away = np.eye(4)
+            away[:3, 3] = x * (BREADTH + 0.3), 0.0, z * (LENGTH + 0.3)
+            instances += [replace(each, world_from_object=away @ each.world_from_object) for each in one.instances]
+    return replace(one, instances=tuple(instances))
+
+
+def main() -> None:
+    """Print the table."""
+    cases = {"the room": room(), "20 rooms": rooms(5, 4), "with 464 balls": room(balls=464)}
+    first: dict[str, float] = {}
+    print(f"{'M rays per CPU-second':22} {'triangles':>10} {'camera':>13} {'bounce':>13} {'shadow':>13} {'peak MB':>9}")
+    for name, description in cases.items():
+        found = measure(description)
+        first = first or found
+        rates = [f"{1e-6 * found[kind]:6.2f} ({found[kind] / first[kind]:.2f})" for kind in KINDS]
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(f"{name:22} {found['triangles']:10.0f} {' '.join(f'{rate:>13}' for rate in rates)} {peak:9.0f}")
+    print("in brackets: as a part of the room's; peak: of the process so far")
