@@ -75,6 +75,7 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
 def test_render_hands_on_every_option(tmp_path, fake):
     options = ["--quality", "photo", "--spp", 64, "--camera", "Front", "--fps", 12.5, "--arch", "cpu"]
     options += ["--taxonomy", "wikidata", "--error", 0.02, "--clamp", 10, "--pixel-filter", "gaussian"]
+    options += ["--max-depth", 3, "--no-denoise"]
     options += ["--shutter", "0,0.5", "--time-code", "12", "--root", ".", "--untrusted"]
     variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
     assert render("-o", tmp_path, *options, *variants) == 0
@@ -83,6 +84,8 @@ def test_render_hands_on_every_option(tmp_path, fake):
     assert fake.made[0].others == {
         "quality": "photo",
         "spp": 64,
+        "max_depth": 3,
+        "denoise": False,
         "error": 0.02,
         "clamp": 10.0,
         "pixel_filter": "gaussian",

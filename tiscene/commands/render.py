@@ -30,6 +30,8 @@ def run(args: argparse.Namespace) -> None:
                 buffers=buffers,
                 quality=args.quality,
                 spp=args.spp,
+                max_depth=args.max_depth,
+                denoise=args.denoise,
                 error=args.error,
                 clamp=args.clamp,
                 pixel_filter=args.pixel_filter,
