@@ -148,7 +148,7 @@ def illuminate(
         if distance < ti.math.inf or infinite:
             weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
             count, scale = weigh(lights, origin, weights)
-            results[i, 3] = all_lights.pdf(lights, weights, count, scale, 0, origin, direction, distance)
+            results[i, 3] = all_lights.pdf(lights, weights, count, scale, 0, -1, origin, direction, distance)
             results[i, 5] = all_lights.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
 
 

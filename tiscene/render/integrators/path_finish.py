@@ -54,7 +54,9 @@ def finish(
         pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)
         light, distance = nearest_light(lights, origin, direction, ti.math.inf)
         reach = distance * (1.0 - LIGHT_FRONT) if light >= 0 else FAR
-        seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, depth, mis)
+        seen = seen_lights(
+            lights, textures, light, -1, -1, vec3(0.0), origin, direction, distance, last_vertex, pdf, part, depth, mis
+        )
         if seen.max() > 0.0:
             set3(state, i, DIRECT, get3(state, i, THROUGHPUT) * seen)
             write_ray(shadow_rays, i, origin, direction, reach)

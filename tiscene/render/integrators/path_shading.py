@@ -34,7 +34,6 @@ from tiscene.render.lights.met import (
     power_heuristic,
     response,
     seen_lights,
-    weight_of_emission,
 )
 from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
@@ -175,10 +174,11 @@ def shade(
         if instance >= 0 and depth + 1 >= max_depth and (bits_of_status & SEEN) != 0:
             last = (material_info[triangle_material[hit_ids[i][1]], FLAGS] & (COVERAGE | EMITS)) == 0
         seen = vec3(0.0)  # emitted towards the path by what it met
+        shines, triangle, glow, before = False, -1, vec3(0.0), depth
         if light < 0 and instance < 0 and pdf == 0.0 and background_red >= 0.0:
             seen = vec3(background_red, background_green, background_blue)
         elif light >= 0 or instance < 0:
-            seen = seen_lights(lights, textures, light, origin, direction, distance, last_vertex, pdf, part, depth, mis)
+            shines = True
         elif not last:
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             key = path_key(pixels, frame_key, first + i, spp)
@@ -198,9 +198,7 @@ def shade(
             else:
                 if ti.static(any_emission):
                     if point.flags & EMITS:
-                        seen = point.emissive_color * weight_of_emission(
-                            lights, instance, hit_ids[i][1], surface.position, direction, last_vertex, pdf, mis
-                        )
+                        shines, triangle, glow, distance = True, hit_ids[i][1], point.emissive_color, hits[i][0]
                 depth += 1
                 wo = -direction
                 normal = shading_normal(surface, point, wo)
@@ -271,6 +269,11 @@ def shade(
                             set3(state, i, ORIGIN, surface.position)
                             start = offset_origin(surface, scattering.direction)
                             write_ray(rays, i, start, scattering.direction, ti.math.inf)
+        if shines:
+            seen = seen_lights(
+                lights, textures, light, instance, triangle, glow,
+                origin, direction, distance, last_vertex, pdf, part, before, mis,
+            )  # fmt: skip
         if seen.max() > 0.0:
             radiance += throughput * seen
         if (bits_of_status & SEEN) == 0 and (step == 0 or not goes_on):

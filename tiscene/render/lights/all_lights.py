@@ -86,11 +86,15 @@ def pdf(
     count: ti.i32,
     scale: ti.f32,
     row: ti.i32,
+    triangle: ti.i32,
     origin: vec3,
     direction: vec3,
     distance: ti.f32,
 ) -> ti.f32:
-    """Density of `sample` for a direction that meets the light at that distance. weights ... scale: `weigh` there."""
+    """Density of `sample` for a direction that meets the light, of a mesh the triangle, at that distance.
+
+    weights ... scale: `weigh` at the origin.
+    """
     result = 0.0
     kind = integer(lights.values, row, KIND)
     if kind == DOME:
@@ -99,6 +103,9 @@ def pdf(
         for k in ti.static(range(DOME)):
             if kind == k:
                 result = LIGHTS[k].pdf(lights, row, origin, direction, distance)
+        if ti.static(lights.with_meshes):
+            if kind == MESH:
+                result = mesh.pdf(lights, row, triangle, origin, direction, distance)
         if result > 0.0:
             result *= chance_of(lights, weights, count, scale, row, origin)
     return result

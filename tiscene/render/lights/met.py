@@ -4,7 +4,7 @@ so that a light hides what is behind it however a path gets there."""
 import taichi as ti
 
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.choice import attribute, chance_of, lowest, not_negative, row_at, weigh
+from tiscene.render.lights.choice import attribute, lowest, not_negative, row_at, weigh
 from tiscene.render.lights.light_sample import integer
 from tiscene.scene.light_nodes import (
     CENTRE,
@@ -82,36 +82,13 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
 
 
 @ti.func
-def weight_of_emission(
-    lights: ti.template(),
-    instance: ti.i32,
-    triangle: ti.i32,
-    position: vec3,
-    direction: vec3,
-    last_vertex: vec3,
-    pdf: ti.f32,
-    mis: ti.i32,
-) -> ti.f32:
-    """The weight of what a triangle emits towards a path that met it, against having sampled it from the last one."""
-    weight = 1.0
-    row = mesh.row_of(lights, instance)
-    if pdf > 0.0 and row >= 0:
-        weight = 0.0  # without MIS, light sampling alone counts
-        if mis != 0:
-            weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
-            count, scale = weigh(lights, last_vertex, weights)
-            distance = (position - last_vertex).norm()
-            there = mesh.pdf(lights, row, triangle, last_vertex, direction, distance)
-            there *= chance_of(lights, weights, count, scale, row, last_vertex)
-            weight = power_heuristic(pdf, there)
-    return weight
-
-
-@ti.func
 def seen_lights(
     lights: ti.template(),
     textures: ti.template(),
     light: ti.i32,
+    instance: ti.i32,
+    triangle: ti.i32,
+    glow: vec3,
     origin: vec3,
     direction: vec3,
     distance: ti.f32,
@@ -121,21 +98,29 @@ def seen_lights(
     depth: ti.i32,
     mis: ti.i32,
 ) -> vec3:
-    """Radiance from the light that a path ran into at that distance, weighted against having sampled it from the last
-    vertex; from all lights at infinity where `light` is -1.
+    """Radiance from what a path ran into at that distance, weighted against having sampled it from the last vertex: the
+    light of a row; else a triangle of an instance, which emits `glow`; else, where both are -1, all lights at infinity.
 
     diffuse_part: of the scattering there; depth: the number of that surface.
     """
     result = vec3(0.0)
     first, end, from_vertex = light, light + 1, distance
-    if light < 0:
-        first, end = integer(lights.nodes, 0, H_DISTANT_ROW), integer(lights.nodes, 0, H_PORTAL_ROW)
-    else:
+    if light >= 0 or triangle >= 0:
         from_vertex = (origin + direction * distance - last_vertex).norm()
+    else:
+        first, end = integer(lights.nodes, 0, H_DISTANT_ROW), integer(lights.nodes, 0, H_PORTAL_ROW)
+    if ti.static(lights.with_meshes):
+        if triangle >= 0:
+            first = mesh.row_of(lights, instance)
+            end = first + 1
+            if first < 0:  # it is met alone, not sampled
+                first, result = end, glow
     weighed, count, scale = False, 0, 0.0
     weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
     for row in range(first, end):
-        radiance = all_lights.emitted(lights, textures, row, origin, direction, distance, pdf)
+        radiance = glow
+        if triangle < 0:
+            radiance = all_lights.emitted(lights, textures, row, origin, direction, distance, pdf)
         if pdf > 0.0 and radiance.max() > 0.0:
             weight = 0.0  # without MIS, light sampling alone counts
             # A light without shadows is sampled through what is in its way, where no path could run into it.
@@ -143,7 +128,9 @@ def seen_lights(
                 if not weighed:
                     count, scale = weigh(lights, last_vertex, weights)
                     weighed = True
-                there = all_lights.pdf(lights, weights, count, scale, row, last_vertex, direction, from_vertex)
+                there = all_lights.pdf(
+                    lights, weights, count, scale, row, triangle, last_vertex, direction, from_vertex
+                )
                 weight = power_heuristic(pdf, there)
             radiance *= weight * response(lights, row, diffuse_part, depth)
         result += radiance
