@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene import launches
+from tiscene.device import launches
 
 vec4 = ti.types.vector(4, ti.f32)
 FLOATS = ti.types.ndarray(ti.f32, 2)

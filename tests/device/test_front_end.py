@@ -7,12 +7,12 @@ import sys
 import pytest
 import taichi as ti
 
-from tiscene import front_end
+from tiscene.device import front_end
 
 CODE = """
 import sys
 if sys.argv[1] == "own":
-    from tiscene import front_end
+    from tiscene.device import front_end
     front_end.use = lambda: None
 import tiscene as ts
 print(ts.Stream("object_view", width=16, height=12, quality="fast", differential=False)[0].rgb.mean())
