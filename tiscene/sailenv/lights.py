@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Vector3
 from tiscene.errors import ArgumentError, UnknownName
+from tiscene.render.film import srgb_encoded
 from tiscene.sailenv.space import mirrored
 from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight
+from tiscene.scene.light_groups import shine, shining
 
 Color8 = tuple[int, int, int]
 TYPES: dict[type, str] = {DistantLight: "Directional", DiskLight: "Disc", RectLight: "Rectangle", SphereLight: "Point"}
@@ -40,8 +41,7 @@ class NamedLight:
     def described(self) -> Light:
         """The light as it is now."""
         r, g, b = (component * self.peak * self.intensity for component in linear(self.color))
-        changes: dict[str, Any] = {emission(self.light): (r, g, b), "indirect": self.indirect}
-        return replace(self.light, **changes)
+        return replace(shining(self.light, (r, g, b)), indirect=self.indirect)
 
 
 class Lights:
@@ -138,11 +138,6 @@ class Lights:
         self._change(light.row, light.described())
 
 
-def emission(light: Light) -> str:
-    """The field that holds a light's colour times its strength."""
-    return "irradiance" if isinstance(light, DistantLight) else "radiance"
-
-
 def linear(color: Sequence[int]) -> tuple[float, float, float]:
     """Scene-linear values of 8-bit sRGB (IEC 61966-2-1)."""
     encoded = np.asarray(color, np.float64) / 255.0
@@ -157,10 +152,9 @@ def clipped(color: Sequence[int]) -> Color8:
 
 
 def _named(row: int, light: Light) -> NamedLight:
-    values: Any = getattr(light, emission(light))
+    values = shine(light)
     peak = max(values)
-    scaled = np.asarray(values) / (peak or 1.0)
-    encoded = np.where(scaled <= 0.0031308, 12.92 * scaled, 1.055 * scaled ** (1.0 / 2.4) - 0.055)
+    encoded = srgb_encoded(np.asarray(values) / (peak or 1.0))
     return NamedLight(row, light, peak, clipped(np.rint(encoded * 255.0).tolist()), indirect=light.indirect)
 
 

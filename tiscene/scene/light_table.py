@@ -23,6 +23,7 @@ from tiscene.scene.description import (
     SphereLight,
 )
 from tiscene.scene.device_array import upload
+from tiscene.scene.light_groups import shine
 from tiscene.scene.light_images import (
     LUMINANCE,
     dome_distribution,
@@ -253,7 +254,7 @@ class LightTable:
 
         through_portals = {}  # brightness of what comes in by each dome's portals, by row
         for row, (light, kind, source) in enumerate(zip(lights, kinds, order, strict=True)):
-            color = np.asarray(light.irradiance if isinstance(light, DistantLight) else light.radiance, np.float64)  # type: ignore[attr-defined]
+            color = np.asarray(shine(light), np.float64)
             brightness = float(color @ LUMINANCE)
             first_texture = self._first_texture[source]
             values[row, KIND] = kind
