@@ -33,6 +33,7 @@ from tiscene.render.integrators.replay_record import (
     R_VERTEX,
     SEGMENT,
     group_of,
+    light_column,
 )
 from tiscene.render.ray_arrays import Hits, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.view import camera_ray
@@ -230,7 +231,7 @@ def combine(
             if 2 * looks[pixel] > LOOKS:
                 below = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
             for group in range(1, factors.shape[0]):
-                column = FEATURE_COLUMNS + 3 * group + c
+                column = light_column(group) + c
                 part = base[y, x, column]
                 if 2 * looks[pixel] > LOOKS:
                     part = mean[pixel, column]

@@ -42,9 +42,10 @@ SHADOW = -1.0
 AUXILIARY = 3
 
 
-def light_column(group: int) -> int:
+@ti.pyfunc
+def light_column(group: ti.i32) -> ti.i32:
     """Where the light of a group begins."""
-    return FEATURE_COLUMNS + 3 * group if group else 0
+    return FEATURE_COLUMNS + 3 * group if group > 0 else 0
 
 
 # Columns of `restore`: what a path needs to be traced again from the beginning of a segment.
@@ -232,7 +233,7 @@ def mean_of_paths(
                 for row in range(offsets[i], offsets[i + 1]):
                     if group_of(rays, row) == group:
                         sums += read3(light, row, 0)
-            write3(film, pixel, ti.select(group > 0, FEATURE_COLUMNS + 3 * group, 0), sums / spp)
+            write3(film, pixel, light_column(group), sums / spp)
         for c in ti.static(range(FEATURE_COLUMNS)):
             total = 0.0
             for i in range(begin, end):

@@ -62,18 +62,31 @@ def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes
 
 
 @ti.func
+def of_member(nodes: ti.template(), place: ti.i32, which: ti.template()) -> ti.f32:
+    """One attribute of a member."""
+    return nodes[place >> LANE_BITS, LANES * which + (place & (LANES - 1))]
+
+
+@ti.func
 def of_entry(nodes: ti.template(), entry: ti.i32, which: ti.template()) -> ti.f32:
     """One attribute of an entry; entries are counted from 0."""
-    return nodes[1 + (entry >> LANE_BITS), LANES * which + (entry & (LANES - 1))]
+    return of_member(nodes, LANES + entry, which)
+
+
+@ti.func
+def towards(nodes: ti.template(), node: ti.i32, origin: vec3):
+    """(x, y, z) from a point to the centre of each member of a node."""
+    x = attribute(nodes, node, CENTRE) - origin.x
+    y = attribute(nodes, node, CENTRE + 1) - origin.y
+    z = attribute(nodes, node, CENTRE + 2) - origin.z
+    return x, y, z
 
 
 @ti.func
 def given(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
     """About the irradiance of each member of a node on a surface at `origin` that faces it."""
     nodes = ti.static(lights.nodes)
-    x = attribute(nodes, node, CENTRE) - origin.x
-    y = attribute(nodes, node, CENTRE + 1) - origin.y
-    z = attribute(nodes, node, CENTRE + 2) - origin.z
+    x, y, z = towards(nodes, node, origin)
     distance2 = x * x + y * y + z * z + 1e-12
     distance = ti.sqrt(distance2)
     height = x * attribute(nodes, node, NORMAL)
@@ -182,9 +195,7 @@ def from_afar(lights: ti.template(), origin: vec3, weights: ti.template()):
 @ti.func
 def near_groups(nodes: ti.template(), node: ti.i32, origin: vec3) -> ti.i32:
     """A bit for each member of a node that is a group and near."""
-    x = attribute(nodes, node, CENTRE) - origin.x
-    y = attribute(nodes, node, CENTRE + 1) - origin.y
-    z = attribute(nodes, node, CENTRE + 2) - origin.z
+    x, y, z = towards(nodes, node, origin)
     return not_negative(_NEAR * attribute(nodes, node, SPREAD2) - (x * x + y * y + z * z + 1e-12))
 
 
@@ -239,7 +250,7 @@ def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
 @ti.func
 def row_at(nodes: ti.template(), place: ti.i32) -> ti.i32:
     """The light of a member."""
-    return ti.cast(nodes[place >> LANE_BITS, LANES * ROW + (place & (LANES - 1))], ti.i32)
+    return ti.cast(of_member(nodes, place, ROW), ti.i32)
 
 
 @ti.func
@@ -266,7 +277,7 @@ def member(lights: ti.template(), entry: ti.i32, entry_chance: ti.f32, u: ti.f32
     node = 0
     arrived = False
     while not arrived:
-        node = ti.cast(nodes[place >> LANE_BITS, LANES * CHILD + (place & (LANES - 1))], ti.i32)
+        node = ti.cast(of_member(nodes, place, CHILD), ti.i32)
         if node == 0 and row < 0:
             row = row_at(nodes, place)
             if ti.static(lights.with_meshes):

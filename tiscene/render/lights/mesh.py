@@ -6,23 +6,13 @@ It needs Lights with `geometry` and `materials`; kernels without them sample no 
 
 import taichi as ti
 
-from tiscene.render.bsdfs.inputs import Footprint, lookup_value
+from tiscene.render.bsdfs.inputs import Footprint, material_at
 from tiscene.render.lights.choice import in_mesh, part_of, row_at
 from tiscene.render.lights.light_sample import integer, no_sample
 from tiscene.render.surface import moved_by, row3, surface_at, transform_vector
 from tiscene.scene.light_nodes import H_END, H_ROWS
 from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
-from tiscene.scene.material_table import (
-    COVERAGE,
-    EMISSIVE,
-    FIRST_LOOKUP,
-    FLAGS,
-    LOOKUP_COUNT,
-    LOOKUP_INPUT,
-    OPACITY,
-    TEXTURED,
-    THRESHOLD,
-)
+from tiscene.scene.material_table import COVERAGE, EMISSIVE, OPACITY
 from tiscene.scene.placement import CURRENT
 
 vec2 = ti.math.vec2
@@ -57,26 +47,9 @@ def doubled_area(lights: ti.template(), instance: ti.i32, triangle: ti.i32) -> v
 @ti.func
 def emission_at(materials: ti.template(), textures: ti.template(), surface: ti.template()) -> vec3:
     """What a point of a surface emits, times how much of it is there."""
-    values = ti.static(materials.values)
-    row = surface.material
-    emitted = vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2])
-    opacity, flags = values[row, OPACITY], materials.info[row, FLAGS]
-    if flags & TEXTURED:
-        first = materials.info[row, FIRST_LOOKUP]
-        for lookup_row in range(first, first + materials.info[row, LOOKUP_COUNT]):
-            column = ti.cast(materials.lookups[lookup_row, LOOKUP_INPUT], ti.i32)
-            if column == EMISSIVE or column == OPACITY:
-                value = lookup_value(materials, textures, lookup_row, surface, 1, Footprint())
-                if column == EMISSIVE:
-                    emitted = value.xyz
-                else:
-                    opacity = value.x
-    if flags & COVERAGE:
-        threshold = values[row, THRESHOLD]
-        if threshold > 0.0:
-            opacity = 1.0 if opacity >= threshold else 0.0
-        emitted *= ti.math.clamp(opacity, 0.0, 1.0)
-    return ti.max(emitted, 0.0)
+    point = material_at(materials, textures, surface, 1 << EMISSIVE | 1 << OPACITY, Footprint())
+    there = point.opacity if point.flags & COVERAGE else 1.0
+    return point.emissive_color * there
 
 
 @ti.func

@@ -4,10 +4,9 @@ so that a light hides what is behind it however a path gets there."""
 import taichi as ti
 
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.choice import attribute, lowest, not_negative, row_at, weigh
+from tiscene.render.lights.choice import attribute, lowest, not_negative, row_at, towards, weigh
 from tiscene.render.lights.light_sample import integer
 from tiscene.scene.light_nodes import (
-    CENTRE,
     CHILD,
     FEW,
     H_DISTANT_ROW,
@@ -56,9 +55,7 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
     while count > 0:
         count -= 1
         node = waiting[count]
-        x = attribute(nodes, node, CENTRE) - origin.x
-        y = attribute(nodes, node, CENTRE + 1) - origin.y
-        z = attribute(nodes, node, CENTRE + 2) - origin.z
+        x, y, z = towards(nodes, node, origin)
         along = x * direction.x + y * direction.y + z * direction.z
         distance2 = x * x + y * y + z * z
         # How far within the sphere about each member the ray's nearest point is.
