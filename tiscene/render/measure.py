@@ -22,6 +22,7 @@ from tiscene.render.measure_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT
 from tiscene.render.measure_pixels import PartInView, PixelCounter
 from tiscene.render.objects import Alone, Measured, ObjectState, ObjectTable, OrientedBox
 from tiscene.render.view import View
+from tiscene.scene.animation import polar
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
@@ -306,8 +307,5 @@ class SceneMeasures:
 
 
 def _rotations_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotations whose axes are nearest to the columns of matrices [n, 3, 3] (polar factors), never mirrored."""
-    left, _, right = np.linalg.svd(edges / np.maximum(np.linalg.norm(edges, axis=1, keepdims=True), 1e-30))
-    left[np.linalg.det(left @ right) < 0.0, :, 2] *= -1.0
-    rotations: NDArray[np.float64] = left @ right
-    return rotations
+    """The rotations whose axes are nearest to the columns of matrices [n, 3, 3], never mirrored."""
+    return polar(edges / np.maximum(np.linalg.norm(edges, axis=1, keepdims=True), 1e-30))[0]

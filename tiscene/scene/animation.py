@@ -95,11 +95,15 @@ def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], share: float) -
 
 
 def polar(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rotations and stretches [n, 3, 3] whose products matrices are."""
+    """Rotations and symmetric stretches [..., 3, 3] whose products matrices are.
+
+    What is mirrored is turned by the rotation of its point reflection: it is the one that turns as the thing does,
+    while which axis a mirror has turned round nobody can tell.
+    """
     left, _, right = np.linalg.svd(m)
-    left[np.linalg.det(left @ right) < 0.0, :, 2] *= -1.0
-    rotation = np.einsum("nij,njk->nik", left, right)
-    return rotation, np.einsum("nji,njk->nik", rotation, m)
+    rotation = left @ right
+    rotation = np.where(np.linalg.det(rotation)[..., None, None] < 0.0, -rotation, rotation)
+    return rotation, np.einsum("...ji,...jk->...ik", rotation, m)
 
 
 def quaternions(m: NDArray[np.float64]) -> NDArray[np.float64]:

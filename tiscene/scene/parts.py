@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Vector3
+from tiscene.scene.animation import polar
 from tiscene.scene.description import Matrix, SceneDescription, SceneObject, mesh_boxes
 
 # m: how thick a flat object's box counts, so that the way into it can be turned round.
@@ -46,11 +47,9 @@ def joined(parts: Sequence[Parts]) -> Parts:
 
 
 def rigid(matrices: Matrix) -> Matrix:
-    """The rotations nearest to matrices [..., 4, 4] (polar decomposition), with their translations."""
-    left, _, right = np.linalg.svd(matrices[..., :3, :3])
-    left[..., 2] *= np.where(np.linalg.det(left @ right) < 0.0, -1.0, 1.0)[..., None]
+    """The rotations of matrices [..., 4, 4] (see `polar`), with their translations."""
     result = np.zeros(matrices.shape)
-    result[..., :3, :3] = left @ right
+    result[..., :3, :3] = polar(matrices[..., :3, :3])[0]
     result[..., :3, 3] = matrices[..., :3, 3]
     result[..., 3, 3] = 1.0
     return result
@@ -79,7 +78,7 @@ def corners(box: Matrix) -> tuple[Vector3, Vector3]:
     return (a, b, c), (d, e, f)
 
 
-def as_one(description: SceneDescription, name: str, prim_path: str, category: str) -> SceneDescription:
+def as_one(description: SceneDescription, name: str, prim_path: str, category: str, asset: str) -> SceneDescription:
     """The same with all its objects made one, whose parts are theirs, one after another."""
     first, names = [], list[str]()
     for each in description.objects:
@@ -91,6 +90,6 @@ def as_one(description: SceneDescription, name: str, prim_path: str, category: s
     instances = tuple(replace(each, object=0, part=first[each.object] + each.part) for each in description.instances)
     colliders = tuple(replace(each, object=0) for each in description.colliders)
     movable = any(each.movable for each in description.objects)
-    whole = SceneObject(name, prim_path, category, tuple(names) if len(names) > 1 else (), movable)
+    whole = SceneObject(name, prim_path, category, tuple(names) if len(names) > 1 else (), movable, asset)
     objects = (whole,) if description.objects else ()
     return replace(description, instances=instances, objects=objects, colliders=colliders)

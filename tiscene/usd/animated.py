@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -48,7 +47,7 @@ def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:
     visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
     if not visibility or visibility.GetNumTimeSamples() < 2:
         return None
-    start = start_time(prim, visibility.GetTimeSamples())
+    start = prim.GetStage().GetStartTimeCode()
     shown = [(time, visibility.Get(time) != UsdGeom.Tokens.invisible) for time in visibility.GetTimeSamples()]
     changes = [each for row, each in enumerate(shown) if row == 0 or each[1] != shown[row - 1][1]]
     begins = [time for time, visible in changes if visible]
@@ -64,20 +63,21 @@ def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:
 def read_keyframes(prim: Usd.Prim, units: Units, report: Report, first_frame: int = 0) -> dict[str, Any] | None:
     """A prim's animated transform as the JSON object of Keyframes; None if it stands still.
 
-    Time 0 is the start of the stage's range of time codes, or so many frames later when the prim appears. The
-    prim's scale must not change; if it does, it is reported.
+    Time 0 is the start of the stage's range of time codes, or so many frames later when the prim appears. What is
+    reported: a scale that changes, of which the first is kept, and a prim that cannot be placed at some time and
+    stands still therefore.
     """
     times = sample_times(prim)
     if len(times) < 2:
         return None
-    start = start_time(prim, times) + first_frame
+    start = prim.GetStage().GetStartTimeCode() + first_frame
     times = sorted({max(time, start) for time in times})
     rate = prim.GetStage().GetTimeCodesPerSecond()
     waypoints, stretches = [], []
     for time in times:
         pose = read_pose(prim, Usd.TimeCode(time), units)
         if isinstance(pose, str):
-            report.problem(prim.GetPath(), "transform", f"at time code {time:g} {pose}")
+            report.omission(prim.GetPath(), f"{pose} at time code {time:g}, so that the prim stands still")
             return None
         waypoints.append({"position": list(pose.position), "rotation": list(pose.rotation)})
         stretches.append(np.diag([*pose.scale, 1.0]) @ pose.stretch)
@@ -87,9 +87,3 @@ def read_keyframes(prim: Usd.Prim, units: Units, report: Report, first_frame: in
         return None
     seconds = [(time - start) / rate for time in times]
     return {"type": "Keyframes", "times": seconds, "waypoints": waypoints, "repeat": False}
-
-
-def start_time(prim: Usd.Prim, times: Sequence[float]) -> float:
-    """The time code of frame 0: where the stage's range begins, else the first sample."""
-    stage = prim.GetStage()
-    return float(stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else times[0])

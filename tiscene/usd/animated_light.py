@@ -12,7 +12,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from tiscene.camera import quaternion_from_matrix
 from tiscene.scene.description import Color, DistantLight, Light
 from tiscene.usd import schema
-from tiscene.usd.animated import sample_times, start_time
+from tiscene.usd.animated import sample_times
 from tiscene.usd.dynamic import read_dynamic
 from tiscene.usd.light import LightReader
 from tiscene.usd.problems import Report
@@ -74,7 +74,7 @@ def _emission_times(prim: Usd.Prim) -> list[float]:
 
 def _lights(prim: Usd.Prim, times: list[float]) -> dict[float, Light]:
     """The light at time codes from the start of the stage's range on."""
-    start = start_time(prim, times)
+    start = prim.GetStage().GetStartTimeCode()
     result = {}
     for time in sorted({max(time, start) for time in times}):
         light = _light(prim, Usd.TimeCode(time))
@@ -92,8 +92,8 @@ def _light(prim: Usd.Prim, time: Usd.TimeCode) -> Light | None:
 
 
 def _seconds(prim: Usd.Prim, lights: Mapping[float, Light]) -> list[float]:
-    start, rate = start_time(prim, list(lights)), prim.GetStage().GetTimeCodesPerSecond()
-    return [(time - start) / rate for time in lights]
+    stage = prim.GetStage()
+    return [(time - stage.GetStartTimeCode()) / stage.GetTimeCodesPerSecond() for time in lights]
 
 
 def write_emission(prim: Usd.Prim, radiance: Mapping[int, Color]) -> None:

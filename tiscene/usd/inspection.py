@@ -47,7 +47,9 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
             for name in prim.GetVariantSets().GetNames() if prim.HasVariantSets() else ():
                 choice = prim.GetVariantSets().GetVariantSet(name)
                 sets[f"{prim.GetPath()}{{{name}}}"] = (choice.GetVariantSelection(), tuple(choice.GetVariantNames()))
-        kept = stage.GetRootLayer().customLayerData.get("import", {})
+        root_layer = stage.GetRootLayer()
+        has_range = root_layer.HasStartTimeCode() and root_layer.HasEndTimeCode()
+        kept = root_layer.customLayerData.get("import", {})
         return StageFacts(
             layers=tuple(layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous),
             types=dict(Counter(str(prim.GetTypeName()) or "(no type)" for prim in prims).most_common()),
@@ -56,9 +58,7 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
             meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
             unit_is_authored=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
             up_axis=str(UsdGeom.GetStageUpAxis(stage)),
-            time_codes=(
-                (stage.GetStartTimeCode(), stage.GetEndTimeCode()) if stage.HasAuthoredTimeCodeRange() else None
-            ),
+            time_codes=(stage.GetStartTimeCode(), stage.GetEndTimeCode()) if has_range else None,
             time_codes_per_second=stage.GetTimeCodesPerSecond(),
             animated=sum(any(a.GetNumTimeSamples() > 1 for a in prim.GetAuthoredAttributes()) for prim in prims),
             instances=sum(bool(prim.IsInstance()) for prim in prims),

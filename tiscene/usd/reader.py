@@ -72,9 +72,6 @@ class StageReader:
         self._time = time
         self._report = report
         self._meters = float(UsdGeom.GetStageMetersPerUnit(stage))
-        if not (self._meters > 0.0 and np.isfinite(self._meters)):
-            report.problem("/", "stage", f"metersPerUnit is {self._meters}")
-            self._meters = 1.0
         self._textures = TextureTable(report)
         self._materials = MaterialTable(self._textures, time, report)
         self._meshes = MeshTable(self._materials, time, report, self._meters)

@@ -148,8 +148,7 @@ class _ScenarioReader:
             return True
         if not _is_thing(prim):
             return False
-        unheard = Report("")
-        return bool(read_life(prim, unheard) or read_keyframes(prim, self._units, unheard))
+        return bool(read_life(prim, self._report) or read_keyframes(prim, self._units, self._report))
 
     def _target(self, root: Usd.Prim, path: Sdf.Path) -> Usd.Prim | None:
         """A prim that the scenario lists."""

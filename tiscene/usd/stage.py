@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping
+from numbers import Real
 from pathlib import Path
 
-from pxr import Sdf, Tf, Usd, UsdUtils
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
 from tiscene.usd import schema
@@ -58,13 +60,27 @@ def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
         _refuse_errors(stage, path)  # a variant may be missing because its file is
         raise
     _refuse_errors(stage, path)
+    _give_range(stage)
     return stage
 
 
 def _refuse_errors(stage: Usd.Stage, path: Path) -> None:
     problems = [f"<{_error_path(error)}> composition: {one_line(error)}" for error in stage.GetCompositionErrors()]
+    problems += _faults_of_units(stage)
     if problems:
         raise StageError(str(path), list(dict.fromkeys(problems)))
+
+
+def _faults_of_units(stage: Usd.Stage) -> list[str]:
+    """What of a stage's unit of length and of its clock means nothing."""
+    meters, rate = UsdGeom.GetStageMetersPerUnit(stage), stage.GetTimeCodesPerSecond()
+    problems = [
+        f"</> stage: {name} is {value:g}"
+        for name, value in (("metersPerUnit", meters), ("timeCodesPerSecond", rate))
+        if not 0.0 < value < math.inf
+    ]
+    ends = ("startTimeCode", stage.GetStartTimeCode()), ("endTimeCode", stage.GetEndTimeCode())
+    return problems + [f"</> stage: {name} is {value:g}" for name, value in ends if not math.isfinite(value)]
 
 
 def _error_path(error: object) -> str:
@@ -72,6 +88,18 @@ def _error_path(error: object) -> str:
         return str(error.rootSite.path)  # type: ignore[attr-defined]
     except (AttributeError, UnicodeDecodeError):
         return "/"
+
+
+def _give_range(stage: Usd.Stage) -> None:
+    """Have a stage that changes, and does not say when, begin at the first of all its time samples."""
+    if stage.HasAuthoredTimeCodeRange() or not changes_over_time(stage):
+        return
+    everything = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+    samples = [each.GetTimeSamples() for prim in everything for each in prim.GetAuthoredAttributes()]
+    times = [time for each in samples if each for time in (each[0], each[-1])]
+    if times:
+        session = stage.GetSessionLayer()
+        session.startTimeCode, session.endTimeCode = min(times), max(times)
 
 
 def select_variants(stage: Usd.Stage, variants: Variants) -> None:
@@ -95,6 +123,8 @@ def select_variants(stage: Usd.Stage, variants: Variants) -> None:
 def _flattened(variants: Variants) -> Iterator[tuple[str, str, str]]:
     """(prim path, variant set, variant) for both ways of writing a selection."""
     for key, value in variants.items():
+        if not isinstance(key, str):
+            raise ArgumentError(f"variants: {key!r} must be the path of a prim, such as '/Room{{lighting}}'")
         if isinstance(value, str):
             prim_path, brace, rest = key.partition("{")
             if not brace or not rest.endswith("}"):
@@ -102,6 +132,8 @@ def _flattened(variants: Variants) -> Iterator[tuple[str, str, str]]:
             choices: Mapping[str, str] = {rest[:-1]: value}
         else:
             prim_path, choices = key, value
+        if not isinstance(choices, Mapping) or not all(isinstance(each, str) for each in choices.values()):
+            raise ArgumentError(f"variants: {key!r}: {value!r} must be the name of a variant, or such names by set")
         if not Sdf.Path.IsValidPathString(prim_path) or not Sdf.Path(prim_path).IsAbsoluteRootOrPrimPath():
             raise ArgumentError(f"variants: {prim_path!r} is not the path of a prim, such as '/Room'")
         for set_name, choice in choices.items():
@@ -113,9 +145,15 @@ def _paths_with_variants(stage: Usd.Stage) -> list[str]:
 
 
 def reading_time(stage: Usd.Stage, time_code: float | None) -> Usd.TimeCode:
-    """The given time code, else the start of the stage's range, else each attribute's earliest value."""
+    """The given time code, else the start of the stage's range; any if nothing changes. Raises ArgumentError."""
     if time_code is not None:
-        return Usd.TimeCode(time_code)
+        try:
+            code = float(time_code) if isinstance(time_code, Real) else math.nan
+        except OverflowError:
+            code = math.inf
+        if not math.isfinite(code):
+            raise ArgumentError(f"time_code={time_code!r}: must be a finite number")
+        return Usd.TimeCode(code)
     if stage.HasAuthoredTimeCodeRange():
         return Usd.TimeCode(stage.GetStartTimeCode())
     return Usd.TimeCode.EarliestTime()

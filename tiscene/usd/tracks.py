@@ -12,7 +12,6 @@ from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.animation import Track
 from tiscene.scene.description import Matrix
-from tiscene.usd.animated import start_time
 from tiscene.usd.transform import to_matrix
 
 MOST_TIMES = 10_000  # time codes between which what moves is sampled at every one
@@ -105,10 +104,9 @@ def filled(times: Iterable[float]) -> list[float]:
 
 
 def in_seconds(stage: Usd.Stage, times: Sequence[float]) -> NDArray[np.float64]:
-    """Time codes as seconds since the start of the stage's range, else since the first of them."""
-    start = start_time(stage.GetPseudoRoot(), times)
-    seconds: NDArray[np.float64] = (np.array(times, np.float64) - start) / float(stage.GetTimeCodesPerSecond())
-    return seconds
+    """Time codes as seconds since the start of the stage's range."""
+    since: NDArray[np.float64] = np.array(times, np.float64) - stage.GetStartTimeCode()
+    return since / float(stage.GetTimeCodesPerSecond())
 
 
 def tracks_of(stage: Usd.Stage, samples: Sequence[Samples | None]) -> tuple[Track, ...]:
