@@ -73,6 +73,7 @@ class Frame:
     index: its number, from 0. time: s. camera: what took it. buffers: numpy arrays by name, [height, width, ...]; also
     attributes, so that `frame.rgb` is `frame.buffers["rgb"]`. Nobody else holds the arrays: they may be written to.
     objects: one row for each live object, computed when first looked at. categories: what the ids of `semantic` mean.
+    materials: what those of `material_coverage` mean: prim paths.
     events: what was spawned, was despawned, met something, came into view or left it since the frame before.
     spp: paths per pixel that colour was made of, in the mean; 0 where the frame has no colour.
     others: the same moment as the stream's other cameras see it; `views` has all by name.
@@ -87,6 +88,7 @@ class Frame:
     events: tuple[Event, ...] = ()
     spp: float = 0.0
     others: tuple[Frame, ...] = ()
+    materials: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def views(self) -> dict[str, Frame]:

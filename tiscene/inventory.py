@@ -33,6 +33,7 @@ class WorldObject:
     first_frame, last_frame: its life span, both inclusive; None: no end.
     blocked: something has kept it from its way since the frame before.
     parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
+    asset: the name of the asset that it is of, "" for none.
     """
 
     id: int
@@ -49,6 +50,7 @@ class WorldObject:
     last_frame: int | None
     blocked: bool = False
     parts: tuple[str, ...] = ()
+    asset: str = ""
 
 
 class Inventory:
@@ -145,6 +147,7 @@ class Inventory:
                 first_frame=0,
                 last_frame=None,
                 parts=thing.parts,
+                asset=thing.asset,
             )
             for number, (thing, ((x, y, z), rotation, box)) in enumerate(zip(stage.objects, poses, strict=True))
         ]
@@ -199,6 +202,7 @@ class Inventory:
             first_frame=each.first_frame,
             last_frame=each.last_frame,
             parts=description.objects[0].parts if len(description.objects) == 1 else (),
+            asset=next((whole.asset for whole in description.objects), "") or template.name,
         )
         parts = Parts(
             np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],

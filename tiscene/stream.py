@@ -34,7 +34,7 @@ from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import Placement
 from tiscene.shutter import moments
 from tiscene.usd import read_stage, read_template
-from tiscene.usd.layers import layer_digests
+from tiscene.usd.layers import scene_digests
 from tiscene.usd.write import write_motion
 from tiscene.waiting import Waiting
 from tiscene.world import World
@@ -279,12 +279,8 @@ class Stream(Iterator[Frame]):
 
         Keys: the path relative to the scene's folder; of a template, its name, a colon and the path in its folder.
         """
-        digests = layer_digests(catalog.find_scene(self.scenario.scene))
         on_stage = {template.name for template in self.world.stage.templates}
-        for template in sorted({life.planned.template for life in self.scenario.lives()} - on_stage):
-            files = layer_digests(catalog.find_template(template))
-            digests |= {f"{template}: {name}": digest for name, digest in files.items()}
-        return digests
+        return scene_digests(self.scenario.scene, {life.planned.template for life in self.scenario.lives()} - on_stage)
 
     def to_usd(self, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
         """Write the motion as a USD layer over the scene (.usda, .usdc, .usd), to be played in any USD program.
@@ -349,6 +345,7 @@ class Stream(Iterator[Frame]):
             buffers=rendered,
             objects=self._measurer.table(placement, view, self.world.objects(index), rendered.get("instance")),
             categories=self.categories,
+            materials=self._scene.materials.labels,
             spp=renderer.spp if not COLORS.isdisjoint(buffers) else 0.0,
             events=tuple(self.world.events(index, (view.previous, view.current, view.next), view.width / view.height)),
         )

@@ -105,7 +105,7 @@ def frames() -> None:
 class _State:
     """An object that is nothing but its id."""
 
-    name = template = category = prim_path = ""
+    name = template = category = prim_path = asset = ""
     category_id = first_frame = 0
     last_frame = None
     blocked = False

@@ -26,6 +26,7 @@ CHAIR = SimpleNamespace(
     last_frame=None,
     blocked=False,
     parts=(),
+    asset="Chair 01",
 )
 
 
@@ -52,7 +53,7 @@ def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
         values = unit * 256
     elif name in ("semantic", "instance", "part"):
         values = unit * 6
-    elif name == "coverage":
+    elif name.endswith("coverage"):
         values = unit * (6.0, 1.0 / 6.0)
     elif "flow" in name or "normal" in name:
         values = 2.0 * unit - 1.0
@@ -92,4 +93,7 @@ class FakeStream:
         self.rendered.append(index)
         buffers = {name: fake_buffer(name, index, self.width, self.height) for name in self.buffers}
         camera = FrameCamera(Camera(), self.width, self.height)
-        return Frame(index, index / self.fps, camera, buffers, ObjectTable([CHAIR], Measured()), self.categories)
+        table = ObjectTable([CHAIR], Measured())
+        return Frame(
+            index, index / self.fps, camera, buffers, table, self.categories, materials={0: "", 1: "/Looks/Oak"}
+        )

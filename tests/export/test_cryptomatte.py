@@ -15,22 +15,32 @@ from tiscene.export import cryptomatte
 from tiscene.export.cryptomatte import decode, hash_of, murmur3
 
 HEIGHT, WIDTH = 3, 4
+LAYERS = ("CryptoObject", "CryptoAsset", "CryptoMaterial", "CryptoCategory")
 
 
-def row(id, name, category="", prim_path=""):
-    return SimpleNamespace(id=id, name=name, category=category, prim_path=prim_path)
+def row(id, name, category="", prim_path="", asset=""):
+    return SimpleNamespace(id=id, name=name, category=category, prim_path=prim_path, asset=asset)
 
 
 OBJECTS = (
     row(1, "Wall", "structure", "/Room/Wall"),
-    row(2, "left", "chair", "/Room/Left"),
-    row(7, 'Mädchen, the "2nd"', "chair"),
+    row(2, "left", "chair", "/Room/Left", "Oak Chair"),
+    row(7, 'Mädchen, the "2nd"', "chair", "", "Oak Chair"),
     row(9, "nobody", "ghost", "/Room/Nobody"),
 )
 
 
+MATERIALS = {0: "", 1: "/Looks/Plaster", 2: "Oak Chair/Looks/Oak", 3: "displayColor"}
+
+
 def frame(coverage, **buffers):
-    return SimpleNamespace(index=12, objects=OBJECTS, coverage=coverage, buffers={"coverage": coverage, **buffers})
+    """Walls are of plaster, the left chair of oak, the other one of no material."""
+    ids = np.select([coverage[..., 0] == id for id in (1, 2, 7)], [1, 2, 3], 0)
+    of_materials = np.stack([ids, coverage[..., 1]], axis=-1).astype(np.float32)
+    return SimpleNamespace(
+        index=12, objects=OBJECTS, coverage=coverage, material_coverage=of_materials, materials=MATERIALS,
+        buffers={"coverage": coverage, "material_coverage": of_materials, **buffers},
+    )  # fmt: skip
 
 
 @pytest.fixture
@@ -82,7 +92,7 @@ def test_the_file_has_what_the_specification_asks_for(written):
         header, channels, compression = dict(file.header()), file.channels(), file.parts[0].compression()
         types = {name: channel.pixels.dtype for name, channel in channels.items()}
     assert compression == OpenEXR.ZIP_COMPRESSION  # lossless
-    for layer in ("CryptoObject", "CryptoCategory"):
+    for layer in LAYERS:
         key = f"{murmur3(layer.encode()):08x}"[:7]
         assert header[f"cryptomatte/{key}/name"] == layer
         assert header[f"cryptomatte/{key}/hash"] == "MurmurHash3_32"
@@ -114,6 +124,43 @@ def test_what_shares_a_category_shares_a_matte_and_is_ranked_anew(written):
     np.testing.assert_array_equal(categories.ids[0, 3], 0)
 
 
+def test_what_is_of_one_asset_shares_a_matte(written):
+    assets = decode(written)["CryptoAsset"]
+    assert set(assets.names) == {"/Room/Wall", "Oak Chair", "/Room/Nobody"}  # by its path where it is of none
+    np.testing.assert_array_equal(assets.matte("Oak Chair")[:, 2], 0.4375)
+    np.testing.assert_array_equal(assets.weights[0, 2], [0.4375, 0.375, 0, 0, 0, 0])
+
+
+def test_mattes_of_materials(written):
+    materials = decode(written)["CryptoMaterial"]
+    assert set(materials.names) == {name for name in MATERIALS.values() if name}
+    np.testing.assert_array_equal(materials.matte("/Looks/Plaster")[0], [1.0, 1.0, 0.375, 0.0])
+    np.testing.assert_array_equal(materials.matte("Oak Chair/Looks/Oak")[0], [0, 0, 0.25, 0])
+    np.testing.assert_array_equal(materials.matte("displayColor")[0], [0, 0, 0.1875, 0])
+
+
+def read_as_the_specification_says(path):
+    """Weights by set, name and pixel: {"CryptoObject": {"/Room/Wall": {(x, y): 0.5}}}, value by value."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header, planes = dict(file.header()), {name: each.pixels for name, each in file.channels().items()}
+    result = {}
+    for key, layer in header.items():
+        if not (key.startswith("cryptomatte/") and key.endswith("/name")):
+            continue
+        manifest = json.loads(header[key.removesuffix("name") + "manifest"])
+        names = {struct.unpack("<f", bytes.fromhex(digits)[::-1])[0]: name for name, digits in manifest.items()}
+        found = result[layer] = {name: {} for name in manifest}
+        levels = sorted({name.split(".")[0] for name in planes if name.startswith(layer) and name[-4:-2].isdigit()})
+        for level in levels:
+            for id, weight in ("RG", "BA"):
+                ids, weights = planes[f"{level}.{id}"], planes[f"{level}.{weight}"]
+                for y, x in np.ndindex(ids.shape):
+                    if ids[y, x] != 0.0:
+                        mattes = found[names[float(ids[y, x])]]
+                        mattes[x, y] = mattes.get((x, y), 0.0) + float(weights[y, x])
+    return result
+
+
 def test_two_exports_have_the_same_bytes(coverage):
     assert cryptomatte.encode(frame(coverage)) == cryptomatte.encode(frame(coverage))
 
@@ -130,8 +177,9 @@ def test_other_files_are_told_apart(tmp_path):
 
 
 def test_without_coverage_there_is_nothing_to_write():
-    with pytest.raises(BufferNotFound, match=r"coverage.*Ask for it"):
-        cryptomatte.encode(FakeStream(("depth",))[0])
+    for buffers in (("depth",), ("coverage",)):
+        with pytest.raises(BufferNotFound, match=r"coverage.*Ask for it"):
+            cryptomatte.encode(FakeStream(buffers)[0])
 
 
 def test_mattes_of_a_stream_are_its_labels(tmp_path):
@@ -143,7 +191,8 @@ def test_mattes_of_a_stream_are_its_labels(tmp_path):
         [ts.Object("cube", "Cube", (-0.2, 0.0, 0.0)), ts.Object("dish", "Dish 01", (0.3, 0.1, 0.0), (20, 30, 0))],
         camera=ts.Camera.look_at((0.0, 0.3, 1.6), (0.0, 0.0, 0.0)),
     )
-    stream = ts.Stream(scenario, width=48, height=36, buffers=("coverage", "instance", "semantic"))
+    buffers = ("coverage", "material_coverage", "instance", "semantic")
+    stream = ts.Stream(scenario, width=48, height=36, buffers=buffers)
     export(stream, tmp_path, format="cryptomatte", frames=[0])
     sets = decode(tmp_path / "000000.exr")
     frame = stream[0]
@@ -163,3 +212,21 @@ def test_mattes_of_a_stream_are_its_labels(tmp_path):
                 assert matte.sum() == pytest.approx(np.count_nonzero(labels == id), rel=0.1, abs=4)
     edge = sets["CryptoObject"].matte("cube")
     assert ((edge > 0.0) & (edge < 1.0)).any()
+    again = read_as_the_specification_says(tmp_path / "000000.exr")
+    assert set(again) == set(sets) == set(LAYERS)
+    for layer in LAYERS:
+        total = np.zeros((36, 48))
+        for name, pixels in again[layer].items():
+            plain = np.zeros((36, 48))
+            for (x, y), weight in pixels.items():
+                plain[y, x] = weight
+            np.testing.assert_array_equal(plain, sets[layer].matte(name))
+            total += plain
+        np.testing.assert_array_equal(total, frame.coverage[..., 1].sum(axis=-1), layer)
+    assert (total == 1.0).sum() > 50
+    assets, materials = sets["CryptoAsset"], sets["CryptoMaterial"]
+    np.testing.assert_array_equal(assets.matte("Cube"), edge)
+    np.testing.assert_array_equal(assets.matte("Dish 01"), sets["CryptoObject"].matte("dish"))
+    of_dish = [name for name in materials.names if name.startswith("Dish 01/")]
+    together = sum(materials.matte(name) for name in of_dish)
+    np.testing.assert_array_equal(together, sets["CryptoObject"].matte("dish"))

@@ -43,10 +43,12 @@ def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
         "scenario",
         "layers",
         "categories",
+        "materials",
         "frames",
     ]
     assert raw["settings"]["seed"] == 7
     assert raw["categories"] == {"0": "", "1": "chair", "2": "table"}
+    assert raw["materials"] == {}  # nobody asked for their coverage
     assert list(raw["frames"]) == ["2", "4"]
     entry = raw["frames"]["4"]
     frame = stream[4]
@@ -54,6 +56,15 @@ def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
     assert entry["buffers"] == {name: buffer_digest(buffer) for name, buffer in frame.buffers.items()}
     png = (tmp_path / "rgb" / "000004.png").read_bytes()
     assert entry["files"]["rgb/000004.png"] == hashlib.sha256(png).hexdigest()
+
+
+def test_the_manifest_names_the_materials_that_a_buffer_shows(tmp_path):
+    export(FakeStream(("material_coverage",)), tmp_path, frames=[0])
+    assert Manifest.load(tmp_path).materials == {0: "", 1: "/Looks/Oak"}
+    raw = json.loads((tmp_path / NAME).read_text())
+    del raw["materials"]
+    (tmp_path / NAME).write_text(json.dumps(raw))
+    assert Manifest.load(tmp_path).materials == {}  # one written before there were any
 
 
 def test_an_interrupted_run_goes_on_and_ends_in_the_same_folder(tmp_path):

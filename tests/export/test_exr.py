@@ -50,8 +50,10 @@ def test_every_buffer_is_a_part_of_its_type(parts):
     for rank in range(6):
         for k, what in enumerate(("id", "weight")):
             np.testing.assert_array_equal(loaded["coverage"][f"{what}{rank}"], frame.coverage[..., rank, k])
+            of_materials = frame.material_coverage[..., rank, k]
+            np.testing.assert_array_equal(loaded["material_coverage"][f"{what}{rank}"], of_materials)
     for name, buffer in frame.buffers.items():
-        if name not in (*exr.COLORS, "semantic", "instance", "part", "coverage"):
+        if name not in (*exr.COLORS, "semantic", "instance", "part", "coverage", "material_coverage"):
             letters = "XYZ" if "X" in loaded[name] else "UV" if "U" in loaded[name] else loaded[name]
             planes = np.stack([loaded[name][letter] for letter in letters], axis=2)
             np.testing.assert_array_equal(planes.reshape(buffer.shape), buffer.astype(np.float32))

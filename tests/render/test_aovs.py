@@ -9,6 +9,7 @@ def test_every_buffer_of_the_conventions_is_there() -> None:
         "rgb", "hdr", "denoised", "depth", "distance", "position", "normal", "geometric_normal", "normal_camera",
         "albedo", "roughness", "metallic", "semantic", "instance", "part", "forward_flow", "backward_flow",
         "forward_occlusion", "backward_occlusion", "scene_flow", "uv", "object_coordinates", "coverage",
+        "material_coverage",
     }  # fmt: skip
     assert set(AOVS) == expected
     assert set(LABELS) | COLORS == expected

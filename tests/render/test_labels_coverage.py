@@ -1,11 +1,15 @@
 """Coverage: what fills how much of a pixel."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from tests.render.label_scenes import Stage, Thing, crowd, plate, pose, still
 from tiscene.camera import Camera
 from tiscene.render.integrators.labels import LabelPass
 from tiscene.render.view import View
+from tiscene.scene.description import Material
 
 WIDTH, HEIGHT, FOCAL = 40, 30, 50.0
 CAMERA = Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5 * HEIGHT / FOCAL))
@@ -59,6 +63,47 @@ def test_weights_are_those_of_a_picture_with_more_pixels() -> None:
     alone = (coverage[..., 0, 1] == 1.0) & (coverage[..., 1, 1] == 0.0)
     assert alone.mean() > 0.1
     np.testing.assert_array_equal(coverage[..., 0, 0][alone], centre[alone])
+
+
+def test_materials_share_a_pixel_as_objects_do() -> None:
+    # A plate of two materials, 20.5 px wide, the diagonal from its lower left corner between them; the bar before it
+    # has the material of its upper half, and an id of its own.
+    sheet = plate(20.5 / 25, 10 / 25)
+    two = replace(sheet, materials=np.array([1, 2], np.int32))
+    materials = [Material(name, prim_path=f"/Looks/{name}") for name in ("Unused", "Lower", "Upper")]
+    things = [Thing(0, [pose((0, 0, -2))], id=7), Thing(1, [pose((0, 0, -1.999))], id=8)]
+    stage = Stage([two, plate(4.0, 4 / 25, material=2)], things, materials)
+    result = stage.render(VIEW, "material_coverage", "coverage")
+    by_object, by_material = result["coverage"], result["material_coverage"]
+    assert stage.scene.materials.labels == {0: "", 1: "/Looks/Unused", 2: "/Looks/Lower", 3: "/Looks/Upper"}
+    np.testing.assert_array_equal(by_material[..., 1].sum(axis=-1), by_object[..., 1].sum(axis=-1))
+    lower, upper = weight_of(by_material, 2), weight_of(by_material, 3)
+    assert not weight_of(by_material, 1).any()
+    assert lower[:, :9].max() == 0.0
+    assert lower[19, 29] == 1.0
+    assert upper[11, 11] == 1.0
+    np.testing.assert_array_equal(upper[13:17], 1.0)  # the bar hides the plate there, and has its material alone
+    assert lower[17:20].sum() == pytest.approx(3 * 20.5 - upper[17:20].sum(), abs=1e-6)
+    shared = (lower > 0.0) & (upper > 0.0) & (lower + upper == 1.0)
+    shared[12:18] = False
+    assert shared.sum() > 3
+    assert (by_object[shared][:, 0] == (7, 1.0)).all()  # one object, two materials
+    alone = stage.render(VIEW, "material_coverage")["material_coverage"]
+    np.testing.assert_array_equal(alone, by_material)
+
+
+def test_materials_of_one_name_are_one() -> None:
+    # As of one prim whose inputs differ between the meshes that it is bound to.
+    materials = [
+        Material("a", prim_path="/Looks/A"),
+        Material("b"),
+        Material("a", (1.0, 0.0, 0.0), prim_path="/Looks/A"),
+    ]
+    meshes = [plate(0.4, 0.4, material=row) for row in range(3)]
+    stage = Stage(meshes, [Thing(row, [pose((0.4 * (row - 1), 0, -2))]) for row in range(3)], materials)
+    coverage = stage.render(VIEW, "material_coverage")["material_coverage"]
+    assert stage.scene.materials.labels == {0: "", 1: "/Looks/A", 2: "b"}
+    np.testing.assert_array_equal(coverage[15, [12, 20, 28], 0], [[1, 1.0], [2, 1.0], [1, 1.0]])
 
 
 def test_more_objects_than_ranks_leave_out_the_smallest() -> None:

@@ -35,6 +35,7 @@ class State:
     last_frame: int | None = None
     blocked: bool = False
     parts: tuple[str, ...] = ()
+    asset: str = ""
 
 
 def table(stage: Stage, view: View = VIEW) -> ObjectTable:

@@ -297,6 +297,55 @@ def Cube "_12"
     assert [thing.category for thing in read(tmp_path, scattered).objects] == ["Ball", "Ball"]
 
 
+def test_assets_are_what_assetinfo_says_or_the_file_referred_to(tmp_path):
+    xform = 'def Xform "{}"\n{{\n    def Cube "C"\n    {{\n    }}\n}}\n'
+    write(tmp_path, xform.format("Seat"), name="oak_chair.usda", more='defaultPrim = "Seat"')
+    cups = xform.format("Cup") + xform.format("Dish")
+    write(tmp_path, cups, name="crockery.usda", more='defaultPrim = "Cup"')
+    body = """
+def Xform "Set" (assetInfo = { string name = "Dining set" })
+{
+    def Xform "Left" (
+        kind = "component"
+        references = @./oak_chair.usda@)
+    {
+    }
+    def Xform "Right" (
+        kind = "component"
+        instanceable = true
+        payload = @./oak_chair.usda@)
+    {
+    }
+    def Xform "Dish" (
+        kind = "component"
+        references = @./crockery.usda@</Dish>)
+    {
+    }
+    def Xform "Jug" (
+        kind = "component"
+        assetInfo = { string name = "Jug" }
+        references = @./crockery.usda@)
+    {
+    }
+}
+def Xform "Alone" (kind = "component")
+{
+    def Xform "Box" (references = @./crockery.usda@)
+    {
+    }
+}
+"""
+    assets = {thing.prim_path: thing.asset for thing in read(tmp_path, body).objects}
+    assert assets == {
+        "/Set/Left": "Oak Chair",
+        "/Set/Right": "Oak Chair",
+        "/Set/Dish": "Dining set",  # a part of a file is no asset
+        "/Set/Jug": "Jug",
+        "/Alone": "",  # what it is made of says nothing about it
+    }
+    assert read_template(tmp_path / "oak_chair.usda").description.objects[0].asset == "Oak Chair"
+
+
 PARTS = """
 def Xform "Chair" (kind = "component")
 {

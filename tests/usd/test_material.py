@@ -50,7 +50,11 @@ def test_bindings(description):
 def test_constants(description):
     plain = materials_of(description)["Inherits"]
     assert plain == Material(
-        "Plain", diffuse_color=(0.75, 0.5, 0.25), use_specular_workflow=True, specular_color=(0.5, 0.25, 0.125)
+        "Plain",
+        diffuse_color=(0.75, 0.5, 0.25),
+        use_specular_workflow=True,
+        specular_color=(0.5, 0.25, 0.125),
+        prim_path="/Looks/Plain",
     )
 
 

@@ -146,6 +146,8 @@ def _write_frames(
                 for name, data in files.items():
                     write_atomically(folder / name, data)
                 manifest.categories = dict(stream.categories)
+                if "material_coverage" in stream.buffers:
+                    manifest.materials = dict(frame.materials)
                 manifest.record(frame, files)
             if progress is not None:
                 progress(index, frame)

@@ -1,9 +1,11 @@
-"""Cryptomatte, specification 1.2.0: one OpenEXR file a frame with mattes of every object and every category.
+"""Cryptomatte, specification 1.2.0 (Friedman and Jones, Psyop): one OpenEXR file a frame with mattes of what it shows.
 
 `CryptoObject` has a matte for each object, called by its prim path or, where it was spawned, by its name;
-`CryptoCategory` one for each semantic category. Six ranks of each lie in the 32-bit float channels `CryptoObject00.R`
-(id) `.G` (coverage) `.B` (id) `.A` (coverage), `CryptoObject01.R` and so on; the attributes `cryptomatte/...` hold the
-manifest. `rgb` or `hdr`, where the frame has it, is the picture beside them (half floats R G B, scene-linear).
+`CryptoAsset` one for all that are of one asset, called as that, or as the object where there is none;
+`CryptoMaterial` one for each material, called by its prim path; `CryptoCategory` one for each semantic category.
+Six ranks of each lie in the 32-bit float channels `CryptoObject00.R` (id) `.G` (coverage) `.B` (id) `.A` (coverage),
+`CryptoObject01.R` and so on; the attributes `cryptomatte/...` hold the manifest. `rgb` or `hdr`, where the frame has
+it, is the picture beside them (half floats R G B, scene-linear).
 
 `decode` reads such a file, of whatever renderer.
 """
@@ -26,7 +28,7 @@ from tiscene.export import exr
 if TYPE_CHECKING:
     from tiscene.frame import Frame
 
-BUFFERS = ("coverage",)  # what mattes are made of
+BUFFERS = ("coverage", "material_coverage")  # what mattes are made of
 HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"
 _MASK = 0xFFFFFFFF
 
@@ -51,18 +53,22 @@ class Mattes:
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """The file of a frame. Raises BufferNotFound without `coverage`."""
+    """The file of a frame. Raises BufferNotFound without one of BUFFERS."""
     import OpenEXR
 
-    coverage = frame.coverage
     objects = {row.id: row.prim_path or row.name for row in frame.objects}
-    categories = {row.id: row.category for row in frame.objects if row.category}
+    layers = (
+        ("CryptoObject", frame.coverage, objects),
+        ("CryptoAsset", frame.coverage, {row.id: row.asset or objects[row.id] for row in frame.objects}),
+        ("CryptoMaterial", frame.material_coverage, {id: name for id, name in frame.materials.items() if name}),
+        ("CryptoCategory", frame.coverage, {row.id: row.category for row in frame.objects if row.category}),
+    )
     header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels: dict[str, NDArray[Any]] = {}
     beauty = next((name for name in ("hdr", "rgb") if name in frame.buffers), None)
     if beauty is not None:
         channels |= exr.channels(beauty, frame.buffers[beauty])
-    for layer, names in (("CryptoObject", objects), ("CryptoCategory", categories)):
+    for layer, coverage, names in layers:
         hashes = {name: hash_of(name) for name in names.values()}
         ids, weights = _ranked(coverage, {id: hashes[name] for id, name in names.items()})
         channels |= _layer(layer, ids, weights)

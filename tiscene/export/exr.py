@@ -7,7 +7,7 @@ buffer                            channels    type
 `depth`, `distance`               Z           float, m; no hit is +inf
 `semantic`, `instance`, `part`    id          uint
 flows, `uv`                       U V         float
-`coverage`                        id0 weight0 float; id1 weight1 and so on, the most first
+`coverage`, `material_coverage`   id0 weight0 float; id1 weight1 and so on, the most first
 other vectors                     X Y Z       float
 other scalars                     Y           float; masks half, 1 is True
 ================================  ==========  ==========================================================
@@ -43,7 +43,7 @@ def encode(frame: Frame) -> dict[str, bytes]:
 
 def channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Channel names to contiguous arrays [h, w] of the channel's type."""
-    if name == "coverage":
+    if name.endswith("coverage"):
         ranks = range(buffer.shape[2])
         pairs = {f"{what}{rank}": buffer[..., rank, k] for rank in ranks for k, what in enumerate(("id", "weight"))}
         return {channel: np.ascontiguousarray(plane) for channel, plane in pairs.items()}

@@ -26,13 +26,15 @@ class Manifest:
     """The contents of `tiscene.json`.
 
     made_by: everything that decides the contents of the files (version, format, buffers, settings, scenario, layers).
-    categories: what the ids of `semantic` mean. frames: for each index the digest of the frame, of each buffer
+    categories: what the ids of `semantic` mean. materials: those of `material_coverage`, where that was asked for.
+    frames: for each index the digest of the frame, of each buffer
     (`buffer_digest`, whatever the file format) and of each file (SHA-256 of its bytes). Where several cameras took it,
     names of buffers and files begin with a folder for each.
     """
 
     made_by: dict[str, Any]
     categories: dict[int, str] = field(default_factory=dict)
+    materials: dict[int, str] = field(default_factory=dict)
     frames: dict[int, dict[str, Any]] = field(default_factory=dict)
 
     @classmethod
@@ -44,20 +46,24 @@ class Manifest:
             frames = {int(index): dict(entry) for index, entry in content.pop("frames").items()}
             for entry in frames.values():
                 entry["files"].items()
-            categories = {int(key): str(name) for key, name in content.pop("categories").items()}
+            categories, materials = (
+                {int(key): str(name) for key, name in names.items()}
+                for names in (content.pop("categories"), content.pop("materials", {}))
+            )
         except (FileNotFoundError, NotADirectoryError):
             return None
         except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
             raise ExportError(
                 f"{path} is not a manifest of tiscene ({error!r}); choose another folder, or delete that file"
             ) from error
-        return cls(content, categories, frames)
+        return cls(content, categories, materials, frames)
 
     def save(self, folder: Path) -> None:
         """Write it in one step: a reader sees the old manifest or the new one, never a part."""
         content = {
             **self.made_by,
             "categories": {str(key): self.categories[key] for key in sorted(self.categories)},
+            "materials": {str(key): self.materials[key] for key in sorted(self.materials)},
             "frames": {str(index): self.frames[index] for index in sorted(self.frames)},
         }
         write_atomically(folder / NAME, (json.dumps(content, indent=1) + "\n").encode())

@@ -52,7 +52,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
     if name in ("instance", "part", "semantic"):
         count = np.count_nonzero(np.unique(buffer))
         return Picture(id_picture(buffer), f"{count} id{'' if count == 1 else 's'}")
-    if name == "coverage":
+    if name.endswith("coverage"):
         return Picture(coverage_picture(buffer), f"{100.0 * (buffer[..., 1, 1] > 0).mean():.1f} % shared")
     if buffer.dtype == np.bool_:
         return Picture(mask_picture(buffer), f"{100.0 * buffer.mean():.1f} % true")

@@ -42,7 +42,7 @@ class AOV:
         return np.empty(self.shape(width, height), self.dtype)
 
 
-RANKS = 6  # objects that `coverage` tells apart in one pixel
+RANKS = 6  # objects, or materials, that are told apart in one pixel
 
 AOVS: dict[str, AOV] = {
     aov.name: aov
@@ -70,6 +70,7 @@ AOVS: dict[str, AOV] = {
         AOV("instance", "int32", (), "id", 0, "Object id, stable for the whole stream and never reused."),
         AOV("part", "int32", (), "id", 0, "Part of the object, 1 and up; its row in `frame.objects` names them."),
         AOV("coverage", "float32", (RANKS, 2), "", 0.0, "Object ids and the part of the pixel each fills, most first."),
+        AOV("material_coverage", "float32", (RANKS, 2), "", 0.0, "The same of materials, named by `frame.materials`."),
         AOV("forward_flow", "float32", (2,), "px", None, "Where the point will be at frame k+1, minus where it is."),
         AOV("backward_flow", "float32", (2,), "px", None, "Where the point was at frame k-1, minus where it is."),
         AOV("forward_occlusion", "bool", (), "", True, "True: the point is not visible at frame k+1."),

@@ -50,6 +50,8 @@ class ObjectState(Protocol):
     def blocked(self) -> bool: ...
     @property
     def parts(self) -> tuple[str, ...]: ...
+    @property
+    def asset(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,7 @@ class ObjectRow:
     velocity: m/s. first_frame, last_frame: its life, both inclusive; last_frame None: it has no end.
     blocked: something has kept it from its way since the frame before.
     parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
+    asset: what it is a copy of, "" for nothing known: USD's assetInfo, the file referred to, or its template.
     """
 
     id: int
@@ -153,6 +156,7 @@ class ObjectRow:
     last_frame: int | None
     blocked: bool
     parts: tuple[str, ...]
+    asset: str
     _measures: Measures = field(repr=False, compare=False)
     _row: int = field(repr=False, compare=False)
 
@@ -248,6 +252,7 @@ class ObjectTable(Sequence[ObjectRow]):
                 last_frame=state.last_frame,
                 blocked=state.blocked,
                 parts=state.parts,
+                asset=state.asset,
                 _measures=self._measures,
                 _row=row,
             )
@@ -302,6 +307,7 @@ class ObjectTable(Sequence[ObjectRow]):
             "category": np.array([state.category for state in states], np.str_),
             "category_id": np.array([state.category_id for state in states], np.int32),
             "prim_path": np.array([state.prim_path for state in states], np.str_),
+            "asset": np.array([state.asset for state in states], np.str_),
             "position": _floats([state.position for state in states], 3),
             "rotation": _floats([state.rotation for state in states], 4),
             "velocity": _floats([state.velocity for state in states], 3),

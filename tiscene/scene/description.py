@@ -93,7 +93,10 @@ FloatInput = float | TextureLookup
 
 @dataclass(frozen=True)
 class Material:
-    """UsdPreviewSurface: its inputs by its names, with its defaults. normal: tangent space, None for none."""
+    """UsdPreviewSurface: its inputs by its names, with its defaults. normal: tangent space, None for none.
+
+    prim_path: on the stage; of a template's file "Chair 01/Looks/Oak"; "" for what stands in where none is bound.
+    """
 
     name: str
     diffuse_color: ColorInput = (0.18, 0.18, 0.18)
@@ -109,6 +112,7 @@ class Material:
     opacity_threshold: float = 0.0
     ior: float = 1.5
     normal: TextureLookup | None = None
+    prim_path: str = ""
 
 
 @dataclass(frozen=True)
@@ -229,7 +233,7 @@ class SceneObject:
     """A thing with an identity: what one instance label stands for. category: semantic label, "" for none.
 
     parts: the names of its meshes, and of their subsets, by their number; () for a thing of one part.
-    movable: its author made a rigid body of it (UsdPhysics).
+    movable: its author made a rigid body of it (UsdPhysics). asset: the name of the asset that it is of, "" for none.
     """
 
     name: str
@@ -237,6 +241,7 @@ class SceneObject:
     category: str = ""
     parts: tuple[str, ...] = ()
     movable: bool = False
+    asset: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,11 +108,18 @@ def _may_mirror(material: Material) -> bool:
 
 
 class MaterialTable:
-    """Grows by `append`; the device arrays are made anew at the next `arrays` after that."""
+    """Grows by `append`; the device arrays are made anew at the next `arrays` after that.
+
+    labels: what materials are called, by number, 0 is "": their prim paths, else their names. Rows may share one.
+    """
 
     def __init__(self) -> None:
         self.materials: list[Material] = []
         self.flags: list[int] = []
+        self.labels: dict[int, str] = {0: ""}
+        self._numbers: dict[str, int] = {"": 0}
+        self._label_of_row: list[int] = []
+        self._label_array: Any = None
         self.glass_iors: list[float] = []  # the distinct indices of refraction of glass, in order of appearance
         self._first_texture: list[int] = []
         self._arrays: MaterialArrays | None = None
@@ -128,9 +135,13 @@ class MaterialTable:
             self.materials.append(material)
             self.flags.append(flags)
             self._first_texture.append(first_texture)
+            label = material.prim_path or material.name
+            number = self._numbers.setdefault(label, len(self._numbers))
+            self.labels[number] = label
+            self._label_of_row.append(number)
             if flags & GLASS and material.ior not in self.glass_iors:
                 self.glass_iors.append(material.ior)
-        self._arrays = None
+        self._arrays = self._label_array = None
         return first
 
     @property
@@ -148,6 +159,12 @@ class MaterialTable:
         if self._arrays is None:
             self._arrays = self._upload()
         return self._arrays
+
+    def label_of_row(self) -> Any:
+        """i32 [n]: the number in `labels` of each row, for kernels."""
+        if self._label_array is None:
+            self._label_array = upload(np.array(self._label_of_row, np.int32))
+        return self._label_array
 
     def _upload(self) -> MaterialArrays:
         values = np.zeros((len(self.materials), VALUE_COLUMNS), np.float32)

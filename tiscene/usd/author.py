@@ -14,9 +14,10 @@ from tiscene import catalog
 from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.scene.description import Matrix
+from tiscene.usd.label import spaced
 from tiscene.usd.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.stage import open_stage, reading_time
-from tiscene.usd.template import TEMPLATES_PRIM, display_name, root_prim, spaced
+from tiscene.usd.template import TEMPLATES_PRIM, display_name, root_prim
 from tiscene.usd.transform import to_matrix
 from tiscene.usd.units import Units
 

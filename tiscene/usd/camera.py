@@ -11,7 +11,7 @@ from tiscene.camera import Camera, quaternion_from_matrix
 from tiscene.errors import ArgumentError
 from tiscene.scene.description import Matrix
 from tiscene.usd.problems import Report
-from tiscene.usd.transform import rigid
+from tiscene.usd.transform import rigid, unmirrored
 
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
 
@@ -31,7 +31,10 @@ def read_camera(
         return math.nan if value is None else float(value)
 
     orthographic = camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic
-    pose = rigid(world_from_prim)
+    upright = unmirrored(world_from_prim)
+    if upright is not world_from_prim:
+        report.omission(path, "what a mirrored camera sees is not mirrored")
+    pose = rigid(upright)
     if pose is None:
         report.problem(path, "camera", "its transform is singular or not finite")
         return None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.scene.description import FloatArray
+from tiscene.usd.package import split_package
 from tiscene.usd.png import is_deep_color, read_deep_color
 
 
@@ -33,14 +34,12 @@ class Picture:
 
 def read_picture(path: str) -> Picture:
     """Read an image file, or one inside a package ("room.usdz[wood.png]"). Raises OSError or ValueError."""
-    return _decode(read_file(path), Path(path.removesuffix("]")).suffix.lower())
+    return _decode(read_file(path), Path(split_package(path)[-1]).suffix.lower())
 
 
 def read_file(path: str) -> bytes:
     """The bytes of a file, or of one inside a package, however many packages deep. Raises OSError or ValueError."""
-    if not path.endswith("]") or "[" not in path:
-        return Path(path).read_bytes()
-    package, *inner = path.replace("]", "").split("[")
+    package, *inner = split_package(path)
     data = Path(package).read_bytes()
     try:
         for name in inner:

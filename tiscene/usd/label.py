@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pxr import Kind, Usd, UsdSemantics
 
 from tiscene.errors import UnknownName
@@ -60,6 +62,38 @@ def name_label(prim: Usd.Prim) -> str:
     """What a prim's name says it is: the name of its asset, else its own, without a number at the end."""
     name = str(Usd.ModelAPI(prim).GetAssetName() or prim.GetName())
     return name.rstrip("0123456789").rstrip("_- ") or name
+
+
+def asset_name(prim: Usd.Prim) -> str:
+    """The asset that a prim is of: the name in the assetInfo of the nearest prim at or above it, or made from the name
+    of the file whose default prim that one refers to; "" for none."""
+    while prim and not prim.IsPseudoRoot():
+        name = Usd.ModelAPI(prim).GetAssetName() or _name_of_reference(prim)
+        if name:
+            return str(name)
+        prim = prim.GetParent()
+    return ""
+
+
+def _name_of_reference(prim: Usd.Prim) -> str:
+    if not (prim.HasAuthoredReferences() or prim.HasAuthoredPayloads()):
+        return ""
+    for spec in prim.GetPrimStack():
+        for each in (*spec.referenceList.GetAppliedItems(), *spec.payloadList.GetAppliedItems()):
+            if each.assetPath and each.primPath.isEmpty:
+                path = str(spec.layer.ComputeAbsolutePath(each.assetPath))
+                return readable_name(Path(path.rstrip("]").split("[")[-1]))  # in a package: room.usdz[chair.usda]
+    return ""
+
+
+def readable_name(path: Path) -> str:
+    """A name from a file's: that of the folder for `chair_01/template.usda`, "Chair 01"; else of the file itself."""
+    return spaced(path.resolve().parent.name if path.stem == "template" else path.stem)
+
+
+def spaced(name: str) -> str:
+    """ "chair_01" as "Chair 01"."""
+    return " ".join(word[:1].upper() + word[1:] for word in name.split("_") if word)
 
 
 def is_component(prim: Usd.Prim) -> bool:

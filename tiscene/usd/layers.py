@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from pxr import UsdUtils
 
+from tiscene import catalog
+from tiscene.usd.package import split_package
 from tiscene.usd.stage import quiet
+
+
+def scene_digests(scene: str, templates: Iterable[str]) -> dict[str, str]:
+    """`layer_digests` of a scene and of templates, whose keys begin with their names and a colon."""
+    digests = layer_digests(catalog.find_scene(scene))
+    for template in sorted(templates):
+        files = layer_digests(catalog.find_template(template))
+        digests |= {f"{template}: {name}": digest for name, digest in files.items()}
+    return digests
 
 
 def layer_digests(path: str | Path) -> dict[str, str]:
@@ -20,8 +32,8 @@ def layer_digests(path: str | Path) -> dict[str, str]:
     root = Path(path).resolve()
     with quiet():
         layers, assets, _ = UsdUtils.ComputeAllDependencies(str(root))
-    # Inside a package the path goes on in brackets: "room.usdz[textures/rug.png]"; the package is one file.
-    files = {str(root), *(layer.realPath.split("[")[0] for layer in layers), *(asset.split("[")[0] for asset in assets)}
+    # A package is one file.
+    files = {str(root), *(split_package(path)[0] for path in (*(layer.realPath for layer in layers), *assets))}
     present = sorted(Path(file) for file in files if os.path.isfile(file))
     return {Path(os.path.relpath(file, root.parent)).as_posix(): _digest(file) for file in present}
 

@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.errors import TemplateNotFound
 from tiscene.scene.description import Template
 from tiscene.scene.parts import as_one
-from tiscene.usd.label import inherited_label, name_label
+from tiscene.usd.label import asset_name, inherited_label, name_label
 from tiscene.usd.pose import placed, read_pose
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import Context, StageReader
@@ -90,7 +90,7 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report, t
         report.problem(path, "template", "it holds no geometry that would be drawn")
     category = next((thing.category for thing in description.objects if thing.category), "")
     category = name_label(prim) if reader.by_name else label or category
-    return Template(path, category, as_one(description, prim.GetName(), path, category))
+    return Template(path, category, as_one(description, prim.GetName(), path, category, asset_name(prim)))
 
 
 def _parents(prim: Usd.Prim) -> Iterator[Usd.Prim]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from pxr import Usd
 
 from tiscene.errors import ArgumentError, StageError
+from tiscene.usd.package import split_package
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Root:
 
     def holds(self, file: str) -> bool:
         """Whether a file, or a file inside a package ("room.usdz[wood.png]"), is in it."""
-        return self.folder is None or Path(file.split("[")[0]).resolve().is_relative_to(self.folder)
+        return self.folder is None or Path(split_package(file)[0]).resolve().is_relative_to(self.folder)
 
     def check(self, stage: Usd.Stage, name: str) -> None:
         """Raises StageError if any layer of a stage is outside."""

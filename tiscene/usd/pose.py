@@ -13,7 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from tiscene.camera import matrix_from_quaternion, quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.scene.parts import rigid
-from tiscene.usd.transform import fault, to_matrix
+from tiscene.usd.transform import fault, to_matrix, unmirrored
 from tiscene.usd.units import Units
 
 STRETCH = "stretch"  # suffix of the operation that a template's own scale is kept in
@@ -46,6 +46,8 @@ def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> Pose | str:
     wrong = fault(matrix)
     if wrong:
         return wrong
+    if prim.IsA(UsdGeom.Camera):
+        matrix = unmirrored(matrix)
     values = _own_values(prim, time)
     if values is not None:
         orient = values.get("orient")

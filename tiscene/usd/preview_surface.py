@@ -64,6 +64,7 @@ class NetworkReader:
             opacity_threshold=self._number(inputs, "opacityThreshold", default.opacity_threshold),
             ior=self._number(inputs, "ior", default.ior),
             normal=self._normal(inputs),
+            prim_path=str(material.GetPath()),
         )
 
     def _surface(self, material: UsdShade.Material) -> UsdShade.Shader | None:

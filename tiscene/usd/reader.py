@@ -14,6 +14,7 @@ from tiscene.scene.description import SceneDescription, Template
 from tiscene.usd.camera import read_camera
 from tiscene.usd.instancer import Placed, PointInstances, PointSamples, instancer_times, point_instances
 from tiscene.usd.label import (
+    asset_name,
     direct_label,
     inherited_label,
     is_component,
@@ -157,11 +158,14 @@ class StageReader:
 
     def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
         """Read one prim; whether its children are to be read."""
-        if prim.IsA(UsdGeom.Camera):
+        if prim.IsA(UsdGeom.Camera) and self._parts is not None:
+            self._report.omission(prim.GetPath(), "cameras in a point instancer's prototypes are not read")
+        elif prim.IsA(UsdGeom.Camera):
             matrix = to_matrix(here.world, self._meters)
             camera = read_camera(prim, matrix, self._time, self._meters, self._report)
             if camera is not None:
                 self._cameras.append(camera)
+        if prim.IsA(UsdGeom.Camera):
             return True
         if prim.IsA(UsdGeom.PointInstancer):
             if here.drawn:
@@ -315,9 +319,9 @@ class StageReader:
         shown = [there & np.array([part.inherited.shown(code) for code in codes])[:, None] for part in parts]
         name, path, by_name = prim.GetName(), str(prim.GetPath()), name_label(root)
         placed = [points.matrices[:, rows] @ matrix[:, None] for matrix in own]
-        movable = is_rigid_body(root)
+        movable, asset = is_rigid_body(root), asset_name(root)
         for row, point in enumerate(points.ids[rows].tolist()):
-            new = Thing(f"{name}[{point}]", f"{path}[{point}]", category, True, by_name, movable=movable)
+            new = Thing(f"{name}[{point}]", f"{path}[{point}]", category, True, by_name, asset, movable=movable)
             thing = things.setdefault(point, new)
             for part, world, present in zip(parts, placed, shown, strict=True):
                 if not part.drawn:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,7 +12,7 @@ from pxr import Gf, Usd, UsdGeom
 from tiscene.errors import StageError
 from tiscene.scene.description import Template
 from tiscene.scene.parts import as_one
-from tiscene.usd.label import inherited_label, name_label
+from tiscene.usd.label import asset_name, inherited_label, name_label, readable_name, spaced
 from tiscene.usd.problems import Report
 from tiscene.usd.reader import UNDEFINED_TOO, Context, StageReader
 from tiscene.usd.skinning import bake_skinning
@@ -51,7 +52,16 @@ def read_template(
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
         report.raise_problems()
     report.warn()
-    return template
+    return _with_materials_named(template, str(prim.GetPath()))
+
+
+def _with_materials_named(template: Template, prim_path: str) -> Template:
+    """Materials of files in one world are told apart: "/Chair01/Looks/Oak" is "Chair 01/Looks/Oak"."""
+    materials = tuple(
+        replace(each, prim_path=template.name + each.prim_path.removeprefix(prim_path)) if each.prim_path else each
+        for each in template.description.materials
+    )
+    return replace(template, description=replace(template.description, materials=materials))
 
 
 def root_prim(stage: Usd.Stage) -> Usd.Prim | None:
@@ -95,19 +105,10 @@ def template_of(
     if not description.instances:
         report.problem(prim.GetPath(), "template", "it holds no geometry that would be drawn")
     category = label or next((thing.category for thing in description.objects if thing.category), "")
-    return Template(name, category, as_one(description, prim.GetName(), str(prim.GetPath()), category))
+    whole = as_one(description, prim.GetName(), str(prim.GetPath()), category, asset_name(prim) or name)
+    return Template(name, category, whole)
 
 
 def display_name(prim: Usd.Prim) -> str:
     """The displayName metadata of a prim, "" for none."""
     return str(prim.GetDisplayName() or "")
-
-
-def readable_name(path: Path) -> str:
-    """A name from a file's: that of the folder for `chair_01/template.usda`, "Chair 01"; else of the file itself."""
-    return spaced(path.resolve().parent.name if path.stem == "template" else path.stem)
-
-
-def spaced(name: str) -> str:
-    """ "chair_01" as "Chair 01"."""
-    return " ".join(word[:1].upper() + word[1:] for word in name.split("_") if word)

@@ -8,7 +8,7 @@ from pxr import Usd, UsdPhysics
 
 from tiscene.scene.animation import Track
 from tiscene.scene.description import Collider, Instance, Matrix, SceneObject
-from tiscene.usd.label import name_label
+from tiscene.usd.label import asset_name, name_label
 from tiscene.usd.tracks import Samples, tracks_of
 
 
@@ -17,7 +17,7 @@ class Thing:
     """What becomes one SceneObject once something of it is drawn. labelled: `category` is its own, not inherited.
 
     name_label: what its name says it is. parts: names of its meshes and their subsets. colliders: how many of its
-    meshes are ones.
+    meshes are ones. asset: `asset_name`.
     """
 
     name: str
@@ -25,6 +25,7 @@ class Thing:
     category: str
     labelled: bool
     name_label: str = ""
+    asset: str = ""
     row: int | None = None
     parts: list[str] = field(default_factory=list)
     movable: bool = False
@@ -33,7 +34,7 @@ class Thing:
     @classmethod
     def of(cls, prim: Usd.Prim, category: str, labelled: bool) -> Thing:
         """The thing that a prim is."""
-        return cls(prim.GetName(), str(prim.GetPath()), category, labelled, name_label(prim))
+        return cls(prim.GetName(), str(prim.GetPath()), category, labelled, name_label(prim), asset_name(prim))
 
     def add_parts(self, names: tuple[str, ...]) -> int:
         """The number of the first of some new parts."""
@@ -111,6 +112,7 @@ class ThingTable:
                 thing.category or (thing.name_label if by_name else ""),
                 tuple(thing.parts) if len(thing.parts) > 1 else (),
                 thing.movable,
+                thing.asset,
             )
             for thing in self.things
         )

@@ -38,6 +38,11 @@ def fault(matrix: Matrix) -> str:
     return ""
 
 
+def unmirrored(matrix: Matrix) -> Matrix:
+    """The transform of what looks along its -z and has its +y up, with x turned round where it mirrors."""
+    return matrix @ np.diag([-1.0, 1.0, 1.0, 1.0]) if np.linalg.det(matrix[:3, :3]) < 0.0 else matrix
+
+
 def rigid(matrix: Matrix) -> Matrix | None:
     """The transform without its scale and shear: -z stays normal to the xy plane, x keeps its direction.
 

@@ -1,4 +1,4 @@
-"""Coverage: which objects a pixel shows, and how much of it each fills, by a fixed set of rays through the pixel."""
+"""Coverage: which objects and materials a pixel shows, and how much of it each fills, by fixed rays through it."""
 
 from dataclasses import dataclass
 from typing import Any, Self
@@ -15,6 +15,8 @@ from tiscene.render.view import View, camera_ray
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS
 
+COVERAGES = ("coverage", "material_coverage")
+
 # Rays through a pixel, at the points of Hammersley's set: one in each row, column and cell of a 4 x 4 grid.
 SAMPLES_LOG2 = 4
 SAMPLES = 1 << SAMPLES_LOG2
@@ -25,15 +27,18 @@ RANKED = ti.types.ndarray(dtype=ti.f32, ndim=4)
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What the rays of each pixel meet. distance: float32 [pixels, SAMPLES], m. ids: int32, of instances; 0: none."""
+    """What the rays of each pixel meet. distance: float32 [pixels, SAMPLES], m. ids: int32, of instances; 0: none.
+    materials: int32, numbers in `MaterialTable.labels`; 0: none, or not asked for."""
 
     distance: NDArray[np.float32]
     ids: NDArray[np.int32]
+    materials: NDArray[np.int32]
 
     @classmethod
     def empty(cls, pixels: int) -> Self:
         """For so many pixels, not set."""
-        return cls(np.empty((pixels, SAMPLES), np.float32), np.empty((pixels, SAMPLES), np.int32))
+        shape = (pixels, SAMPLES)
+        return cls(np.empty(shape, np.float32), np.empty(shape, np.int32), np.empty(shape, np.int32))
 
 
 class CoverageLabels:
@@ -43,23 +48,28 @@ class CoverageLabels:
         self.scene = scene
         self._wave = RayWave()
         self._none = Samples.empty(1)
+        self._batch = self._none
 
     def render(
         self,
         view: View,
         queue: Any,
         count: int,
-        coverage: NDArray[Any],
+        arrays: dict[str, NDArray[Any]],
         reach: NDArray[np.float32],
         still: Samples | None = None,
         kept: Samples | None = None,
     ) -> None:
-        """Fill the pixels of a queue; raise `reach` [h, w] to the distance of the farthest thing that they show, m.
+        """Fill the pixels of a queue in those of COVERAGES that are among the arrays; raise `reach` [h, w] to the
+        distance of the farthest thing that they show, m.
 
         still: what stands still: only the tree MOVERS is looked at besides. kept: is filled with what is met.
         """
         tree, behind = (CURRENT, self._none) if still is None else (MOVERS, still)
-        kept_ids, kept_distance = (self._none.ids, self._none.distance) if kept is None else (kept.ids, kept.distance)
+        if kept is None and len(self._batch.ids) < min(count, _BATCH):
+            self._batch = Samples.empty(min(count, _BATCH))
+        samples = self._batch if kept is None else kept
+        materials = self.scene.materials.label_of_row()
         for first in range(0, count, _BATCH):
             pixels = min(_BATCH, count - first)
             wave = self._wave.sized(pixels * SAMPLES)
@@ -68,11 +78,15 @@ class CoverageLabels:
                 int(still is not None), behind.distance, wave.rays,
             )  # fmt: skip
             first_hits(self.scene, tree, wave, wave.queue, pixels * SAMPLES, together=True)
-            coverage_labels(
-                queue, first, pixels, wave.hits, wave.hit_ids, self.scene.instance_info, view.width,
-                int(still is not None), behind.distance, behind.ids,
-                int(kept is not None), kept_distance, kept_ids, coverage, reach,
+            coverage_samples(
+                queue, first, pixels, wave.hits, wave.hit_ids, self.scene.instance_info,
+                int("material_coverage" in arrays), self.scene.triangle_material, materials, view.width,
+                int(still is not None), behind.distance, behind.ids, behind.materials,
+                int(kept is not None), samples.distance, samples.ids, samples.materials, reach,
             )  # fmt: skip
+            for name, ids in (("coverage", samples.ids), ("material_coverage", samples.materials)):
+                if name in arrays:
+                    rank_samples(queue, first, pixels, int(kept is not None), ids, view.width, arrays[name])
 
 
 @ti.kernel
@@ -103,44 +117,71 @@ def coverage_rays(
 
 
 @ti.kernel
-def coverage_labels(
+def coverage_samples(
     queue: INTS_1D,
     first: ti.i32,
     count: ti.i32,
     hits: Hits,
     hit_ids: HitIds,
     instance_info: INTS_2D,
+    names_materials: ti.i32,
+    triangle_material: INTS_1D,
+    label_of_material: INTS_1D,
     width: ti.i32,
     is_before: ti.i32,
     still_distance: FLOATS_2D,
     still_ids: INTS_2D,
-    keeps: ti.i32,
-    kept_distance: FLOATS_2D,
-    kept_ids: INTS_2D,
-    coverage: RANKED,
+    still_materials: INTS_2D,
+    by_pixel: ti.i32,
+    distances: FLOATS_2D,
+    ids: INTS_2D,
+    materials: INTS_2D,
     reach: FLOATS_2D,
 ):
-    """Rank what the rays of each pixel met, before what stands still if that is given: the most first, of equals the
-    lower id."""
+    """What the rays of each pixel met, before what stands still if that is given, in the rows of the pixels
+    (`by_pixel`) or one after another."""
     for i in range(count):
         pixel = queue[first + i]
         x, y = pixel % width, pixel // width
-        ids = ti.Vector([0] * SAMPLES)
-        alike, farthest = True, reach[y, x]
+        to = pixel if by_pixel != 0 else i
+        farthest = reach[y, x]
         for s in range(SAMPLES):
             ray = i * SAMPLES + s
             row, distance = hit_ids[ray][0], hits[ray][0]
-            id = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
+            id, material = 0, 0
+            if row >= 0:
+                id = instance_info[row, INFO_INSTANCE_ID]
+                if names_materials != 0:
+                    material = label_of_material[triangle_material[hit_ids[ray][1]]]
             if is_before != 0:
                 other = still_distance[pixel, s]
                 if row < 0 or other < distance or (other == distance and still_ids[pixel, s] < id):
-                    id, distance = still_ids[pixel, s], other
-            if keeps != 0:
-                kept_ids[pixel, s], kept_distance[pixel, s] = id, distance
-            ids[s] = id
-            alike &= ids[s] == ids[0]
+                    id, material, distance = still_ids[pixel, s], still_materials[pixel, s], other
+            ids[to, s], materials[to, s], distances[to, s] = id, material, distance
             farthest = ti.max(farthest, distance)
         reach[y, x] = farthest
+
+
+@ti.kernel
+def rank_samples(
+    queue: INTS_1D,
+    first: ti.i32,
+    count: ti.i32,
+    by_pixel: ti.i32,
+    samples: INTS_2D,
+    width: ti.i32,
+    coverage: RANKED,
+):
+    """Of what the rays of each pixel met the most first, of equals the lower id."""
+    for i in range(count):
+        pixel = queue[first + i]
+        x, y = pixel % width, pixel // width
+        at = pixel if by_pixel != 0 else i
+        ids = ti.Vector([0] * SAMPLES)
+        alike = True
+        for s in range(SAMPLES):
+            ids[s] = samples[at, s]
+            alike &= ids[s] == ids[0]
         for rank in range(RANKS):
             coverage[y, x, rank, 0] = 0.0
             coverage[y, x, rank, 1] = 0.0

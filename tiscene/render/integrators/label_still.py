@@ -30,8 +30,8 @@ _MARGIN = 1e-3  # of a distance; far more than rays and boxes are rounded by
 @dataclass(eq=False)
 class Picture:
     """Labels of a view. arrays: buffers by name. reach: float32 [h, w], the distance beyond which nothing can change a
-    pixel, m. mirrors: bool [h, w], where another thing than the first one is shown. samples: what `coverage` is made
-    of, if it is among the buffers."""
+    pixel, m. mirrors: bool [h, w], where another thing than the first one is shown. samples: what coverages are made
+    of, if they are among the buffers."""
 
     arrays: dict[str, NDArray[Any]]
     reach: NDArray[np.float32]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tiscene.errors import BufferNotFound
 from tiscene.render.aovs import AOVS, LABELS, times_needed
 from tiscene.render.integrators import label_kernels as kernels
-from tiscene.render.integrators.label_coverage import CoverageLabels, Samples
+from tiscene.render.integrators.label_coverage import COVERAGES, CoverageLabels, Samples
 from tiscene.render.integrators.label_hits import first_hits
 from tiscene.render.integrators.label_still import Picture, StillLabels
 from tiscene.render.integrators.label_surfaces import (
@@ -64,7 +64,7 @@ class LabelPass:
             picture, changed, moving = found
             arrays = {name: picture.arrays[name].copy() for name in buffers}
             queue, count = self._rays.sized(view.width, view.height).queue_of(changed)
-            if count and "coverage" in arrays:
+            if count and not arrays.keys().isdisjoint(COVERAGES):
                 self.scene.place_movers(moving)
             self._draw(view, queue, count, arrays, still=picture.samples)
         return arrays
@@ -73,7 +73,7 @@ class LabelPass:
         rays = self._rays.sized(view.width, view.height)
         shape = (view.height, view.width)
         arrays = _empty(view, buffers)
-        samples = Samples.empty(rays.count) if "coverage" in arrays else None
+        samples = None if arrays.keys().isdisjoint(COVERAGES) else Samples.empty(rays.count)
         picture = Picture(arrays, np.empty(shape, np.float32), np.zeros(shape, bool), samples)
         self._draw(view, rays.queue, rays.count, arrays, picture)
         return picture
@@ -89,7 +89,7 @@ class LabelPass:
     ) -> None:
         """Write the pixels of a queue into the arrays, and into what else belongs to a picture.
 
-        still: what coverage has of all but the tree MOVERS.
+        still: what coverages have of all but the tree MOVERS.
         """
         if not count:
             return
@@ -99,10 +99,10 @@ class LabelPass:
         if picture is not None:
             picture.reach[...] = rays.hits.to_numpy()[:, 0].reshape(picture.reach.shape)
 
-        if "coverage" in arrays:
+        if not arrays.keys().isdisjoint(COVERAGES):
             reach = np.zeros((view.height, view.width), np.float32) if picture is None else picture.reach
             kept = None if picture is None else picture.samples
-            self._coverage.render(view, queue, count, arrays["coverage"], reach, still, kept)
+            self._coverage.render(view, queue, count, arrays, reach, still, kept)
 
         motion = instance_motion(self.scene.placement, view)
         cameras = camera_motion(view)
