@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("tiscene", "dynamics", "usd_scenes")
 
-GROUND = {"tiscene.errors", "tiscene.device", "tiscene.camera"}
+GROUND = {"tiscene.errors", "tiscene.files", "tiscene.device", "tiscene.camera"}
 SCENE = GROUND | {"tiscene.scene"}
 STREAM = SCENE | {
     "dynamics",
@@ -33,7 +33,7 @@ STREAM = SCENE | {
     "tiscene.waiting",
     "tiscene.world",
 }
-EXPORT = {"tiscene", "tiscene.errors", "tiscene.frame", "tiscene.stream", "tiscene.sailenv.space"}
+EXPORT = {"tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.stream", "tiscene.sailenv.space"}
 
 # Each part of the project and the parts that it may import; a part may always import itself.
 MAY_IMPORT = {
@@ -48,6 +48,7 @@ MAY_IMPORT = {
     },
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
+    "tiscene.files": {"tiscene.errors"},
     "tiscene.device": {"tiscene.errors"},
     "tiscene.camera": {"tiscene.errors"},
     "tiscene.scene": GROUND,
@@ -57,7 +58,7 @@ MAY_IMPORT = {
     "tiscene.frame_range": {"tiscene.frame"},
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
     "tiscene.usd": SCENE | {"tiscene.catalog"},
-    "tiscene.scenario_json": {"tiscene.errors"},
+    "tiscene.scenario_json": {"tiscene.errors", "tiscene.files"},
     "tiscene.edits": {"tiscene.camera", "dynamics"},
     "tiscene.scenario": {
         "tiscene.edits",

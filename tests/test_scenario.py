@@ -257,8 +257,25 @@ def test_files_that_are_not_there_not_text_or_not_json(tmp_path):
         Scenario.load(binary)
     with pytest.raises(ArgumentError, match=r"ends in \.json"):
         Scenario("room").save(tmp_path / "run.txt")
-    with pytest.raises(ExportError, match=r"cannot write .*run\.json"):
+    with pytest.raises(ExportError, match=r"cannot write .*run\.json.*no folder"):
         Scenario("room").save(tmp_path / "nowhere" / "run.json")
+
+
+def test_what_cannot_be_written_leaves_the_file_that_was_there(tmp_path, monkeypatch):
+    path = tmp_path / "run.json"
+    Scenario("room").save(path)
+    before = path.read_bytes()
+
+    def cut_off(target, data):
+        with target.open("wb") as file:
+            file.write(data[: len(data) // 2])
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", cut_off)
+    with pytest.raises(ExportError, match=r"cannot write .*run\.json.*No space left"):
+        Scenario("room", [Object("a", "Chair 01")]).save(path)
+    assert path.read_bytes() == before
+    assert [each.name for each in tmp_path.iterdir()] == ["run.json"]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tiscene.errors import ExportError, ScenarioError
+from tiscene.files import write_file
 
 Classes = Mapping[str, type]
 LINE_LENGTH = 110
@@ -71,11 +72,10 @@ def dumps(value: Any) -> str:
 
 
 def write(path: Path, value: Any) -> None:
-    """The same into a file. Raises ExportError."""
-    try:
-        path.write_text(dumps(value), encoding="utf-8")
-    except OSError as error:
-        raise ExportError(f"cannot write {str(path)!r}: {error}") from error
+    """The same into a file, whole or not at all. Raises ExportError."""
+    if not path.parent.is_dir():
+        raise ExportError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
+    write_file(path, dumps(value).encode())
 
 
 def loads(text: str) -> Any:

@@ -11,7 +11,7 @@ from tests.export.fake_stream import FakeStream
 from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import EXPORTERS, SUMMARIES, export
-from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest, write_atomically
+from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest
 from tiscene.frame import FrameCamera
 
 
@@ -142,16 +142,6 @@ def test_digests_see_type_shape_and_every_byte():
     variants = [array, array.T, array.reshape(3, 2), array.astype(np.float64), array + np.float32(1e-7)]
     assert len({buffer_digest(variant) for variant in variants}) == 5
     assert buffer_digest(array) == buffer_digest(np.asfortranarray(array)) == buffer_digest(array.astype(">f4"))
-
-
-def test_a_file_is_never_seen_in_part(tmp_path, monkeypatch):
-    target = tmp_path / "x" / "a.bin"
-    write_atomically(target, b"old")
-    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
-    with pytest.raises(OSError, match="disk full"):
-        write_atomically(target, b"new")
-    assert [path.name for path in target.parent.iterdir()] == ["a.bin"]
-    assert target.read_bytes() == b"old"
 
 
 class Several(FakeStream):

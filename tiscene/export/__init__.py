@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import cryptomatte, exr, labels, npz, png, sailenv
-from tiscene.export.manifest import NAME, Manifest, views_by_folder, write_atomically
+from tiscene.export.manifest import NAME, Manifest, views_by_folder
+from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import ArgumentError
-from tiscene.export.manifest import write_file
+from tiscene.files import write_file
 
 OPTIONS: dict[str, dict[str, Any]] = {
     ".webp": {"format": "webp", "quality": 82, "method": 4},

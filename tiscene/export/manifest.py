@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ExportError
+from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame
@@ -27,9 +27,9 @@ class Manifest:
 
     made_by: everything that decides the contents of the files (version, format, buffers, settings, scenario, layers).
     categories: what the ids of `semantic` mean. materials: those of `material_coverage`, where that was asked for.
-    frames: for each index the digest of the frame, of each buffer
-    (`buffer_digest`, whatever the file format) and of each file (SHA-256 of its bytes). Where several cameras took it,
-    names of buffers and files begin with a folder for each.
+    frames: for each index the digest of the frame, of each buffer (`buffer_digest`, whatever the file format) and of
+    each file (SHA-256 of its bytes). Where several cameras took it, names of buffers and files begin with a folder for
+    each.
     """
 
     made_by: dict[str, Any]
@@ -134,25 +134,6 @@ def _buffer_digests(frame: Frame) -> dict[str, str]:
 def _digest_of(buffers: dict[str, str]) -> str:
     lines = [f"{name} {digest}\n" for name, digest in sorted(buffers.items())]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file beside its place and move it there, so that it never exists in part. Makes the folder."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def write_file(path: str | Path, data: bytes) -> None:
-    """The same for a file on its own. Raises ExportError if it cannot be written."""
-    try:
-        write_atomically(Path(path), data)
-    except OSError as error:
-        raise ExportError(f"cannot write {str(path)!r}: {error}") from error
 
 
 def _file_digest(path: Path) -> str | None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import ExportError
-from tiscene.export.manifest import write_file
+from tiscene.files import write_file
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame
