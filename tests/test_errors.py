@@ -60,6 +60,7 @@ def test_without_a_near_one_a_short_list_is_told_and_a_long_one_is_not():
     assert str(UnknownName("buffer", "xyz", ["rgb", "depth"])) == "no buffer 'xyz'. There are: depth, rgb."
     assert str(UnknownName("buffer", "?", [f"name {k}" for k in range(31)])) == "no buffer '?'."
     assert str(UnknownName("camera", "Front", [])) == "no camera 'Front'."
+    assert str(UnknownName("camera", 3, ["Front"])) == "no camera 3. There are: Front."
 
 
 def test_what_was_asked_for_can_be_read_from_the_error():

@@ -42,8 +42,9 @@ class UnknownName(TisceneError, LookupError):
         """kind: what was looked for ("template"); where: " in scene 'room_02'"; hint: a closing sentence."""
         known = sorted(known)
         message = f"no {kind} {name!r}{where}."
-        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5) or [
-            candidate for candidate in known if candidate.casefold() == name.casefold()
+        wanted = str(name)  # whatever the user passed
+        nearest = difflib.get_close_matches(wanted, known, n=1, cutoff=0.5) or [
+            candidate for candidate in known if candidate.casefold() == wanted.casefold()
         ]
         if nearest:
             message += f" Did you mean {nearest[0]!r}?"

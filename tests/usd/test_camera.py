@@ -65,6 +65,22 @@ def test_the_pose_has_no_scale(tmp_path):
     np.testing.assert_allclose(eye.axes() @ (0, 1, 0), (0, 1, 0), atol=1e-9)
 
 
+MIRRORS = [("(-1, 1, 1)", -1, 1), ("(1, -1, 1)", -1, -1), ("(1, 1, -1)", 1, 1)]
+
+
+@pytest.mark.parametrize(("scale", "ahead", "up"), MIRRORS)
+def test_a_mirrored_camera_looks_where_it_looks(tmp_path, scale, ahead, up):
+    """What it sees cannot be mirrored, which is said; it is not turned upside down for that."""
+    lines = f"""
+    float xformOp:rotateY = 90
+    float3 xformOp:scale = {scale}
+    uniform token[] xformOpOrder = ["xformOp:rotateY", "xformOp:scale"]
+    """
+    eye = only(read_with_warning(tmp_path, camera(lines), "what a mirrored camera sees is not mirrored: </Eye>"))
+    np.testing.assert_allclose(eye.axes() @ (0, 0, -1), (ahead, 0, 0), atol=1e-9)
+    np.testing.assert_allclose(eye.axes() @ (0, 1, 0), (0, up, 0), atol=1e-9)
+
+
 EXPOSURES = [
     ("float exposure = 2", 2.0),
     ("float exposure:iso = 400", 2.0),

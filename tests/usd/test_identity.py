@@ -98,6 +98,13 @@ def test_an_instancer_in_its_own_prototype(tmp_path):
     assert problems_of(tmp_path, body) == ("</P> instancer: one of its prototypes holds the instancer itself",)
 
 
+def test_a_camera_in_a_prototype_is_named(tmp_path):
+    start = 'def Sphere "Ball"\n    {'
+    body = INSTANCER.replace(start, f'{start}\n        def Camera "Eye"\n        {{\n        }}') % ""
+    found = read_with_warning(tmp_path, body, "cameras in a point instancer's prototypes are not read: </P/Ball/Eye>")
+    assert (len(found.objects), found.cameras) == (2, ())
+
+
 def test_an_empty_instancer_is_named(tmp_path):
     body = INSTANCER.replace("[0, 0]", "[]").replace("[(0, 0, 0), (1, 0, 0)]", "[]") % ""
     read_with_warning(tmp_path, body, "a point instancer without points: </P>")

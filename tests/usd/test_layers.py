@@ -58,6 +58,12 @@ def test_a_missing_texture_is_left_out(room):
     assert sorted(layer_digests(room)) == ["chair.usda", "lamp.usda", "scene.usda"]
 
 
+def test_folders_may_have_brackets(room, tmp_path):
+    """Which in a path are what leads into a package."""
+    shutil.copytree(room.parent, tmp_path / "room [2]")
+    assert layer_digests(tmp_path / "room [2]" / "scene.usda") == layer_digests(room)
+
+
 def test_a_package_is_one_file(room, tmp_path):
     package = tmp_path / "room.usdz"
     assert UsdUtils.CreateNewUsdzPackage(str(room), str(package))

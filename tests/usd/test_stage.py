@@ -150,6 +150,9 @@ WRONG_VARIANTS = [
     ({"/Room": "night"}, ArgumentError, "'/Room' must name a variant set"),
     ({"Room!{lighting}": "night"}, ArgumentError, "'Room!' is not the path of a prim"),
     (["night"], ArgumentError, "must be a mapping"),
+    ({"/Room": 3}, ArgumentError, "'/Room': 3 must be the name of a variant"),
+    ({"/Room": {"lighting": 3}}, ArgumentError, "must be the name of a variant"),
+    ({3: "night"}, ArgumentError, "3 must be the path of a prim"),
 ]
 
 
@@ -247,6 +250,19 @@ def test_what_is_squashed_flat_is_named(tmp_path):
     assert not read_with_warning(tmp_path, SCALED % "(1, 0, 1)", text).instances
 
 
+@pytest.mark.parametrize(
+    ("body", "meters"),
+    [
+        (f'def Mesh "C"\n{{{QUAD.replace("(1, 1, 0)", "(1, 1e38, 0)")}}}', 100.0),
+        ('def Sphere "C"\n{\ndouble radius = 1e300\n}', 1.0),
+    ],
+)
+def test_what_is_too_large_for_single_precision_is_a_problem(tmp_path, body, meters):
+    path = write(tmp_path, body, meters=meters)
+    with pytest.raises(StageError, match=r"</C> (geometry: it is larger than|sphere: radius is 1e\+300)"):
+        read_stage(path)
+
+
 def test_mirrored_transforms_are_kept(tmp_path):
     body = 'def Cube "C"\n{\nfloat3 xformOp:scale = (-1, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]\n}'
     assert np.linalg.det(read(tmp_path, body).instances[0].world_from_object[:3, :3]) == pytest.approx(-1.0)
@@ -267,6 +283,16 @@ def test_time_codes(tmp_path, time_code, x):
     path = write(tmp_path, ANIMATED)
     (instance,) = read_stage(path, time_code=time_code).instances
     assert instance.world_from_object[0, 3] == x
+
+
+@pytest.mark.parametrize("time_code", [float("nan"), float("inf"), 10**400, "12", [1.0]])
+def test_what_is_no_time_code(tmp_path, time_code):
+    with pytest.raises(ArgumentError, match=r"time_code=.*: must be a finite number"):
+        read_stage(write(tmp_path, ANIMATED), time_code=time_code)
+
+
+def test_a_time_code_may_be_a_number_of_numpy(tmp_path):
+    assert read_stage(write(tmp_path, ANIMATED), time_code=np.float32(15)).instances[0].world_from_object[0, 3] == 2.0
 
 
 def test_the_start_of_the_range_is_read_unless_told(tmp_path):

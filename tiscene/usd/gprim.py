@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 
 SEGMENTS = 64  # around an axis: a silhouette whose corners turn by less than 6 degrees
 RINGS = 32  # from pole to pole
+_LARGEST = 1e30  # stage units; single precision goes little farther
 _AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # column of a shape about z that becomes x, y, z
 
 
@@ -29,9 +30,7 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface | 
         if attribute:
             value = attribute.Get(time)
             sizes[name] = math.nan if value is None else float(value)
-            if not (sizes[name] >= 0.0 and math.isfinite(sizes[name])) or (
-                name in ("size", "radius") and not sizes[name]
-            ):
+            if not 0.0 <= sizes[name] <= _LARGEST or (name in ("size", "radius") and not sizes[name]):
                 report.problem(prim.GetPath(), kind.lower(), f"{name} is {sizes[name]}")
                 return None
     if kind == "Capsule_1" and sizes["radiusTop"] != sizes["radiusBottom"]:

@@ -157,7 +157,10 @@ class MeshTable:
             for binding, indices in subsets:
                 of_face[indices[indices < len(of_face)]] = binding.row
             materials = of_face[surface.face]
-        positions = surface.positions * np.float32(self._meters)
+        with np.errstate(over="ignore"):
+            positions = surface.positions * np.float32(self._meters)
+        if not np.isfinite(positions).all():
+            self._report.problem(prim.GetPath(), "geometry", "it is larger than single precision can tell")
         parts = None if partition[1] is None else partition[1][surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
         digest = hashlib.blake2b(digest_size=16)

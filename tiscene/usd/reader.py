@@ -158,14 +158,8 @@ class StageReader:
 
     def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
         """Read one prim; whether its children are to be read."""
-        if prim.IsA(UsdGeom.Camera) and self._parts is not None:
-            self._report.omission(prim.GetPath(), "cameras in a point instancer's prototypes are not read")
-        elif prim.IsA(UsdGeom.Camera):
-            matrix = to_matrix(here.world, self._meters)
-            camera = read_camera(prim, matrix, self._time, self._meters, self._report)
-            if camera is not None:
-                self._cameras.append(camera)
         if prim.IsA(UsdGeom.Camera):
+            self._read_camera(prim, here)
             return True
         if prim.IsA(UsdGeom.PointInstancer):
             if here.drawn:
@@ -193,6 +187,15 @@ class StageReader:
             self._report.omission(prim.GetPath(), f"prims of type {kind} are not drawn")
         elif kind and kind not in _NOTES and prim.GetPrimTypeInfo().GetSchemaType() == Tf.Type.Unknown:
             self._report.omission(prim.GetPath(), f"prims of the unknown type {kind} are not drawn")
+
+    def _read_camera(self, prim: Usd.Prim, here: Context) -> None:
+        if self._parts is not None:
+            self._report.omission(prim.GetPath(), "cameras in a point instancer's prototypes are not read")
+            return
+        matrix = to_matrix(here.world, self._meters)
+        camera = read_camera(prim, matrix, self._time, self._meters, self._report)
+        if camera is not None:
+            self._cameras.append(camera)
 
     def _read_light(self, prim: Usd.Prim, here: Context) -> None:
         if self._parts is not None:

@@ -11,6 +11,7 @@ from pxr import Sdf, Usd, UsdShade
 
 from tiscene.scene.description import FloatArray, Texture
 from tiscene.usd.image import Picture, read_picture
+from tiscene.usd.package import split_package
 from tiscene.usd.problems import Report
 
 Wrap = Literal["repeat", "clamp", "mirror", "black"]
@@ -101,7 +102,7 @@ class TextureTable:
             pixels = picture.pixels
             if encoding == "srgb" and pixels.dtype != np.uint8:  # only 8-bit textures are decoded when they are read
                 pixels, encoding = _decoded(np.asarray(pixels, np.float32)), "raw"
-            self.textures.append(Texture(name or Path(path).name, pixels, encoding, *wraps))
+            self.textures.append(Texture(name or Path(split_package(path)[-1]).name, pixels, encoding, *wraps))
         return self._rows[key]
 
     def _read(self, path: str, prim_path: Any, instead: str = _INSTEAD) -> Picture | None:
