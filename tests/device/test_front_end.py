@@ -38,6 +38,17 @@ def powers(values: ti.types.ndarray(ti.f32, 1)):
     values[1] = twice(twice(values[1])) + twice(values[1] * twice(1.0))
 
 
+@ti.func
+def thrice(x):
+    return 3.0 * x
+
+
+@ti.kernel
+def often(values: ti.types.ndarray(ti.f32, 1)):
+    for _ in ti.static(range(5)):
+        values[0] = thrice(thrice(values[0])) + thrice(1.0)
+
+
 @ti.kernel
 def wrong(values: ti.types.ndarray(ti.f32, 1)):
     values[0] = twice(values[0])
@@ -62,6 +73,13 @@ def test_a_function_within_itself_has_a_tree_of_its_own():
     values[0], values[1] = 3.0, 5.0
     powers(values)
     assert values.to_numpy().tolist() == [81.0, 40.0]
+
+
+def test_a_tree_serves_all_calls_of_a_function(monkeypatch):
+    lines, parsed = [], front_end._parsed
+    monkeypatch.setattr(front_end, "_parsed", lambda source: lines.append(source[1]) or parsed(source))
+    often(ti.ndarray(ti.f32, 1))
+    assert lines.count("def thrice(x):") == 1
 
 
 def test_errors_say_where():

@@ -13,22 +13,23 @@ import functools
 import gc
 import sys
 import textwrap
-import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 _materialize: Any = kernel_impl.Kernel.materialize
+_walk: Any = kernel_impl.transform_tree
 
 
 def use() -> None:
     """Prepare all kernels of this process so."""
     kernel_impl._inside_class = _inside_class
     kernel_impl._get_tree_and_ctx = _tree_and_context
+    kernel_impl.transform_tree = _walked
     kernel_impl.Kernel.materialize = _prepared
     ASTTransformerContext.get_pos_info = _position
 
@@ -40,20 +41,19 @@ def _inside_class(level_of_class_stackframe: int) -> bool:
 
 @dataclass(eq=False)
 class _Source:
-    """A function as it is written. tree: parsed. user: what walks it at the moment."""
+    """A function as it is written. trees: parsed, those that nothing walks at the moment."""
 
     file: str
     lines: list[str]
     first_line: int
-    tree: ast.Module
-    user: Callable[[], Any] = lambda: None
+    trees: list[ast.Module] = field(default_factory=list)
 
 
 @functools.cache
 def _source(function: Any) -> _Source:
     lines, first_line = kernel_impl.getsourcelines(function)
     lines = [textwrap.fill(line, tabsize=4, width=9999) for line in lines]
-    return _Source(kernel_impl.getsourcefile(function), lines, first_line, _parsed(lines))
+    return _Source(kernel_impl.getsourcefile(function), lines, first_line)
 
 
 def _parsed(lines: list[str]) -> ast.Module:
@@ -73,8 +73,7 @@ def _tree_and_context(
 ) -> tuple[ast.Module, Any]:
     """A tree of the function and what is known while it is walked, as Taichi's own."""
     source, names = _source(self.func), kernel_impl._get_global_vars(self.func)
-    whole = is_kernel or is_real_function
-    if whole:
+    if is_kernel or is_real_function:
         names |= {self.arguments[row].name: args[row] for row in self.template_slot_locations}
     context = ASTTransformerContext(
         excluded_parameters=excluded_parameters,
@@ -89,10 +88,14 @@ def _tree_and_context(
         ast_builder=ast_builder,
         is_real_function=is_real_function,
     )
-    if whole or source.user() is not None:  # the walk takes a kernel's arguments off; a walk within a walk has its own
-        return _parsed(source.lines), context
-    source.user = weakref.ref(context)
-    return source.tree, context
+    return source.trees.pop() if source.trees else _parsed(source.lines), context
+
+
+def _walked(tree: ast.Module, context: Any) -> Any:
+    result = _walk(tree, context)
+    if not (context.is_kernel or context.is_real_function):  # those have lost their arguments on the way
+        _source(context.func.func).trees.append(tree)
+    return result
 
 
 def _position(self: Any, node: Any) -> str:
