@@ -30,8 +30,7 @@ class UniformMovementRandomBounce(Dynamic):
         object.__setattr__(self, "speed", check.not_negative(self.speed, "speed"))
         object.__setattr__(self, "angular_speed", check.not_negative(self.angular_speed, "angular_speed"))
         object.__setattr__(self, "start_direction", check.direction(self.start_direction, "start_direction"))
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int):
-            raise TypeError(f"seed={self.seed!r}: must be a whole number")
+        object.__setattr__(self, "seed", check.whole(self.seed, "seed"))
 
     @property
     def loop_time(self) -> float:

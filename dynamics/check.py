@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterable
 from numbers import Real
 from typing import Any
@@ -12,10 +13,20 @@ def number(value: Any, name: str) -> float:
     """`value` as a finite float."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name}={value!r}: must be a number")
-    result = float(value)
+    try:
+        result = float(value)
+    except OverflowError:  # of whole numbers and fractions
+        result = math.inf
     if not math.isfinite(result):
         raise ValueError(f"{name}={value!r}: must be finite")
     return result
+
+
+def whole(value: Any, name: str) -> int:
+    """`value` as an int; any kind of whole number will do."""
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{name}={value!r}: must be a whole number")
+    return operator.index(value)
 
 
 def positive(value: Any, name: str) -> float:
@@ -35,13 +46,13 @@ def not_negative(value: Any, name: str) -> float:
 
 
 def numbers(value: Any, name: str, *counts: int) -> tuple[float, ...]:
-    """`value` as a tuple of finite floats, as many as one of `counts`."""
-    wanted = " or ".join(str(count) for count in counts)
+    """`value` as a tuple of finite floats, as many as one of `counts`, or any if there are no counts."""
+    wanted = f"{' or '.join(map(str, counts))} numbers" if counts else "numbers"
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise TypeError(f"{name}={value!r}: must be {wanted} numbers")
+        raise TypeError(f"{name}={value!r}: must be {wanted}")
     result = tuple(number(item, f"{name}[{index}]") for index, item in enumerate(value))
-    if len(result) not in counts:
-        raise ValueError(f"{name}={value!r}: must be {wanted} numbers, not {len(result)}")
+    if counts and len(result) not in counts:
+        raise ValueError(f"{name}={value!r}: must be {wanted}, not {len(result)}")
     return result
 
 
@@ -49,6 +60,13 @@ def vector(value: Any, name: str) -> tuple[float, float, float]:
     """`value` as three finite floats."""
     x, y, z = numbers(value, name, 3)
     return (x, y, z)
+
+
+def vectors(value: Any, name: str) -> tuple[tuple[float, float, float], ...]:
+    """`value` as a tuple of vectors, any number of them."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise TypeError(f"{name}={value!r}: must be a sequence of 3 numbers each")
+    return tuple(vector(item, f"{name}[{index}]") for index, item in enumerate(value))
 
 
 def direction(value: Any, name: str) -> tuple[float, float, float]:
@@ -65,6 +83,15 @@ def rotation(value: Any, name: str) -> tuple[float, ...]:
     if len(result) == 4 and math.hypot(*result) < 1e-9:
         raise ValueError(f"{name}={value!r}: a quaternion (w, x, y, z) must not be zero")
     return result
+
+
+def text(value: Any, name: str) -> str:
+    """`value`, a text that is not empty."""
+    if not isinstance(value, str) or not value:
+        raise (ValueError if isinstance(value, str) else TypeError)(
+            f"{name}={value!r}: must be a text that is not empty"
+        )
+    return value
 
 
 def choice(value: Any, name: str, allowed: tuple[str, ...]) -> str:

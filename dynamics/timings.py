@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from numbers import Integral
 
 from dynamics import check
 from dynamics.clocks import Window, exact
@@ -89,9 +90,9 @@ class DictTimings(Timing):
             if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
                 raise TypeError(f"times: {pair!r} must be a pair of a body (index or id) and seconds")
             key, seconds = pair
-            if isinstance(key, bool) or not isinstance(key, int | str):
+            if isinstance(key, bool) or not isinstance(key, Integral | str):
                 raise TypeError(f"times: {key!r} must be the index or the id of a body")
-            pairs.append((key, check.positive(seconds, f"times[{key!r}]")))
+            pairs.append((key if isinstance(key, str) else int(key), check.positive(seconds, f"times[{key!r}]")))
         if not pairs:
             raise ValueError("times: name one body or more")
         check.flag(self.repeat, "repeat")

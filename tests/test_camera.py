@@ -115,6 +115,7 @@ def test_a_box_is_seen_whole_and_large(up):
         ({"lens_radius": -0.1}, "lens_radius"),
         ({"focus_distance": 0.0}, "focus_distance"),
         ({"near": 2.0, "far": 1.0}, "0 < near < far"),
+        ({"far": 10**400}, "must be finite"),
     ],
 )
 def test_impossible_cameras_are_refused(fields, complaint):
@@ -125,3 +126,9 @@ def test_impossible_cameras_are_refused(fields, complaint):
 def test_look_at_along_up_is_refused():
     with pytest.raises(ArgumentError, match="do not span a plane"):
         Camera.look_at((0, 2, 0), (0, 0, 0))
+
+
+@pytest.mark.parametrize("places", [("abc", (0, 0, 0)), ((0, 0), (1, 1)), ((0, 0, math.inf), (0, 0, 0))])
+def test_look_at_wants_numbers(places):
+    with pytest.raises(ArgumentError, match=r"look_at: position=.*: must be finite numbers, 3 of them"):
+        Camera.look_at(*places)

@@ -1,5 +1,6 @@
 """Edits of a running world: from the next frame on, kept, replayed to the bit."""
 
+import json
 from fractions import Fraction
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import tiscene as ts
 from dynamics import SteppedSimulation
 from tests.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
-from tiscene.edits import Despawn, Move, Spawn
+from tiscene.edits import Despawn, Enclose, Move, Spawn
 from tiscene.errors import ObjectNotFound, ScenarioError, TemplateNotFound
 from tiscene.events import Event
 from tiscene.scene.placement import Placement
@@ -188,13 +189,28 @@ def test_logs_that_contradict_themselves(edits, match):
         ts.Scenario("room", [ts.Object("a", "Cube")], edits=edits)
 
 
+def test_frames_may_be_numbers_of_numpy():
+    """And are written to a file all the same."""
+    edits = [Move(np.int64(3), "a", (0, 0, 0)), Despawn(np.uint8(4), "a")]
+    scenario = ts.Scenario("room", [ts.Object("a", "Cube", scale=np.float32(2))], edits=edits)
+    assert [edit["frame"] for edit in scenario.to_json()["edits"]] == [3, 4]
+    assert scenario.objects[0].scale == (2.0, 2.0, 2.0)
+    assert ts.Scenario.from_json(json.loads(json.dumps(scenario.to_json()))) == scenario
+
+
 def test_edits_check_their_values():
-    with pytest.raises(ValueError, match="first_frame is 3"):
+    with pytest.raises(ScenarioError, match="first_frame is 3"):
         Spawn(3, ts.Object("a", "Cube"))
-    with pytest.raises(ValueError, match="frame=-1"):
+    with pytest.raises(ScenarioError, match="frame=-1"):
         Despawn(-1, "a")
-    with pytest.raises(TypeError, match=r"frame=1\.0"):
+    with pytest.raises(ScenarioError, match=r"frame=1\.0"):
         Move(1.0, "a", (0, 0, 0))
+    for edit in (Despawn, lambda frame, id: Move(frame, id, (0, 0, 0))):
+        for id in (5, "", None):
+            with pytest.raises(ScenarioError, match=f"id={id!r}: must be a text"):
+                edit(3, id)
+    with pytest.raises(ScenarioError, match="aspect=0: must be greater"):
+        Enclose(3, None, ts.Camera(), 0)
     with pytest.raises(ScenarioError, match=r"edits\[0\].object"):
         ts.Scenario("room", edits=[Spawn(3, type("Fake", (), {"first_frame": 3})())])
 

@@ -24,6 +24,7 @@ STREAM = SCENE | {
     "tiscene.differential",
     "tiscene.frame",
     "tiscene.frame_range",
+    "tiscene.lighting",
     "tiscene.render",
     "tiscene.arguments",
     "tiscene.scenario",
@@ -59,7 +60,7 @@ MAY_IMPORT = {
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
     "tiscene.usd": SCENE | {"tiscene.catalog"},
     "tiscene.scenario_json": {"tiscene.errors", "tiscene.files"},
-    "tiscene.edits": {"tiscene.camera", "dynamics"},
+    "tiscene.edits": {"tiscene.camera", "tiscene.errors", "dynamics"},
     "tiscene.scenario": {
         "tiscene.edits",
         "tiscene.light_motion",
@@ -76,7 +77,7 @@ MAY_IMPORT = {
     "tiscene.sampling": SCENE
     | {"tiscene.difficulty", "tiscene.free_space", "tiscene.usd", "tiscene.catalog", "dynamics"},
     "tiscene.in_view": {"tiscene.camera"},
-    "tiscene.light_motion": {"dynamics"},
+    "tiscene.light_motion": {"tiscene.errors", "dynamics"},
     "tiscene.lighting": SCENE | {"tiscene.light_motion"},
     "tiscene.tracks": SCENE,
     "tiscene.inventory": SCENE | {"tiscene.tracks", "tiscene.edits", "tiscene.lighting", "tiscene.scenario"},

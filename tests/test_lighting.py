@@ -138,11 +138,21 @@ def test_a_light_in_a_thing_that_is_edited_goes_along():
         ({"times": (0,)}, "give intensity"),
         ({"times": (0,), "intensity": (-1,)}, "negative"),
         ({"dynamic": "fast"}, "must be a dynamic"),
+        ({"times": 3}, "times=3: must be numbers"),
+        ({"times": (0, 1), "intensity": 3}, "intensity=3: must be numbers"),
+        ({"times": (0, 1), "color": "ab"}, "color='ab': must be a sequence of 3 numbers each"),
+        ({"times": (0, 1), "radiance": (1, 2)}, r"radiance\[0\]=1: must be 3 numbers"),
+        ({"repeat": 1}, "repeat=1: must be True or False"),
     ],
 )
 def test_light_motions_are_checked(fields, match):
-    with pytest.raises((TypeError, ValueError), match=match):
+    with pytest.raises(ScenarioError, match=match):
         ts.LightMotion("Panel", **fields)
+
+
+def test_a_light_motion_takes_any_iterable():
+    fade = ts.LightMotion("Panel", times=np.arange(2), intensity=(k for k in (1, 0)), color=np.ones((2, 3)))
+    assert (fade.times, fade.intensity, fade.color) == ((0.0, 1.0), (1.0, 0.0), ((1.0, 1.0, 1.0),) * 2)
 
 
 def test_unknown_and_doubled_lights_are_refused():

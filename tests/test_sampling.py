@@ -219,6 +219,7 @@ PINNED = (0.026698027485287157, 0.08494093512643908)
         ({"life": (5, 11), "frames": 10}, "longer than the stream: frames=10"),
         ({"frames": 0}, "frames=0"),
         ({"aspect": 0.0}, "aspect"),
+        ({"aspect": "wide"}, "aspect"),
         ({"seed": -1}, "seed=-1"),
         ({"seed": 1.0}, "seed=1.0"),
     ],
@@ -226,6 +227,12 @@ PINNED = (0.026698027485287157, 0.08494093512643908)
 def test_ranges_that_contradict_themselves_are_refused(room, ranges, message):
     with pytest.raises(ArgumentError, match=message):
         Scenario.sample(room, **ranges)
+
+
+def test_ranges_may_be_numbers_of_numpy(room):
+    plain = Scenario.sample(room, seed=3, objects=2, templates=SMALL, speed=0.5, aspect=1.5)
+    numbers = {"seed": np.int64(3), "objects": np.int64(2), "speed": np.float32(0.5), "aspect": np.float32(1.5)}
+    assert Scenario.sample(room, templates=SMALL, **numbers) == plain
 
 
 def test_ranges_that_nothing_fits_are_refused_with_their_reasons(room):

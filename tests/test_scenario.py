@@ -232,6 +232,12 @@ def test_other_json_is_not_a_scenario(content):
         Scenario.from_json(content)
 
 
+SCENE = (
+    '{"format": "tiscene.scenario", "version": 1, "scene": "room", '
+    '"objects": [{"id": "a", "template": "Cube", "position": %s}]}'
+)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -239,6 +245,9 @@ def test_other_json_is_not_a_scenario(content):
         ('{\n  "scene": room\n}', "line 2, column 12: not JSON"),
         ('{"scene": "a", "scene": "b"}', "the key 'scene' stands twice"),
         ('{"far": NaN}', "NaN is not a number"),
+        ("[" * 100_000, "not JSON that can be read: maximum recursion"),
+        ("1" * 5_000, "not JSON that can be read: .*digits"),
+        (SCENE % f"[{'1' * 400}, 0, 0]", r"objects\[0\].position\[0\]=1+: must be finite"),
     ],
 )
 def test_files_that_are_not_strict_json_are_refused(text, message, tmp_path):
@@ -248,6 +257,12 @@ def test_files_that_are_not_strict_json_are_refused(text, message, tmp_path):
         Scenario.load(file)
 
 
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    file = tmp_path / "run.json"
+    file.write_text(SCENE % "[1, 2, 3]", encoding="utf-8-sig")
+    assert Scenario.load(file).objects[0].position == (1.0, 2.0, 3.0)
+
+
 def test_files_that_are_not_there_not_text_or_not_json(tmp_path):
     with pytest.raises(MissingFile, match=r"no scenario file .*run\.json"):
         Scenario.load(tmp_path / "run.json")
@@ -255,6 +270,9 @@ def test_files_that_are_not_there_not_text_or_not_json(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ScenarioError, match="not a text file"):
         Scenario.load(binary)
+    (tmp_path / "folder.json").mkdir()
+    with pytest.raises(ScenarioError, match=r"folder\.json: cannot be read: Is a directory"):
+        Scenario.load(tmp_path / "folder.json")
     with pytest.raises(ArgumentError, match=r"ends in \.json"):
         Scenario("room").save(tmp_path / "run.txt")
     with pytest.raises(ExportError, match=r"cannot write .*run\.json.*no folder"):

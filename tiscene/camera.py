@@ -85,7 +85,13 @@ class Camera:
 
     @classmethod
     def look_at(cls, position: Vector3, target: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
-        """A camera at `position` that sees `target` in its centre; `others` are the remaining fields."""
+        """A camera at `position` that sees `target` in its centre; `others` are the remaining fields.
+
+        Raises ArgumentError.
+        """
+        for name, value in (("position", position), ("target", target), ("up", up)):
+            if not _are_numbers(value, 3):
+                raise ArgumentError(f"look_at: {name}={value!r}: must be finite numbers, 3 of them")
         backward = np.subtract(position, target, dtype=np.float64)
         right = np.cross(up, backward)
         if np.linalg.norm(right) < 1e-9:
@@ -166,9 +172,12 @@ def _are_numbers(values: Any, count: int) -> bool:
         listed = list(values)
     except TypeError:
         return False
-    return len(listed) == count and all(
-        isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) for value in listed
-    )
+    if len(listed) != count or not all(isinstance(value, Real) and not isinstance(value, bool) for value in listed):
+        return False
+    try:
+        return all(math.isfinite(value) for value in listed)
+    except OverflowError:  # of whole numbers
+        return False
 
 
 def matrix_from_quaternion(quaternion: Quaternion) -> NDArray[np.float64]:

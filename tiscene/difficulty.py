@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from dynamics import check
@@ -74,8 +75,10 @@ class Difficulty:
             raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
         if self.frames is not None:
             self._set("frames", _whole_range(self.frames, "frames", 1, math.inf)[0])
-        if not (math.isfinite(self.aspect) and self.aspect > 0.0):
+        aspect = _numbers((self.aspect,), "aspect", 1)[0]
+        if aspect <= 0.0:
             raise ArgumentError(f"aspect={self.aspect!r}: must be greater than 0")
+        self._set("aspect", aspect)
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
@@ -83,7 +86,7 @@ class Difficulty:
 
 def _range(value: Any, name: str, most: float) -> tuple[float, float]:
     """`value` as (low, high) within 0..most."""
-    values = (value, value) if isinstance(value, int | float) else value
+    values = (value, value) if isinstance(value, Real) else value
     low, high = _numbers(values, name, 2)
     if not 0.0 <= low <= high <= most:
         limits = "must be 0 or more" if most == math.inf else f"must lie within 0..{most:g}"

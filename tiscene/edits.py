@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynamics import Still, check
 from tiscene.camera import Camera, Vector3
+from tiscene.errors import ScenarioError, scenario_errors
 
 if TYPE_CHECKING:
     from tiscene.scenario import Frustum, Object
@@ -16,26 +17,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Spawn:
-    """An object appears at a frame. Timings do not apply to it: its clock runs from then on."""
+    """An object appears at a frame. Timings do not apply to it: its clock runs from then on. Raises ScenarioError."""
 
     frame: int
     object: Object
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frame", _frame(self.frame))
-        if getattr(self.object, "first_frame", None) != self.frame:
-            raise ValueError(f"object: must be an Object whose first_frame is {self.frame}, the frame of its spawn")
+        with scenario_errors():
+            object.__setattr__(self, "frame", _frame(self.frame))
+            if getattr(self.object, "first_frame", None) != self.frame:
+                raise ScenarioError(
+                    f"object: must be an Object whose first_frame is {self.frame}, the frame of its spawn"
+                )
 
 
 @dataclass(frozen=True)
 class Despawn:
-    """Something is gone from a frame on. id: of an object of the scenario, or the prim path of a thing of the stage."""
+    """Something is gone from a frame on. Raises ScenarioError.
+
+    id: of an object of the scenario, or the prim path of a thing of the stage.
+    """
 
     frame: int
     id: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frame", _frame(self.frame))
+        with scenario_errors():
+            object.__setattr__(self, "frame", _frame(self.frame))
+            check.text(self.id, "id")
 
 
 @dataclass(frozen=True)
@@ -43,7 +52,7 @@ class Move:
     """Something is put elsewhere at a frame. What follows a path returns to it, what bounces goes on from there.
 
     id: of an object of the scenario, or the prim path of a thing of the stage, which stands there from then on.
-    position: m. rotation: Euler degrees or a quaternion.
+    position: m. rotation: Euler degrees or a quaternion. Raises ScenarioError.
     """
 
     frame: int
@@ -52,16 +61,18 @@ class Move:
     rotation: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frame", _frame(self.frame))
-        object.__setattr__(self, "position", check.vector(self.position, "position"))
-        object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
+        with scenario_errors():
+            object.__setattr__(self, "frame", _frame(self.frame))
+            check.text(self.id, "id")
+            object.__setattr__(self, "position", check.vector(self.position, "position"))
+            object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
 
 
 @dataclass(frozen=True)
 class Enclose:
     """The walls that hold objects are those of another view from a frame on; they stand still.
 
-    frustum: None: there are no walls. camera: whose view it is. aspect: its width / height.
+    frustum: None: there are no walls. camera: whose view it is. aspect: its width / height. Raises ScenarioError.
     """
 
     frame: int
@@ -70,12 +81,13 @@ class Enclose:
     aspect: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frame", _frame(self.frame))
-        if not isinstance(self.camera, Camera) or self.camera.dynamic is not None:
-            raise TypeError(
-                f"camera={self.camera!r}: must be a Camera without a dynamic: enclose again to move the walls"
-            )
-        object.__setattr__(self, "aspect", check.positive(self.aspect, "aspect"))
+        with scenario_errors():
+            object.__setattr__(self, "frame", _frame(self.frame))
+            if not isinstance(self.camera, Camera) or self.camera.dynamic is not None:
+                raise ScenarioError(
+                    f"camera={self.camera!r}: must be a Camera without a dynamic: enclose again to move the walls"
+                )
+            object.__setattr__(self, "aspect", check.positive(self.aspect, "aspect"))
 
 
 Edit = Spawn | Despawn | Move | Enclose
@@ -157,7 +169,7 @@ class EditLog:
     """
 
     def __init__(self, objects: Sequence[Object], edits: Sequence[Edit] = ()) -> None:
-        """Raises ValueError for an edit that cannot be."""
+        """Raises ScenarioError for an edit that cannot be."""
         self.edits: list[Edit] = []
         self.lives = [Life(each) for each in objects]
         self.stage: dict[str, StageLife] = {}
@@ -171,7 +183,7 @@ class EditLog:
         return self._rows.get(id)
 
     def add(self, edit: Edit) -> None:
-        """Raises ValueError for an edit that cannot be, changing nothing."""
+        """Raises ScenarioError for an edit that cannot be, changing nothing."""
         where = f"edits[{len(self.edits)}]"
         if isinstance(edit, Enclose):
             # One that stands later in the log wins from its frame on.
@@ -180,21 +192,21 @@ class EditLog:
             self.enclosures.append(edit)
         elif isinstance(edit, Spawn):
             if edit.object.id in self._rows:
-                raise ValueError(f"{where}: there is an object {edit.object.id!r} already; ids are never reused")
+                raise ScenarioError(f"{where}: there is an object {edit.object.id!r} already; ids are never reused")
             self._rows[edit.object.id] = len(self.lives)
             self.lives.append(Life(edit.object, spawned=edit.frame))
         elif edit.id in self._rows:
             row = self._rows[edit.id]
             if not self.lives[row].alive(edit.frame, edit.frame):
-                raise ValueError(f"{where}: the object {edit.id!r} is not there at frame {edit.frame}")
+                raise ScenarioError(f"{where}: the object {edit.id!r} is not there at frame {edit.frame}")
             self.lives[row] = self.lives[row].edited(edit)
         elif edit.id.startswith("/"):
             life = self.stage.get(edit.id, StageLife())
             if not life.alive(edit.frame, edit.frame):
-                raise ValueError(f"{where}: {edit.id!r} is not there at frame {edit.frame}")
+                raise ScenarioError(f"{where}: {edit.id!r} is not there at frame {edit.frame}")
             self.stage[edit.id] = life.edited(edit)
         else:
-            raise ValueError(f"{where}: no object {edit.id!r} was there before it")
+            raise ScenarioError(f"{where}: no object {edit.id!r} was there before it")
         self.edits.append(edit)
 
 
@@ -206,8 +218,7 @@ def _with(moves: tuple[Move, ...], move: Move) -> tuple[Move, ...]:
 
 
 def _frame(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError(f"frame={value!r}: must be a whole number of frames")
-    if value < 0:
-        raise ValueError(f"frame={value!r}: must be 0 or more")
-    return value
+    frame = check.whole(value, "frame")
+    if frame < 0:
+        raise ScenarioError(f"frame={value!r}: must be 0 or more")
+    return frame

@@ -22,8 +22,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 
@@ -97,6 +98,17 @@ class StageError(TisceneError, ValueError):
 
 class ScenarioError(TisceneError, ValueError):
     """A scenario that contradicts itself or its scene."""
+
+
+@contextlib.contextmanager
+def scenario_errors() -> Iterator[None]:
+    """What the checks of `dynamics` raise, as ScenarioError."""
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(str(error)) from error
 
 
 class ArgumentError(TisceneError, ValueError):

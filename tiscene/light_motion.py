@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import Dynamic, check
+from tiscene.errors import ScenarioError, scenario_errors
 
 Color = tuple[float, float, float]
 
@@ -25,6 +26,7 @@ class LightMotion:
     before the first and after the last. intensity: factors of the light's own. color: factors of red, green and blue.
     radiance: takes the place of the light's own, linear Rec.709, W/m²/sr (of a distant light W/m²).
     repeat: start again at 0 after the last time.
+    Raises ScenarioError for anything that cannot be.
     """
 
     light: str
@@ -36,34 +38,29 @@ class LightMotion:
     repeat: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.light, str) or not self.light:
-            raise TypeError(f"light={self.light!r}: must be the path or the name of a light on the stage")
-        if not isinstance(self.dynamic, Dynamic | None):
-            raise TypeError(f"dynamic={self.dynamic!r}: must be a dynamic, such as Orbit(...), or None")
-        count = len(tuple(self.times))
-        times = check.numbers(self.times, "times", count)
-        if times and (times[0] < 0.0 or any(b <= a for a, b in itertools.pairwise(times))):
-            raise ValueError(f"times={self.times!r}: must begin at 0 or later and increase")
-        object.__setattr__(self, "times", tuple(times))
-        object.__setattr__(
-            self, "intensity", tuple(check.numbers(self.intensity, "intensity", self._count("intensity")))
-        )
-        for name in ("color", "radiance"):
-            self._count(name)
-            colors = tuple(check.vector(each, f"{name}[{row}]") for row, each in enumerate(getattr(self, name)))
-            object.__setattr__(self, name, colors)
-        if min(itertools.chain(self.intensity, *self.color, *self.radiance), default=0.0) < 0.0:
-            raise ValueError(f"light {self.light!r}: intensity, color and radiance must not be negative")
-        if self.times and not (self.intensity or self.color or self.radiance):
-            raise ValueError("times: give intensity, color or radiance at these times")
-        check.flag(self.repeat, "repeat")
+        with scenario_errors():
+            check.text(self.light, "light")
+            if not isinstance(self.dynamic, Dynamic | None):
+                raise ScenarioError(f"dynamic={self.dynamic!r}: must be a dynamic, such as Orbit(...), or None")
+            for name in ("times", "intensity"):
+                object.__setattr__(self, name, check.numbers(getattr(self, name), name))
+            for name in ("color", "radiance"):
+                object.__setattr__(self, name, check.vectors(getattr(self, name), name))
+            check.flag(self.repeat, "repeat")
+            self._check_values()
 
-    def _count(self, name: str) -> int:
-        """How many values of one kind there must be."""
-        count = len(tuple(getattr(self, name)))
-        if count not in (0, len(self.times)):
-            raise ValueError(f"{name}: {count} values for {len(self.times)} times; give one for each")
-        return count
+    def _check_values(self) -> None:
+        times = self.times
+        if times and (times[0] < 0.0 or any(b <= a for a, b in itertools.pairwise(times))):
+            raise ScenarioError(f"times={times!r}: must begin at 0 or later and increase")
+        for name in ("intensity", "color", "radiance"):
+            count = len(getattr(self, name))
+            if count not in (0, len(times)):
+                raise ScenarioError(f"{name}: {count} values for {len(times)} times; give one for each")
+        if min(itertools.chain(self.intensity, *self.color, *self.radiance), default=0.0) < 0.0:
+            raise ScenarioError(f"light {self.light!r}: intensity, color and radiance must not be negative")
+        if times and not (self.intensity or self.color or self.radiance):
+            raise ScenarioError("times: give intensity, color or radiance at these times")
 
     def shines(self, time: float, own: Color) -> Color:
         """The radiance at a time, s, of a light whose own is `own`."""

@@ -17,6 +17,7 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -54,17 +55,17 @@ def sample(
             nearest = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {nearest[0]!r}?" if nearest else f"there are {', '.join(known)}"
             raise ArgumentError(f"{name}={ranges[name]!r}: no such range; {hint}")
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**64:
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
         raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
     difficulty = Difficulty(**ranges)
     names = sorted(catalog.templates()) if difficulty.templates is None else difficulty.templates
     file = catalog.find_scene(scene)
     space, up_axis = _space(file, file.stat().st_mtime_ns, camera, difficulty.aspect)
-    count = _Draws(seed, 2**64 - 1).whole("objects", 0, *difficulty.objects)
+    count = _Draws(int(seed), 2**64 - 1).whole("objects", 0, *difficulty.objects)
     objects: list[dict[str, Any]] = []
     starts: list[tuple[Array, float]] = []
     for number in range(count):
-        content, start = _Sampler(difficulty, names, space, up_axis, _Draws(seed, number), number).draw(starts)
+        content, start = _Sampler(difficulty, names, space, up_axis, _Draws(int(seed), number), number).draw(starts)
         objects.append(content)
         starts.append(start)
     # What must stay in view cannot leave it by bouncing either.

@@ -14,11 +14,11 @@ not name its own poses. The camera's clock is the stream's time: timings order o
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from dynamics import AllTogether, Dynamic, Still, Timing, check
 from tiscene import catalog, scenario_json
 from tiscene.camera import Camera, Vector3
 from tiscene.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn, StageLife
-from tiscene.errors import ArgumentError, MissingFile, ScenarioError
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.light_motion import LightMotion
 
 FORMAT, VERSION = "tiscene.scenario", 1
@@ -59,9 +59,9 @@ class Object:
     scale: float | Vector3 = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        with _scenario_errors():
-            _check_text(self.id, "id")
-            object.__setattr__(self, "template", _check_text(self.template, "template"))
+        with scenario_errors():
+            check.text(self.id, "id")
+            object.__setattr__(self, "template", check.text(self.template, "template"))
             object.__setattr__(self, "position", check.vector(self.position, "position"))
             object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
             _check_dynamic(self.dynamic, "dynamic")
@@ -91,7 +91,7 @@ class Frustum:
     far: float = -1.0
 
     def __post_init__(self) -> None:
-        with _scenario_errors():
+        with scenario_errors():
             far = check.number(self.far, "far")
             if far <= 0.0 and far != -1.0:
                 raise ScenarioError(f"far={self.far!r}: must be greater than 0, or -1 for the camera's own")
@@ -121,8 +121,8 @@ class Scenario:
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
-        with _scenario_errors():
-            object.__setattr__(self, "scene", _check_text(scene, "scene"))
+        with scenario_errors():
+            object.__setattr__(self, "scene", check.text(scene, "scene"))
             object.__setattr__(self, "objects", _check_objects(self.objects))
             if not isinstance(self.timings, Timing):
                 raise ScenarioError(f"timings={self.timings!r}: must be a timing, such as AllTogether(0.75)")
@@ -241,9 +241,11 @@ class Scenario:
     @classmethod
     def _load_json(cls, path: Path) -> Scenario:
         try:
-            return cls.from_json(scenario_json.loads(path.read_text(encoding="utf-8")))
+            return cls.from_json(scenario_json.loads(path.read_text(encoding="utf-8-sig")))
         except FileNotFoundError as error:
             raise MissingFile(f"no scenario file {str(path)!r} (looked from {str(Path.cwd())!r})") from error
+        except OSError as error:
+            raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
         except UnicodeDecodeError as error:
             raise ScenarioError(f"{path}: not a text file in UTF-8") from error
         except ScenarioError as error:
@@ -304,23 +306,6 @@ FIELDS: dict[str, Mapping[str, type]] = {
 }
 
 
-@contextlib.contextmanager
-def _scenario_errors() -> Iterator[None]:
-    """What the checks of `dynamics` raise, as ScenarioError."""
-    try:
-        yield
-    except ScenarioError:
-        raise
-    except (TypeError, ValueError) as error:
-        raise ScenarioError(str(error)) from error
-
-
-def _check_text(value: Any, name: str) -> str:
-    if not isinstance(value, str) or not value:
-        raise ScenarioError(f"{name}={value!r}: must be a text that is not empty")
-    return value
-
-
 def _check_dynamic(value: Any, name: str) -> None:
     if not isinstance(value, Dynamic | None):
         hint = " (an instance, not the class)" if isinstance(value, type) else ""
@@ -328,16 +313,14 @@ def _check_dynamic(value: Any, name: str) -> None:
 
 
 def _check_frame(value: Any, name: str) -> int:
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise ScenarioError(f"{name}={value!r}: must be a whole number of frames")
-    frame = int(value)
+    frame = check.whole(value, name)
     if frame < 0:
         raise ScenarioError(f"{name}={value!r}: must be 0 or more")
     return frame
 
 
 def _check_scale(value: Any) -> Vector3:
-    one = isinstance(value, int | float) and not isinstance(value, bool)
+    one = isinstance(value, Real) and not isinstance(value, bool)
     x, y, z = check.vector((value,) * 3 if one else value, "scale")
     if min(x, y, z) <= 0.0:
         raise ScenarioError(f"scale={value!r}: must be greater than 0")

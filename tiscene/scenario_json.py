@@ -84,6 +84,10 @@ def loads(text: str) -> Any:
         return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
         raise ScenarioError(f"line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
+    except ScenarioError:
+        raise
+    except (RecursionError, ValueError) as error:  # arrays within arrays without end, numbers of thousands of digits
+        raise ScenarioError(f"not JSON that can be read: {error}") from error
 
 
 def _class_of(members: dict[str, Any], classes: Classes, path: str) -> type:

@@ -363,10 +363,7 @@ class World:
         return (there | things)[int(object)]
 
     def _edit(self, edit: Edit) -> None:
-        try:
-            self._log.add(edit)
-        except ValueError as error:
-            raise ScenarioError(str(error)) from error
+        self._log.add(edit)
         self._things.settle(self._log.stage)
         if isinstance(edit, Spawn):
             self._inventory.settle(self._lives)
