@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("tiscene", "dynamics", "usd_scenes")
 
-GROUND = {"tiscene.errors", "tiscene.files", "tiscene.device", "tiscene.camera"}
+GROUND = {"tiscene.arguments", "tiscene.errors", "tiscene.files", "tiscene.device", "tiscene.camera"}
 SCENE = GROUND | {"tiscene.scene"}
 STREAM = SCENE | {
     "dynamics",
@@ -26,7 +26,6 @@ STREAM = SCENE | {
     "tiscene.frame_range",
     "tiscene.lighting",
     "tiscene.render",
-    "tiscene.arguments",
     "tiscene.scenario",
     "tiscene.shutter",
     "tiscene.motion",
@@ -108,7 +107,7 @@ MAY_IMPORT = {
         "tiscene.usd",
     },
     "tiscene.differential": SCENE | {"tiscene.render", "tiscene.world"},
-    "tiscene.arguments": {"tiscene.errors", "tiscene.render"},
+    "tiscene.arguments": {"tiscene.errors"},
     "tiscene.shutter": SCENE | {"tiscene.render", "tiscene.world"},
     "tiscene.stream": STREAM,
     "tiscene.waiting": set(),

@@ -1,18 +1,18 @@
-"""Checks of what a stream is asked for."""
+"""Checks of what a stream is asked for. All raise ArgumentError, which names the argument."""
 
 from __future__ import annotations
 
+import math
 import operator
 import sys
-from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
-from tiscene.errors import ArgumentError, BufferNotFound
-from tiscene.render.aovs import AOVS
+from tiscene.errors import ArgumentError
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
-    """A whole number within bounds. Raises ArgumentError."""
+    """A whole number within bounds, both included."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -26,8 +26,27 @@ def integer(name: str, value: Any, low: int, high: int) -> int:
     return number
 
 
+def number(name: str, value: Any) -> float:
+    """A finite number."""
+    try:
+        result = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        result = math.inf
+    if not math.isfinite(result):
+        raise ArgumentError(f"{name}={value!r}: must be a finite number")
+    return result
+
+
+def positive(name: str, value: Any) -> float:
+    """A finite number above 0."""
+    result = number(name, value)
+    if result <= 0.0:
+        raise ArgumentError(f"{name}={value!r}: must be greater than 0")
+    return result
+
+
 def shutter_times(value: Any) -> tuple[float, float]:
-    """When a shutter opens and closes, frames. Raises ArgumentError."""
+    """When a shutter opens and closes, frames."""
     try:
         opens, closes = map(float, value)
     except (TypeError, ValueError):
@@ -35,15 +54,3 @@ def shutter_times(value: Any) -> tuple[float, float]:
     if not -1.0 <= opens <= closes <= 1.0:
         raise ArgumentError(f"shutter={value!r}: must be -1 <= open <= close <= 1 frames")
     return opens, closes
-
-
-def buffer_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of buffers, each once. Raises ArgumentError, BufferNotFound."""
-    if isinstance(names, str):
-        raise ArgumentError(f"buffers={names!r}: must be a sequence of names, such as ({names!r},)")
-    for name in names:
-        if name not in AOVS:
-            raise BufferNotFound("buffer", str(name), AOVS)
-    if not names:
-        raise ArgumentError("buffers=(): ask for one at least")
-    return tuple(dict.fromkeys(names))

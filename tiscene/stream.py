@@ -15,13 +15,13 @@ from typing import Any, overload
 import numpy as np
 
 from tiscene import catalog, device
-from tiscene.arguments import buffer_names, integer, shutter_times
+from tiscene.arguments import integer, shutter_times
 from tiscene.camera import Camera
 from tiscene.differential import is_fixed, moving, pays
 from tiscene.errors import ArgumentError
 from tiscene.frame import Frame, FrameCamera
 from tiscene.frame_range import FrameRange
-from tiscene.render.aovs import COLORS
+from tiscene.render.aovs import COLORS, buffer_names
 from tiscene.render.integrators.replay import CACHE_BYTES
 from tiscene.render.integrators.replay_base import Report
 from tiscene.render.measure import Measurer

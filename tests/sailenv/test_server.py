@@ -400,7 +400,7 @@ def test_the_command_ends_cleanly(tmp_path, how):
         (["--wait", "-1"], "--wait -1.0: must be 0 s or more"),
         (["--fps", "0"], "fps=0"),
         (["--quality", "best"], "quality='best': must be one of fast"),
-        (["--spp", "0"], "spp=0: at least one path"),
+        (["--spp", "0"], "spp=0: must be at least 1"),
         (["--seed", "-1"], "seed=-1: must be from 0"),
         (["--arch", "metal"], "arch='metal': must be one of cpu, cuda"),
         (["nowhere"], "no scene 'nowhere'"),

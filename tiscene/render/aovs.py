@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 
@@ -90,3 +91,16 @@ _OCCLUSION_TIME = {"forward_occlusion": NEXT, "backward_occlusion": PREVIOUS}
 def times_needed(buffers: Iterable[str]) -> tuple[int, ...]:
     """At which times of `tiscene.scene.placement` the scene must be placed so that those buffers can be rendered."""
     return tuple(sorted({CURRENT} | {_OCCLUSION_TIME[name] for name in buffers if name in _OCCLUSION_TIME}))
+
+
+def buffer_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Names of buffers, each once. Raises ArgumentError, BufferNotFound."""
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        raise ArgumentError(f"buffers={names!r}: must be a sequence of names, such as ('rgb', 'depth')")
+    wanted = tuple(dict.fromkeys(names))
+    for name in wanted:
+        if name not in AOVS:
+            raise BufferNotFound("buffer", name, AOVS)
+    if not wanted:
+        raise ArgumentError("buffers=(): ask for one at least")
+    return wanted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.arguments import integer, positive
 from tiscene.errors import ArgumentError
 from tiscene.render.adaptive import render_to_error
 from tiscene.render.aovs import COLORS, times_needed
@@ -58,18 +60,13 @@ class Quality:
     pixel_filter: str = "box"
 
     def __post_init__(self) -> None:
-        if self.spp < 1:
-            raise ArgumentError(f"spp={self.spp}: at least one path per pixel")
-        if self.base_spp < 1:
-            raise ArgumentError(f"base_spp={self.base_spp}: at least one path per pixel")
-        if self.max_depth < 1:
-            raise ArgumentError(f"max_depth={self.max_depth}: a path has at least one edge")
-        if self.reduction < 1:
-            raise ArgumentError(f"reduction={self.reduction}: at least 1, which is full size")
-        if self.error is not None and not 0.0 < self.error < 1.0:
+        for name, least in (("spp", 1), ("max_depth", 1), ("base_spp", 1), ("near_spp", 0), ("reduction", 1)):
+            object.__setattr__(self, name, integer(name, getattr(self, name), least, sys.maxsize))
+        for name in ("error", "clamp"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, positive(name, getattr(self, name)))
+        if self.error is not None and self.error >= 1.0:
             raise ArgumentError(f"error={self.error}: must lie between 0 and 1; 0.02 is 2 %")
-        if self.clamp is not None and not self.clamp > 0.0:
-            raise ArgumentError(f"clamp={self.clamp}: must be greater than 0")
         pixel_filter(self.pixel_filter)
 
     @property

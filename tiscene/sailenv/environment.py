@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import tiscene.scenario as native
 from tiscene import device
-from tiscene.arguments import integer
+from tiscene.arguments import integer, positive
 from tiscene.camera import Camera, Vector3
 from tiscene.errors import ArgumentError, ScenarioError, TisceneError
 from tiscene.render.film import radiance_shown_as
@@ -61,19 +61,17 @@ class Environment:
         seed: int = 0,
         arch: str | None = None,
     ) -> None:
-        if not (np.isfinite(fps) and fps > 0):
-            raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
+        self.fps = positive("fps", fps)
         # The world is made when it is needed; what cannot be is said now, before clients come.
         parts = {"spp": spp, "max_depth": max_depth, "denoise": denoise}
         quality_named(quality, **parts)
         integer("seed", seed, 0, 2**32 - 1)
         device.start(arch)
-        self.fps = float(fps)
         self.clock = -1
         self.viewers: dict[int, Viewer] = {}
         self._first_scene = scene or names.first_scene()
         names.scene_of(self._first_scene)
-        self._settings: dict[str, Any] = {"fps": fps, "quality": quality, **parts, "seed": seed, "arch": arch}
+        self._settings: dict[str, Any] = {"fps": self.fps, "quality": quality, **parts, "seed": seed, "arch": arch}
         self.uploads = Uploads()
         self._stream: Stream | None = None
         self._ambient: Color8 = (0, 0, 0)
