@@ -16,8 +16,10 @@ from tiscene import catalog, cli
 from tiscene.commands import render as render_command
 from tiscene.errors import SceneNotFound, StageWarning
 from tiscene.export import EXPORTERS
+from tiscene.lighting import warn_if_dark
 from tiscene.render.aovs import AOVS
 from tiscene.scenario import Scenario
+from tiscene.scene.description import SceneDescription
 
 
 class FakeCommandStream(FakeStream):
@@ -31,7 +33,6 @@ class FakeCommandStream(FakeStream):
             raise SceneNotFound("scene", source, ["somewhere"])
         super().__init__(buffers, width=width, height=height, seed=seed)
         self.source, self.others = source, others
-        self.world = SimpleNamespace(descriptions=[SimpleNamespace(lights=["Bulb"], materials=[])])
         self.interrupt_at = type(self).interrupt_at
         self.made.append(self)
 
@@ -102,12 +103,21 @@ def test_render_hands_on_every_option(tmp_path, fake):
     }
 
 
+class DarkStream(FakeCommandStream):
+    """One that says, as a Stream does, that there is nothing to see by."""
+
+    def __init__(self, source, **others) -> None:
+        super().__init__(source, **others)
+        warn_if_dark(source, [SceneDescription("dark")])
+
+
 def test_render_says_that_the_picture_will_be_black(tmp_path, fake, monkeypatch, capsys):
-    monkeypatch.setattr(render_command, "is_dark", lambda stage: True)
+    monkeypatch.setattr(render_command, "Stream", DarkStream)
     assert render("-o", tmp_path / "seen") == 0
-    assert "tiscene: warning: somewhere: there is no light, the picture will be black\n" in capsys.readouterr().err
-    assert render("-o", tmp_path / "labels", "--buffers", "depth") == 0
-    assert capsys.readouterr().err == ""
+    out, err = capsys.readouterr()
+    assert err.startswith("tiscene: warning: somewhere: there is no light, and colour will be black.")
+    assert err.count("\n") == 1
+    assert "light" not in out
 
 
 def test_render_takes_several_cameras(tmp_path, fake):

@@ -61,7 +61,7 @@ RUN = ("differential", "learning", "scenario", "scenes", "templates", "usd", "us
 def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Scenario("object_view", [Object("ball", "Sphere", (0, 1, -3))]).save("run.json")
-    Path("upload.usda").write_text('#usda 1.0\ndef Cube "Box"\n{\n}\n')
+    Path("upload.usda").write_text('#usda 1.0\ndef Cube "Box"\n{\n}\ndef DomeLight "Sky"\n{\n}\n')
     with zipfile.ZipFile("upload.usdz", "w") as package:
         package.write("upload.usda")
     names = {

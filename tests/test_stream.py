@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tiscene.errors import ArgumentError, BufferNotFound, CameraNotFound, MissingFile, SceneNotFound, TemplateNotFound
+from tiscene.errors import (
+    ArgumentError,
+    BufferNotFound,
+    CameraNotFound,
+    MissingFile,
+    SceneNotFound,
+    StageWarning,
+    TemplateNotFound,
+)
 from tiscene.render.aovs import AOVS
 from tiscene.render.view import View
 
@@ -53,6 +61,19 @@ def same(left: ts.Frame, right: ts.Frame) -> bool:
     return left.index == right.index and all(
         left.buffers[name].tobytes() == right.buffers[name].tobytes() for name in AOVS
     )
+
+
+def test_a_stage_without_light_is_told_where_colour_is_wanted(tmp_path):
+    path = tmp_path / "dark.usda"
+    path.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Box"\n{\n}\n')
+    with pytest.warns(StageWarning, match=r"dark\.usda: there is no light.*Add a light") as told:
+        ts.Stream(path)
+    assert [each.filename for each in told] == [__file__]
+    ts.Stream(path, buffers=("depth", "albedo"))
+    lamp = ts.Scenario(str(path), [ts.Object("lamp", "Lamp Floor 01")])
+    ts.Stream(lamp)
+    path.write_text(path.read_text() + 'def DomeLight "Sky"\n{\n}\n')
+    ts.Stream(path)  # warnings are errors here
 
 
 def test_a_frame_by_number_is_the_frame_of_iterating():

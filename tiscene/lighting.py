@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import quaternion_from_matrix
-from tiscene.errors import LightNotFound
+from tiscene.errors import LightNotFound, StageWarning
 from tiscene.light_motion import Color, LightMotion
 from tiscene.scene.description import Light, SceneDescription
 from tiscene.scene.light_groups import LightGroups, shine, shining
@@ -18,6 +19,16 @@ from tiscene.scene.light_groups import LightGroups, shine, shining
 Array = NDArray[np.float64]
 # Where the brightness of lights changes in so many ways, there are no groups: a picture of each would have to be made.
 TOO_MANY_GROUPS = 8
+
+
+def warn_if_dark(scene: str, descriptions: Iterable[SceneDescription]) -> None:
+    """Tell whoever makes a stream of them that there is nothing to see by."""
+    if all(each.is_dark for each in descriptions):
+        text = (
+            f"{scene}: there is no light, and colour will be black. Add a light to the stage (a DomeLight does), spawn "
+            "a lamp, or ask for buffers without colour."
+        )
+        warnings.warn(StageWarning(text), stacklevel=3)
 
 
 _NOW, _BRIGHTEST = -1, -2  # instead of an object's row: of a light of the stage

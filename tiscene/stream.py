@@ -21,6 +21,7 @@ from tiscene.differential import is_fixed, moving, pays
 from tiscene.errors import ArgumentError
 from tiscene.frame import Frame, FrameCamera
 from tiscene.frame_range import FrameRange
+from tiscene.lighting import warn_if_dark
 from tiscene.render.aovs import COLORS, buffer_names
 from tiscene.render.integrators.replay import CACHE_BYTES
 from tiscene.render.integrators.replay_base import Report
@@ -148,6 +149,8 @@ class Stream(Iterator[Frame]):
         )
         self.arch = device.start(arch)
         self.restart(scenario)
+        if not COLORS.isdisjoint(self.buffers):
+            warn_if_dark(scenario.scene, self.world.descriptions)
 
     def restart(self, scenario: Scenario, *, width: int | None = None, height: int | None = None) -> None:
         """Begin again at frame 0 with another scenario of the same scene, which is not read again.

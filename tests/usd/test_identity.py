@@ -512,22 +512,26 @@ def test_rigid_bodies_are_movable(tmp_path):
     assert not read(tmp_path, off).objects[0].movable
 
 
+def labelled(path, **options):
+    return tiscene.Stream(path, buffers=("semantic",), **options)
+
+
 def test_a_stream_reads_the_taxonomy_that_it_is_asked_for(tmp_path):
     path = write(tmp_path, TWO_TAXONOMIES)
-    default, chosen = (tiscene.Stream(path, taxonomy=taxonomy) for taxonomy in (None, "wikidata"))
+    default, chosen = (labelled(path, taxonomy=taxonomy) for taxonomy in (None, "wikidata"))
     assert set(default.categories.values()) == {"", "bed", "furniture"}
     assert set(chosen.categories.values()) == {"", "Q42177"}
     assert chosen.settings()["taxonomy"] == "wikidata"
     assert chosen.state_dict() != default.state_dict()
     with pytest.raises(UnknownName, match="no taxonomy 'x'"):
-        tiscene.Stream(path, taxonomy="x")
+        labelled(path, taxonomy="x")
 
 
 def test_a_stream_of_a_stage_that_is_not_trusted(tmp_path):
     path = write(tmp_path, TWO_TAXONOMIES)
-    assert tiscene.Stream(path, untrusted=True).categories == tiscene.Stream(path).categories
+    assert labelled(path, untrusted=True).categories == labelled(path).categories
     (tmp_path / "empty").mkdir()
     with pytest.raises(StageError, match="is outside"):
-        tiscene.Stream(path, root=tmp_path / "empty")
+        labelled(path, root=tmp_path / "empty")
     with pytest.raises(StageError, match="is outside"):
-        tiscene.Stream(path, root=tmp_path / "empty", untrusted=True)
+        labelled(path, root=tmp_path / "empty", untrusted=True)

@@ -115,7 +115,7 @@ def _doubts(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
         said = f"metersPerUnit is {facts.meters_per_unit:g}" if facts else "see metersPerUnit"
         unauthored = ", USD's default: the file does not say" if facts and not facts.unit_is_authored else ""
         doubts.append(f"everything together is {size} long ({said}{unauthored})")
-    if is_dark(stage):
+    if stage.is_dark:
         doubts.append("there is no light: the picture will be black")
     if not stage.instances:
         doubts.append("there is nothing to see")
@@ -138,11 +138,6 @@ def _doubts(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
     if sum(isinstance(light, DomeLight) for light in stage.lights) > 1:
         doubts.append("there are several domes: their light adds up")
     return doubts
-
-
-def is_dark(stage: SceneDescription) -> bool:
-    """Whether nothing gives light."""
-    return not stage.lights and all(material.emissive_color == (0.0, 0.0, 0.0) for material in stage.materials)
 
 
 def _listing(counts: dict[str, int]) -> str:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 
-from tiscene.commands.inspect import is_dark
 from tiscene.commands.progress import note, progress
 from tiscene.differential import pays
-from tiscene.errors import StageWarning
 from tiscene.export import NEEDED, export
 from tiscene.frame import Frame
-from tiscene.render.aovs import AOVS, COLORS
+from tiscene.render.aovs import AOVS
 from tiscene.stream import DEFAULT_BUFFERS, Stream
 
 
@@ -47,10 +44,6 @@ def run(args: argparse.Namespace) -> None:
                 differential=_differential(args),
                 report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
             )
-            if not COLORS.isdisjoint(stream.buffers) and all(map(is_dark, stream.world.descriptions)):
-                warnings.warn(
-                    f"{args.source}: there is no light, the picture will be black", StageWarning, stacklevel=1
-                )
             step(0, doing="first frame")
 
             def frame_done(index: int, frame: Frame | None) -> None:

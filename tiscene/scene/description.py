@@ -289,6 +289,11 @@ class SceneDescription:
     colliders: tuple[Collider, ...] = ()
     tracks: tuple[Track, ...] = ()
 
+    @property
+    def is_dark(self) -> bool:
+        """Whether nothing gives light."""
+        return not self.lights and all(material.emissive_color == (0.0, 0.0, 0.0) for material in self.materials)
+
     def bounds(self) -> NDArray[np.float64]:
         """The box around every vertex of what is drawn, [2, 3]: lowest and highest corner, m; zeros if empty."""
         if not self.instances:
