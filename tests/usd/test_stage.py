@@ -242,6 +242,8 @@ SCALED = 'def Cube "C"\n{\nfloat3 xformOp:scale = %s\nuniform token[] xformOpOrd
 def test_impossible_transforms(tmp_path):
     (problem,) = problems_of(tmp_path, SCALED % "(1, nan, 1)")
     assert problem.startswith("</C> transform: its transform holds numbers that are not finite")
+    (problem,) = problems_of(tmp_path, SCALED % "(1, 1e30, 1)")
+    assert problem == "</C> transform: its transform holds numbers above 1e+18"
 
 
 def test_what_is_squashed_flat_is_named(tmp_path):
@@ -259,7 +261,9 @@ def test_what_is_squashed_flat_is_named(tmp_path):
 )
 def test_what_is_too_large_for_single_precision_is_a_problem(tmp_path, body, meters):
     path = write(tmp_path, body, meters=meters)
-    with pytest.raises(StageError, match=r"</C> (geometry: it is larger than|sphere: radius is 1e\+300)"):
+    with pytest.raises(
+        StageError, match=r"</C> (geometry: its points reach farther than 1e|sphere: radius is 1e\+300)"
+    ):
         read_stage(path)
 
 

@@ -21,6 +21,7 @@ from tiscene.usd.polygons import cross
 from tiscene.usd.primvar import SECOND_UV, UV, array_of
 from tiscene.usd.problems import Report
 from tiscene.usd.surface import Surface
+from tiscene.usd.transform import FARTHEST
 
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]
@@ -159,8 +160,8 @@ class MeshTable:
             materials = of_face[surface.face]
         with np.errstate(over="ignore"):
             positions = surface.positions * np.float32(self._meters)
-        if not np.isfinite(positions).all():
-            self._report.problem(prim.GetPath(), "geometry", "it is larger than single precision can tell")
+        if not np.abs(positions).max(initial=0.0) <= FARTHEST:
+            self._report.problem(prim.GetPath(), "geometry", f"its points reach farther than {FARTHEST:g} m")
         parts = None if partition[1] is None else partition[1][surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
         digest = hashlib.blake2b(digest_size=16)

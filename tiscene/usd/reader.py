@@ -30,7 +30,7 @@ from tiscene.usd.skinning import is_unskinned
 from tiscene.usd.texture import TextureTable
 from tiscene.usd.things import Thing, ThingTable, collides, is_rigid_body
 from tiscene.usd.tracks import NOTHING, Inherited, Samples
-from tiscene.usd.transform import is_flat, not_finite, to_matrix
+from tiscene.usd.transform import beyond, is_flat, to_matrix
 
 _DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 _NOTES = ("HoudiniLayerInfo",)  # types of other programs' prims that nobody is meant to see
@@ -216,7 +216,7 @@ class StageReader:
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
         samples = Samples.of(here.inherited, here.world, self._meters) if self._parts is None else None
-        wrong = not_finite(matrix if samples is None else samples.matrices)
+        wrong = beyond(matrix if samples is None else samples.matrices)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
         elif samples is None and not here.inherited and is_flat(matrix):
@@ -249,7 +249,7 @@ class StageReader:
             self._report.problem(prim.GetPath(), "instancer", "one of its prototypes holds the instancer itself")
             return
         world = to_matrix(here.world, self._meters)
-        wrong = not_finite(world)
+        wrong = beyond(world)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
             return

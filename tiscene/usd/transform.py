@@ -8,6 +8,8 @@ from pxr import Gf
 
 from tiscene.scene.description import Matrix
 
+FARTHEST = 1e18  # m; areas of what is larger are beyond single precision
+
 
 def to_matrix(matrix: Gf.Matrix4d, meters_per_unit: float) -> Matrix:
     """A USD transform as float64 4x4 for column vectors. Both its spaces turn from stage units to metres."""
@@ -16,9 +18,13 @@ def to_matrix(matrix: Gf.Matrix4d, meters_per_unit: float) -> Matrix:
     return result
 
 
-def not_finite(matrices: NDArray[np.float64]) -> str:
+def beyond(matrices: NDArray[np.float64]) -> str:
     """Why transforms over time cannot place anything; "" if they can. What is squashed flat for a while is not seen."""
-    return "" if np.isfinite(matrices).all() else "its transform holds numbers that are not finite"
+    if not np.isfinite(matrices).all():
+        return "its transform holds numbers that are not finite"
+    if np.abs(matrices).max(initial=0.0) > FARTHEST:
+        return f"its transform holds numbers above {FARTHEST:g}"
+    return ""
 
 
 def is_flat(matrix: Matrix) -> bool:
@@ -29,8 +35,8 @@ def is_flat(matrix: Matrix) -> bool:
 
 def fault(matrix: Matrix) -> str:
     """Why a transform cannot place anything; "" if it can."""
-    if not np.isfinite(matrix).all():
-        return "its transform holds numbers that are not finite"
+    if wrong := beyond(matrix):
+        return wrong
     if is_flat(matrix):
         return "its transform is singular: a scale is zero, or axes coincide"
     if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
