@@ -10,7 +10,7 @@ from tiscene.camera import Camera
 from tiscene.render.integrators import path_kernels
 from tiscene.render.integrators.path_state import PathState
 from tiscene.render.pixel_filter import PIXEL_FILTERS, pixel_filter
-from tiscene.render.ray_arrays import tiled_order
+from tiscene.render.ray_arrays import tiled_order, upload_pixels
 from tiscene.render.sampler import frame_key
 from tiscene.render.view import View
 from tiscene.scene.device_array import upload
@@ -21,13 +21,13 @@ LENS = replace(CAMERA, lens_radius=0.2, focus_distance=1.7)
 
 
 def camera_rays(camera: Camera, filter: str = "box", seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """One ray of each pixel, which knows nothing of the others: where it begins on the lens [n, 2], m, by how much it
+    """One ray of each pixel: where it begins on the lens [n, 2], m, by how much it
     misses the pixel's centre where the picture is sharp [n, 2], px, and its direction [n, 3]."""
     view, order = View(camera, camera, camera, SIZE, SIZE), tiled_order(SIZE, SIZE)
     s = PathState(SIZE * SIZE)
     path_kernels.start_paths(
-        view.array(), upload(pixel_filter(filter).table()), upload(order), SIZE, SIZE, 0, SIZE * SIZE, 1, 0,
-        frame_key(seed, 0), s.rays, s.state, s.status, s.queue, 0,
+        view.array(), upload(pixel_filter(filter).table()), upload_pixels(order, SIZE, SIZE), SIZE, SIZE,
+        0, SIZE * SIZE, 1, 0, frame_key(seed, 0), s.rays, s.state, s.status, s.queue, 0,
     )  # fmt: skip
     rays = s.rays.to_numpy().astype(np.float64)
     right, up, backward = camera.axes().T

@@ -264,7 +264,7 @@ def test_frames_and_seeds_have_their_own_noise() -> None:
     for other in ({"seed": 2}, {"frame_index": 1}):
         image = render(scene, BOX_CAMERA, spp=4, **other).hdr
         assert np.abs(image - first).max() > 1e-3
-        assert image.mean() == pytest.approx(first.mean(), rel=0.1)
+        assert image.mean() == pytest.approx(first.mean(), rel=0.25)
 
 
 def test_scrambled_sobol_beats_independent_sampling() -> None:

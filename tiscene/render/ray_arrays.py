@@ -7,15 +7,20 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.render.sampler import pixel_order
+
 _TILE = 8
 
 # Kernels take rays and their hits as vectors: the address of a number is then known without the array's shape.
 ray = ti.types.vector(8, ti.f32)
 hit = ti.types.vector(4, ti.f32)
 hit_id = ti.types.vector(2, ti.i32)
+pixel = ti.types.vector(2, ti.i32)
 Rays = ti.types.ndarray(ray, 1)
 Hits = ti.types.ndarray(hit, 1)
 HitIds = ti.types.ndarray(hit_id, 1)
+Pixels = ti.types.ndarray(pixel, 1)
+ROW, PLACE = 0, 1  # of a pixel: y * width + x, and where it stands in `pixel_order`
 
 
 @ti.func
@@ -38,6 +43,13 @@ def upload_rays(rays: NDArray[np.float32]) -> Any:
     """Rays, float32 [n, 8], as kernels take them."""
     array = ti.ndarray(ray, len(rays))
     array.from_numpy(np.ascontiguousarray(rays, np.float32))
+    return array
+
+
+def upload_pixels(rows: NDArray[np.int32], width: int, height: int) -> Any:
+    """Pixels of a picture, by their rows y * width + x, as kernels take them."""
+    array = ti.ndarray(pixel, len(rows))
+    array.from_numpy(np.column_stack([rows, pixel_order(width, height)[rows]]))
     return array
 
 

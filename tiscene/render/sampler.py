@@ -1,15 +1,21 @@
 """Owen-scrambled Sobol points without tables or state: a number depends only on what it is for.
 
-The 4-D Sobol sequence is scrambled and shuffled by hashing (Burley, "Practical Hash-Based Owen Scrambling", 2020, with
-Vegdahl's hash), and every four dimensions of a path are another copy of it, padded. Everything is keyed by (seed,
-frame, pixel) through `pixel_key`, then by the set of dimensions and the sample's index.
+Every two dimensions of a path are another copy of the first two of the Sobol sequence, scrambled and shuffled by
+hashing (Burley, "Practical Hash-Based Owen Scrambling", 2020, with Vegdahl's hash) under a key of the frame and the
+set. All pixels of a picture share it: the points of one are consecutive, and those of its neighbours are near them
+(`pixel_order`), so that they are spread as a net together, too, and what remains of noise is high in frequency (Ahmed
+and Wonka, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels", 2020).
 """
 
+from functools import lru_cache
+
+import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 u32 = ti.u32
 vec2 = ti.math.vec2
-vec4 = ti.math.vec4
+SetKeys = ti.types.vector(3, ti.u32)
 
 _TO_UNIT = 1.0 / 16777216.0
 
@@ -26,12 +32,6 @@ def mix(x: u32) -> u32:
 def combine(key: u32, value: u32) -> u32:
     """A key for `value` under `key`."""
     return mix(key ^ (value * u32(0x9E3779B9) + u32(0x85EBCA6B)))
-
-
-@ti.func
-def pixel_key(frame_key: ti.i32, pixel: ti.i32) -> u32:
-    """The key of a pixel's numbers in one frame."""
-    return combine(ti.cast(frame_key, u32), ti.cast(pixel, u32))
 
 
 @ti.func
@@ -68,61 +68,57 @@ def scrambled(x: u32, key: u32) -> ti.f32:
 
 
 @ti.func
-def shuffled_index(key: u32, index: ti.i32) -> u32:
-    """Which point sample `index` of the copy named by `key` is: its number, bit-reversed."""
-    return scramble_reversed(reverse_bits(ti.cast(index, u32)), mix(key))
+def set_key(frame_key: ti.i32, number: ti.i32) -> u32:
+    """The key of a set of numbers in one frame."""
+    return combine(ti.cast(frame_key, u32), ti.cast(number, u32))
 
 
 @ti.func
-def first_two(key: u32, shuffled: u32, bits: ti.i32) -> vec2:
-    """Dimensions 0 and 1 of a point in [0, 1)^4; shuffled: its `shuffled_index`.
+def set_keys(frame_key: ti.i32, number: ti.i32) -> SetKeys:
+    """What `draw` takes for a set of two dimensions. All paths share it: for kernels to make before their loops."""
+    key = set_key(frame_key, number)
+    return SetKeys(mix(key), mix(key + u32(0x9E3779B9)), mix(key + u32(0x3C6EF372)))
 
-    bits: the indices in use are below 2**bits. Only so many bits of the index are shuffled and looked at: the points of
-    a pixel are then one whole net.
+
+@ti.func
+def draw(keys: SetKeys, index: u32) -> vec2:
+    """A point in [0, 1)^2 of a set. index: its number, bit-reversed."""
+    x = reverse_bits(scramble_reversed(index, keys[0]))  # Owen's scramble of a number: its nets stay nets
+    # The direction numbers of the first dimension, bit-reversed, are z^k, those of the second (1 + z)^k mod 2.
+    y = x
+    y ^= (y >> 16) & u32(0x0000FFFF)
+    y ^= (y >> 8) & u32(0x00FF00FF)
+    y ^= (y >> 4) & u32(0x0F0F0F0F)
+    y ^= (y >> 2) & u32(0x33333333)
+    y ^= (y >> 1) & u32(0x55555555)
+    return vec2(scrambled(x, keys[1]), scrambled(y, keys[2]))
+
+
+@lru_cache(maxsize=8)
+def pixel_order(width: int, height: int) -> NDArray[np.int32]:
+    """The place of every pixel in a hierarchical order, int32 [width * height]: neighbours are near each other in it.
+
+    Morton's order of quarters within quarters. Which two of four go together, side by side, one above the other or
+    across, is drawn for each four, as all orders of them would do; the sampler's shuffle does the rest.
     """
-    # Direction numbers, bit-reversed, by the recurrence of the primitive polynomials 1 and x + 1.
-    x0, x1 = u32(0), u32(0)
-    v0, v1 = u32(1), u32(1)
-    rest = shuffled
-    for _ in range(bits):
-        chosen = u32(0) - (rest >> 31)  # all bits or none: a branch here would be guessed wrong half of the time
-        x0 ^= v0 & chosen
-        x1 ^= v1 & chosen
-        rest <<= 1
-        v0 <<= 1
-        v1 ^= v1 << 1
-    return vec2(scrambled(x0, mix(key + u32(0x9E3779B9))), scrambled(x1, mix(key + u32(0x3C6EF372))))
+    y, x = (axis.ravel().astype(np.uint32) for axis in np.mgrid[:height, :width])
+    place = np.zeros(width * height, np.uint32)
+    for level in reversed(range(index_bits(max(width, height)))):
+        bit_x, bit_y = x >> level & 1, y >> level & 1
+        if 1 << level < min(width, height):
+            pair = _mixed(place + (level << 24)) % 3
+            place = place << 1 | np.where(pair == 0, bit_x, np.where(pair == 1, bit_y, bit_x ^ bit_y))
+            place = place << 1 | np.where(pair == 0, bit_y, bit_x)
+        else:
+            place = place << 1 | bit_x | bit_y
+    return place.view(np.int32)
 
 
-@ti.func
-def last_two(key: u32, shuffled: u32, bits: ti.i32) -> vec2:
-    """Dimensions 2 and 3 of the same point: apart, because many a path has no use for them."""
-    # Of x^2 + x + 1 and x^3 + x + 1, with Joe and Kuo's initial values.
-    x2, x3 = u32(0), u32(0)
-    a0, a1 = u32(1), u32(3)
-    b0, b1, b2 = u32(1), u32(3), u32(4)
-    rest = shuffled
-    for _ in range(bits):
-        chosen = u32(0) - (rest >> 31)
-        x2 ^= a0 & chosen
-        x3 ^= b0 & chosen
-        rest <<= 1
-        a2 = a1 ^ a0 ^ (a0 << 2)
-        a0 = a1
-        a1 = a2
-        b3 = b1 ^ b0 ^ (b0 << 3)
-        b0 = b1
-        b1 = b2
-        b2 = b3
-    return vec2(scrambled(x2, mix(key + u32(0xDAA66D2B))), scrambled(x3, mix(key + u32(0x78DDE6E4))))
-
-
-@ti.func
-def sobol(key: u32, index: ti.i32, bits: ti.i32) -> vec4:
-    """Point `index` of the copy named by `key`; [0, 1)^4."""
-    shuffled = shuffled_index(key, index)
-    first, last = first_two(key, shuffled, bits), last_two(key, shuffled, bits)
-    return vec4(first.x, first.y, last.x, last.y)
+def _mixed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """`mix` on the host."""
+    x = (x ^ (x >> 16)) * np.uint32(0x7FEB352D)
+    x = (x ^ (x >> 15)) * np.uint32(0x846CA68B)
+    return x ^ (x >> 16)
 
 
 def index_bits(spp: int) -> int:

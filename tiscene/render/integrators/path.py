@@ -20,7 +20,7 @@ from tiscene.render.integrators.path_shadows import pass_shadows
 from tiscene.render.integrators.path_state import CHUNK, FILM_COLUMNS, PathState
 from tiscene.render.intersect import closest, occluded
 from tiscene.render.pixel_filter import pixel_filter as pixel_filter_named
-from tiscene.render.ray_arrays import tiled_order
+from tiscene.render.ray_arrays import tiled_order, upload_pixels
 from tiscene.render.sampler import frame_key, index_bits
 from tiscene.render.surface import geometry_of
 from tiscene.render.view import SKY, View
@@ -84,7 +84,7 @@ class PathPass:
         self.pixel_filter_name = pixel_filter
         self.pixel_filter = upload(pixel_filter_named(pixel_filter).table())
         self._clamp = math.inf if clamp is None else clamp
-        self._pixels = upload(tiled_order(width, height))
+        self._pixels = upload_pixels(tiled_order(width, height), width, height)
         self._film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
         self._energy: Any = None
         self._energy_iors: tuple[float, ...] | None = None
@@ -140,14 +140,14 @@ class PathPass:
         key: of their random numbers, see `frame_key`.
         """
         self._check(view, spp, max_depth)
-        with self.through(upload(pixels)):
+        with self.through(upload_pixels(pixels, self.width, self.height)):
             self._expose(view, len(pixels), spp, key, max_depth, True, lambda _: None)
         rows: NDArray[np.float32] = self._film.to_numpy()[pixels]
         return rows
 
     @contextlib.contextmanager
     def through(self, pixels: Any) -> Iterator[None]:
-        """Number paths by these pixels, a device array of rows y * width + x, in the place of all."""
+        """Number paths by these pixels, as `upload_pixels` makes them, in the place of all."""
         every, self._pixels = self._pixels, pixels
         try:
             yield

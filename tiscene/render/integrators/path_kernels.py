@@ -25,8 +25,8 @@ from tiscene.render.integrators.path_state import (
     set3,
 )
 from tiscene.render.pixel_filter import offset_weight, sample_offset
-from tiscene.render.ray_arrays import Rays, write_ray
-from tiscene.render.sampler import combine, first_two, last_two, pixel_key, shuffled_index
+from tiscene.render.ray_arrays import PLACE, ROW, Pixels, Rays, write_ray
+from tiscene.render.sampler import SetKeys, draw, reverse_bits, set_keys
 from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -36,20 +36,21 @@ Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
 Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 
-CAMERA_SET = 0  # the first four dimensions of a path: where on the pixel, where on the lens
+# Sets of two dimensions: where on the pixel, where on the lens, then some for each step of a path.
+PIXEL_SET, LENS_SET, FIRST_STEP_SET = 0, 1, 2
 
 
 @ti.func
-def path_key(pixels: ti.template(), frame_key: ti.i32, path: ti.i32, spp: ti.i32) -> ti.u32:
-    """The key of the numbers of a path's pixel."""
-    return pixel_key(frame_key, pixels[path // spp])
+def path_index(pixels: ti.template(), path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
+    """Which points of the picture's are a path's, as `draw` takes it: those of a pixel are 2**bits in a row."""
+    place = ti.cast(pixels[path // spp][PLACE], ti.u32)
+    return reverse_bits((place << bits) + ti.cast(first_sample + path % spp, ti.u32))
 
 
 @ti.func
-def pixel_offset(pixel_filter: ti.template(), key: ti.u32, sample: ti.i32, bits: ti.i32) -> ti.math.vec2:
-    """Where a path goes through its pixel, px from the centre. key: `path_key`. sample: its number in the pixel."""
-    camera_key = combine(key, ti.u32(CAMERA_SET))
-    u = first_two(camera_key, shuffled_index(camera_key, sample), bits)
+def pixel_offset(pixel_filter: ti.template(), keys: SetKeys, index: ti.u32) -> ti.math.vec2:
+    """Where a path goes through its pixel, px from the centre. keys: of PIXEL_SET. index: `path_index`."""
+    u = draw(keys, index)
     return ti.math.vec2(sample_offset(pixel_filter, u.x), sample_offset(pixel_filter, u.y))
 
 
@@ -57,7 +58,7 @@ def pixel_offset(pixel_filter: ti.template(), key: ti.u32, sample: ti.i32, bits:
 def start_paths(
     view: Floats2,
     pixel_filter: Floats1,
-    pixels: Ints1,
+    pixels: Pixels,
     width: ti.i32,
     height: ti.i32,
     first: ti.i32,
@@ -77,12 +78,12 @@ def start_paths(
     """
     # A pixel's paths share it; no pixel is looked at closer than this.
     spread = 2.0 * view[CURRENT, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(1 << bits, ti.f32)), 0.25)
+    pixel_keys, lens_keys = set_keys(frame_key, PIXEL_SET), set_keys(frame_key, LENS_SET)
     for i in range(count):
         path = first + i
-        pixel = pixels[path // spp]
-        key = path_key(pixels, frame_key, path, spp)
-        sample = first_sample + path % spp
-        offset = pixel_offset(pixel_filter, key, sample, bits)
+        pixel = pixels[path // spp][ROW]
+        index = path_index(pixels, path, spp, bits, first_sample)
+        offset = pixel_offset(pixel_filter, pixel_keys, index)
         origin, direction = camera_ray(
             view, CURRENT, pixel % width + offset.x, pixel // width + offset.y, width, height
         )
@@ -91,8 +92,7 @@ def start_paths(
             focus = origin + direction * (
                 view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
             )
-            camera_key = combine(key, ti.u32(CAMERA_SET))
-            lens = radius * warp.disk(last_two(camera_key, shuffled_index(camera_key, sample), bits))
+            lens = radius * warp.disk(draw(lens_keys, index))
             origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
             direction = (focus - origin).normalized()
         write_ray(rays, i, origin, direction, ti.math.inf)
@@ -154,7 +154,7 @@ def compact(
 def expose(
     pixel_filter: Floats1,
     clamp: ti.f32,
-    pixels: Ints1,
+    pixels: Pixels,
     first: ti.i32,
     count: ti.i32,
     spp: ti.i32,
@@ -171,8 +171,9 @@ def expose(
 
     clamp: what the largest channel of a path's radiance is brought down to; infinite for all of it.
     """
+    pixel_keys = set_keys(frame_key, PIXEL_SET)
     for rank in range(first // spp, (first + count - 1) // spp + 1):
-        pixel = pixels[rank]
+        pixel = pixels[rank][ROW]
         begin, end = ti.max(first, rank * spp), ti.min(first + count, (rank + 1) * spp)
         fresh = begin == rank * spp and first_sample == 0
         sums = ti.Vector.zero(ti.f32, FILM_COLUMNS)
@@ -188,8 +189,8 @@ def expose(
                 if radiance.max() > clamp:
                     radiance *= clamp / radiance.max()
                 if pixel_filter[0] != 1.0:  # some weights are negative
-                    sample = first_sample + path % spp
-                    offset = pixel_offset(pixel_filter, path_key(pixels, frame_key, path, spp), sample, bits)
+                    index = path_index(pixels, path, spp, bits, first_sample)
+                    offset = pixel_offset(pixel_filter, pixel_keys, index)
                     radiance *= offset_weight(pixel_filter, offset.x, offset.y)
                 for c in ti.static(range(3)):
                     sums[c] += radiance[c]

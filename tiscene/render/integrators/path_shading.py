@@ -6,7 +6,7 @@ import taichi as ti
 
 from tiscene.render.bsdfs import preview_surface as bsdf
 from tiscene.render.bsdfs.inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
-from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
+from tiscene.render.integrators.path_kernels import FIRST_STEP_SET, Floats1, Floats2, Ints1, Ints2, path_index
 from tiscene.render.integrators.path_state import (
     ALBEDO,
     DEPTH_MASK,
@@ -35,8 +35,8 @@ from tiscene.render.lights.met import (
     response,
     seen_lights,
 )
-from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
-from tiscene.render.sampler import combine, first_two, last_two, shuffled_index
+from tiscene.render.ray_arrays import HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
+from tiscene.render.sampler import combine, draw, set_key, set_keys
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
 from tiscene.scene.light_nodes import H_SOLID_COUNT
@@ -46,6 +46,9 @@ from tiscene.scene.placement import CURRENT
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
+
+# Sets of numbers, at every step.
+LIGHT_CHOICE_SET, LOBE_SET, LIGHT_SET, DIRECTION_SET, TEXTURE_SET, SETS = range(6)
 
 RUSSIAN_ROULETTE_DEPTH = 2
 # How much a path widens by a scattering of density 1/sr: its neighbours go apart, and make out no detail together.
@@ -112,7 +115,7 @@ def shade(
     light_nodes: Floats2,
     light_distribution: Floats1,
     energy: Floats1,
-    pixels: Ints1,
+    pixels: Pixels,
     first: ti.i32,
     spp: ti.i32,
     bits: ti.i32,
@@ -156,6 +159,10 @@ def shade(
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
+    sets = FIRST_STEP_SET + SETS * step
+    light_choice_keys, lobe_keys = set_keys(frame_key, sets + LIGHT_CHOICE_SET), set_keys(frame_key, sets + LOBE_SET)
+    light_keys, direction_keys = set_keys(frame_key, sets + LIGHT_SET), set_keys(frame_key, sets + DIRECTION_SET)
+    texture_key = set_key(frame_key, sets + TEXTURE_SET)
     ti.loop_config(block_dim=128)
     for k in range(count):
         i = queue[k]
@@ -181,17 +188,12 @@ def shade(
             shines = True
         elif not last:
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
-            key = path_key(pixels, frame_key, first + i, spp)
-            sample = first_sample + (first + i) % spp
-            # Choices and directions have a set of four dimensions each; many a path needs only the directions.
-            choice_key = combine(key, ti.cast(1 + 2 * step, ti.u32))
+            index = path_index(pixels, first + i, spp, bits, first_sample)
             width = hits[i][0] * state[i][SPREAD]
-            point = shaded_material_at(
-                materials, textures, surface, direction, width, choice_key + ti.cast(sample, ti.u32)
-            )
+            point = shaded_material_at(materials, textures, surface, direction, width, combine(texture_key, index))
             light_choice = vec2(0.0)
             if all_lights.any_choice(lights) != 0 or (point.flags & COVERAGE) != 0:
-                light_choice = first_two(choice_key, shuffled_index(choice_key, sample), bits)
+                light_choice = draw(light_choice_keys, index)
             if (point.flags & COVERAGE) != 0 and light_choice.y >= point.opacity:
                 goes_on = True
                 write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
@@ -207,14 +209,12 @@ def shade(
                     write3(features, i, ALBEDO, point.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    direction_key = combine(key, ti.cast(2 + 2 * step, ti.u32))
-                    direction_index = shuffled_index(direction_key, sample)
-                    light_u = first_two(direction_key, direction_index, bits)
+                    light_u = draw(light_keys, index)
                     light_sample = all_lights.sample(lights, textures, surface.position, light_choice.x, light_u)
-                    bsdf_u = last_two(direction_key, direction_index, bits)
+                    bsdf_u = draw(direction_keys, index)
                     lobe_and_survival = vec2(0.0)
                     if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
-                        lobe_and_survival = last_two(choice_key, shuffled_index(choice_key, sample), bits)
+                        lobe_and_survival = draw(lobe_keys, index)
                     scattering = bsdf.scatter(
                         surface, point, energy, normal, wo, light_sample.direction, vec3(bsdf_u, lobe_and_survival.x)
                     )

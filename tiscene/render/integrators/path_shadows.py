@@ -3,9 +3,9 @@
 import taichi as ti
 
 from tiscene.render.bsdfs.inputs import Footprint, Materials, material_at
-from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2, path_key
-from tiscene.render.ray_arrays import HitIds, Hits, Rays, ray_direction, ray_origin, write_ray
-from tiscene.render.sampler import combine, uniform
+from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2
+from tiscene.render.ray_arrays import PLACE, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
+from tiscene.render.sampler import combine, set_key, uniform
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
 from tiscene.scene.material_table import COVERAGE, OPACITY
@@ -38,7 +38,7 @@ def pass_shadows(
     light_nodes: Floats2,
     light_distribution: Floats1,
     energy: Floats1,
-    pixels: Ints1,
+    pixels: Pixels,
     first: ti.i32,
     spp: ti.i32,
     frame_key: ti.i32,
@@ -71,6 +71,7 @@ def pass_shadows(
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     going_on = 0
+    shadow_key = set_key(frame_key, _SHADOW_SETS + (step << 8) + layer)
     for k in range(count):
         i = queue[k]
         t_max = shadow_rays[i][7]
@@ -85,9 +86,7 @@ def pass_shadows(
                 surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
                 point = material_at(materials, textures, surface, 1 << OPACITY, Footprint())
                 if point.flags & COVERAGE:
-                    key = combine(
-                        path_key(pixels, frame_key, first + i, spp), ti.cast(_SHADOW_SETS + (step << 8) + layer, ti.u32)
-                    )
+                    key = combine(shadow_key, ti.cast(pixels[(first + i) // spp][PLACE], ti.u32))
                     if uniform(combine(key, ti.cast(first_sample + (first + i) % spp, ti.u32))) >= point.opacity:
                         start = offset_origin(surface, direction)
                         travelled = (start - ray_origin(shadow_rays, i)).dot(direction)

@@ -17,7 +17,7 @@ from tiscene.render.integrators import replay_record as record
 from tiscene.render.integrators.path import PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK, FEATURE_COLUMNS, PathState
 from tiscene.render.intersect import closest
-from tiscene.render.ray_arrays import hit, hit_id, ray, tiled_order
+from tiscene.render.ray_arrays import hit, hit_id, ray, tiled_order, upload_pixels
 from tiscene.render.view import View
 from tiscene.scene.device_array import upload
 from tiscene.scene.placement import CURRENT
@@ -69,7 +69,7 @@ def room_for(pixels: int, spp: int) -> int:
 class PathCache:
     """`spp` paths a pixel through what a DeviceScene has placed at CURRENT, which should be all but the movers.
 
-    order, pixels: i32 [pixels], rows y * width + x in the order of the paths, on the host and the device.
+    order, pixels: i32 [pixels], rows y * width + x in the order of the paths; `upload_pixels` of them.
     mean: f32 [pixels, 6 + 3 * groups], what the paths show, columns as `light_column` says.
     looks: f32 [pixels * LOOKS, 8], rays through fixed places of every pixel up to the first surface.
     """
@@ -94,8 +94,9 @@ class PathCache:
         self.movers_key = movers_key
         self.max_depth = max_depth
         self.steps = scenes[0].steps(max_depth)
-        self.order = tiled_order(view.width, view.height)
-        self.pixels = upload(self.order)
+        self.size = view.width, view.height
+        self.order = tiled_order(*self.size)
+        self.pixels = upload_pixels(self.order, *self.size)
         self._paths, self._scenes, self._view = paths, scenes, view
         spp = numbers[0]
         pixel_count = view.width * view.height

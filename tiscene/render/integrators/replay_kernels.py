@@ -35,7 +35,7 @@ from tiscene.render.integrators.replay_record import (
     group_of,
     light_column,
 )
-from tiscene.render.ray_arrays import Hits, Rays, ray_direction, ray_origin, write_ray
+from tiscene.render.ray_arrays import ROW, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.view import camera_ray
 from tiscene.scene.placement import CURRENT
 
@@ -132,7 +132,7 @@ def join(entering: Ints1, begin: ti.i32, end: ti.i32, queue: Ints1, live: ti.i32
 
 @ti.kernel
 def collect(
-    pixels: Ints1,
+    pixels: Pixels,
     first: ti.i32,
     count: ti.i32,
     spp: ti.i32,
@@ -166,16 +166,17 @@ def collect(
             if ti.abs(change.sum()) < ti.math.inf:  # false for nan too
                 for c in ti.static(range(3)):
                     sums[c] += change[c]
+        pixel = pixels[rank][ROW]
         for c in ti.static(range(3 + FEATURE_COLUMNS)):
-            before = film[pixels[rank], c] * others if others > 0 else 0.0
-            film[pixels[rank], c] = (before + sums[c]) / (others + spp)
+            before = film[pixel, c] * others if others > 0 else 0.0
+            film[pixel, c] = (before + sums[c]) / (others + spp)
 
 
 @ti.kernel
-def look_rays(view: Floats2, pixels: Ints1, width: ti.i32, height: ti.i32, rays: Rays, queue: Ints1):
+def look_rays(view: Floats2, pixels: Pixels, width: ti.i32, height: ti.i32, rays: Rays, queue: Ints1):
     """LOOKS rays through each pixel."""
     for k in range(width * height * LOOKS):
-        pixel = pixels[k // LOOKS]
+        pixel = pixels[k // LOOKS][ROW]
         x = pixel % width - 0.25 + 0.5 * (k % 2)
         y = pixel // width - 0.25 + 0.5 * (k // 2 % 2)
         origin, direction = camera_ray(view, CURRENT, x, y, width, height)
@@ -191,13 +192,13 @@ def end_looks(count: ti.i32, hits: Hits, rays: Rays):
 
 
 @ti.kernel
-def count_looks(pixels: Ints1, count: ti.i32, covered: Ints1, looks: Ints1):
+def count_looks(pixels: Pixels, count: ti.i32, covered: Ints1, looks: Ints1):
     """In how many of the LOOKS of each pixel a mover is in front. covered: of each, by the pixel's rank."""
     for rank in range(count):
         found = 0
         for k in ti.static(range(LOOKS)):
             found += covered[rank * LOOKS + k]
-        looks[pixels[rank]] = found
+        looks[pixels[rank][ROW]] = found
 
 
 @ti.kernel

@@ -31,7 +31,7 @@ from tiscene.render.integrators.path_state import (
 )
 from tiscene.render.lights.light_sample import Lights
 from tiscene.render.lights.met import nearest_light
-from tiscene.render.ray_arrays import Hits, Rays, ray_direction, ray_origin
+from tiscene.render.ray_arrays import ROW, Hits, Pixels, Rays, ray_direction, ray_origin
 
 vec3 = ti.math.vec3
 
@@ -213,7 +213,7 @@ def sort_shadows(
 
 @ti.kernel
 def mean_of_paths(
-    pixels: Ints1,
+    pixels: Pixels,
     first: ti.i32,
     count: ti.i32,
     spp: ti.i32,
@@ -226,7 +226,7 @@ def mean_of_paths(
 ):
     """The mean light, albedo and normal of the paths first .. first + count - 1, all of their pixels, to film."""
     for rank in range(first // spp, (first + count) // spp):
-        begin, end, pixel = rank * spp - first, (rank + 1) * spp - first, pixels[rank]
+        begin, end, pixel = rank * spp - first, (rank + 1) * spp - first, pixels[rank][ROW]
         for group in range(groups):
             sums = vec3(0.0)
             for i in range(begin, end):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tiscene.render.integrators.path_state import FEATURE_COLUMNS
 from tiscene.render.integrators.replay_cache import Block, PathCache
 from tiscene.render.integrators.replay_record import gather
-from tiscene.render.ray_arrays import ray
+from tiscene.render.ray_arrays import ray, upload_pixels
 from tiscene.scene.device_array import upload
 
 _SPARE = 1.5  # arrays are made so many times larger than it takes, so that they are seldom made anew
@@ -26,8 +26,8 @@ class Selection:
         self._rays = self._light = self._features = None
 
     def blocks(self, cache: PathCache, ranks: NDArray[np.int64]) -> Iterator[tuple[Block, Any]]:
-        """Of each block of the cache what belongs to its pixels of these ranks, increasing; and rows y * width + x of
-        the pixels, which number the paths now."""
+        """Of each block of the cache what belongs to its pixels of these ranks, increasing; and the pixels
+        themselves, which number the paths now."""
         spp = cache.numbers[0]
         for block in cache.blocks:
             first, end = np.searchsorted(ranks * spp, (block.first, block.first + block.count))
@@ -43,7 +43,7 @@ class Selection:
                 len(paths), upload(paths.astype(np.int32)), placed, block.offsets, block.rays, block.light,
                 block.features, self._rays, self._light, self._features,
             )  # fmt: skip
-            pixels = upload(cache.order[here])
+            pixels = upload_pixels(cache.order[here], *cache.size)
             yield (
                 Block(
                     block.number,
