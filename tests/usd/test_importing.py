@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -286,6 +287,48 @@ def test_files_that_are_no_catalogue(tmp_path):
     (tmp_path / "bad.sh3f").write_bytes(b"garbage")
     with pytest.raises(StageError, match="no catalogue of furniture"):
         Catalogue(tmp_path / "bad.sh3f")
+
+
+def test_folders_beside_a_model_that_cannot_be_listed_do_no_harm(box, tmp_path, monkeypatch):
+    """As there are in /tmp."""
+    (box.parent / "private").mkdir()
+    listed = Path.iterdir
+
+    def iterdir(folder):
+        if folder.name == "private":
+            raise PermissionError(13, "Permission denied", str(folder))
+        return listed(folder)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    (image,) = read_template(import_asset(box, tmp_path / "out")).description.textures
+    assert tuple(image.pixels[0, 0]) == (200, 100, 50, 255)
+
+
+def test_a_model_is_imported_again_from_where_it_was_copied_to(tmp_path):
+    """And what cannot be imported leaves what was there."""
+    quad = f'def Mesh "Quad"\n{{{QUAD}}}'
+    out = tmp_path / "out"
+    import_asset(write(tmp_path, quad, name="quad.usda", more='defaultPrim = "Quad"'), out)
+    copy = out / "source" / "quad.usda"
+    path = import_asset(copy, out, name="Again")
+    assert len(read_template(path).description.meshes) == 1
+    assert copy.is_file()
+    broken = write(tmp_path, 'def "A" (references = @gone.usda@</A>)\n{\n}', name="b.usda", more='defaultPrim = "A"')
+    with pytest.raises(StageError):
+        import_asset(broken, out)
+    assert read_template(path).name == "Again"
+    assert sorted(each.name for each in out.iterdir()) == ["source", "template.usda"]
+
+
+@pytest.mark.parametrize("blocked", ["template.usda", "geometry.usdc", "textures"])
+def test_what_cannot_be_written_is_told(box, tmp_path, blocked):
+    (tmp_path / "out").mkdir()
+    if blocked == "textures":
+        (tmp_path / "out" / blocked).write_text("a file where the folder should be")
+    else:
+        (tmp_path / "out" / blocked).mkdir()
+    with pytest.raises(ExportError, match="out cannot be written"):
+        import_asset(box, tmp_path / "out")
 
 
 def test_labels_and_properties():

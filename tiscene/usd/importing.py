@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 import shutil
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +19,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, U
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError
 from tiscene.usd.looks import define_look
 from tiscene.usd.model import CONVENTIONS, Piece, load_model
+from tiscene.usd.problems import error_lines
 from tiscene.usd.stage import open_stage, quiet, readable, reading_time
 from tiscene.usd.template import root_prim
 
@@ -79,7 +83,7 @@ def import_asset(
 
 def licence_beside(path: Path) -> str:
     """The text of the licence files in a model's folder."""
-    found = [each for each in sorted(path.parent.iterdir()) if each.is_file() and LICENCE_FILES.fullmatch(each.name)]
+    found = [each for each in _listed(path.parent) if LICENCE_FILES.fullmatch(each.name) and os.path.isfile(each)]
     texts = (each.read_text("utf-8", "replace") for each in found if each.suffix.lower() in ("", ".txt", ".md"))
     return "\n\n".join(texts)
 
@@ -109,7 +113,7 @@ def write_template(
     identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
     stage = _new_stage(identifier, name, label, credit, movable=movable)
     root = Sdf.Path(f"/{identifier}")
-    try:
+    with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         UsdGeom.Scope.Define(stage, root.AppendChild("Looks"))
         UsdGeom.Xform.Define(stage, root.AppendChild("Geometry"))
@@ -128,8 +132,17 @@ def write_template(
         extents = [Gf.Vec3f(*corner) for corner in box.tolist()]
         UsdGeom.ModelAPI.Apply(stage.GetPrimAtPath(root)).SetExtentsHint(Vt.Vec3fArray(extents))
         return _save(stage, folder, root)
+
+
+@contextlib.contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Failures of writing into a folder as ExportError."""
+    try:
+        yield
     except OSError as error:
         raise ExportError(f"{folder} cannot be written: {error}") from error
+    except Tf.ErrorException as error:
+        raise ExportError(f"{folder} cannot be written: {' '.join(error_lines(error))}") from error
 
 
 def _save(stage: Usd.Stage, folder: Path, root: Sdf.Path) -> Path:
@@ -236,18 +249,8 @@ def _import_usd(path: Path, folder: Path, name: str, label: str, centred: bool, 
         cache = UsdGeom.BBoxCache(reading_time(source, None), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
         box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
         centre = np.array(box.GetMidpoint()) if centred and not box.IsEmpty() else np.zeros(3)
-        inside = folder / "source"
-        shutil.rmtree(inside, ignore_errors=True)
-        try:
-            inside.mkdir(parents=True)
-        except OSError as error:
-            raise ExportError(f"{folder} cannot be written: {error}") from error
-        if path.suffix.lower() == ".usdz":
-            copied = Path(shutil.copy(path, inside))
-        else:
-            if not UsdUtils.LocalizeAsset(Sdf.AssetPath(str(path.resolve())), str(inside)):
-                raise StageError(str(path), ["</> template: USD cannot copy it and the files that it refers to"])
-            copied = inside / path.name
+        with _writing(folder):
+            _copy(path, folder / "source")
         identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
         stage = _new_stage(identifier, name, label, credit)
         child = UsdGeom.Xform.Define(stage, f"/{identifier}/Source")
@@ -257,16 +260,39 @@ def _import_usd(path: Path, folder: Path, name: str, label: str, centred: bool, 
         child.AddTransformOp().Set(Gf.Matrix4d(*placed.reshape(-1).tolist()))
         child.GetPrim().CreateAttribute("xformOpOrder", Sdf.ValueTypeNames.TokenArray, False)
         inner = stage.DefinePrim(f"/{identifier}/Source/Asset")
-        inner.GetReferences().AddReference(f"./source/{copied.name}", prim.GetPath())
+        inner.GetReferences().AddReference(f"./source/{path.name}", prim.GetPath())
         file = folder / "template.usda"
-        stage.GetRootLayer().Export(str(file))
+        with _writing(folder):
+            stage.GetRootLayer().Export(str(file))
         return file
+
+
+def _copy(path: Path, folder: Path) -> None:
+    """Copy a USD file, and the files that it refers to, to a folder; what is there goes once the copy is whole."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".source-", dir=folder.parent) as beside:
+        fresh = Path(beside, folder.name)
+        fresh.mkdir()
+        if path.suffix.lower() == ".usdz":
+            shutil.copy(path, fresh)
+        elif not UsdUtils.LocalizeAsset(Sdf.AssetPath(str(path.resolve())), str(fresh)):
+            raise StageError(str(path), ["</> template: USD cannot copy it and the files that it refers to"])
+        shutil.rmtree(folder, ignore_errors=True)
+        fresh.rename(folder)
 
 
 def _siblings(path: Path) -> list[Path]:
     """The files in a model's folder and the folders in it, not further down: a model does not refer further."""
-    inner = [each for folder in sorted(path.parent.iterdir()) if folder.is_dir() for each in sorted(folder.iterdir())]
-    return [each for each in (*sorted(path.parent.iterdir()), *inner) if each.is_file()]
+    own = _listed(path.parent)
+    return [each for each in (*own, *(inner for folder in own for inner in _listed(folder))) if os.path.isfile(each)]
+
+
+def _listed(folder: Path) -> list[Path]:
+    """What is in a folder, sorted; nothing for what is none, or may not be listed."""
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
 
 
 class _Bytes(Mapping[str, bytes]):
