@@ -235,14 +235,12 @@ def trace(
                         searching = False
                 else:
                     if least <= best:
-                        triangle = -1
-                        u_hit = 0.0
-                        v_hit = 0.0
-                        for k in ti.static((3, 2, 1, 0)):  # the first of equals stays
-                            if t[k] == least:
-                                triangle = ti.bit_cast(packs[at + 9][k], ti.i32)
-                                u_hit = u[k]
-                                v_hit = v[k]
+                        number, u_hit, v_hit = packs[at + 9][3], u[3], v[3]
+                        for k in ti.static((2, 1, 0)):  # the first of equals stays
+                            number = ti.select(t[k] == least, packs[at + 9][k], number)
+                            u_hit = ti.select(t[k] == least, u[k], u_hit)
+                            v_hit = ti.select(t[k] == least, v[k], v_hit)
+                        triangle = ti.bit_cast(number, ti.i32)
                         wins = least < best
                         if not wins:
                             wins = instance < hit_instance
