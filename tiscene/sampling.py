@@ -29,9 +29,8 @@ from dynamics.dynamic import LENGTH_STEPS, Pose
 from tiscene import catalog
 from tiscene.camera import Camera
 from tiscene.difficulty import Difficulty
-from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError
+from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.free_space import FreeSpace
-from tiscene.scene.description import SceneDescription
 from tiscene.usd import read_stage, read_template
 
 Array = NDArray[np.float64]
@@ -266,20 +265,8 @@ def _direction(a: float, b: float) -> tuple[float, float, float]:
 def _space(file: Path, modified: int, camera: Camera | str | None, aspect: float) -> tuple[FreeSpace, str]:
     """The free space before a camera of a scene, and which axis is up. modified: so that a new file is read."""
     stage = read_stage(file)
-    return FreeSpace(stage, _camera(stage, camera), aspect), stage.up_axis
-
-
-def _camera(stage: SceneDescription, camera: Camera | str | None) -> Camera:
-    """The camera that a world in this scene would have."""
-    if isinstance(camera, Camera):
-        return camera
-    for each in stage.cameras:
-        if camera in (None, each.name):
-            return each
-    if camera is not None:
-        raise CameraNotFound("camera", camera, [each.name for each in stage.cameras], f" in scene {stage.name!r}")
-    (a, b, c), (d, e, f) = stage.bounds().tolist()
-    return Camera.seeing((a, b, c), (d, e, f), (0.0, 1.0, 0.0) if stage.up_axis == "Y" else (0.0, 0.0, 1.0))
+    watching = camera if isinstance(camera, Camera) else stage.camera(camera)
+    return FreeSpace(stage, watching, aspect), stage.up_axis
 
 
 @functools.lru_cache(maxsize=256)

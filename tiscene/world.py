@@ -20,7 +20,7 @@ from dynamics import Dynamic
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.camera import Camera
 from tiscene.edits import Despawn, Edit, Enclose, Move, Spawn
-from tiscene.errors import ArgumentError, CameraNotFound, ObjectNotFound, ScenarioError
+from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
 from tiscene.events import Event
 from tiscene.inventory import Inventory, WorldObject
 from tiscene.lighting import Lighting
@@ -72,7 +72,7 @@ class World:
         self._log = scenario.log()
         self.stage = stage
         self.fps = fps
-        self.cameras = tuple(_chosen_camera(camera, stage) for camera in scenario.cameras)
+        self.cameras = tuple(each if isinstance(each, Camera) else stage.camera(each) for each in scenario.cameras)
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two of them have one name")
@@ -371,20 +371,6 @@ class World:
         self._motion.amend(edit)
         if edit.frame <= 1:
             self._first_lights = None
-
-
-def _chosen_camera(wanted: Camera | str | None, stage: SceneDescription) -> Camera:
-    if isinstance(wanted, Camera):
-        return wanted
-    if wanted is None and stage.cameras:
-        return stage.cameras[0]
-    if wanted is None:
-        (a, b, c), (d, e, f) = stage.bounds().tolist()
-        return Camera.seeing((a, b, c), (d, e, f), (0.0, 1.0, 0.0) if stage.up_axis == "Y" else (0.0, 0.0, 1.0))
-    for camera in stage.cameras:
-        if camera.name == wanted:
-            return camera
-    raise CameraNotFound("camera", wanted, [each.name for each in stage.cameras], f" in scene {stage.name!r}")
 
 
 def _frame_number(frame: int) -> int:

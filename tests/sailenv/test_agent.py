@@ -288,6 +288,7 @@ def test_agents_share_one_world_and_one_clock(make_agent):
 
 def test_failures_are_printed_and_raised_if_strict(make_agent, capsys):
     agent = make_agent()
+    agent.change_scene(SCENE)
     agent.change_scene("object_veiw/scene")
     assert "Did you mean 'object_view/scene'?" in capsys.readouterr().out
     assert agent.spawn_object("Chair 1") == ""
@@ -301,6 +302,21 @@ def test_failures_are_printed_and_raised_if_strict(make_agent, capsys):
     agent.set_light_intensity("No Light", 1.0)
     assert agent.spawn_object("Cube", dynamic=CatmullWaypoints([])) == ""
     assert len(capsys.readouterr().out.splitlines()) == 8
+    light, nan, inf = agent.lights_names[0], float("nan"), float("inf")
+    before = agent.get_light_position(light), agent.get_light_direction(light), agent.get_light_color(light)
+    agent.set_light_position(light, (nan, 0, 0))
+    agent.set_light_direction(light, (inf, 0, 0))
+    agent.set_light_color(light, "red", 0, 0)
+    agent.set_light_intensity(light, 1e38)
+    agent.set_light_indirect_multiplier(light, nan)
+    agent.set_ambient_light_color(nan, 0, 0)
+    agent.change_main_camera_clear_flags("a", 0, 0)
+    assert agent.get_light_color(3) is None
+    assert agent.spawn_object(3) == ""
+    agent.despawn_object(inf)
+    assert len(capsys.readouterr().out.splitlines()) == 10
+    now = agent.get_light_position(light), agent.get_light_direction(light), agent.get_light_color(light)
+    assert now == before
     strict = make_agent(strict=True)
     with pytest.raises(SceneNotFound):
         strict.change_scene("nowhere")

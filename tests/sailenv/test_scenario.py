@@ -133,7 +133,8 @@ def test_timings_and_walls():
     ids = ["a", "b", "c"]
     assert description.timings_of(AllTogetherTimings(0.75).todict(), ids, ids) == tiscene.AllTogether(0.75)
     assert description.timings_of(WaitUntilCompleteTimings(1.5).todict(), ids, ids) == tiscene.WaitUntilComplete(1.5)
-    times = {"1": 5.0, "a": 2.0, "2": 1.0, "7": 1.0}  # as JSON has them; c could not be made, and there is no eighth
+    # As JSON has them; c could not be made, and there is neither an eighth nor a z.
+    times = {"1": 5.0, "a": 2.0, "2": 1.0, "7": 1.0, "z": 1.0, "-1": 1.0}
     made = description.timings_of({"type": "dict", "description": {"times": times}}, ids, {"a", "b"})
     assert made == tiscene.DictTimings({"b": 5.0, "a": 2.0})
     assert description.timings_of(None, ids, ids) == tiscene.AllTogether(0.0)
@@ -149,6 +150,8 @@ def test_timings_and_walls():
         {"position": {"x": 1}},
         {"position": ["a", 2, 3]},
         {"position": [1, 2, float("nan")]},
+        {"position": [1e300, 0, 0]},
+        {"dynamic": {"type": "linear_waypoints", "description": {"waypoints": [{"position": [1e300, 0, 0]}]}}},
         {"dynamic": {"type": "teleport"}},
         {"dynamic": {"type": "linear_waypoints", "description": {}}},
         {"dynamic": {"type": "linear_waypoints", "description": {"waypoints": [], "total_time": 1}}},

@@ -262,7 +262,7 @@ class Agent:
 
     def change_main_camera_clear_flags(self, r: int, g: int, b: int) -> None:
         """The 8-bit colour of what shows nothing; negative: the sky."""
-        self._try("Error sending clear flags: {}", lambda world, viewer: world.clear(viewer, (int(r), int(g), int(b))))
+        self._try("Error sending clear flags: {}", lambda world, viewer: world.clear(viewer, (r, g, b)))
 
     def get_light_color(self, light_name: str) -> tuple[int, int, int] | None:
         """8-bit sRGB; None for no such light. So are the following."""
@@ -295,7 +295,7 @@ class Agent:
         )
 
     def get_light_indirect_multiplier(self, light_name: str) -> float | None:
-        """What was set; it changes no picture."""
+        """1: as the scene has it. Of what the light gives to surfaces that are seen by way of others."""
         return self._light("getting light indirect multiplier", lambda lights: lights.indirect_multiplier(light_name))
 
     def set_light_indirect_multiplier(self, light_name: str, indirect_multiplier: float) -> None:
@@ -365,5 +365,5 @@ def as_numbers(name: str, view: NDArray[Any]) -> NDArray[Any]:
 def _number(id: Any) -> int:
     try:
         return int(id)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ArgumentError(f"{id!r}: must be the id of an object") from None

@@ -9,9 +9,10 @@ from typing import Any
 import dynamics
 import tiscene.scenario as native
 from tiscene.camera import Vector3
-from tiscene.errors import ScenarioError
+from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.sailenv.space import mirrored, mirrored_euler
 
+FARTHEST = 1e6  # m, and degrees
 ALL_TOGETHER = {"type": "all_together", "description": {"wait_time": 0.0}}
 
 
@@ -20,6 +21,13 @@ def vector(value: Any) -> Vector3:
     with _said(f"{value!r}: must be three numbers x, y, z"):
         x, y, z = (value[axis] for axis in "xyz") if isinstance(value, Mapping) else (value[axis] for axis in range(3))
         return (float(x), float(y), float(z))
+
+
+def bounded(numbers: Vector3) -> Vector3:
+    """A place, or angles. Raises ArgumentError for numbers that are none, or farther than anything here."""
+    if not all(abs(component) <= FARTHEST for component in numbers):
+        raise ArgumentError(f"{numbers}: must be three numbers from -{FARTHEST:g} to {FARTHEST:g}")
+    return numbers
 
 
 def dynamic_of(kind: str, description: Mapping[str, Any]) -> dynamics.Dynamic:
@@ -75,8 +83,8 @@ def object_of(content: Mapping[str, Any], id: str) -> native.Object:
         return native.Object(
             id,
             str(content.get("prefab")),
-            mirrored(vector(content.get("position", (0.0, 0.0, 0.0)))),
-            mirrored_euler(vector(content.get("rotation", (0.0, 0.0, 0.0)))),
+            mirrored(bounded(vector(content.get("position", (0.0, 0.0, 0.0))))),
+            mirrored_euler(bounded(vector(content.get("rotation", (0.0, 0.0, 0.0))))),
             dynamic_of(str(dynamic.get("type")), dynamic.get("description") or {}) if dynamic else None,
             frustum_limited=bool(content.get("frustum_limited", True)),
         )
@@ -97,14 +105,15 @@ def object_ids(contents: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _waypoint(content: Mapping[str, Any]) -> dynamics.Waypoint:
     position, rotation = vector(content.get("position", (0, 0, 0))), vector(content.get("rotation", (0, 0, 0)))
-    return dynamics.Waypoint(mirrored(position), mirrored_euler(rotation))
+    return dynamics.Waypoint(mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
 
 
 def _id(key: Any, ids: Sequence[str]) -> str:
     """Of the object that a key of timings means, by its name or index, of which JSON has made a text; "" for none."""
-    if str(key) in ids:
-        return str(key)
-    return ids[int(key)] if 0 <= int(key) < len(ids) else ""
+    name = str(key)
+    if name in ids:
+        return name
+    return ids[int(name)] if name.isdecimal() and int(name) < len(ids) else ""
 
 
 @contextmanager

@@ -28,7 +28,8 @@ from tiscene.render.film import radiance_shown_as
 from tiscene.render.renderer import quality_named
 from tiscene.render.view import SKY, View
 from tiscene.sailenv import description, names, views
-from tiscene.sailenv.lights import Color8, Lights, clipped, linear
+from tiscene.sailenv.description import bounded
+from tiscene.sailenv.lights import Color8, Lights, clipped, linear, whole
 from tiscene.sailenv.place import Place
 from tiscene.sailenv.space import euler_of, mirrored, mirrored_euler, quaternion_of
 from tiscene.sailenv.uploads import Uploads
@@ -38,7 +39,6 @@ from tiscene.stream import Stream
 
 MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
 STILL_FRAMES = 25
-FARTHEST = 1e6  # m, and degrees
 _SENT = "file:"
 
 
@@ -151,8 +151,8 @@ class Environment:
         """Put an agent somewhere or turn it, from its next frame on. Raises ArgumentError."""
         self._world()
         here, turned = self._pose(viewer)
-        viewer.position = here if position is None else _checked(position)
-        viewer.rotation = turned if rotation is None else _checked(rotation)
+        viewer.position = here if position is None else bounded(position)
+        viewer.rotation = turned if rotation is None else bounded(rotation)
         viewer.placed = True
         viewer.follows_since = None
 
@@ -167,6 +167,7 @@ class Environment:
 
     def clear(self, viewer: Viewer, color: Sequence[int]) -> None:
         """What an agent sees where nothing is: an 8-bit colour; with a negative part, the sky."""
+        color = whole(color)
         viewer.background = None if min(color) < 0 else clipped(color)
 
     # The world.
@@ -253,8 +254,8 @@ class Environment:
         return str(
             self._world().world.spawn(
                 self._template(name),
-                mirrored(_checked(position)),
-                mirrored_euler(_checked(rotation)),
+                mirrored(bounded(position)),
+                mirrored_euler(bounded(rotation)),
                 None if dynamic is None else description.dynamic_of(*dynamic),
                 scale=scale,
                 frustum_limited=frustum_limited,
@@ -268,7 +269,7 @@ class Environment:
 
     def move(self, viewer: Viewer, number: int, position: Vector3, rotation: Vector3) -> None:
         """Put an object elsewhere. Raises ObjectNotFound, ScenarioError."""
-        self._world().world.move(number, mirrored(_checked(position)), mirrored_euler(_checked(rotation)))
+        self._world().world.move(number, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
         self._acted(viewer)
 
     def enclose(self, viewer: Viewer) -> None:
@@ -369,6 +370,7 @@ class Environment:
 
     def _template(self, name: str) -> str:
         """tiscene's name of what SAILenv calls `name`, or the file of what was sent to this world."""
+        name = str(name)  # what agents in process ask for may be anything
         if name.startswith(_SENT):
             return self.uploads.template(name.removeprefix(_SENT))
         return names.template_of(name)
@@ -384,10 +386,3 @@ class Environment:
             return (0.0, 0.0, 0.0)
         r, g, b = (part * 2.0 ** -self._world().exposure for part in linear(self._ambient))
         return (r, g, b)
-
-
-def _checked(vector: Vector3) -> Vector3:
-    """Raises ArgumentError for numbers that are none, or farther than anything here."""
-    if not all(abs(component) <= FARTHEST for component in vector):
-        raise ArgumentError(f"{vector}: must be three numbers from -{FARTHEST:g} to {FARTHEST:g}")
-    return vector

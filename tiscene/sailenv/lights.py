@@ -10,18 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.camera import Vector3
-from tiscene.errors import ArgumentError, UnknownName
+from tiscene.errors import ArgumentError, LightNotFound
 from tiscene.render.film import srgb_encoded
+from tiscene.sailenv.description import bounded
 from tiscene.sailenv.space import mirrored
 from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight
 from tiscene.scene.light_groups import shine, shining
 
+BRIGHTEST = 1e9  # times what the scene has
 Color8 = tuple[int, int, int]
 TYPES: dict[type, str] = {DistantLight: "Directional", DiskLight: "Disc", RectLight: "Rectangle", SphereLight: "Point"}
-
-
-class LightNotFound(UnknownName):
-    """The scene has no light of that name."""
 
 
 @dataclass
@@ -67,7 +65,7 @@ class Lights:
 
     def find(self, name: str) -> NamedLight:
         """Raises LightNotFound."""
-        light = self._by_name.get(name.strip().casefold())
+        light = self._by_name.get(str(name).strip().casefold())
         if light is None:
             raise LightNotFound("light", name, self.names)
         return light
@@ -87,9 +85,9 @@ class Lights:
         return self.find(name).intensity
 
     def set_intensity(self, name: str, intensity: float) -> None:
-        """Less than 0 counts as 0."""
+        """Less than 0 counts as 0. Raises ArgumentError too for a number out of bounds, as the following do."""
         light = self.find(name)
-        light.intensity = max(_finite(intensity), 0.0)
+        light.intensity = _factor(intensity)
         self._changed(light)
 
     def indirect_multiplier(self, name: str) -> float:
@@ -99,7 +97,7 @@ class Lights:
     def set_indirect_multiplier(self, name: str, multiplier: float) -> None:
         """Of what the light gives to surfaces that are seen by way of others. Less than 0 counts as 0."""
         light = self.find(name)
-        light.indirect = max(_finite(multiplier), 0.0)
+        light.indirect = _factor(multiplier)
         self._changed(light)
 
     def position(self, name: str) -> Vector3:
@@ -111,7 +109,7 @@ class Lights:
         """Of no effect on what shines from infinity."""
         light = self.find(name)
         matrix = light.light.world_from_light.copy()
-        matrix[:3, 3] = mirrored(position)
+        matrix[:3, 3] = mirrored(bounded(position))
         light.light = replace(light.light, world_from_light=matrix)
         self._changed(light)
 
@@ -123,6 +121,7 @@ class Lights:
     def set_direction(self, name: str, direction: Vector3) -> None:
         """Of no effect on what shines in all directions, and on the sky. A direction of no length changes nothing."""
         light = self.find(name)
+        bounded(direction)
         if math.hypot(*direction) < 1e-9 or isinstance(light.light, DomeLight):
             return
         matrix = light.light.world_from_light.copy()
@@ -145,9 +144,18 @@ def linear(color: Sequence[int]) -> tuple[float, float, float]:
     return (r, g, b)
 
 
+def whole(color: Sequence[int]) -> Color8:
+    """Three whole numbers. Raises ArgumentError."""
+    try:
+        r, g, b = map(int, color)
+    except (TypeError, ValueError, OverflowError):
+        raise ArgumentError(f"{color!r}: must be three numbers of a colour, 0 to 255") from None
+    return (r, g, b)
+
+
 def clipped(color: Sequence[int]) -> Color8:
-    """A colour in 0..255."""
-    r, g, b = (min(max(int(component), 0), 255) for component in color)
+    """A colour in 0..255. Raises ArgumentError for what is none."""
+    r, g, b = (min(max(component, 0), 255) for component in whole(color))
     return (r, g, b)
 
 
@@ -167,7 +175,8 @@ def _axes_towards(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([right, np.cross(backward, right), backward])
 
 
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ArgumentError(f"{value}: must be a finite number")
-    return float(value)
+def _factor(value: float) -> float:
+    """A factor of light, 0 for less. Raises ArgumentError."""
+    if not abs(value) <= BRIGHTEST:
+        raise ArgumentError(f"{value}: must be a number of at most {BRIGHTEST:g}")
+    return max(float(value), 0.0)

@@ -66,10 +66,7 @@ class CameraTrack:
 
 def _start(stage: SceneDescription) -> Camera:
     """The camera "Agent", else the stage's first, else one that sees the whole stage."""
-    if stage.cameras:
-        return next((camera for camera in stage.cameras if camera.name == "Agent"), stage.cameras[0])
-    (a, b, c), (d, e, f) = stage.bounds().tolist()
-    return Camera.seeing((a, b, c), (d, e, f))
+    return next((camera for camera in stage.cameras if camera.name == "Agent"), None) or stage.camera()
 
 
 def _round(stage: SceneDescription) -> Dynamic:
@@ -79,7 +76,7 @@ def _round(stage: SceneDescription) -> Dynamic:
         if not stations or math.dist(stations[-1].position, camera.position) > NEAR:
             stations.append(Waypoint(camera.position, camera.rotation))
     if len(stations) < 2:
-        stations = _circle(_start(stage))
+        stations = _circle(_start(stage), stage.up)
     length = sum(
         math.dist(here.position, there.position)
         for here, there in zip(stations, stations[1:] + stations[:1], strict=True)
@@ -87,8 +84,10 @@ def _round(stage: SceneDescription) -> Dynamic:
     return CatmullWaypoints(stations, total_time=length / SPEED, pacing="arc_length")
 
 
-def _circle(camera: Camera) -> list[Waypoint]:
-    right, _, backward = camera.axes().T
+def _circle(camera: Camera, up: Vector3) -> list[Waypoint]:
+    right, own_up, backward = camera.axes().T
+    if abs(backward @ up) > 0.9:  # it looks up or down
+        up = tuple(own_up.tolist())
     target = camera.position - backward * camera.focus_distance
     stations = []
     for step in range(8):
@@ -96,6 +95,6 @@ def _circle(camera: Camera) -> list[Waypoint]:
         x, y, z = (
             camera.position + right * (0.3 * math.sin(angle)) + backward * (0.3 - 0.3 * math.cos(angle))
         ).tolist()
-        turned = Camera.look_at((x, y, z), tuple(target.tolist()))
+        turned = Camera.look_at((x, y, z), tuple(target.tolist()), up)
         stations.append(Waypoint(turned.position, turned.rotation))
     return stations

@@ -14,7 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
+from tiscene.camera import Camera, Vector3
+from tiscene.errors import CameraNotFound
 from tiscene.scene.animation import Deformation, Track
 
 FloatArray = NDArray[np.float32]
@@ -293,6 +294,21 @@ class SceneDescription:
     def is_dark(self) -> bool:
         """Whether nothing gives light."""
         return not self.lights and all(material.emissive_color == (0.0, 0.0, 0.0) for material in self.materials)
+
+    @property
+    def up(self) -> Vector3:
+        """The direction that is up."""
+        return (0.0, 1.0, 0.0) if self.up_axis == "Y" else (0.0, 0.0, 1.0)
+
+    def camera(self, name: str | None = None) -> Camera:
+        """The camera of that name; None: the first, else one that sees everything. Raises CameraNotFound."""
+        for each in self.cameras:
+            if name in (None, each.name):
+                return each
+        if name is not None:
+            raise CameraNotFound("camera", name, [each.name for each in self.cameras], f" in scene {self.name!r}")
+        (a, b, c), (d, e, f) = self.bounds().tolist()
+        return Camera.seeing((a, b, c), (d, e, f), self.up)
 
     def bounds(self) -> NDArray[np.float64]:
         """The box around every vertex of what is drawn, [2, 3]: lowest and highest corner, m; zeros if empty."""
