@@ -1,21 +1,26 @@
-"""Tables of speed: `python -m tests.benchmarks [NAME ...]`. They assert nothing.
+"""Tables of speed: `python -m tests.benchmarks [--large] [NAME ...]`. They assert nothing.
 
 Each module of this folder with a `main()` is one benchmark; without names all of them run, in the order of their names.
+--large: 640x480 in the place of 256x192, where a benchmark measures one size at a time. Tables go to stdout, all else
+to stderr. What a benchmark is measured against and is not installed is left out.
 """
 
+import argparse
 import importlib
+import inspect
 import os
 import pkgutil
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from tests import benchmarks
 from tiscene import device
+from tiscene.errors import DeviceError
 
 
-def found() -> dict[str, Callable[[], None]]:
+def found() -> dict[str, Callable[..., None]]:
     """The benchmarks by name."""
     modules = {
         module.name: importlib.import_module(f"{benchmarks.__name__}.{module.name}")
@@ -25,22 +30,39 @@ def found() -> dict[str, Callable[[], None]]:
     return {name: module.main for name, module in sorted(modules.items()) if hasattr(module, "main")}
 
 
-def main(wanted: list[str]) -> int:
-    """Run them; returns the exit status."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run them; returns the exit status: 130 where that was interrupted."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description="Tables of speed.")
+    parser.add_argument("names", metavar="NAME", nargs="*", help="which; by default all")
+    parser.add_argument("--large", action="store_true", help="640x480 in the place of 256x192, where there is a choice")
+    args = parser.parse_args(arguments)
     known = found()
-    unknown = [name for name in wanted if name not in known]
+    unknown = [name for name in args.names if name not in known]
     if unknown:
         print(f"no benchmark {unknown[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
         return 2
     arch = device.start()
     print(f"{platform.machine()}, {os.cpu_count()} logical cores, Python {platform.python_version()}, Taichi on {arch}")
-    for name in wanted or known:
-        print(f"\n{name}: {(sys.modules[known[name].__module__].__doc__ or '').splitlines()[0]}")
-        began = time.perf_counter()
-        known[name]()
-        print(f"({time.perf_counter() - began:.0f} s)", flush=True)
+    try:
+        for name in args.names or known:
+            run(name, known[name], large=args.large)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
     return 0
 
 
+def run(name: str, benchmark: Callable[..., None], *, large: bool) -> None:
+    """One of them, and how long it took."""
+    print(f"\n{name}: {(sys.modules[benchmark.__module__].__doc__ or '').splitlines()[0]}", flush=True)
+    options = {"large": True} if large and "large" in inspect.signature(benchmark).parameters else {}
+    began = time.perf_counter()
+    try:
+        benchmark(**options)
+    except (ModuleNotFoundError, DeviceError) as error:
+        print(f"{name} is left out: {error}. pip install -e '.[benchmark]' has what it needs.", file=sys.stderr)
+    print(f"({time.perf_counter() - began:.0f} s)", flush=True)
+
+
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -1,11 +1,16 @@
 """A fixed camera and three movers: differences to a base image against path tracing each frame, and against Mitsuba.
 
-Three scenes: the benchmark room, in which a chair, a ball and a vase move; `room_02` with three things of the demo's;
-and that in matte materials, which Mitsuba renders as well (its means are tiscene's within 2 %).
-relMSE: squared error over squared reference plus 0.01, mean over pixels, of the last frame measured. PSNR: of the same
-frame as it is displayed. "gain": how many times less time than path tracing takes for the same relMSE, both with the
-denoiser or both without; between the samples that were measured, and beyond them, error and time follow a power law.
-Mitsuba is denoised with the reference's albedo and normal, for nothing.
+`room_02` with three things of the demo's, in its own materials ("glossy": Mitsuba's `principled` is not quite
+UsdPreviewSurface, so that each renderer is measured against its own converged picture) and in matte ones (one converged
+picture for both). relMSE: squared error over squared reference plus 0.01, mean over pixels and seeds, of the last of
+the frames that are timed; the reference's own noise, which its two halves tell, is taken off. PSNR: of that frame as it
+is displayed, against the reference denoised. Times are means over frames or seeds. A difference is made anew for every
+seed, base image and kept paths too: "once" is what that takes, the mean over the seeds.
+
+"gain": how many times less time than path tracing takes for the same relMSE, both without the denoiser or both with it
+(Mitsuba and path tracing by their own albedo and normal); between the samples that were measured, and beyond them,
+error and time follow a power law. In brackets: than Mitsuba. "pays": after how many frames "once" is saved, against
+path tracing to the same error, both denoised.
 """
 
 from __future__ import annotations
@@ -13,236 +18,172 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tests.benchmarks import living_room as living
-from tests.benchmarks import power_law
+from tests.benchmarks import living_room
+from tests.benchmarks.converged import Reference, Row, measured, note, reference, times_for
+from tests.benchmarks.living_room import Room
 from tests.benchmarks.path import DEPTH
-from tests.benchmarks.room import room, still
-from tests.reference import mitsuba_scene
 from tiscene.render.base_image import BaseImages
 from tiscene.render.clean import Cleaner
 from tiscene.render.denoise import denoise
 from tiscene.render.film import meter, tone_map
-from tiscene.render.integrators.path import PathImage, PathPass
 from tiscene.render.integrators.replay import ReplayImage, ReplayPass
 from tiscene.render.view import View
-from tiscene.scene.description import SceneDescription
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import Placement
 
-SIZES = ((256, 192), (640, 480))
-SAMPLES = (4, 16, 64)
-PATHS = (2, 4, 8)
-BASE_SPP = 256
-REFERENCE_SPP = 256
-FRAMES = 5
-MOVERS = ("chair", "ball", "vase")
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A scene, a view of it, what moves, where everything is at a frame, and the last frame for Mitsuba, if it can."""
-
-    name: str
-    scene: DeviceScene
-    view: View
-    moving: NDArray[np.bool_]
-    placement: Callable[[int], Placement]
-    description: SceneDescription | None = None
-
-
-def benchmark_room(width: int, height: int) -> Case:
-    """The first of each of MOVERS moves in a circle."""
-    description = room()
-    scene = DeviceScene()
-    scene.add(description)
-    placed = still(description)
-    names = [thing.category for thing in description.objects]
-    chosen = [names.index(name) for name in MOVERS]
-    moving = np.array([instance.object in chosen for instance in description.instances])
-
-    def placement(frame: int) -> Placement:
-        matrices = placed.world_from_object.copy()
-        matrices[:, moving, 0, 3] += 0.3 * np.sin(0.5 * frame)
-        matrices[:, moving, 1, 3] += 0.15 - 0.15 * np.cos(0.5 * frame)
-        return replace(placed, world_from_object=matrices)
-
-    camera = description.cameras[0]
-    return Case("benchmark room", scene, View(camera, camera, camera, width, height), moving, placement)
-
-
-def living_room(width: int, height: int) -> Case:
-    """`room_02` with the first three of the demo's things."""
-    stream = living.stream()
-    stream[0]  # loads what moves
-    camera = stream.world.camera
-    view = View(camera, camera, camera, width, height)
-    return Case("room_02", stream._scene, view, stream.world.moving(0), stream.world.placement)
-
-
-def matte_room(width: int, height: int) -> Case:
-    """The same without gloss; the movers stand where they are at the last frame."""
-    description, moving = living.room(FRAMES - 1, matte=True)
-    scene = DeviceScene()
-    scene.add(description)
-    placed = still(description)
-    camera = description.cameras[0]
-    view = View(camera, camera, camera, width, height)
-    return Case("room_02, matte", scene, view, moving, lambda frame: placed, description)
-
-
-CASES = (benchmark_room, living_room, matte_room)
-
-
-def main() -> None:
-    """Print the tables."""
-    for width, height in SIZES:
-        for make in CASES:
-            measure(make(width, height))
+T = TypeVar("T")
+FRAMES = 6  # the first is counted among what is done once
+PATHS = (4, 8)
+CLEANERS = {"": Cleaner("balanced", 1, True), ", fast": Cleaner("fast", 2, True)}
 
 
 @dataclass(frozen=True)
-class Row:
-    """s and relMSE, raw and denoised."""
+class Plan:
+    """The size, how many seeds a row is the mean of, the spp of each half of the references, of the rows, of a base."""
 
-    seconds: float
-    error: float
-    clean_seconds: float
-    clean_error: float
+    width: int
+    height: int
+    seeds: int
+    half: int
+    samples: tuple[int, ...]
+    base_spp: int
 
 
-def measure(case: Case) -> None:
+SMALL = Plan(256, 192, seeds=3, half=128, samples=(4, 16, 64), base_spp=256)
+LARGE = Plan(640, 480, seeds=2, half=24, samples=(4, 16), base_spp=64)
+
+
+def main(large: bool = False) -> None:
+    """Print the tables. large: 640x480 in the place of 256x192, with a base image of fewer paths."""
+    for matte in (False, True):
+        table(living_room.room(FRAMES - 1, matte=matte), matte, LARGE if large else SMALL)
+
+
+def table(room: Room, matte: bool, plan: Plan) -> None:
     """One line for each renderer and number of paths."""
-    view, last = case.view, FRAMES - 1
-    print(f"{case.name} {view.width}x{view.height}, depth {DEPTH}, base image of {BASE_SPP} spp")
+    name = f"{'matte' if matte else 'glossy'} {plan.width}x{plan.height}"
     print(
-        f"{'renderer':>24} {'once s':>7} {'ms':>8} {'relMSE':>8} {'gain':>6}"
-        f" {'+ OIDN ms':>10} {'relMSE':>8} {'PSNR':>6} {'gain':>6}"
+        f"{name}, depth {DEPTH}, {plan.seeds} seeds, base images of {plan.base_spp} spp, references of {2 * plan.half}"
     )
-    paths = PathPass(case.scene, view.width, view.height)
+    heads = ("once s", "ms", "relMSE", "gain", "+ OIDN ms", "relMSE", "gain", "PSNR", "pays")
+    print(f"{'':>28} " + "{:>7} {:>7} {:>8} {:>13} {:>10} {:>8} {:>13} {:>6} {:>6}".format(*heads), flush=True)
+    size = plan.width, plan.height
+    ours = living_room.tiscene(room.description, *size, DEPTH)
+    theirs = living_room.mitsuba(room.description, *size, DEPTH, glossy=not matte)
+    note(f"{name}: reference")
+    truth = reference(ours, plan.half)
+    note(f"{name}: path tracing")
+    peers = [[measured(ours, spp, plan.seeds, truth) for spp in plan.samples]]
+    names = ["path tracing"]
+    if theirs is not None:
+        note(f"{name}: Mitsuba")
+        their_truth = truth if matte else reference(theirs, plan.half)
+        peers.append([measured(theirs, spp, plan.seeds, their_truth) for spp in plan.samples])
+        names.append("Mitsuba LLVM")
+    for peer, rows in zip(names, peers, strict=True):
+        for spp, row in zip(plan.samples, rows, strict=True):
+            line(f"{peer}, {spp} spp", row)
+    found: dict[str, list[Difference]] = {}
+    for seed in range(1, plan.seeds + 1):
+        note(f"{name}: differences, seed {seed}")
+        for difference in differences(room, plan, truth, seed):
+            found.setdefault(difference.name, []).append(difference)
+    for label, each in found.items():
+        columns = np.array([(one.wall, one.error, one.clean_wall, one.clean_error, one.once, one.psnr) for one in each])
+        wall, error, clean_wall, clean_error, once, psnr = columns.mean(axis=0).tolist()
+        line(label, Row(wall, 0.0, error, clean_wall, 0.0, clean_error), peers, once, psnr)
 
-    def trace(frame: int, spp: int, seed: int = 1) -> PathImage:
-        case.scene.place(case.placement(frame))
-        return paths.render(view, frame_index=frame, seed=seed, spp=spp, max_depth=DEPTH)
 
-    reference = trace(last, REFERENCE_SPP, 99)
-    exposure = meter(reference.hdr)
-    shown = tone_map(denoise(reference.hdr, reference.albedo, reference.normal, "high"), exposure).astype(float)
+def line(name: str, row: Row, peers: list[list[Row]] | None = None, once: float = 0.0, psnr: float = 0.0) -> None:
+    """Print a row. peers: those of path tracing, then of Mitsuba, that a difference is compared with."""
+    first, raw, clean, last = f"{'':7}", "", "", ""
+    if peers is not None:
+        times = [times_for(row, each) for each in peers]
+        raw = _gains([without / row.wall for without, _ in times])
+        clean = _gains([both / row.clean_wall for _, both in times])
+        saved = times[0][1] - row.clean_wall
+        first, last = f"{once:7.1f}", f"{psnr:6.1f} {np.ceil(once / saved) if saved > 0.0 else np.inf:6.0f}"
+    print(
+        f"{name:>28} {first} {1e3 * row.wall:7.1f} {row.error:8.4f} {raw:>13}"
+        f" {1e3 * row.clean_wall:10.1f} {row.clean_error:8.4f} {clean:>13} {last}",
+        flush=True,
+    )
 
-    def error_of(radiance: NDArray[np.float32]) -> float:
-        return float(np.mean((radiance - reference.hdr) ** 2 / (reference.hdr**2 + 1e-2)))
 
-    def row(
-        name: str,
-        once: float,
-        seconds: float,
-        image: PathImage,
-        clean: Callable[[], NDArray[np.float32]],
-        *against: list[Row],
-    ) -> Row:
-        denoising, radiance = timed(lambda frame: clean())
-        noise = np.mean((tone_map(np.maximum(radiance, 0.0), exposure) - shown) ** 2)
-        result = Row(seconds, error_of(image.hdr), seconds + denoising, error_of(radiance))
-        raw = " ".join(f"{time_for(each, result.error) / seconds:6.1f}" for each in against) or f"{'':>6}"
-        both = " ".join(
-            f"{time_for(each, result.clean_error, clean=True) / result.clean_seconds:6.1f}" for each in against
-        )
-        psnr = 10.0 * np.log10(255.0**2 / noise)
-        print(
-            f"{name:>24} {once:7.1f} {1e3 * seconds:8.1f} {result.error:8.4f} {raw}"
-            f" {1e3 * result.clean_seconds:10.1f} {result.clean_error:8.4f} {psnr:6.1f} {both}",
-            flush=True,
-        )
-        return result
+def _gains(times: list[float]) -> str:
+    return f"{times[0]:.1f}" + "".join(f" ({each:.1f})" for each in times[1:])
 
-    plain = []
-    cleaner = Cleaner("balanced", 1, True)
-    for spp in SAMPLES:
-        seconds, image = timed(partial(trace, spp=spp), spp < 64)
-        plain.append(
-            row(
-                f"path tracing, {spp} spp",
-                0.0,
-                seconds,
-                image,
-                partial(cleaner.traced, image, image.albedo, image.normal),
-            )
-        )
-    against = [plain]
-    if case.description is not None:
-        against.append([])
-        for spp, seconds, radiance in mitsuba(case.description, view):
-            image = replace(reference, hdr=radiance)
-            against[1].append(
-                row(
-                    f"Mitsuba LLVM, {spp} spp",
-                    0.0,
-                    seconds,
-                    image,
-                    partial(denoise, image.hdr, image.albedo, image.normal, "balanced"),
-                )
-            )
-    with tempfile.TemporaryDirectory() as folder:  # the base image is made once, and counted at the first row
+
+@dataclass(frozen=True)
+class Difference:
+    """What one seed gives: s, relMSE and dB."""
+
+    name: str
+    wall: float
+    error: float
+    clean_wall: float
+    clean_error: float
+    once: float
+    psnr: float
+
+
+def differences(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator[Difference]:
+    """For each number of kept paths, and each way to denoise."""
+    scene = DeviceScene()
+    scene.add(room.description)
+    camera = room.description.cameras[0]
+    view = View(camera, camera, camera, plan.width, plan.height)
+    exposure = meter(truth.image)
+    shown = tone_map(denoise(truth.image, truth.albedo, truth.normal, "high"), exposure).astype(float)
+
+    def prepare(replayed: ReplayPass, frame: int, paths: int) -> None:
+        replayed.prepare(
+            view, room.placement(frame), room.moving,
+            seed=seed, spp=paths, max_depth=DEPTH, base_spp=plan.base_spp,
+        )  # fmt: skip
+
+    def replay(replayed: ReplayPass, paths: int, frames: range) -> ReplayImage:
+        for frame in frames:
+            prepare(replayed, frame, paths)
+            scene.place(room.placement(frame))
+            image = replayed.render(room.moving)
+        return image
+
+    with tempfile.TemporaryDirectory() as folder:
         images = BaseImages(Path(folder))
-        for spp in PATHS:
-            difference(case, spp, images, row, against)
+        base, _ = timed(partial(prepare, ReplayPass(scene, plan.width, plan.height, images=images), 0, 1))
+        for paths in PATHS:  # they find the base image on disk
+            replayed = ReplayPass(scene, plan.width, plan.height, images=images)
+            first, _ = timed(partial(replay, replayed, paths, range(1)))
+            several, image = timed(partial(replay, replayed, paths, range(1, FRAMES)))
+            wall = several / (FRAMES - 1)
+            for name, cleaner in CLEANERS.items():
+                best, _ = timed(partial(cleaner.difference, image))
+                cleaning, radiance = timed(partial(cleaner.difference, image))
+                noise = np.mean((tone_map(radiance, exposure) - shown) ** 2)
+                yield Difference(
+                    f"difference, {paths} paths{name}",
+                    wall,
+                    truth.error(image.hdr),
+                    wall + cleaning,
+                    truth.error(radiance),
+                    base + first + best,
+                    10.0 * float(np.log10(255.0**2 / noise)),
+                )
 
 
-def difference(case: Case, spp: int, images: BaseImages, row: Callable[..., Row], against: list[list[Row]]) -> None:
-    """The rows of so many kept paths a pixel."""
-    view = case.view
-    replayed = ReplayPass(case.scene, view.width, view.height, images=images)
-
-    def replay(frame: int) -> ReplayImage:
-        placement = case.placement(frame)
-        replayed.prepare(view, placement, case.moving, seed=1, spp=spp, max_depth=DEPTH, base_spp=BASE_SPP)
-        case.scene.place(placement)
-        return replayed.render(case.moving)
-
+def timed(work: Callable[[], T]) -> tuple[float, T]:
+    """How long it takes, s, and what it gives."""
     began = time.perf_counter()
-    replay(0)
-    once = time.perf_counter() - began
-    seconds, image = timed(replay)
-    for name, cleaner in (("", Cleaner("balanced", 1, True)), (", fast", Cleaner("fast", 2, True))):
-        label = f"difference, {spp} paths{name}"
-        row(label, once, seconds, image, partial(cleaner.difference, image), *against)
+    result = work()
+    return time.perf_counter() - began, result
 
 
-def time_for(rows: list[Row], error: float, *, clean: bool = False) -> float:
-    """How long a renderer takes for an error, s, by its rows."""
-    points = [(each.clean_error, each.clean_seconds) if clean else (each.error, each.seconds) for each in rows]
-    return power_law.time_for(error, points)
-
-
-def mitsuba(description: SceneDescription, view: View) -> Iterator[tuple[int, float, NDArray[np.float32]]]:
-    """Samples per pixel, s a frame, radiance."""
-    import mitsuba as mi
-
-    mi.set_variant("llvm_ad_rgb")
-    scene = mitsuba_scene.scene(
-        mi, description, description.cameras[0], view.width, view.height, max_depth=DEPTH, spp=SAMPLES[0]
-    )
-    for spp in SAMPLES:
-        seconds, radiance = timed(partial(_mitsuba, mi, scene, spp), spp < 64)
-        yield spp, seconds, radiance
-
-
-def _mitsuba(mi: Any, scene: Any, spp: int, frame: int) -> NDArray[np.float32]:
-    return np.array(mi.render(scene, spp=spp, seed=frame), np.float32)
-
-
-def timed(render: Callable[[int], Any], again: bool = True) -> tuple[float, Any]:
-    """The shortest time that a frame took, s, and the last one; the first is not counted if there is time for more."""
-    times = []
-    for frame in range(FRAMES + 1) if again else (FRAMES,):
-        began = time.perf_counter()
-        image = render(max(frame - 1, 0))
-        times.append(time.perf_counter() - began)
-    return min(times[1:] or times), image
+if __name__ == "__main__":
+    main()

@@ -1,17 +1,36 @@
-"""`room_02` with three movers as one description, which Mitsuba renders as well: exactly so in matte materials."""
+"""`room_02` with three movers as one description, and what renders it: tiscene, and Mitsuba, exactly so if matte."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.benchmarks import peers
+from tests.benchmarks.converged import Image, Render
+from tests.benchmarks.room import still
+from tests.reference import mitsuba_scene
 from tiscene.commands import demo
+from tiscene.render.integrators.path import PathPass
+from tiscene.render.view import View
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, TextureLookup
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import Placement
 from tiscene.stream import Stream
 
 MOVERS = 3
+
+
+class Room(NamedTuple):
+    """description: as it is at a frame. moving: which of the instances of a placement do. placement: of a frame,
+    whose rows of meshes are the description's."""
+
+    description: SceneDescription
+    moving: NDArray[np.bool_]
+    placement: Callable[[int], Placement]
 
 
 def stream() -> Stream:
@@ -22,9 +41,8 @@ def stream() -> Stream:
     return made
 
 
-def room(frame: int, *, matte: bool) -> tuple[SceneDescription, NDArray[np.bool_]]:
-    """The room as it is at a frame, and which of its instances move. matte: of materials the diffuse colour alone, and
-    what glows evenly."""
+def room(frame: int, *, matte: bool) -> Room:
+    """The room as it is at a frame. matte: of materials the diffuse colour alone, and what glows evenly."""
     world = stream().world
     meshes: list[Mesh] = []
     materials: list[Material] = []
@@ -54,7 +72,39 @@ def room(frame: int, *, matte: bool) -> tuple[SceneDescription, NDArray[np.bool_
         templates=(),
         colliders=(),
     )
-    return room, world.moving(frame)[placement.present[1]]
+    return Room(room, world.moving(frame), world.placement)
+
+
+def tiscene(room: SceneDescription, width: int, height: int, depth: int) -> Render:
+    """What renders it."""
+    scene = DeviceScene()
+    scene.add(room)
+    scene.place(still(room))
+    camera = room.cameras[0]
+    view = View(camera, camera, camera, width, height)
+    paths = PathPass(scene, width, height)
+
+    def render(spp: int, seed: int) -> tuple[Image, Image, Image]:
+        image = paths.render(view, frame_index=0, seed=seed, spp=spp, max_depth=depth)
+        return image.hdr, image.albedo, image.normal
+
+    return render
+
+
+def mitsuba(room: SceneDescription, width: int, height: int, depth: int, *, glossy: bool) -> Render | None:
+    """What renders it with Mitsuba's `path` (LLVM), and albedo and normal beside it; None where there is none."""
+    mi = peers.mitsuba()
+    if mi is None:
+        return None
+    scene = mitsuba_scene.scene(
+        mi, room, room.cameras[0], width, height, max_depth=depth, spp=4, glossy=glossy, guides=True
+    )
+
+    def render(spp: int, seed: int) -> tuple[Image, Image, Image]:
+        channels = np.array(mi.render(scene, spp=spp, seed=seed), np.float32)
+        return channels[..., :3], channels[..., 3:6], channels[..., 6:9]
+
+    return render
 
 
 def _moved(material: Material, first_texture: int) -> Material:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.benchmarks import peers
 from tests.benchmarks.room import room, still
 from tests.reference import mitsuba_scene
 from tiscene.render.integrators.path import PathPass
@@ -56,11 +57,11 @@ def ours(width: int, height: int, spp: int = SPP) -> Callable[[int], NDArray[np.
     return lambda seed: paths.render(view, frame_index=0, seed=seed, spp=spp, max_depth=DEPTH).hdr
 
 
-def mitsuba(variant: str, width: int, height: int) -> Callable[[int], NDArray[np.float32]]:
-    """A variant of Mitsuba on the room."""
-    import mitsuba as mi
-
-    mi.set_variant(variant)
+def mitsuba(variant: str, width: int, height: int) -> Callable[[int], NDArray[np.float32]] | None:
+    """A variant of Mitsuba on the room; None where it is not installed."""
+    mi = peers.mitsuba(variant)
+    if mi is None:
+        return None
     description = room()
     scene = mitsuba_scene.scene(mi, description, description.cameras[0], width, height, max_depth=DEPTH, spp=SPP)
 
@@ -78,7 +79,8 @@ def main() -> None:
     for width, height in SIZES:
         variants = VARIANTS if (width, height) == SIZES[0] else VARIANTS[:1]
         renderers = [Renderer("tiscene", ours(width, height))]
-        renderers += [Renderer(f"mitsuba {variant}", mitsuba(variant, width, height)) for variant in variants]
+        theirs = {variant: mitsuba(variant, width, height) for variant in variants}
+        renderers += [Renderer(f"mitsuba {variant}", render) for variant, render in theirs.items() if render]
         for renderer in renderers:
             renderer.render(0)
         for seed in range(1, ROUNDS + 1):

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from tests.benchmarks import living_room
+from tests.benchmarks import living_room, peers
 
 SIZE = (256, 192)
 SPP, DEPTH = 4, 4
@@ -29,6 +29,7 @@ KINDS = (
     ("standard", "quality='standard', frames=1", "stream[0]"),
     ("preview, differential", "quality='preview'", "next(stream)"),
 )
+SILENT = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"  # Ctrl-C is for the one who waits
 OURS = "import tiscene as ts; stream = ts.Stream('room_02', width={}, height={}, {}); {}"
 MITSUBA = """
 import pickle, sys
@@ -47,15 +48,17 @@ def main() -> None:
     print(f"{'':>24} {'cold, s':>8} {'CPU':>6} {'warm, s':>8} {'CPU':>6}  ({SIZE[0]}x{SIZE[1]})")
     for name, arguments, frame in KINDS:
         row(name, OURS.format(*SIZE, arguments, frame))
+    if peers.mitsuba() is None:
+        return
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder, "room")
-        room.write_bytes(pickle.dumps(living_room.room(0, matte=True)[0]))
+        room.write_bytes(pickle.dumps(living_room.room(0, matte=True).description))
         row(f"Mitsuba LLVM, {SPP} spp", MITSUBA.format(*SIZE, DEPTH, SPP, SPP), str(room))
 
 
 def row(name: str, code: str, *arguments: str) -> None:
     """One line: the same code twice, the first time without compiled kernels; never with a base image."""
-    command = [sys.executable, "-c", code, *arguments]
+    command = [sys.executable, "-c", SILENT + code, *arguments]
     with tempfile.TemporaryDirectory() as kernels:
         times: list[float] = []
         for _ in range(2):
