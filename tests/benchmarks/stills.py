@@ -4,8 +4,8 @@ Each renderer denoises by its own albedo and normal of the first hit, whose cost
 integrator). "matte": both are measured against one converged picture, tiscene's; "glossy": materials are Mitsuba's
 `principled`, which is not quite UsdPreviewSurface, so that each is measured against its own. relMSE: squared error over
 squared reference plus 0.01, mean over pixels and seeds; the reference's own noise, which its two halves tell, is taken
-off. "part": tiscene's time as a part of Mitsuba's for the same error, by the power law between or beyond 4, 16 and 64
-spp; by wall time, and in brackets by CPU time.
+off. "part": tiscene's time as a part of Mitsuba's for the same error, by the power law between or beyond the samples
+measured; by wall time, and in brackets by CPU time.
 """
 
 from __future__ import annotations
@@ -16,21 +16,22 @@ from tests.benchmarks import living_room
 from tests.benchmarks.converged import Row, cpu_for, measured, note, reference, times_for
 from tiscene.scene.description import SceneDescription
 
-SAMPLES = (4, 16, 64)
 DEPTH = 6
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The size, how many seeds a row is the mean of, and the spp of each half of the references."""
+    """The size, how many seeds a row is the mean of, the spp of each half of the references, and of the rows."""
 
     width: int
     height: int
     seeds: int
     half: int
+    samples: tuple[int, ...]
 
 
-SMALL, LARGE = Plan(256, 192, seeds=3, half=128), Plan(640, 480, seeds=2, half=24)
+SMALL = Plan(256, 192, seeds=3, half=128, samples=(4, 16, 64))
+LARGE = Plan(640, 480, seeds=2, half=24, samples=(4, 16))
 
 
 def main(large: bool = False) -> None:
@@ -58,9 +59,9 @@ def table(room: SceneDescription, matte: bool, plan: Plan) -> None:
     rows: dict[str, list[Row]] = {}
     for renderer, render in renderers.items():
         note(f"{name}: {renderer}")
-        rows[renderer] = [measured(render, spp, plan.seeds, references[renderer]) for spp in SAMPLES]
+        rows[renderer] = [measured(render, spp, plan.seeds, references[renderer]) for spp in plan.samples]
     for renderer, mine in rows.items():
-        for spp, row in zip(SAMPLES, mine, strict=True):
+        for spp, row in zip(plan.samples, mine, strict=True):
             raw = clean = ""
             if renderer == "tiscene" and "Mitsuba" in rows:
                 wall, cpu = times_for(row, rows["Mitsuba"]), cpu_for(row, rows["Mitsuba"])
@@ -70,7 +71,7 @@ def table(room: SceneDescription, matte: bool, plan: Plan) -> None:
                 f"{renderer:>8} {spp:4} {1e3 * row.wall:8.0f} {1e3 * row.cpu:8.0f} {row.error:8.4f} {raw:>12}"
                 f" {1e3 * row.clean_wall:8.0f} {1e3 * row.clean_cpu:8.0f} {row.clean_error:8.4f} {clean:>12}"
             )
-    means = (f"{renderer} {render(SAMPLES[-1], 0)[0].mean():.4f}" for renderer, render in renderers.items())
+    means = (f"{renderer} {render(plan.samples[-1], 0)[0].mean():.4f}" for renderer, render in renderers.items())
     print(f"means of the pictures: {', '.join(means)}", flush=True)
 
 
