@@ -15,6 +15,7 @@ import tiscene as ts
 from dynamics import Body, Dynamic, LookAt, Orbit, Simulation
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, TemplateNotFound
+from tiscene.scene.animation import Track
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
 from tiscene.world import World
 
@@ -248,6 +249,22 @@ def test_the_camera_moves_by_its_dynamic():
     assert now.vertical_fov == 0.5
     start = world(fps=1.0, camera=moving).view(0)
     assert start[0] == start[1]
+
+
+def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
+    """The cup, which comes first, has none."""
+    moved = np.tile(np.eye(4)[:3], (2, 1, 1, 1))
+    moved[1, 0, :, 3] = (1, 2, 3)
+    track = Track(np.array([1], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
+    stage = SceneDescription(
+        "room",
+        (FLOOR, UNIT_CUBE),
+        instances=(Instance(0, 1, at(5, 5, 5)), Instance(1, 2, np.eye(4))),
+        objects=(SceneObject("Cup", "/Cup"), SceneObject("Floor", "/Floor"), SceneObject("Lift", "/Lift")),
+        tracks=(track,),
+    )
+    rows = {row.name: row.position for row in world(stage=stage).objects(5)}
+    assert rows == {"Cup": (0.0, 0.0, 0.0), "Floor": (5.0, 5.0, 5.0), "Lift": (0.5, 1.0, 1.5)}
 
 
 def test_which_camera():

@@ -35,7 +35,9 @@ class StageThings:
         self._owner = owner
         self._tracks = tracks
         self._fps = fps
-        self._first_part = np.unique(owner, return_index=True)[1]  # of every thing, where its axes are
+        drawn, first = np.unique(owner, return_index=True)
+        self._first_part = np.zeros(len(self._rows), np.intp)  # of every thing of which something is drawn: its axes'
+        self._first_part[drawn] = first
         self._tracked = np.unique(owner[tracks.rows])
         self._numbers = {thing.prim_path: row for row, thing in enumerate(stage.objects)}
         self.lives: dict[int, StageLife] = {}

@@ -11,7 +11,7 @@ from tiscene.camera import Camera, quaternion_from_matrix
 from tiscene.errors import ArgumentError
 from tiscene.scene.description import Matrix
 from tiscene.usd.problems import Report
-from tiscene.usd.transform import rigid, unmirrored
+from tiscene.usd.transform import unmirrored, unscaled
 
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
 
@@ -34,7 +34,7 @@ def read_camera(
     upright = unmirrored(world_from_prim)
     if upright is not world_from_prim:
         report.omission(path, "what a mirrored camera sees is not mirrored")
-    pose = rigid(upright)
+    pose = unscaled(upright)
     if pose is None:
         report.problem(path, "camera", "its transform is singular or not finite")
         return None

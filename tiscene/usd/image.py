@@ -97,11 +97,11 @@ def _with_alpha(values: NDArray[Any]) -> NDArray[Any]:
 
 def _read_exr(data: bytes) -> FloatArray:
     """The first part's colour channels; one layer's or grey where there is no plain RGB."""
-    with tempfile.NamedTemporaryFile(suffix=".exr") as file:  # OpenEXR reads only from files
-        file.write(data)
-        file.flush()
+    with tempfile.TemporaryDirectory() as folder:  # OpenEXR reads only from files
+        file = Path(folder, "picture.exr")
+        file.write_bytes(data)
         try:
-            with OpenEXR.File(file.name) as exr:
+            with OpenEXR.File(str(file)) as exr:
                 channels = {name: channel.pixels for name, channel in exr.channels().items()}
         except RuntimeError as error:
             raise ValueError(f"not a readable EXR file: {error}") from error

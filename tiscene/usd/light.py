@@ -24,7 +24,7 @@ from tiscene.scene.description import (
 from tiscene.usd.problems import Report
 from tiscene.usd.shaping import light_input, read_shaping, report_unrendered
 from tiscene.usd.texture import TextureTable
-from tiscene.usd.transform import rigid, to_matrix
+from tiscene.usd.transform import to_matrix, unscaled
 
 _POINT_RADIUS = 0.001  # m; what stands for a sphere that is treated as a point
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # +y to +z, +z to -y
@@ -50,7 +50,7 @@ class LightReader:
         if emission is None or not (any(emission) or self._is_animated(prim)):
             return
         report_unrendered(prim, self._time, self._report)
-        pose = rigid(world_from_prim)
+        pose = unscaled(world_from_prim)
         if pose is None:
             self._report.problem(path, "light", "its transform is singular or not finite")
             return
@@ -200,7 +200,7 @@ class LightReader:
                 continue
             world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
             matrix = to_matrix(world, self._meters)
-            pose = rigid(matrix)
+            pose = unscaled(matrix)
             if pose is None:
                 self._report.problem(path, "portal", "its transform is singular or not finite")
                 continue

@@ -49,7 +49,7 @@ def unmirrored(matrix: Matrix) -> Matrix:
     return matrix @ np.diag([-1.0, 1.0, 1.0, 1.0]) if np.linalg.det(matrix[:3, :3]) < 0.0 else matrix
 
 
-def rigid(matrix: Matrix) -> Matrix | None:
+def unscaled(matrix: Matrix) -> Matrix | None:
     """The transform without its scale and shear: -z stays normal to the xy plane, x keeps its direction.
 
     None for a singular transform.

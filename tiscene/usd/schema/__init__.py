@@ -63,6 +63,6 @@ def report_misspelt(prim: Usd.Prim, report: Report) -> None:
     for each in prim.GetAuthoredPropertiesInNamespace("tiscene"):
         name = str(each.GetName())
         if name not in properties():
-            nearest = difflib.get_close_matches(name, properties(), n=1)
+            nearest = difflib.get_close_matches(name, sorted(properties()), n=1)
             hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
             report.problem(prim.GetPath(), "schema", f"there is no property {name!r}{hint}")
