@@ -219,8 +219,9 @@ def test_the_help_names_every_format_and_the_default_buffers():
 def test_list_prints_every_name_and_file(capsys):
     assert cli.main(["list"]) == 0
     printed = capsys.readouterr().out
-    for name, path in {**catalog.scenes(), **catalog.templates()}.items():
-        assert any(line.startswith(f"  {name} ") and line.endswith(f" {path}") for line in printed.splitlines())
+    files = {name: str(path) for name, path in {**catalog.scenes(), **catalog.templates()}.items()}
+    for name, text in (files | {name: aov.doc for name, aov in AOVS.items()}).items():
+        assert any(line.startswith(f"  {name} ") and line.endswith(f" {text}") for line in printed.splitlines())
 
 
 KITCHEN = """#usda 1.0

@@ -145,7 +145,7 @@ def _render(commands: Commands) -> None:
 
 
 def _list(commands: Commands) -> None:
-    commands.add_parser("list", help="list scenes and object templates")
+    commands.add_parser("list", help="list scenes, object templates and buffers")
 
 
 def _show(commands: Commands) -> None:
