@@ -12,7 +12,7 @@ from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.bsdfs.inputs import ALL_INPUTS, Footprint, Materials, material_at
 from tiscene.render.lights import all_lights
 from tiscene.render.lights.choice import weigh
-from tiscene.render.lights.light_sample import Lights
+from tiscene.render.lights.light_sample import LightNodes, Lights
 from tiscene.render.sampler import mix, uniform
 from tiscene.render.surface import VisibleSurface
 from tiscene.render.textures import Textures
@@ -110,7 +110,7 @@ class Bsdf:
 @ti.kernel
 def illuminate(
     light_values: Floats2,
-    light_nodes: Floats2,
+    light_nodes: LightNodes,
     light_distribution: Floats1,
     texture_info: Ints2,
     texture_words: Ints1,

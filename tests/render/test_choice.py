@@ -7,7 +7,7 @@ from scipy import stats
 
 from tests.reference.chi_square import LEAST
 from tiscene.render.lights.choice import chance_of, choose, weigh
-from tiscene.render.lights.light_sample import Lights
+from tiscene.render.lights.light_sample import LightNodes, Lights
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
 from tiscene.scene.light_nodes import (
     CHILD,
@@ -17,6 +17,7 @@ from tiscene.scene.light_nodes import (
     H_NODES,
     LANES,
     MOST_ENTRIES,
+    NODE_COLUMNS,
     PARENT,
     ROW,
     STRENGTH,
@@ -33,7 +34,7 @@ NUMBERS = ti.types.ndarray(dtype=ti.f32, ndim=1)
 @ti.kernel
 def choices(
     values: VALUES,
-    nodes: VALUES,
+    nodes: LightNodes,
     distribution: NUMBERS,
     x: ti.f32,
     y: ti.f32,
@@ -166,7 +167,7 @@ def test_groups_hold_every_light_once():
     table = LightTable()
     table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
     arrays = table.arrays(TextureAtlas())
-    nodes = arrays.nodes.to_numpy()
+    nodes = arrays.nodes.to_numpy().reshape(-1, NODE_COLUMNS)
     assert nodes[0, H_DOMES] == LANES + 1
     assert nodes[0, H_NODES] == 2
     rows, _ = places(nodes[1:])

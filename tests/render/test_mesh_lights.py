@@ -13,7 +13,7 @@ from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, 
 from tiscene.render.bsdfs.inputs import Materials
 from tiscene.render.integrators.path import PathPass
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.light_sample import lights_of
+from tiscene.render.lights.light_sample import LightNodes, lights_of
 from tiscene.render.surface import FLOATS_3D, Geometry
 from tiscene.render.textures import Textures
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
@@ -167,7 +167,7 @@ def from_origin(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: Floats2,
+    light_nodes: LightNodes,
     light_distribution: Floats1,
     energy: Floats1,
     numbers: Floats2,

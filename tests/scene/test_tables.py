@@ -16,6 +16,7 @@ from tiscene.scene.light_nodes import (
     H_ROWS,
     H_SOLID_COUNT,
     H_SOLID_NODES,
+    NODE_COLUMNS,
     STRENGTH,
     members,
 )
@@ -130,7 +131,7 @@ def atlas() -> TextureAtlas:
 
 def test_lights_that_can_be_met_come_first() -> None:
     arrays = lights().arrays(atlas())
-    values, header = arrays.values.to_numpy(), arrays.nodes.to_numpy()[0]
+    values, header = arrays.values.to_numpy(), arrays.nodes.to_numpy().reshape(-1, NODE_COLUMNS)[0]
     assert values[:, KIND].tolist() == [RECT, SPHERE, POINT, POINT + 1, DOME]
     assert values[0, TEXTURE] == 2
     assert values[4, TEXTURE] == 0
@@ -139,11 +140,11 @@ def test_lights_that_can_be_met_come_first() -> None:
 
 
 def test_no_lights_and_black_lights_are_no_error() -> None:
-    empty = LightTable().arrays(TextureAtlas()).nodes.to_numpy()
+    empty = LightTable().arrays(TextureAtlas()).nodes.to_numpy().reshape(-1, NODE_COLUMNS)
     assert empty[0, H_DOMES] == 0  # no entry
     dark = LightTable()
     dark.append([RectLight("off", "/off", EYE, (0.0, 0.0, 0.0), 1.0, 1.0)] * 2, first_texture=0)
-    nodes = dark.arrays(TextureAtlas()).nodes.to_numpy()
+    nodes = dark.arrays(TextureAtlas()).nodes.to_numpy().reshape(-1, NODE_COLUMNS)
     assert not members(nodes[1])[:, [STRENGTH, EVEN]].any()
     assert nodes[0, H_SOLID_COUNT] == 2  # they are in the way all the same
 

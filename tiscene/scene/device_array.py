@@ -20,3 +20,11 @@ def upload(values: NDArray[Any]) -> Any:
     array = ti.ndarray(ti.i32 if dtype == np.int32 else ti.f32, values.shape)
     array.from_numpy(np.ascontiguousarray(values, dtype))
     return array
+
+
+def upload_vectors(values: NDArray[np.float32]) -> Any:
+    """Rows, float32 [n, k], as a ti.ndarray of n vectors: a kernel then knows that their numbers stand together."""
+    count, length = values.shape
+    array = ti.ndarray(ti.types.vector(length, ti.f32), count)
+    array.from_numpy(np.ascontiguousarray(values, np.float32))
+    return array

@@ -22,7 +22,7 @@ from tiscene.scene.description import (
     Shaping,
     SphereLight,
 )
-from tiscene.scene.device_array import upload
+from tiscene.scene.device_array import upload, upload_vectors
 from tiscene.scene.light_groups import shine
 from tiscene.scene.light_images import (
     LUMINANCE,
@@ -84,7 +84,7 @@ SHADE_COLUMNS = 8
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n + portals, 39], columns as named above; nodes: f32 [m, 128], see `light_nodes`; distribution: f32
+    """values: f32 [n + portals, 39], columns as named above; nodes: [m * 16] of 8, see `light_nodes`; distribution: f32
     [k], see `dome_distribution`."""
 
     values: Any
@@ -337,7 +337,7 @@ class LightTable:
         known = self._distributions
         if len(known) != len(distributions) or not all(map(np.array_equal, known, distributions)):
             self._distributions, self._uploaded = distributions, upload(np.concatenate(distributions))
-        return LightArrays(upload(values), upload(nodes), self._uploaded)
+        return LightArrays(upload(values), upload_vectors(nodes.reshape(-1, LANES)), self._uploaded)
 
     def _add_meshes(
         self, rows: NDArray[np.float32], used_nodes: int, used: int, distributions: list[NDArray[np.float32]]

@@ -16,7 +16,7 @@ from tiscene.render.integrators.path_state import (
     get3,
     set3,
 )
-from tiscene.render.lights.light_sample import FAR, Lights
+from tiscene.render.lights.light_sample import FAR, LightNodes, Lights
 from tiscene.render.lights.met import LIGHT_FRONT, nearest_light, seen_lights
 from tiscene.render.ray_arrays import Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.textures import Textures
@@ -30,7 +30,7 @@ def finish(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: Floats2,
+    light_nodes: LightNodes,
     light_distribution: Floats1,
     mis: ti.i32,
     queue: Ints1,

@@ -27,7 +27,7 @@ from tiscene.render.integrators.path_state import (
     set3,
 )
 from tiscene.render.lights import all_lights
-from tiscene.render.lights.light_sample import lights_of
+from tiscene.render.lights.light_sample import LightNodes, lights_of, of_node
 from tiscene.render.lights.met import (
     LIGHT_FRONT,
     nearest_light,
@@ -112,7 +112,7 @@ def shade(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: Floats2,
+    light_nodes: LightNodes,
     light_distribution: Floats1,
     energy: Floats1,
     pixels: Pixels,
@@ -239,7 +239,7 @@ def shade(
                                     towards = aim / ti.max(reach, 1e-20)
                             reach *= 1.0 - LIGHT_FRONT
                             blocking = -1
-                            others = light_nodes[0, H_SOLID_COUNT]
+                            others = of_node(light_nodes, 0, H_SOLID_COUNT)
                             if (
                                 others > 1.0 or light_values[light_row, KIND] > LAST_SOLID
                             ):  # else there is only this one

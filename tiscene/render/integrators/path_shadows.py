@@ -4,6 +4,7 @@ import taichi as ti
 
 from tiscene.render.bsdfs.inputs import Footprint, Materials, material_at
 from tiscene.render.integrators.path_kernels import Floats1, Floats2, Ints1, Ints2
+from tiscene.render.lights.light_sample import LightNodes
 from tiscene.render.ray_arrays import PLACE, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.sampler import combine, set_key, uniform
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
@@ -35,7 +36,7 @@ def pass_shadows(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: Floats2,
+    light_nodes: LightNodes,
     light_distribution: Floats1,
     energy: Floats1,
     pixels: Pixels,

@@ -29,7 +29,7 @@ from tiscene.render.integrators.path_state import (
     get3,
     set3,
 )
-from tiscene.render.lights.light_sample import Lights
+from tiscene.render.lights.light_sample import LightNodes, Lights
 from tiscene.render.lights.met import nearest_light
 from tiscene.render.ray_arrays import ROW, Hits, Pixels, Rays, ray_direction, ray_origin
 
@@ -97,7 +97,7 @@ def finite(light: vec3) -> vec3:
 @ti.kernel
 def end_segments(
     light_values: Floats2,
-    light_nodes: Floats2,
+    light_nodes: LightNodes,
     light_distribution: Floats1,
     last_depth: ti.i32,
     group: ti.i32,

@@ -4,7 +4,7 @@ import taichi as ti
 
 from tiscene.render.lights import cylinder, disk, distant, dome, mesh, point, portal, rect, shaping, sphere
 from tiscene.render.lights.choice import chance_of, choose, weigh
-from tiscene.render.lights.light_sample import integer, no_sample
+from tiscene.render.lights.light_sample import header, integer, no_sample, of_node
 from tiscene.scene.light_nodes import H_CHOICE, H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
 from tiscene.scene.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
 
@@ -18,14 +18,14 @@ LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
 @ti.func
 def any_choice(lights: ti.template()):
     """Whether there are several lights: 1 or 0. Of one, `sample` needs no number to choose it."""
-    return ti.cast(lights.nodes[0, H_CHOICE] > 0.0, ti.i32)
+    return ti.cast(of_node(lights.nodes, 0, H_CHOICE) > 0.0, ti.i32)
 
 
 @ti.func
 def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice: ti.f32, u: vec2):
     """A direction to some light: a LightSample. choice, u: uniform numbers. The density is that of all ways to it."""
     result = no_sample()
-    if lights.nodes[0, H_NODES] > 0.0:
+    if header(lights.nodes, H_NODES) > 0:
         weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, origin, weights)
         row, place, chance = choose(lights, weights, count, scale, origin, choice)
@@ -63,8 +63,8 @@ def other_ways(
 ) -> ti.f32:
     """The density of a dome's direction by its image and all its portals, leaving out the row `but`."""
     result = 0.0
-    first = integer(lights.nodes, 0, H_PORTAL_ROW)
-    for turn in range(first - 1, integer(lights.nodes, 0, H_ROWS)):
+    first = header(lights.nodes, H_PORTAL_ROW)
+    for turn in range(first - 1, header(lights.nodes, H_ROWS)):
         way, reach = row, ti.math.inf
         if turn >= first:
             way = turn

@@ -9,7 +9,7 @@ import math
 import taichi as ti
 
 from tiscene.render.lights import shaping
-from tiscene.render.lights.light_sample import axis, integer
+from tiscene.render.lights.light_sample import attribute, axis, header, integer, lanes, of_member, of_node
 from tiscene.render.surface import transform_point
 from tiscene.scene.light_nodes import (
     BACK,
@@ -42,7 +42,6 @@ from tiscene.scene.light_table import INSTANCE, KIND, MESH, NODE, SHADE_COLUMNS,
 from tiscene.scene.placement import CURRENT
 
 vec3 = ti.math.vec3
-lanes = ti.types.vector(LANES, ti.f32)
 
 # What a distant light that comes in by no portal counts for: it may come in elsewhere.
 _HIDDEN = 1e-6
@@ -50,21 +49,6 @@ _BELOW_1 = 0.99999994
 # A group is near if its squared distance is below so many times its squared spread: then what its members give is
 # summed up, by which the worst of the noise is halved.
 _NEAR = 4.0
-
-
-@ti.func
-def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes:
-    """One attribute of all members of a node."""
-    result = lanes(0.0)
-    for k in ti.static(range(LANES)):
-        result[k] = nodes[node, LANES * which + k]
-    return result
-
-
-@ti.func
-def of_member(nodes: ti.template(), place: ti.i32, which: ti.template()) -> ti.f32:
-    """One attribute of a member."""
-    return nodes[place >> LANE_BITS, LANES * which + (place & (LANES - 1))]
 
 
 @ti.func
@@ -95,11 +79,12 @@ def given(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
     facing = attribute(nodes, node, ROUND) * distance + ti.max(height, -attribute(nodes, node, BACK) * height)
     apart2 = ti.max(distance2 + attribute(nodes, node, SIZE2), attribute(nodes, node, SPREAD2))
     result = ti.max(attribute(nodes, node, STRENGTH) * facing / (distance * apart2), 0.0)
-    if nodes[node, CONES] > 0.0:
+    if of_node(nodes, node, CONES) > 0.0:
         within = ti.Vector.one(ti.f32, LANES)
-        for k in range(integer(nodes, node, COUNT)):  # no number that LLVM knows: it would unroll the loop
-            if nodes[node, LANES * BACK + k] < 0.0:
-                row = ti.cast(nodes[node, LANES * ROW + k], ti.i32)
+        count = ti.cast(of_node(nodes, node, COUNT), ti.i32)
+        for k in range(count):  # no number that LLVM knows: it would unroll the loop
+            if of_member(nodes, LANES * node + k, BACK) < 0.0:
+                row = row_at(nodes, LANES * node + k)
                 offset = axis(lights.values, row, 3) - origin
                 cosine = offset.dot(axis(lights.values, row, 2)) / ti.max(offset.norm(), 1e-9)
                 within[k] = shaping.in_cone(lights.values, row, cosine)
@@ -161,7 +146,7 @@ def comes_in(lights: ti.template(), entry: ti.i32, origin: vec3):
         if at >= 0:
             shades = ti.static(lights.distribution)
             result = 0
-            for _ in range(integer(lights.nodes, 0, H_ROWS) - integer(lights.nodes, 0, H_PORTAL_ROW)):
+            for _ in range(header(lights.nodes, H_ROWS) - header(lights.nodes, H_PORTAL_ROW)):
                 across = affine(shades, at, origin)
                 along = affine(shades, at + 4, origin)
                 result |= ti.cast(ti.max(ti.abs(across), ti.abs(along)) <= 1.0, ti.i32)
@@ -176,8 +161,8 @@ def from_afar(lights: ti.template(), origin: vec3, weights: ti.template()):
     A sun that is behind a portal counts there as well: few points are, and it does no harm.
     """
     nodes = ti.static(lights.nodes)
-    portals, distants = integer(nodes, 0, H_LAMPS), integer(nodes, 0, H_PORTALS)
-    domes, end = integer(nodes, 0, H_DISTANTS), integer(nodes, 0, H_DOMES)
+    portals, distants = header(nodes, H_LAMPS), header(nodes, H_PORTALS)
+    domes, end = header(nodes, H_DISTANTS), header(nodes, H_DOMES)
     through_portals = 0.0
     for entry in range(portals, distants):
         through_portals += weights[entry]
@@ -217,15 +202,15 @@ def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
     """
     nodes = ti.static(lights.nodes)
     count, scale = 0, 0.0
-    if nodes[0, H_CHOICE] > 0.0:
-        count = integer(nodes, 0, H_NODES)
-        done, near, end = 0, 0, integer(nodes, 0, H_PLACED_NODES)
+    if of_node(nodes, 0, H_CHOICE) > 0.0:
+        count = header(nodes, H_NODES)
+        done, near, end = 0, 0, header(nodes, H_PLACED_NODES)
         while near > 0 or done < end:
             node, opened = 1 + done, -1
             if near > 0:
                 opened = lowest(near)
                 near &= near - 1
-                node = ti.cast(nodes[done, LANES * CHILD + opened], ti.i32)
+                node = ti.cast(of_member(nodes, LANES * done + opened, CHILD), ti.i32)
             here = given(lights, node, origin)
             if opened >= 0:
                 at = LANES * (done - 1) + opened
@@ -234,9 +219,9 @@ def weigh(lights: ti.template(), origin: vec3, weights: ti.template()):
                 for lane in ti.static(range(LANES)):
                     weights[LANES * done + lane] = here[lane]
                 done += 1
-                if nodes[done, GROUPS] > 0.0:
+                if of_node(nodes, done, GROUPS) > 0.0:
                     near = near_groups(nodes, done, origin)
-        if nodes[0, H_DOMES] > nodes[0, H_LAMPS]:
+        if header(nodes, H_DOMES) > header(nodes, H_LAMPS):
             from_afar(lights, origin, weights)
         total, even = 0.0, 0.0
         for k in range(count):
@@ -265,7 +250,7 @@ def shares(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
     result = given(lights, node, origin)
     if running_sums(result)[LANES - 1] <= 0.0:
         for k in ti.static(range(LANES)):
-            result[k] = ti.select(k < lights.nodes[node, COUNT], 1.0, 0.0)
+            result[k] = ti.select(k < of_node(lights.nodes, node, COUNT), 1.0, 0.0)
     return result
 
 
@@ -322,7 +307,7 @@ def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: 
 def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
     """(the place of the entry that a member is below, its part of the entry's chance); place 0 for a mesh's member."""
     nodes = ti.static(lights.nodes)
-    entries = integer(nodes, 0, H_NODES)
+    entries = header(nodes, H_NODES)
     here, part = place, 1.0
     while here >> LANE_BITS > entries:
         node = here >> LANE_BITS
@@ -331,7 +316,7 @@ def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
         for k in ti.static(range(LANES)):
             mine = ti.select(here & (LANES - 1) == k, weights[k], mine)
         part *= mine / running_sums(weights)[LANES - 1]
-        here = integer(nodes, node, PARENT)
+        here = ti.cast(of_node(nodes, node, PARENT), ti.i32)
     return here, part
 
 

@@ -4,9 +4,12 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
+from tiscene.scene.light_nodes import LANE_BITS, LANES, NODE_COLUMNS
 from tiscene.scene.light_table import RADIANCE, TRANSFORM
 
 vec3 = ti.math.vec3
+lanes = ti.types.vector(LANES, ti.f32)
+LightNodes = ti.types.ndarray(lanes, 1)
 
 FAR = 1e30  # stands for infinity where a ray has to have an end
 
@@ -53,6 +56,30 @@ def no_sample():
 def integer(array: ti.template(), row: ti.i32, column: ti.template()) -> ti.i32:
     """A whole number among floats."""
     return ti.cast(array[row, column], ti.i32)
+
+
+@ti.func
+def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes:
+    """One attribute of all members of a node of lights."""
+    return nodes[node * (NODE_COLUMNS // LANES) + which]
+
+
+@ti.func
+def of_member(nodes: ti.template(), place: ti.i32, which: ti.template()) -> ti.f32:
+    """One attribute of a member."""
+    return nodes[(place >> LANE_BITS) * (NODE_COLUMNS // LANES) + which][place & (LANES - 1)]
+
+
+@ti.func
+def of_node(nodes: ti.template(), node: ti.i32, column: ti.template()) -> ti.f32:
+    """What a node knows of itself; of the header any column."""
+    return nodes[node * (NODE_COLUMNS // LANES) + column // LANES][column % LANES]
+
+
+@ti.func
+def header(nodes: ti.template(), column: ti.template()) -> ti.i32:
+    """A whole number of the header."""
+    return ti.cast(of_node(nodes, 0, column), ti.i32)
 
 
 @ti.func

@@ -8,7 +8,7 @@ import taichi as ti
 
 from tiscene.render.bsdfs.inputs import Footprint, material_at
 from tiscene.render.lights.choice import in_mesh, part_of, row_at
-from tiscene.render.lights.light_sample import integer, no_sample
+from tiscene.render.lights.light_sample import header, integer, no_sample
 from tiscene.render.surface import moved_by, row3, surface_at, transform_vector
 from tiscene.scene.light_nodes import H_END, H_ROWS
 from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
@@ -22,7 +22,7 @@ vec3 = ti.math.vec3
 @ti.func
 def row_of(lights: ti.template(), instance: ti.i32) -> ti.i32:
     """The row of the light that an instance is, -1 for none."""
-    low, high = integer(lights.nodes, 0, H_ROWS), integer(lights.nodes, 0, H_END)
+    low, high = header(lights.nodes, H_ROWS), header(lights.nodes, H_END)
     while high - low > 1:
         middle = (low + high) // 2
         if integer(lights.values, middle, INSTANCE) <= instance:

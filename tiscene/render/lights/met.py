@@ -4,8 +4,8 @@ so that a light hides what is behind it however a path gets there."""
 import taichi as ti
 
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.choice import attribute, lowest, not_negative, row_at, towards, weigh
-from tiscene.render.lights.light_sample import integer
+from tiscene.render.lights.choice import lowest, not_negative, row_at, towards, weigh
+from tiscene.render.lights.light_sample import attribute, header, of_member
 from tiscene.scene.light_nodes import (
     CHILD,
     FEW,
@@ -49,7 +49,7 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
     """(row, distance) of the light that a ray meets before the surface; row -1 for none."""
     nodes = ti.static(lights.nodes)
     row, nearest = -1, surface_distance * (1.0 + LIGHT_FRONT)
-    waiting, count = ti.Vector.zero(ti.i32, _MOST_WAITING), integer(nodes, 0, H_SOLID_NODES)
+    waiting, count = ti.Vector.zero(ti.i32, _MOST_WAITING), header(nodes, H_SOLID_NODES)
     for k in range(count):
         waiting[k] = count - k
     while count > 0:
@@ -65,7 +65,7 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
         while inside > 0:
             lane = lowest(inside)
             inside &= inside - 1
-            child = ti.cast(nodes[node, LANES * CHILD + lane], ti.i32)
+            child = ti.cast(of_member(nodes, LANES * node + lane, CHILD), ti.i32)
             if child > 0:
                 if count < _MOST_WAITING:
                     waiting[count] = child
@@ -105,7 +105,7 @@ def seen_lights(
     if light >= 0 or triangle >= 0:
         from_vertex = (origin + direction * distance - last_vertex).norm()
     else:
-        first, end = integer(lights.nodes, 0, H_DISTANT_ROW), integer(lights.nodes, 0, H_PORTAL_ROW)
+        first, end = header(lights.nodes, H_DISTANT_ROW), header(lights.nodes, H_PORTAL_ROW)
     if ti.static(lights.with_meshes):
         if triangle >= 0:
             first = mesh.row_of(lights, instance)
