@@ -125,6 +125,8 @@ def test_bad_calls(tmp_path):
     with pytest.raises(ArgumentError, match=r"frames=range"):
         export(FakeStream(), tmp_path)
     (tmp_path / "file").write_text("")
+    with pytest.raises(ExportError, match="it is a file, not a folder"):
+        export(FakeStream(), tmp_path / "file", frames=range(1))
     with pytest.raises(ExportError, match="cannot write into"):
         export(FakeStream(), tmp_path / "file" / "below", frames=range(1))
 

@@ -70,6 +70,8 @@ def export(
             raise ArgumentError("an endless stream needs frames=range(...) to be exported")
         frames = range(stream.frames)
     folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ExportError(f"cannot write into {str(folder)!r}: it is a file, not a folder")
     wanted = made_by(stream, format, objects)
     manifest = _continued(folder, wanted, overwrite)
     try:
