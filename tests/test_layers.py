@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("tiscene", "dynamics", "usd_scenes")
 
-GROUND = {"tiscene.arguments", "tiscene.errors", "tiscene.files", "tiscene.device", "tiscene.camera"}
+GROUND = {"tiscene.arguments", "tiscene.errors", "tiscene.files", "tiscene.device", "tiscene.camera", "tiscene.srgb"}
 SCENE = GROUND | {"tiscene.scene"}
 STREAM = SCENE | {
     "dynamics",
@@ -33,7 +33,10 @@ STREAM = SCENE | {
     "tiscene.waiting",
     "tiscene.world",
 }
-EXPORT = {"tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.stream", "tiscene.sailenv.space"}
+EXPORT = {
+    *("tiscene", "tiscene.errors", "tiscene.files", "tiscene.srgb"),
+    *("tiscene.frame", "tiscene.stream", "tiscene.sailenv.space"),
+}
 
 # Each part of the project and the parts that it may import; a part may always import itself.
 MAY_IMPORT = {
@@ -108,6 +111,7 @@ MAY_IMPORT = {
     },
     "tiscene.differential": SCENE | {"tiscene.render", "tiscene.world"},
     "tiscene.arguments": {"tiscene.errors"},
+    "tiscene.srgb": set(),
     "tiscene.shutter": SCENE | {"tiscene.render", "tiscene.world"},
     "tiscene.stream": STREAM,
     "tiscene.waiting": set(),

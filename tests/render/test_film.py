@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tiscene.render.film import GREY, INSET, OUTSET, curve, meter, radiance_shown_as, srgb_encoded, tone_map
+from tiscene.render.film import GREY, INSET, OUTSET, curve, meter, radiance_shown_as, tone_map
+from tiscene.srgb import encoded
 
 HUES = [(1, 1, 1), (1, 0.02, 0.02), (0.02, 1, 0.02), (0.02, 0.02, 1), (1, 0.5, 0.02), (0.02, 0.5, 1), (1, 0.02, 0.6)]
 
@@ -62,7 +63,7 @@ def test_tables_show_what_the_formulas_do() -> None:
     scene = np.maximum(scene * (1.0 - INSET) + scene.sum(axis=-1, keepdims=True) * (INSET / 3.0), 1e-30)
     display = np.maximum(curve(scene), 0.0) ** 2.2
     display = (display - display.sum(axis=-1, keepdims=True) * (OUTSET / 3.0)) / (1.0 - OUTSET)
-    codes = 255.0 * srgb_encoded(np.clip(display, 0.0, 1.0))
+    codes = 255.0 * encoded(np.clip(display, 0.0, 1.0))
     assert np.abs(tone_map(image) - codes).max() < 0.504
 
 

@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.srgb import decoded
+
 if TYPE_CHECKING:
     from tiscene.frame import Frame
 
@@ -63,7 +65,5 @@ def channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 
 def _linear(srgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Display bytes as scene-linear values 0..1 (IEC 61966-2-1)."""
-    x = np.arange(256) / 255.0
-    table = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
-    return table.astype(np.float32)[srgb]
+    """Display bytes as scene-linear values 0..1."""
+    return decoded(np.arange(256) / 255.0).astype(np.float32)[srgb]

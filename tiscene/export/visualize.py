@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tiscene.srgb import encoded
+
 Pixels = NDArray[np.uint8]
 Limits = tuple[float, float]
 
@@ -215,7 +217,7 @@ def oklch(lightness: ArrayLike, chroma: ArrayLike, hue: ArrayLike) -> Pixels:
 def _display(linear: NDArray[Any]) -> Pixels:
     """Scene-linear 0..1 by the sRGB curve."""
     x = np.clip(np.nan_to_num(linear, nan=0.0), 0.0, 1.0)
-    return _to_bytes(np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1.0 / 2.4) - 0.055))
+    return _to_bytes(encoded(x))
 
 
 def _ranged(buffer: NDArray[Any], low: float, high: float) -> Pixels:

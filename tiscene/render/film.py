@@ -13,6 +13,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene import srgb
+
 vec3 = ti.math.vec3
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
@@ -43,11 +45,6 @@ def curve(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return encoded
 
 
-def srgb_encoded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """IEC 61966-2-1 of linear values in 0..1."""
-    return np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1.0 / 2.4) - 0.055)
-
-
 # Powers and logarithms are tables here, with so many values between a power of 2 and the next and straight lines from
 # one to the next: no code of 8 bits is wrong by more than 0.5025.
 STEPS_LOG2 = 7
@@ -62,7 +59,7 @@ def _table(function: Callable[[NDArray[np.float64]], NDArray[np.float64]], first
 
 
 DISPLAY_OF_SCENE = _table(lambda values: np.maximum(curve(values), 0.0) ** 2.2, SCENE_FROM, SCENE_TO)
-CODE_OF_DISPLAY = _table(lambda values: 255.0 * srgb_encoded(values), DISPLAY_FROM, DISPLAY_TO)
+CODE_OF_DISPLAY = _table(lambda values: 255.0 * srgb.encoded(values), DISPLAY_FROM, DISPLAY_TO)
 
 
 @ti.func
@@ -114,8 +111,7 @@ def tone_map(hdr: NDArray[np.float32], exposure: float = 0.0) -> NDArray[np.uint
 
 def radiance_shown_as(color: tuple[int, int, int], exposure: float) -> tuple[float, float, float]:
     """What `tone_map` shows as an 8-bit colour; of those that it cannot show, what comes near."""
-    encoded = np.asarray(color, np.float64) / 255.0
-    display = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    display = srgb.decoded(np.asarray(color, np.float64) / 255.0)
     curved = display * (1.0 - OUTSET) + display.sum() * (OUTSET / 3.0)
     above = curved ** (1.0 / 2.2) - PIVOT
     amplitude = np.where(above > 0.0, SHOULDER, TOE)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene import srgb
 from tiscene.camera import Vector3
 from tiscene.errors import ArgumentError, LightNotFound
-from tiscene.render.film import srgb_encoded
 from tiscene.sailenv.description import bounded
 from tiscene.sailenv.space import mirrored
 from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight
@@ -138,9 +138,8 @@ class Lights:
 
 
 def linear(color: Sequence[int]) -> tuple[float, float, float]:
-    """Scene-linear values of 8-bit sRGB (IEC 61966-2-1)."""
-    encoded = np.asarray(color, np.float64) / 255.0
-    r, g, b = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).tolist()
+    """Scene-linear values of 8-bit sRGB."""
+    r, g, b = srgb.decoded(np.asarray(color, np.float64) / 255.0).tolist()
     return (r, g, b)
 
 
@@ -162,7 +161,7 @@ def clipped(color: Sequence[int]) -> Color8:
 def _named(row: int, light: Light) -> NamedLight:
     values = shine(light)
     peak = max(values)
-    encoded = srgb_encoded(np.asarray(values) / (peak or 1.0))
+    encoded = srgb.encoded(np.asarray(values) / (peak or 1.0))
     return NamedLight(row, light, peak, clipped(np.rint(encoded * 255.0).tolist()), indirect=light.indirect)
 
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene import srgb
 from tiscene.scene.description import Texture
 from tiscene.scene.device_array import upload
 
@@ -40,10 +41,8 @@ class TextureArrays(NamedTuple):
 
 @cache
 def srgb_decoding() -> NDArray[np.float32]:
-    """float32 [256]: the linear value of every 8-bit sRGB code (IEC 61966-2-1)."""
-    encoded = np.arange(256) / 255.0
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
+    """float32 [256]: the linear value of every 8-bit sRGB code."""
+    return srgb.decoded(np.arange(256) / 255.0).astype(np.float32)
 
 
 def linear_pixels(texture: Texture) -> NDArray[np.float32]:

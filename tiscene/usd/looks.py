@@ -14,6 +14,8 @@ import numpy as np
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdShade
 
+from tiscene import srgb
+
 Color = tuple[float, float, float]
 
 
@@ -65,7 +67,7 @@ def phong(
     roughness = 0.6 if shininess is None else min(max(math.sqrt(2.0 / (shininess + 2.0)) ** 0.5, 0.05), 1.0)
     glass = kind.pop("glass", 0.0) > 0.0 and image is None
     # What is brighter than fresh snow comes from programs that multiply by a light below 1.
-    color = tuple(min(linear(channel), 0.85) for channel in diffuse)
+    color = tuple(np.minimum(srgb.decoded(np.clip(diffuse, 0.0, 1.0)), 0.85).tolist())
     inputs: dict[str, Any] = {"diffuseColor": color, "roughness": roughness} | kind
     if glass or opacity < 1.0:
         inputs |= {"opacity": 0.1 if glass and opacity >= 1.0 else max(opacity, 0.0), "opacityMode": "presence"}
@@ -119,12 +121,6 @@ def _unit_color(value: Any) -> tuple[float, float, float, float]:
     numbers = (values / 255.0 if np.issubdtype(values.dtype, np.integer) else values.astype(float)).tolist()
     r, g, b, a = (*numbers, 1.0)[:4]
     return (r, g, b, a)
-
-
-def linear(channel: float) -> float:
-    """An sRGB value, 0..1, decoded."""
-    value = min(max(channel, 0.0), 1.0)
-    return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
 
 
 def has_holes(image: Image.Image) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from tiscene import srgb
 from tiscene.errors import StageError, StageWarning
 from tiscene.usd.looks import Look, pbr, phong
 from tiscene.usd.polygons import cross
@@ -140,7 +141,7 @@ def _piece(node: str, mesh: Any, matrix: NDArray[np.float64]) -> Piece:
     look = phong(node, (0.8, 0.8, 0.8))
     material = getattr(visual, "material", None)
     if visual.kind == "vertex":
-        colors = _linear(np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0)
+        colors = srgb.decoded(np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0)
     elif material is not None and hasattr(material, "baseColorFactor"):
         look = pbr(str(material.name or node), material)
     elif material is not None:
@@ -192,7 +193,3 @@ def corner_normals(points: NDArray[np.float64], triangles: NDArray[np.int64]) ->
 def _unit(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(np.where(length > 0.0, vectors / np.maximum(length, 1e-300), (0.0, 0.0, 1.0)))
-
-
-def _linear(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdShade
 
+from tiscene import srgb
 from tiscene.scene.description import FloatArray, Texture
 from tiscene.usd.image import Picture, read_picture
 from tiscene.usd.package import split_package
@@ -155,7 +156,7 @@ def _sheet(
     is_float = any(picture.pixels.dtype != np.uint8 for picture in tiles.values())
     empty = np.asarray(fallback, dtype=np.float64)
     if encoding == "srgb":
-        empty[:3] = np.where(empty[:3] <= 0.0031308, 12.92 * empty[:3], 1.055 * np.abs(empty[:3]) ** (1 / 2.4) - 0.055)
+        empty[:3] = srgb.encoded(empty[:3])
     columns, rows = size
     sheet = np.empty((rows * height, columns * width, 4), dtype=np.float32 if is_float else np.uint8)
     sheet[:] = empty if is_float else np.rint(np.clip(empty, 0.0, 1.0) * 255.0)
@@ -173,6 +174,5 @@ def _sheet(
 def _decoded(pixels: FloatArray) -> FloatArray:
     """sRGB floats as linear ones; alpha is linear already."""
     result = pixels.copy()
-    color = result[..., :3]
-    result[..., :3] = np.where(color <= 0.04045, color / 12.92, ((np.maximum(color, 0.0) + 0.055) / 1.055) ** 2.4)
+    result[..., :3] = srgb.decoded(result[..., :3])
     return result
