@@ -25,6 +25,7 @@ STREAM = SCENE | {
     "tiscene.frame",
     "tiscene.frame_range",
     "tiscene.lighting",
+    "tiscene.loading",
     "tiscene.render",
     "tiscene.scenario",
     "tiscene.shutter",
@@ -78,6 +79,7 @@ MAY_IMPORT = {
     "tiscene.difficulty": {"tiscene.errors", "dynamics"},
     "tiscene.sampling": SCENE
     | {"tiscene.difficulty", "tiscene.free_space", "tiscene.usd", "tiscene.catalog", "dynamics"},
+    "tiscene.loading": SCENE | {"tiscene.render", "tiscene.usd"},
     "tiscene.in_view": {"tiscene.camera"},
     "tiscene.light_motion": {"tiscene.errors", "dynamics"},
     "tiscene.lighting": SCENE | {"tiscene.light_motion"},

@@ -22,6 +22,7 @@ from tiscene.errors import ArgumentError
 from tiscene.frame import Frame, FrameCamera
 from tiscene.frame_range import FrameRange
 from tiscene.lighting import warn_if_dark
+from tiscene.loading import load
 from tiscene.render.aovs import COLORS, buffer_names
 from tiscene.render.integrators.replay import CACHE_BYTES
 from tiscene.render.integrators.replay_base import Report
@@ -34,7 +35,7 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import Placement
 from tiscene.shutter import moments
-from tiscene.usd import read_stage, read_template
+from tiscene.usd import read_template
 from tiscene.usd.layers import scene_digests
 from tiscene.usd.write import write_motion
 from tiscene.waiting import Waiting
@@ -138,16 +139,15 @@ class Stream(Iterator[Frame]):
         self.variants = dict(variants or {})
         self.taxonomy = taxonomy
 
-        self._stage = read_stage(
-            catalog.find_scene(scenario.scene),
+        found = catalog.find_scene(scenario.scene), self.buffers, arch, untrusted
+        self._stage, self.arch = load(
+            *found,
             time_code=time_code,
             variants=self.variants,
             lifted=[each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
             taxonomy=taxonomy,
             root=root,
-            untrusted=untrusted,
         )
-        self.arch = device.start(arch)
         self.restart(scenario)
         if not COLORS.isdisjoint(self.buffers):
             warn_if_dark(scenario.scene, self.world.descriptions)

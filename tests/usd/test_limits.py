@@ -16,7 +16,7 @@ from tests.usd.test_ies import ies
 from tests.usd.test_material import texture
 from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning, UnknownName
 from tiscene.usd import Limits, read_stage
-from tiscene.usd.untrusted import _ResultReader
+from tiscene.usd.apart import _ResultReader
 
 
 def bomb(folder, levels: int):

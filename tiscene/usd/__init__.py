@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import cast
 
 from tiscene.scene.description import SceneDescription
+from tiscene.usd.apart import NoAnswer, Reading, unsaved
 from tiscene.usd.label import check_taxonomy
 from tiscene.usd.lifted import RemainingReader, lifted_templates
 from tiscene.usd.limits import Limits, Root, Spent
@@ -16,9 +17,8 @@ from tiscene.usd.reader import root_context
 from tiscene.usd.skinning import bake_skinning
 from tiscene.usd.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.template import read_template, stage_templates
-from tiscene.usd.untrusted import read_apart
 
-__all__ = ["Limits", "read_stage", "read_template"]
+__all__ = ["Limits", "NoAnswer", "Reading", "read_stage", "read_template", "unsaved"]
 
 
 def read_stage(
@@ -55,7 +55,8 @@ def read_stage(
     if untrusted:
         root = Path(path).resolve().parent if root is None else root
         options = {"time_code": time_code, "variants": dict(variants or {}), "lifted": tuple(lifted)}
-        return cast(SceneDescription, read_apart(path, limits, **options, taxonomy=taxonomy, root=Path(root)))
+        with Reading(path, options | {"taxonomy": taxonomy, "root": Path(root)}, limits) as reading:
+            return cast(SceneDescription, reading.result())
     inside = Root(root)
     with quiet(), readable(path):
         stage = open_stage(path, variants)

@@ -134,6 +134,15 @@ class PathPass:
         self.nonfinite = int(dropped.sum())
         return PathImage(hdr, albedo, normal)
 
+    def rehearse(self, view: View) -> None:
+        """Compile all kernels but `shade`, which depends on the scene's materials: without a single path."""
+        scene, s, numbers = self.scene_arrays(), PathState(CHUNK), (1, 0, 0)
+        self._trace(scene, view, s, 0, 0, numbers, 0, 1)
+        for together in (True, False):
+            closest(self.scene, CURRENT, s.rays, s.queue, 0, s.hits, s.hit_ids, together=together)
+        kernels.compact(s.status, s.queue, 0, s.next_queue, s.shadow_queue, s.chunks)
+        self.cast_shadows(scene, s, 0, 0, 0, numbers)
+
     def sums(self, view: View, pixels: NDArray[np.int32], *, spp: int, key: int, max_depth: int) -> NDArray[np.float32]:
         """`spp` paths through each of some pixels (rows y * width + x): the film's rows, float32 [n, FILM_COLUMNS].
 

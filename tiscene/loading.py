@@ -1,0 +1,36 @@
+"""A stage is read, and Taichi started. Where kernels have to be compiled first, another process reads meanwhile."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tiscene import device
+from tiscene.render.rehearsal import rehearsal
+from tiscene.scene.description import SceneDescription
+from tiscene.usd import NoAnswer, Reading, read_stage, unsaved
+
+
+def load(
+    path: Path, buffers: Sequence[str], arch: str | None, untrusted: bool, **options: Any
+) -> tuple[SceneDescription, str]:
+    """`read_stage(path, **options)`, and the architecture. buffers: what frames of the stage are going to hold."""
+    if not untrusted and _pays():
+        with contextlib.suppress(NoAnswer), Reading(path, options) as reading:
+            arch = device.start(arch)
+            for _ in rehearsal(buffers):
+                if reading.done():
+                    break
+            return reading.result(), arch
+    return read_stage(path, untrusted=untrusted, **options), device.start(arch)
+
+
+def _pays() -> bool:
+    """Whether there is something else to do, a processor for it, and another Python that reads the same."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    is_python = "python" in Path(sys.executable or "").name.lower() and not hasattr(sys, "frozen")
+    return device.running() is None and processors > 1 and is_python and not unsaved()
