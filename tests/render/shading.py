@@ -13,7 +13,6 @@ from tiscene.render.bsdfs.inputs import ALL_INPUTS, Footprint, Materials, materi
 from tiscene.render.lights import all_lights
 from tiscene.render.lights.choice import weigh
 from tiscene.render.lights.light_sample import LightNodes, Lights
-from tiscene.render.sampler import mix, uniform
 from tiscene.render.surface import VisibleSurface
 from tiscene.render.textures import Textures
 from tiscene.scene.description import Light, Material, Texture
@@ -132,7 +131,7 @@ def illuminate(
         origin = row_of(origins, 0)
         if samples != 0:
             u = vec2(numbers[i, 0], numbers[i, 1])
-            found = all_lights.sample(lights, textures, origin, uniform(mix(ti.cast(i, ti.u32))), u)
+            found = all_lights.sample(lights, textures, origin, u)
             for c in ti.static(range(3)):
                 directions[i, c] = found.direction[c]
                 radiance[i, c] = found.radiance[c]

@@ -43,6 +43,7 @@ def choices(
     counts: NUMBERS,
     mismatch: NUMBERS,
     numbers: NUMBERS,
+    left: NUMBERS,
 ):
     lights = ti.static(Lights(values, nodes, distribution))
     point = ti.math.vec3(x, y, z)
@@ -51,7 +52,7 @@ def choices(
         weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, point, weights)
         for k in range(numbers.shape[0]):
-            row, _place, chance = choose(lights, weights, count, scale, point, numbers[k])
+            row, _place, chance, left[k] = choose(lights, weights, count, scale, point, numbers[k])
             counts[row] += 1.0
             again = chance_of(lights, weights, count, scale, row, point)
             mismatch[0] = ti.max(mismatch[0], ti.abs(chance - again))
@@ -66,7 +67,10 @@ def chosen(lights, point, numbers):
     arrays = table.arrays(TextureAtlas())
     kinds = arrays.values.to_numpy()[:, KIND].astype(int)
     chances, counts, mismatch = (np.zeros(size, np.float32) for size in (len(kinds), len(kinds), 1))
-    choices(*arrays, *point, chances, counts, mismatch, numbers.astype(np.float32))
+    left = np.empty(len(numbers), np.float32)
+    choices(*arrays, *point, chances, counts, mismatch, numbers.astype(np.float32), left)
+    assert 0.0 <= left.min() <= left.max() < 1.0
+    assert np.histogram(left, 16, (0.0, 1.0))[0] == pytest.approx(len(numbers) / 16, rel=0.06)
     assert chances.sum() == pytest.approx(1.0, abs=1e-5)
     assert mismatch[0] < 1e-6
     return kinds, chances, counts

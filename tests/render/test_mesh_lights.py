@@ -199,8 +199,8 @@ def from_origin(
             direction = ti.math.vec3(rays[i, 0], rays[i, 1], rays[i, 2])
             rays[i, 4] = mesh.pdf(lights, 0, triangles[i], origin, direction, rays[i, 3])
         else:
-            u = ti.math.vec2(numbers[i, 1], numbers[i, 2])
-            found = all_lights.sample(lights, textures, origin, numbers[i, 0], u)
+            u = ti.math.vec2(numbers[i, 0], numbers[i, 1])
+            found = all_lights.sample(lights, textures, origin, u)
             for c in ti.static(range(3)):
                 rays[i, c] = found.direction[c]
             rays[i, 3], rays[i, 4] = found.distance, found.pdf
@@ -221,7 +221,7 @@ def test_directions_to_a_mesh_follow_their_density(matrix: np.ndarray) -> None:
     arrays = PathPass(device_scene(description), 8, 8).scene_arrays().arrays
     count = 30_000
     rays = np.zeros((count, 5), np.float32)
-    numbers = np.random.default_rng(1).random((count, 3), np.float32)
+    numbers = np.random.default_rng(1).random((count, 2), np.float32)
     from_origin(*arrays, numbers, np.full(count, -1, np.int32), rays)
     assert (rays[:, 4] > 0.0).all()
 

@@ -48,7 +48,7 @@ vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
 # Sets of numbers, at every step.
-LIGHT_CHOICE_SET, LOBE_SET, LIGHT_SET, DIRECTION_SET, TEXTURE_SET, SETS = range(6)
+OPACITY_SET, LIGHT_SET, LOBE_SET, DIRECTION_SET, TEXTURE_SET, SETS = range(6)
 
 RUSSIAN_ROULETTE_DEPTH = 2
 # How much a path widens by a scattering of density 1/sr: its neighbours go apart, and make out no detail together.
@@ -160,8 +160,8 @@ def shade(
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
     sets = FIRST_STEP_SET + SETS * step
-    light_choice_keys, lobe_keys = set_keys(frame_key, sets + LIGHT_CHOICE_SET), set_keys(frame_key, sets + LOBE_SET)
-    light_keys, direction_keys = set_keys(frame_key, sets + LIGHT_SET), set_keys(frame_key, sets + DIRECTION_SET)
+    opacity_keys, light_keys = set_keys(frame_key, sets + OPACITY_SET), set_keys(frame_key, sets + LIGHT_SET)
+    lobe_keys, direction_keys = set_keys(frame_key, sets + LOBE_SET), set_keys(frame_key, sets + DIRECTION_SET)
     texture_key = set_key(frame_key, sets + TEXTURE_SET)
     ti.loop_config(block_dim=128)
     for k in range(count):
@@ -191,10 +191,10 @@ def shade(
             index = path_index(pixels, first + i, spp, bits, first_sample)
             width = hits[i][0] * state[i][SPREAD]
             point = shaded_material_at(materials, textures, surface, direction, width, combine(texture_key, index))
-            light_choice = vec2(0.0)
-            if all_lights.any_choice(lights) != 0 or (point.flags & COVERAGE) != 0:
-                light_choice = draw(light_choice_keys, index)
-            if (point.flags & COVERAGE) != 0 and light_choice.y >= point.opacity:
+            absent = False
+            if point.flags & COVERAGE:
+                absent = draw(opacity_keys, index).x >= point.opacity
+            if absent:
                 goes_on = True
                 write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
             else:
@@ -209,8 +209,7 @@ def shade(
                     write3(features, i, ALBEDO, point.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    light_u = draw(light_keys, index)
-                    light_sample = all_lights.sample(lights, textures, surface.position, light_choice.x, light_u)
+                    light_sample = all_lights.sample(lights, textures, surface.position, draw(light_keys, index))
                     bsdf_u = draw(direction_keys, index)
                     lobe_and_survival = vec2(0.0)
                     if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:

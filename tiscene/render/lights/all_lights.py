@@ -4,8 +4,8 @@ import taichi as ti
 
 from tiscene.render.lights import cylinder, disk, distant, dome, mesh, point, portal, rect, shaping, sphere
 from tiscene.render.lights.choice import chance_of, choose, weigh
-from tiscene.render.lights.light_sample import header, integer, no_sample, of_node
-from tiscene.scene.light_nodes import H_CHOICE, H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
+from tiscene.render.lights.light_sample import header, integer, no_sample
+from tiscene.scene.light_nodes import H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
 from tiscene.scene.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
 
 vec2 = ti.math.vec2
@@ -16,19 +16,14 @@ LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
 
 
 @ti.func
-def any_choice(lights: ti.template()):
-    """Whether there are several lights: 1 or 0. Of one, `sample` needs no number to choose it."""
-    return ti.cast(of_node(lights.nodes, 0, H_CHOICE) > 0.0, ti.i32)
-
-
-@ti.func
-def sample(lights: ti.template(), textures: ti.template(), origin: vec3, choice: ti.f32, u: vec2):
-    """A direction to some light: a LightSample. choice, u: uniform numbers. The density is that of all ways to it."""
+def sample(lights: ti.template(), textures: ti.template(), origin: vec3, number: vec2):
+    """A direction to some light: a LightSample. number: in [0, 1)^2. The density is that of all ways to it."""
     result = no_sample()
     if header(lights.nodes, H_NODES) > 0:
         weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
         count, scale = weigh(lights, origin, weights)
-        row, place, chance = choose(lights, weights, count, scale, origin, choice)
+        row, place, chance, rest = choose(lights, weights, count, scale, origin, number.x)
+        u = vec2(rest, number.y)
         if chance > 0.0:
             kind = integer(lights.values, row, KIND)
             result.row = row

@@ -256,7 +256,8 @@ def shares(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
 
 @ti.func
 def member(lights: ti.template(), entry: ti.i32, entry_chance: ti.f32, u: ti.f32, origin: vec3):
-    """(row, its place, its chance) of one light of an entry by what each gives, and of one of its triangles."""
+    """(row, its place, its chance, what is left of u) of one light of an entry by what each gives, and of one of its
+    triangles."""
     nodes = ti.static(lights.nodes)
     row, place, chance, rest, p = -1, entry, entry_chance, u, origin
     node = 0
@@ -278,13 +279,14 @@ def member(lights: ti.template(), entry: ti.i32, entry_chance: ti.f32, u: ti.f32
             rest = ti.min((aim - low) / here, _BELOW_1)
             chance *= here / total
             place = LANES * node + lane
-    return row, place, chance
+    return row, place, chance, rest
 
 
 @ti.func
 def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: ti.f32, origin: vec3, u: ti.f32):
-    """(row, its place, its chance) of the light or portal to sample from a point; chance 0 for none.
+    """(row, its place, its chance, a number) of the light or portal to sample from a point; chance 0 for none.
 
+    The number is what is left of u, uniform in [0, 1) again: neighbours in u choose one light and are neighbours there.
     Of a mesh the place is that of a triangle, and so is the chance. weights ... scale: `weigh`.
     """
     nodes = ti.static(lights.nodes)
