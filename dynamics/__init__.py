@@ -14,6 +14,24 @@ Trajectories and timings are plain frozen data; a `Simulation` turns them into p
 Bodies that collide, with triangles that stand still, with each other and with walls, are stepped instead, frame by
 frame: a `SteppedSimulation` of `Mover`s.
 
+::
+
+    dynamic                           the interface
+        waypoints, closed_form        formulas of time
+            quadrature                their lengths
+        bounce, scripted              what has none
+    bodies, timings, clocks           who moves, and when
+    simulation, paths, motion         every pose a formula
+    movers, stepped, step_device      what meets things, frame by frame
+        proxy, covering               bodies as spheres
+        obstacles, tree, contact      triangles, and spheres against them
+        free_paths                    whether anything can be met at all
+        stepping                      the kernel of a step
+            columns, rows             of its table of bodies
+            advance, bouncing, following
+            sweep, others             what is met first: obstacles; walls and other bodies
+    rotation, random, check
+
 Whoever uses the package alone starts Taichi, as above. Metres, seconds, radians; Euler angles, where a class accepts
 them, are degrees (see `dynamics.rotation`). Right-handed axes.
 """

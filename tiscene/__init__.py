@@ -1,6 +1,26 @@
 """tiscene: endless, exactly repeatable streams of path-traced, labelled frames from USD scenes.
 
 Names are imported at first use, so that `import tiscene` is instant and starts no Taichi.
+
+From what a user meets down to the ground::
+
+    cli, commands, sailenv, export        what people run and take away
+    stream, frame, frame_range            one frame after another
+        loading, waiting                  how a stage comes, and the bar meanwhile
+        differential, shutter             how its pictures are made: as differences, blurred
+    world                                 where everything is at each frame
+        inventory, stage_things, tracks   what there is, what edits did to the stage, what moves by itself
+        motion, lighting                  objects and cameras, lights
+        witness, in_view, events          what happened
+    scenario, edits, light_motion         what is asked for
+        scenario_json                     as a file
+        sampling, difficulty, free_space  drawn at random
+    render                                what is seen
+    usd, catalog                          what the files say, and where they are
+    scene                                 what the files said, on the host and on the device
+    device, camera, errors, arguments, files, srgb
+
+`dynamics`, which moves bodies, and `usd_scenes`, the scenes, are packages beside this one.
 """
 
 from __future__ import annotations

@@ -6,6 +6,16 @@
 
 `python -m tiscene.sailenv SCRIPT` runs a script that imports `sailenv`. docs/sailenv.md says what is the same, what is
 better, and what differs.
+
+::
+
+    agent, scenario, utilities, manager    SAILenv's classes
+        modules                            by its module names
+    server, connection, wire               its protocol
+    environment                            the world that both show
+        viewer, views, place               an agent in it, what it sees, where it begins
+        lights, uploads                    what agents may change and bring
+        description, names, space          SAILenv's JSON, names and axes in tiscene's
 """
 
 from __future__ import annotations

@@ -1,4 +1,37 @@
-"""USD files to scene descriptions: the only folder of tiscene that imports pxr."""
+"""USD files to scene descriptions: the only folder of tiscene that imports pxr.
+
+Reading a stage, `read_stage`, and where to look for what::
+
+    apart, limits, package        what a file may take, and be in
+    stage, problems               opening it; what of it is wrong or left out
+    reader                        the walk over its prims
+        label, things, lifted     what is a thing of its own, called what
+        instancer, tracks         points of instancers; what moves within things
+        mesh_table                each gprim once
+            mesh, primvar, polygons, subdivision, surface
+            gprim, curves         the other shapes
+            deforming, skinning   shapes over time
+        material, display_color   and all that materials are made of
+            preview_surface, network, texture, image, png
+        light, shaping, ies       lamps
+        camera
+        transform, units, pose    matrices, metres, positions with rotations
+    template                      what can be spawned
+    inspection, layers            what a file says of itself, and which files it is made of
+
+What moves on a stage, `scenario.read_scenario`::
+
+    schema                        the attributes that say so
+    scenario, dynamic             by that schema
+    animated, animated_light      by time samples
+
+Writing::
+
+    author                        layers over a scene
+    scenario_writer, write        a scenario by the schema; a stream's motion as time samples
+    importing, model, looks       models of other formats as templates
+    furniture                     whole catalogues of them
+"""
 
 from __future__ import annotations
 
@@ -13,7 +46,7 @@ from tiscene.usd.label import check_taxonomy
 from tiscene.usd.lifted import RemainingReader, lifted_templates
 from tiscene.usd.limits import Limits, Root, Spent
 from tiscene.usd.problems import Report
-from tiscene.usd.reader import root_context
+from tiscene.usd.reader import Context
 from tiscene.usd.skinning import bake_skinning
 from tiscene.usd.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.template import read_template, stage_templates
@@ -68,7 +101,7 @@ def read_stage(
         time = reading_time(stage, time_code)
         bake_skinning(stage, time, report)
         reader = RemainingReader(stage, time, report, lifted, taxonomy)
-        reader.walk(stage.GetPseudoRoot(), root_context(stage))
+        reader.walk(stage.GetPseudoRoot(), Context())
         templates = (
             *stage_templates(stage, report, taxonomy),
             *lifted_templates(stage, lifted, time, report, taxonomy),

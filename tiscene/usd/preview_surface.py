@@ -139,7 +139,7 @@ class NetworkReader:
             return self._numbers(connection.value, name)
         source = connection.source
         if source.id == "UsdUVTexture":
-            return self._texture(source, name)
+            return self._texture(source)
         if source.id.startswith("UsdPrimvarReader_"):
             return self._primvar(source)
         self._report.omission(
@@ -181,7 +181,7 @@ class NetworkReader:
         value = constant_primvar(self._gprim, name, width, self._time, self._report)
         return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
 
-    def _texture(self, source: Source, name: str) -> TextureLookup | tuple[float, ...] | None:
+    def _texture(self, source: Source) -> TextureLookup | tuple[float, ...] | None:
         inputs = connections_of(source.shader, self._time)
         fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
         scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)

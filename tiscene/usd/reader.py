@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -41,13 +41,13 @@ UNDEFINED_TOO = Usd.TraverseInstanceProxies(_LOADED)  # below a class or an over
 
 @dataclass(frozen=True)
 class Context:
-    """What a prim inherits.
+    """What a prim inherits; by default, what the prims at a stage's root do.
 
     visible: at the time read; unless that changes, which `inherited` tells. label_is_own: whether `label` was authored
     within the thing that the prim is part of.
     """
 
-    world: Gf.Matrix4d
+    world: Gf.Matrix4d = field(default_factory=lambda: Gf.Matrix4d(1.0))
     visible: bool = True
     purpose: str = UsdGeom.Tokens.default_
     label: str = ""
@@ -338,12 +338,7 @@ class StageReader:
         outer, parts = (self._parts, self._root), list[Placed]()
         self._parts, self._root = parts, root.GetPath()
         self._inside.append(instancer.GetPath())
-        self.walk(root, Context(Gf.Matrix4d(1.0), purpose=purpose), UNDEFINED_TOO)
+        self.walk(root, Context(purpose=purpose), UNDEFINED_TOO)
         self._inside.pop()
         self._parts, self._root = outer
         return parts
-
-
-def root_context(stage: Usd.Stage, world: Gf.Matrix4d | None = None) -> Context:
-    """What the stage's root prims inherit."""
-    return Context(Gf.Matrix4d(1.0) if world is None else world)
