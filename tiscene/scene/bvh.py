@@ -158,11 +158,10 @@ class Bvh:
 
     def parts(self, meshes: Sequence[Blas]) -> Parts:
         """The children of the meshes' roots; none of a mesh of one pack, and none in the binary layout."""
-        roots = np.array([blas.root if blas.entry == blas.root else EMPTY_NODE for blas in meshes], np.int32)
-        nodes = np.zeros((len(roots), 8, 8), np.float32)
-        if self.layout is WIDE and len(roots):
-            bvh_write.read_wide_nodes(self.nodes, roots, nodes)
-        return parts_of(nodes)
+        if self.layout is not WIDE:
+            return parts_of(np.zeros((len(meshes), 8, 8), np.float32))
+        roots = np.array([blas.root if blas.entry == blas.root else EMPTY_NODE for blas in meshes], np.int64)
+        return parts_of(self.nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
 
     def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, moved: int) -> None:
         """Fit the tree of a mesh that deforms to where its vertices are now.
@@ -249,8 +248,7 @@ class Bvh:
         ends = np.append(starts[1:], len(order))
         tasks = np.stack([2 * starts, starts, ends, np.zeros_like(starts)], axis=1).astype(np.int32)
         for sah_depth in SAH_DEPTHS if len(starts) == 1 else SAH_DEPTHS[:1]:
-            self._work.load(boxes, order, tasks)
-            self._work.grow(len(order), len(starts), sah_depth, self.layout, leaf_size, block)
+            self._work.grow(boxes, order, tasks, sah_depth, self.layout, leaf_size, block)
             found = self._work.collapse(len(starts), self.layout.width, leaf_kind, by_count=sah_depth == 0)
             if found[:, 2].max() <= budget:
                 return found

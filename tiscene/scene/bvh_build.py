@@ -1,7 +1,7 @@
 """Kernels that grow a binary tree of boxes by the binned surface-area heuristic (Wald 2007).
 
-A build runs `load`, `grow` (once for the top of the tree, once for the subtrees in parallel), then what bvh_write.py
-has to turn the tree into nodes. A binary node that covers n primitives owns the 2n - 1 slots from its own on, its left
+A build runs `grow` (once for the top of the tree, once for the subtrees in parallel), then what bvh_write.py has to
+turn the tree into nodes. A binary node that covers n primitives owns the 2n - 1 slots from its own on, its left
 child next to it, so that subtrees are numbered without talking to each other and the tree is the same for any number of
 threads.
 """
@@ -162,18 +162,6 @@ def split(
 
 
 @ti.kernel
-def load(given_boxes: Floats, given_order: Column, given_tasks: Ints, boxes: Floats, order: Column, tasks: Ints):
-    """Copy host arrays into the working arrays, which may be larger. A task: the whole of one tree."""
-    for i in range(given_tasks.shape[0]):
-        for c in ti.static(range(4)):
-            tasks[i, c] = given_tasks[i, c]
-    for i in range(given_order.shape[0]):
-        order[i] = given_order[i]
-        for c in ti.static(range(6)):
-            boxes[i, c] = given_boxes[i, c]
-
-
-@ti.kernel
 def grow(
     boxes: Floats,
     order: Column,
@@ -189,6 +177,7 @@ def grow(
     node_cost: ti.f32,
 ) -> ti.i32:
     """Grow the binary tree below `tasks[first .. first + count)`, rows of (slot, begin, end, depth).
+
 
     Ranges of at most `stop` primitives are not split but appended as tasks, which is only right when count is 1;
     returns how many. sah_depth: below this depth ranges are halved, without looking at areas. leaf_size: most

@@ -38,7 +38,7 @@ SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
 
 
 class Workspace:
-    """The arrays of a build in progress; they grow and stay."""
+    """The arrays of a build in progress. Those on the device grow and stay; order and tasks are the host's."""
 
     def __init__(self) -> None:
         self._allocate(64)
@@ -46,25 +46,31 @@ class Workspace:
 
     def _allocate(self, capacity: int) -> None:
         self.capacity = capacity
-        self.boxes = ti.ndarray(ti.f32, (capacity, 6))
-        self.order = ti.ndarray(ti.i32, capacity)
-        self.tasks = ti.ndarray(ti.i32, (capacity + 1, 4))
         self.node_box = ti.ndarray(ti.f32, (2 * capacity, 6))
         self.node_link = ti.ndarray(ti.i32, (2 * capacity, 4))
         self.children = ti.ndarray(ti.i32, (capacity, 8))
         self.stack = ti.ndarray(ti.i32, (capacity, 2))
 
-    def load(self, boxes: Boxes, order: NDArray[np.int32], tasks: NDArray[np.int32]) -> None:
-        if len(order) > self.capacity:
-            self._allocate(max(len(order), 2 * min(self.capacity, KEPT_WORKSPACE)))
-        bvh_build.load(boxes, order, tasks, self.boxes, self.order, self.tasks)
-
-    def grow(self, count: int, trees: int, sah_depth: int, layout: Layout, leaf_size: int, block: int) -> None:
-        """Split the loaded primitives into binary trees."""
+    def grow(
+        self,
+        boxes: Boxes,
+        order: NDArray[np.int32],
+        tasks: NDArray[np.int32],
+        sah_depth: int,
+        layout: Layout,
+        leaf_size: int,
+        block: int,
+    ) -> None:
+        """Split primitives into binary trees, one for each task (bvh_build.py)."""
+        count, trees = len(order), len(tasks)
+        if count > self.capacity:
+            self._allocate(max(count, 2 * min(self.capacity, KEPT_WORKSPACE)))
         serial_until = 0 if count <= SERIAL_BUILD or trees > 1 else max(SERIAL_BUILD // 4, count // 64)
+        boxes, self.order = boxes.copy(), order.copy()  # they are sorted in place
+        self.tasks = np.concatenate([tasks, np.zeros((count + 1 - trees, 4), np.int32)])
+        arrays = boxes, self.order, self.node_box, self.node_link, self.tasks
 
         def run(first: int, tasks: int, stop: int) -> int:
-            arrays = (self.boxes, self.order, self.node_box, self.node_link, self.tasks)
             return int(bvh_build.grow(*arrays, first, tasks, stop, sah_depth, leaf_size, block, layout.node_cost))
 
         subtrees = run(0, trees, serial_until)

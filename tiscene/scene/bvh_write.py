@@ -220,12 +220,3 @@ def write_triangles(
         rows[at, 11] = 0.0
         for corner, c in ti.static(ti.ndrange(3, 3)):
             rows[at, 4 * corner + c] = positions[triangles[local, corner], c]
-
-
-@ti.kernel
-def read_wide_nodes(nodes: Wide, first_rows: Column, result: ti.types.ndarray(ti.f32, 3)):
-    """Nodes, each from its first row on, as [n, row, lane]."""
-    for i in range(first_rows.shape[0]):
-        for row in range(8):
-            for k in ti.static(range(8)):
-                result[i, row, k] = nodes[first_rows[i] + row][k]

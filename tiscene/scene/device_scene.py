@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from tiscene import device
 from tiscene.errors import ArgumentError
-from tiscene.scene import instance_arrays
 from tiscene.scene.bvh import Blas, Bvh
 from tiscene.scene.bvh_parts import INFO_PARTS, MOST_OPENED, PARTS, ROW_BITS, largest
 from tiscene.scene.deforming import BLOCKS, TIMES, DeformingMesh
@@ -25,7 +24,7 @@ from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.texture_atlas import TextureAtlas
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
-INFO_COLUMNS = instance_arrays.INFO_COLUMNS
+INFO_COLUMNS = 17
 
 
 class DeviceScene:
@@ -298,16 +297,13 @@ class DeviceScene:
                     then[placement.mesh == row, 0] = deforming.blas[time].entry
                 self._info_elsewhen[time] = upload(then)
         if count:
-            instance_arrays.fill(
-                info,
-                np.ascontiguousarray(placement.world_from_object.reshape(3, count, 12), np.float32),
-                np.ascontiguousarray(inverse.reshape(3, count, 12), np.float32),
-                np.ascontiguousarray(placement.box_from_object.reshape(count, 12), np.float32),
-                self.instance_info,
-                self.world_from_instance,
-                self.instance_from_world,
-                self.box_from_instance,
-            )
+            self.instance_info.from_numpy(info)
+            for array, matrices in (
+                (self.world_from_instance, placement.world_from_object),
+                (self.instance_from_world, inverse),
+                (self.box_from_instance, placement.box_from_object),
+            ):
+                array.from_numpy(matrices.astype(np.float32).reshape(array.shape))
 
 
 _NOTHING = Placement(
