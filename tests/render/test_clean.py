@@ -11,6 +11,7 @@ from tiscene.render.clean import Cleaner
 from tiscene.render.denoise import denoise
 from tiscene.render.integrators.replay import ReplayImage
 from tiscene.render.integrators.replay_base import Base
+from tiscene.scene.device_array import upload
 
 HEIGHT, WIDTH = 48, 64
 
@@ -21,7 +22,8 @@ def noisy_base() -> Base:
     image[..., :3] = rng.gamma(4.0, 0.125, (HEIGHT, WIDTH, 3))
     image[..., 3:6] = 0.5
     image[..., 8] = 1.0
-    return Base(SimpleNamespace(), image, SimpleNamespace())
+    cache = SimpleNamespace(mean=upload(image.reshape(-1, 9)))
+    return Base(SimpleNamespace(groups=1), image, cache, SimpleNamespace())
 
 
 def difference(base: Base, change: float = 0.0) -> ReplayImage:
@@ -31,7 +33,8 @@ def difference(base: Base, change: float = 0.0) -> ReplayImage:
     if change:
         radiance[:, WIDTH // 2 :] += change
         unmoved[:, WIDTH // 2 :] = 0.0
-    return ReplayImage(radiance, albedo, normal, radiance, base, np.ones((1, 3), np.float32), unmoved)
+    patches = [(slice(0, HEIGHT), slice(16, WIDTH))] if change else []
+    return ReplayImage(radiance, albedo, normal, radiance, base, np.ones((1, 3), np.float32), unmoved, patches)
 
 
 @pytest.mark.parametrize("reduction", [1, 2])

@@ -128,7 +128,7 @@ class Box:
         if self.groups is not None:
             for group, factor in enumerate(self.groups.factors[1:], 1):
                 mean[:, :3] += factor * mean[:, light_column(group) : light_column(group) + 3]
-        total = mean[:, : light_column(1)] + scratch.change.to_numpy()
+        total = mean[:, : light_column(1)] + scratch.change.to_numpy()[:, : light_column(1)]
         return total.reshape(SIZE[1], SIZE[0], 9)
 
 

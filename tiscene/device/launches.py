@@ -166,7 +166,8 @@ def _size(array: Any) -> int:
 
 def _plan(kernel: Any) -> _Plan | None:
     """None for what is left to Taichi."""
-    counts = kernel.return_type is not None and tuple(kernel.return_type) == (primitive_types.i32,)
+    integers = (primitive_types.i32,), (primitive_types.i64,)
+    counts = kernel.return_type is not None and tuple(kernel.return_type) in integers
     if kernel.classkernel or kernel.autodiff_mode != kernel_impl.AutodiffMode.NONE:
         return None
     if kernel.return_type is not None and not counts:

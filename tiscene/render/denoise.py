@@ -14,7 +14,7 @@ from tiscene.errors import ArgumentError, DeviceError
 
 FloatImage = NDArray[np.float32]
 QUALITIES = ("fast", "balanced", "high")
-MAX_KEPT = 4  # filters, each with its images
+MAX_KEPT = 48  # filters, each with its images
 
 
 class _Denoiser:

@@ -8,7 +8,6 @@ import taichi as ti
 
 from tiscene.render import warp
 from tiscene.render.integrators.path_state import (
-    CHUNK,
     DIRECT,
     DROPPED,
     FEATURE_COLUMNS,
@@ -21,6 +20,7 @@ from tiscene.render.integrators.path_state import (
     SPREAD,
     THROUGHPUT,
     States,
+    chunk_size,
     get3,
     set3,
 )
@@ -118,10 +118,11 @@ def compact(
 
     Returns how many: live + shadows * 2^32.
     """
-    chunk_count = (count + CHUNK - 1) // CHUNK
+    size = chunk_size(count)
+    chunk_count = (count + size - 1) // size
     for chunk in range(chunk_count):
         lives, casts = 0, 0
-        for k in range(chunk * CHUNK, ti.min(count, (chunk + 1) * CHUNK)):
+        for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             i = queue[k]
             if status[i] & LIVE:
                 lives += 1
@@ -139,7 +140,7 @@ def compact(
         chunks[chunk_count, column] = total
     for chunk in range(chunk_count):
         lives, casts = chunks[chunk, 0], chunks[chunk, 1]
-        for k in range(chunk * CHUNK, ti.min(count, (chunk + 1) * CHUNK)):
+        for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             i = queue[k]
             if status[i] & LIVE:
                 live[lives] = i

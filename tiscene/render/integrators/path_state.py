@@ -26,7 +26,19 @@ SAMPLED = 1 << 18  # the light sampled at the last vertex is not yet counted
 FILM_COLUMNS = 10
 DROPPED = 9
 
-CHUNK = 128  # entries that one thread compacts
+# Entries that one thread compacts: so many, and fewer where there would be too few chunks for all threads, since
+# Taichi gives a thread 512 turns of a loop at least.
+CHUNK, CHUNKS = 128, 1 << 10
+
+
+@ti.func
+def chunk_size(count: ti.i32) -> ti.i32:
+    return ti.math.clamp(count // CHUNKS, 8, CHUNK)
+
+
+def chunks_for(count: int) -> int:
+    """The most chunks that so many entries or fewer are in, and one more."""
+    return max(count // CHUNK, CHUNKS + CHUNKS // 8) + 2
 
 
 @ti.func
@@ -67,7 +79,7 @@ class PathState:
         self.queue = ti.ndarray(ti.i32, (size,))
         self.next_queue = ti.ndarray(ti.i32, (size,))
         self.shadow_queue = ti.ndarray(ti.i32, (size,))
-        self.chunks = ti.ndarray(ti.i32, (size // CHUNK + 2, 2))
+        self.chunks = ti.ndarray(ti.i32, (chunks_for(size), 2))
         self._shadow_hits: tuple[Any, Any] | None = None
 
     def swap(self) -> None:

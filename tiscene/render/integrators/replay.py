@@ -9,6 +9,7 @@ no memory of others.
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,13 +22,14 @@ from tiscene.errors import ArgumentError
 from tiscene.render.base_image import BaseImages, digest_of
 from tiscene.render.integrators import replay_kernels as kernels
 from tiscene.render.integrators.path import PathImage, PathPass, SceneForPaths
-from tiscene.render.integrators.path_state import CHUNK, PathState
+from tiscene.render.integrators.path_state import PathState, chunks_for
 from tiscene.render.integrators.replay_base import Base, Report, base_image, standing, under_group
 from tiscene.render.integrators.replay_cache import Block, PathCache, room_for
 from tiscene.render.integrators.replay_lights import BaseLights
-from tiscene.render.integrators.replay_near import ROWS, find_near
+from tiscene.render.integrators.replay_looks import NOT_LOOKED, PLACES, Looks
+from tiscene.render.integrators.replay_near import find_near
+from tiscene.render.integrators.replay_patches import Patch, changed_patches
 from tiscene.render.integrators.replay_probe import Probe
-from tiscene.render.integrators.replay_record import light_column
 from tiscene.render.integrators.replay_selected import Selection
 from tiscene.render.integrators.replay_spikes import evened
 from tiscene.render.intersect import occluded
@@ -51,15 +53,18 @@ MOST_CUT = 0.75
 
 @dataclass(frozen=True, eq=False)
 class ReplayImage(PathImage):
-    """even: `hdr` without lone spikes, for the denoiser; the same sum. base: what it is a difference to.
+    """even: for the denoiser, `hdr` without lone spikes, the edges of movers smooth, and as much noise everywhere as
+    becomes it. base: what it is a difference to.
     factors: float32 [groups, 3], how much of its light each group of the base's lights gives.
-    unmoved: float32 [h, w, 1], 1 where no mover has come into the pixel itself, else 0.
+    unmoved: float32 [h, w, 1], 1 where no mover has come into the pixel itself, else 0. patches: rows and columns of
+    rectangles outside of which little has changed.
     """
 
     even: NDArray[np.float32]
     base: Base
     factors: NDArray[np.float32]
     unmoved: NDArray[np.float32]
+    patches: Sequence[Patch]
 
 
 class ReplayPass:
@@ -91,6 +96,7 @@ class ReplayPass:
         self._probes: dict[tuple[Any, ...], tuple[Probe, _Scratch]] = {}  # the one used last at the end
         self._scratch: _Scratch | None = None
         self._selection = Selection()
+        self._boxes = ti.ndarray(vec8, 6)
         self._paths_on_way: PathState | None = None
 
     @property
@@ -139,13 +145,14 @@ class ReplayPass:
             if near_spp and rest > cache.bytes // cache.numbers[0]:
                 keys = frame_key(seed, NEAR_FRAME), frame_key(seed, NEAR_MOVERS_FRAME)
                 near = self._kept_paths(view, lights, keys, near_spp, max_depth, rest)
-            base = Base(lights, image, cache, near)
+            looks = Looks(self.scene, view, cache.order, cache.pixels)
+            base = Base(lights, image, cache, looks, near)
             self._report("paths", 1.0)
             while self._bases and self.cached_bytes + base.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
             for each in (cache, near):
-                if each and (self._scratch is None or not self._scratch.fits(each)):
-                    self._scratch = _Scratch(each)
+                if each and (self._scratch is None or not self._scratch.fits(each, looks.rows)):
+                    self._scratch = _Scratch(each, looks.rows)
         self._bases[key] = base
 
     def pays(self, view: View, placement: Placement, moving: NDArray[np.bool_], *, seed: int, max_depth: int) -> bool:
@@ -185,22 +192,22 @@ class ReplayPass:
         scene = self._paths.scene_arrays(base.lights.shining(factors))
         for block in cache.blocks:
             self._replay(scene, cache, block, cache.pixels, factors, scratch, groups)
-        self._test(cache.looks, int(cache.looks.shape[0]), groups, scratch)
-        looks = np.empty(self.width * self.height, np.int32)
-        kernels.count_looks(cache.pixels, len(looks), scratch.cut, looks)
+        by_looks = base.spp < PLACES and base.looks.sharp and self._paths.pixel_filter_name == "box"
+        looks = base.looks.covered(lambda rays, count: self._test(rays, count, groups, scratch), scratch.cut, by_looks)
         if base.near:
-            near = widened(looks.reshape(self.height, self.width) > 0).ravel()[cache.order]
-            for block, pixels in self._selection.blocks(base.near, np.flatnonzero(near)):
+            near = np.flatnonzero(looks.ravel()[cache.order] != NOT_LOOKED)
+            for block, pixels in self._selection.blocks(base.near, near):
                 with self._paths.through(pixels):
                     self._replay(scene, base.near, block, pixels, factors, scratch, groups, cache.numbers[0])
-        hdr, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(3))
+        hdr, drawn, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(4))
         unmoved = np.empty((self.height, self.width, 1), np.float32)
         kernels.combine(
-            self.width, self.height, looks, scratch.change, factors, base.mean, base.image,
-            hdr, albedo, normal, unmoved,
+            self.width, self.height, looks, int(by_looks), scratch.change, scratch.met, factors,
+            base.mean, base.image, base.rough, hdr, drawn, albedo, normal, unmoved,
         )  # fmt: skip
-        even = evened(scratch.change, hdr)
-        return ReplayImage(hdr, albedo, normal, even, base, factors, unmoved)
+        even = evened(scratch.change, drawn)
+        patches = changed_patches(scratch.change, drawn, even, unmoved)
+        return ReplayImage(hdr, albedo, normal, even, base, factors, unmoved, patches)
 
     def _key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
         """What tells the bases of one scene apart."""
@@ -218,9 +225,8 @@ class ReplayPass:
 
     def _groups(self, moving: NDArray[np.bool_]) -> Any:
         """Boxes about what moves, of what is placed at CURRENT; its tree is built."""
-        groups = ti.ndarray(vec8, 6)
-        groups.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
-        return groups
+        self._boxes.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
+        return self._boxes
 
     def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
         """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
@@ -279,7 +285,7 @@ class ReplayPass:
                     self._paths.cast_shadows(scene, s, casts, first, step, cache.numbers)
         kernels.collect(
             pixels, first, block.count, cache.numbers[0], scratch.cut_at, block.restore, block.features,
-            s.status, s.occluded, s.state, s.features, scratch.difference, others, scratch.change,
+            s.status, s.occluded, s.state, s.features, scratch.difference, others, scratch.change, scratch.met,
         )  # fmt: skip
 
     def _kept_paths(
@@ -314,30 +320,25 @@ class ReplayPass:
 class _Scratch:
     """Arrays of a frame, which all blocks use one after another."""
 
-    def __init__(self, cache: PathCache) -> None:
-        rows = self.rows = cache.most_rows
+    def __init__(self, cache: PathCache, looks: int = 0) -> None:
+        rows = self.rows = max(cache.most_rows, looks)
         self.steps, self.size = cache.steps, cache.state.size
         paths = cache.state.size
         self.cut = ti.ndarray(ti.i32, (rows,))
         self.candidates = ti.ndarray(ti.i32, (rows,))
         self.shadow_rows = ti.ndarray(ti.i32, (rows,))
-        self.row_chunks = ti.ndarray(ti.i32, (rows // ROWS + 2,))
+        self.row_chunks = ti.ndarray(ti.i32, (chunks_for(rows),))
         self.difference = ti.ndarray(ti.f32, (paths, 3))
         self.cut_at = ti.ndarray(ti.i32, (paths, 2))
-        self.path_chunks = ti.ndarray(ti.i32, (paths // CHUNK + 2, cache.steps))
+        self.path_chunks = ti.ndarray(ti.i32, (chunks_for(paths), cache.steps))
         self.entering = ti.ndarray(ti.i32, (paths,))
-        self.change = upload(np.zeros((int(cache.mean.shape[0]), light_column(1)), np.float32))
+        pixels = int(cache.mean.shape[0])
+        self.change = upload(np.zeros((pixels, kernels.CHANGE_COLUMNS), np.float32))
+        self.met = upload(np.zeros((pixels, kernels.MET_COLUMNS), np.float32))
 
-    def fits(self, cache: PathCache) -> bool:
+    def fits(self, cache: PathCache, looks: int) -> bool:
         """Whether there is room for the blocks of another cache of pictures of this size."""
-        return self.rows >= cache.most_rows and self.steps >= cache.steps and self.size >= cache.state.size
-
-
-def widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """And the eight pixels around each."""
-    padded = np.pad(mask, 1)
-    rows = padded[:-2] | padded[1:-1] | padded[2:]
-    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+        return self.rows >= max(cache.most_rows, looks) and self.steps >= cache.steps and self.size >= cache.state.size
 
 
 def grouped(boxes: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -14,12 +14,14 @@ from tiscene.render.base_image import BaseImages
 from tiscene.render.integrators.path import PathPass, SceneForPaths
 from tiscene.render.integrators.replay_cache import PathCache
 from tiscene.render.integrators.replay_lights import BaseLights
+from tiscene.render.integrators.replay_looks import Looks
 from tiscene.render.integrators.replay_record import AUXILIARY, light_column
 from tiscene.render.view import View
 from tiscene.scene.device_array import upload
 from tiscene.scene.placement import CURRENT, Placement
 
 BASE_FRAME = -1  # what stands for the frame in the keys of random numbers
+ROUGHNESS = 0.5  # how much of the kept paths' own picture is in the base that the denoiser is shown
 
 FloatImage = NDArray[np.float32]
 Report = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
@@ -31,7 +33,7 @@ class Base:
 
     lights: of it, which alone are sampled: what a mover emits is met.
 
-    near: more paths for pixels in which a mover is seen.
+    looks: what tells how much of each pixel movers cover. near: more paths for pixels in which a mover is seen.
 
     kept: what others have made of it, by name, for as long as there is use for it.
     """
@@ -39,6 +41,7 @@ class Base:
     lights: BaseLights
     image: FloatImage
     cache: PathCache
+    looks: Looks
     near: PathCache | None = None
     kept: dict[str, FloatImage] = field(default_factory=dict)
 
@@ -52,9 +55,25 @@ class Base:
         return upload(total / np.float32(few + more))
 
     @property
+    def spp(self) -> int:
+        """How many kept paths go through a pixel in which a mover is seen."""
+        return self.cache.numbers[0] + (self.near.numbers[0] if self.near else 0)
+
+    @property
     def bytes(self) -> int:
         """What the kept paths take of memory."""
         return self.cache.bytes + (self.near.bytes if self.near else 0)
+
+    @cached_property
+    def rough(self) -> FloatImage:
+        """The light of `image` with some of the kept paths' noise, f32 [h, w, 3 * groups].
+
+        A denoiser that is shown little noise around what moves takes the noise of that for detail.
+        """
+        columns = [light_column(group) + c for group in range(self.lights.groups) for c in range(3)]
+        fine = self.image[..., columns]
+        rough: FloatImage = fine + ROUGHNESS * (self.mean.to_numpy()[:, columns].reshape(fine.shape) - fine)
+        return np.ascontiguousarray(rough)
 
     def parts(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
         """Radiance under a group of lights, albedo and normal as arrays of their own."""
@@ -62,6 +81,11 @@ class Base:
             self.image[..., first : first + 3].copy() for first in (light_column(group), AUXILIARY, AUXILIARY + 3)
         )
         return radiance, albedo, normal
+
+    def rough_parts(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
+        """The same, with the radiance of `rough`."""
+        _, albedo, normal = self.parts(group)
+        return self.rough[..., 3 * group : 3 * group + 3].copy(), albedo, normal
 
 
 def standing(placement: Placement, moving: NDArray[np.bool_]) -> Placement:

@@ -12,15 +12,12 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.render.integrators import path_kernels
-from tiscene.render.integrators import replay_kernels as kernels
 from tiscene.render.integrators import replay_record as record
 from tiscene.render.integrators.path import PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK, FEATURE_COLUMNS, PathState
-from tiscene.render.intersect import closest
-from tiscene.render.ray_arrays import hit, hit_id, ray, tiled_order, upload_pixels
+from tiscene.render.ray_arrays import ray, tiled_order, upload_pixels
 from tiscene.render.view import View
 from tiscene.scene.device_array import upload
-from tiscene.scene.placement import CURRENT
 
 BLOCK = 1 << 18  # paths traced and kept together
 
@@ -71,7 +68,6 @@ class PathCache:
 
     order, pixels: i32 [pixels], rows y * width + x in the order of the paths; `upload_pixels` of them.
     mean: f32 [pixels, 6 + 3 * groups], what the paths show, columns as `light_column` says.
-    looks: f32 [pixels * LOOKS, 8], rays through fixed places of every pixel up to the first surface.
     """
 
     def __init__(
@@ -108,7 +104,6 @@ class PathCache:
             self._trace(number, min(self._block_size, total - number * self._block_size))
             for number in range(-(-total // self._block_size))
         ]
-        self.looks = self._look(pixel_count)
 
     @property
     def bytes(self) -> int:
@@ -118,7 +113,7 @@ class PathCache:
     @property
     def most_rows(self) -> int:
         """How many rows are ever tested together."""
-        return max(int(self.looks.shape[0]), *(block.rows for block in self.blocks))
+        return max(block.rows for block in self.blocks)
 
     def _trace(self, number: int, count: int) -> Block:
         first = number * self._block_size
@@ -210,15 +205,6 @@ class PathCache:
             block.offsets, block.rays, block.light, features, self.mean,
         )  # fmt: skip
         return block
-
-    def _look(self, pixel_count: int) -> Any:
-        count = pixel_count * kernels.LOOKS
-        rays, queue = ti.ndarray(ray, count), ti.ndarray(ti.i32, (count,))
-        hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
-        kernels.look_rays(self._view.array(), self.pixels, self._view.width, self._view.height, rays, queue)
-        closest(self._paths.scene, CURRENT, rays, queue, count, hits, hit_ids)
-        kernels.end_looks(count, hits, rays)
-        return rays
 
 
 class _Rows:

@@ -6,7 +6,6 @@ import taichi as ti
 from tiscene.render.integrators.path_kernels import Floats2, Ints1, Ints2
 from tiscene.render.integrators.path_shading import read3, write3
 from tiscene.render.integrators.path_state import (
-    CHUNK,
     DIFFUSE_PART,
     DIRECT,
     FEATURE_COLUMNS,
@@ -19,10 +18,12 @@ from tiscene.render.integrators.path_state import (
     SPREAD,
     THROUGHPUT,
     States,
+    chunk_size,
     get3,
     set3,
 )
-from tiscene.render.integrators.replay_near import ROWS, add_up
+from tiscene.render.integrators.replay_looks import PLACES
+from tiscene.render.integrators.replay_near import add_up
 from tiscene.render.integrators.replay_record import (
     R_DIFFUSE,
     R_IOR2,
@@ -35,14 +36,17 @@ from tiscene.render.integrators.replay_record import (
     group_of,
     light_column,
 )
-from tiscene.render.ray_arrays import ROW, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
-from tiscene.render.view import camera_ray
-from tiscene.scene.placement import CURRENT
+from tiscene.render.ray_arrays import ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
 
 vec3 = ti.math.vec3
 Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
-LOOKS = 4  # rays through a pixel, at fixed places, that tell how much of it the movers cover
+PARTS = 16  # paths are taken up in so many rounds through the picture
+
+# Columns of the change of a pixel, means over its paths: of light, albedo and normal; how many met a mover first.
+CHANGE_COLUMNS, MET = 10, 9
+# Of pixels in which some did, sums over those: light, albedo, normal; over the others: change of light; number of all.
+MET_COLUMNS, MISSED, PATHS = 13, 9, 12
 
 
 @ti.kernel
@@ -71,11 +75,12 @@ def settle(
     cut: of every row, whether a mover is in the way. difference: f32 [count, 3]. cut_at: of every path the number of
     the segment cut, -1 for none, and its step. entering[starts[s] .. starts[s + 1]): the paths cut at step s.
     """
-    chunk_count = (count + CHUNK - 1) // CHUNK
+    size = chunk_size(count)
+    chunk_count = (count + size - 1) // size
     for chunk in range(chunk_count):
         for s in range(steps):
             chunks[chunk, s] = 0
-        for i in range(chunk * CHUNK, ti.min(count, (chunk + 1) * CHUNK)):
+        for i in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             lost = vec3(0.0)
             at, step, begins, segments = -1, -1, -1, 0
             for row in range(offsets[i], offsets[i + 1]):
@@ -110,13 +115,16 @@ def settle(
         total = 0
         for s in range(steps):
             starts[s] = total
-            for chunk in range(chunk_count):
-                here = chunks[chunk, s]
-                chunks[chunk, s] = total
-                total += here
+            # Each thread gets what is next to each other: let that be from all over the picture.
+            for part in range(PARTS):
+                for k in range((chunk_count - part + PARTS - 1) // PARTS):
+                    chunk = k * PARTS + part
+                    here = chunks[chunk, s]
+                    chunks[chunk, s] = total
+                    total += here
         starts[steps] = total
     for chunk in range(chunk_count):
-        for i in range(chunk * CHUNK, ti.min(count, (chunk + 1) * CHUNK)):
+        for i in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             step = cut_at[i, 1]
             if step >= 0:
                 entering[chunks[chunk, step]] = i
@@ -146,109 +154,123 @@ def collect(
     difference: Floats2,
     others: ti.i32,
     film: Floats2,
+    met: Floats2,
 ):
-    """The mean change of light, albedo and normal of the pixels whose paths these are: film [n, 9].
+    """What the paths of these pixels say, to film [n, CHANGE_COLUMNS] and met [n, MET_COLUMNS].
 
-    others: of how many paths a pixel that has the mean already.
+    others: of how many paths a pixel that is there already.
     """
     for rank in range(first // spp, (first + count) // spp):
-        sums = ti.Vector.zero(ti.f32, 3 + FEATURE_COLUMNS)
+        sums = ti.Vector.zero(ti.f32, CHANGE_COLUMNS)
+        first_sums = ti.Vector.zero(ti.f32, PATHS)
         for i in range(rank * spp - first, (rank + 1) * spp - first):
             change = read3(difference, i, 0)
-            at = cut_at[i, 0]
+            at, brought = cut_at[i, 0], vec3(0.0)
             if at >= 0:
-                change += get3(state, i, RADIANCE)
+                brought = get3(state, i, RADIANCE)
                 if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
-                    change += get3(state, i, DIRECT)
+                    brought += get3(state, i, DIRECT)
+                change += brought
                 if (ti.cast(restore[at, R_STATUS], ti.i32) & SEEN) == 0:
                     for c in ti.static(range(FEATURE_COLUMNS)):
                         sums[3 + c] += features[i, c] - base_features[i, c]
-            if ti.abs(change.sum()) < ti.math.inf:  # false for nan too
+            is_number = ti.abs(change.sum()) < ti.math.inf  # false for nan too
+            if is_number:
                 for c in ti.static(range(3)):
                     sums[c] += change[c]
+            if cut_at[i, 1] == 0:
+                sums[MET] += 1.0
+                for c in ti.static(range(FEATURE_COLUMNS)):
+                    first_sums[3 + c] += features[i, c]
+            if is_number:
+                for c in ti.static(range(3)):
+                    if cut_at[i, 1] == 0:
+                        first_sums[c] += brought[c]
+                    else:
+                        first_sums[MISSED + c] += change[c]
         pixel = pixels[rank][ROW]
-        for c in ti.static(range(3 + FEATURE_COLUMNS)):
+        met_before = film[pixel, MET] if others > 0 else 0.0
+        if met_before + sums[MET] > 0.0:
+            for c in ti.static(range(PATHS)):
+                before = 0.0
+                if met_before > 0.0:
+                    before = met[pixel, c]
+                elif ti.static(c >= MISSED):
+                    if others > 0:
+                        before = film[pixel, c - MISSED] * others
+                met[pixel, c] = before + first_sums[c]
+            met[pixel, PATHS] = others + spp
+        for c in ti.static(range(MET)):
             before = film[pixel, c] * others if others > 0 else 0.0
             film[pixel, c] = (before + sums[c]) / (others + spp)
-
-
-@ti.kernel
-def look_rays(view: Floats2, pixels: Pixels, width: ti.i32, height: ti.i32, rays: Rays, queue: Ints1):
-    """LOOKS rays through each pixel."""
-    for k in range(width * height * LOOKS):
-        pixel = pixels[k // LOOKS][ROW]
-        x = pixel % width - 0.25 + 0.5 * (k % 2)
-        y = pixel // width - 0.25 + 0.5 * (k // 2 % 2)
-        origin, direction = camera_ray(view, CURRENT, x, y, width, height)
-        write_ray(rays, k, origin, direction, ti.math.inf)
-        queue[k] = k
-
-
-@ti.kernel
-def end_looks(count: ti.i32, hits: Hits, rays: Rays):
-    """Let each ray end where it met something."""
-    for k in range(count):
-        rays[k][7] = hits[k][0]
-
-
-@ti.kernel
-def count_looks(pixels: Pixels, count: ti.i32, covered: Ints1, looks: Ints1):
-    """In how many of the LOOKS of each pixel a mover is in front. covered: of each, by the pixel's rank."""
-    for rank in range(count):
-        found = 0
-        for k in ti.static(range(LOOKS)):
-            found += covered[rank * LOOKS + k]
-        looks[pixels[rank][ROW]] = found
+        film[pixel, MET] = met_before + sums[MET]
 
 
 @ti.kernel
 def combine(
     width: ti.i32,
     height: ti.i32,
-    looks: Ints1,
+    looks: Ints2,
+    by_looks: ti.i32,
     change: Floats2,
+    met: Floats2,
     factors: Floats2,
     mean: Floats2,
     base: Image,
+    rough: Image,
     hdr: Image,
+    drawn: Image,
     albedo: Image,
     normal: Image,
     unmoved: Image,
 ):
     """The picture: the change added to the base image, and where movers cover most of a pixel, to its own paths' mean.
 
-    looks: as of `count_looks`. change: f32 [n, 9]; factors: as of `settle`;
+    looks: as of `Looks.covered`. change, met: as of `collect`; factors: as of `settle`;
     mean [n, ...], base [h, w, ...]: columns as `light_column` says.
+    drawn: what the denoiser gets, with `rough` [h, w, 3 * groups] in the place of the base. If by_looks is 1, movers
+    cover as much of a pixel there, and of albedo and normal, as the looks say, not as much as a few paths meet.
     unmoved: 1 where what is seen first has not changed, else 0.
     """
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width
-        changed = ti.cast(looks[pixel], ti.f32)
+        seen = ti.max(looks[y, x], 0)
+        changed = ti.cast(seen, ti.f32)
         for c in ti.static(range(3, 9)):
             changed += ti.abs(change[pixel, c])
         unmoved[y, x, 0] = ti.cast(changed == 0.0, ti.f32)
+        mixed = by_looks != 0 and looks[y, x] >= 0 and change[pixel, MET] > 0.0
         for c in ti.static(range(3)):
             below = vec3(base[y, x, c], base[y, x, 3 + c], base[y, x, 6 + c])
-            if 2 * looks[pixel] > LOOKS:
-                below = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
+            own = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
+            noisy = rough[y, x, c]
             for group in range(1, factors.shape[0]):
                 column = light_column(group) + c
-                part = base[y, x, column]
-                if 2 * looks[pixel] > LOOKS:
-                    part = mean[pixel, column]
-                below[0] += factors[group, c] * part
-            hdr[y, x, c] = below[0] + change[pixel, c]
-            albedo[y, x, c] = below[1] + change[pixel, 3 + c]
-            normal[y, x, c] = below[2] + change[pixel, 6 + c]
+                below[0] += factors[group, c] * base[y, x, column]
+                own[0] += factors[group, c] * mean[pixel, column]
+                noisy += factors[group, c] * rough[y, x, 3 * group + c]
+            all_changed = vec3(change[pixel, c], change[pixel, 3 + c], change[pixel, 6 + c])
+            hdr[y, x, c] = all_changed[0] + (below[0] if 2 * seen <= PLACES else own[0])
+            below[0] = noisy
+            shown = all_changed + (below if 2 * seen <= PLACES else own)
+            if mixed:
+                covers, meets = ti.cast(seen, ti.f32) / PLACES, change[pixel, MET]
+                missing = ti.max(met[pixel, PATHS] - meets, 1.0)
+                shown = covers / meets * vec3(met[pixel, c], met[pixel, 3 + c], met[pixel, 6 + c])
+                shown += (1.0 - covers) * (below + vec3(met[pixel, MISSED + c] / missing, 0.0, 0.0))
+            drawn[y, x, c] = shown[0]
+            albedo[y, x, c] = shown[1]
+            normal[y, x, c] = shown[2]
 
 
 @ti.kernel
 def find_cut_shadows(candidates: Ints1, count: ti.i32, rays: Rays, cut: Ints1, rows: Ints1, chunks: Ints1) -> ti.i32:
     """The rows of the shadow rays that a mover is in the way of, in order. Returns how many."""
-    chunk_count = (count + ROWS - 1) // ROWS
+    size = chunk_size(count)
+    chunk_count = (count + size - 1) // size
     for chunk in range(chunk_count):
         found = 0
-        for k in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
+        for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             row = candidates[k]
             if cut[row] > 0 and rays[row][SEGMENT] < 0.0:
                 found += 1
@@ -258,7 +280,7 @@ def find_cut_shadows(candidates: Ints1, count: ti.i32, rays: Rays, cut: Ints1, r
         add_up(chunks, chunk_count)
     for chunk in range(chunk_count):
         at = chunks[chunk]
-        for k in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
+        for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             row = candidates[k]
             if cut[row] > 0 and rays[row][SEGMENT] < 0.0:
                 rows[at] = row

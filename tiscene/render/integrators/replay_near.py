@@ -3,10 +3,9 @@
 import taichi as ti
 
 from tiscene.render.integrators.path_kernels import Ints1
+from tiscene.render.integrators.path_state import chunk_size
 from tiscene.render.intersect.wide import Wide, slabs
 from tiscene.render.ray_arrays import Rays
-
-ROWS = 256  # rows that one thread looks at before it takes the next
 
 
 @ti.func
@@ -26,10 +25,11 @@ def find_near(rays: Rays, count: ti.i32, boxes: Wide, near: Ints1, candidates: I
 
     boxes: 6 vectors: least x, y, z and greatest x, y, z of eight boxes.
     """
-    chunk_count = (count + ROWS - 1) // ROWS
+    size = chunk_size(count)
+    chunk_count = (count + size - 1) // size
     for chunk in range(chunk_count):
         found = 0
-        for row in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
+        for row in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             ox, oy, oz = rays[row][0], rays[row][1], rays[row][2]
             ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(rays[row][4], rays[row][5], rays[row][6])
             enters = ti.max(
@@ -53,7 +53,7 @@ def find_near(rays: Rays, count: ti.i32, boxes: Wide, near: Ints1, candidates: I
     for chunk in range(chunk_count):
         at = chunks[chunk]
         if chunks[chunk + 1] > at:
-            for row in range(chunk * ROWS, ti.min(count, (chunk + 1) * ROWS)):
+            for row in range(chunk * size, ti.min(count, (chunk + 1) * size)):
                 if near[row] > 0:
                     candidates[at] = row
                     at += 1

@@ -40,7 +40,7 @@ class Selection:
             self._make_room(rows, len(paths))
             placed = upload(offsets)
             gather(
-                len(paths), upload(paths.astype(np.int32)), placed, block.offsets, block.rays, block.light,
+                len(paths), paths.astype(np.int32), placed, block.offsets, block.rays, block.light,
                 block.features, self._rays, self._light, self._features,
             )  # fmt: skip
             pixels = upload_pixels(cache.order[here], *cache.size)
