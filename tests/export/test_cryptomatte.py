@@ -18,8 +18,8 @@ HEIGHT, WIDTH = 3, 4
 LAYERS = ("CryptoObject", "CryptoAsset", "CryptoMaterial", "CryptoCategory")
 
 
-def row(id, name, category="", prim_path="", asset=""):
-    return SimpleNamespace(id=id, name=name, category=category, prim_path=prim_path, asset=asset)
+def row(id, name, category="", prim_path="", asset="", template=""):
+    return SimpleNamespace(id=id, name=name, category=category, prim_path=prim_path, asset=asset, template=template)
 
 
 OBJECTS = (
@@ -27,6 +27,8 @@ OBJECTS = (
     row(2, "left", "chair", "/Room/Left", "Oak Chair"),
     row(7, 'Mädchen, the "2nd"', "chair", "", "Oak Chair"),
     row(9, "nobody", "ghost", "/Room/Nobody"),
+    row(10, "Mover", "ghost", template="/Room/Mover"),  # a prim of the stage that moves by itself
+    row(11, "again", "ghost", template="/Room/Mover"),  # another one of it
 )
 
 
@@ -102,12 +104,13 @@ def test_the_file_has_what_the_specification_asks_for(written):
     assert {types[channel] for channel in "RGB"} == {np.dtype(np.float16)}
     manifest = json.loads(header[f"cryptomatte/{murmur3(b'CryptoObject'):08x}"[:19] + "/manifest"])
     assert manifest["/Room/Left"] == f"{hash_of('/Room/Left'):08x}"
-    assert set(manifest) == {"/Room/Wall", "/Room/Left", 'Mädchen, the "2nd"', "/Room/Nobody"}
+    names = {"/Room/Wall", "/Room/Left", 'Mädchen, the "2nd"', "/Room/Nobody", "/Room/Mover", "again"}
+    assert set(manifest) == names
 
 
 def test_mattes_of_objects_come_back(written, coverage):
     objects = decode(written)["CryptoObject"]
-    for each in OBJECTS:
+    for each in OBJECTS[:4]:
         expected = np.where(coverage[..., 0] == each.id, coverage[..., 1], 0.0).sum(axis=-1)
         np.testing.assert_array_equal(objects.matte(each.prim_path or each.name), expected)
     assert (np.diff(objects.weights, axis=-1) <= 0.0).all()
@@ -126,7 +129,8 @@ def test_what_shares_a_category_shares_a_matte_and_is_ranked_anew(written):
 
 def test_what_is_of_one_asset_shares_a_matte(written):
     assets = decode(written)["CryptoAsset"]
-    assert set(assets.names) == {"/Room/Wall", "Oak Chair", "/Room/Nobody"}  # by its path where it is of none
+    of_none = {"/Room/Wall", "/Room/Nobody", "/Room/Mover", "again"}  # as the objects
+    assert set(assets.names) == {"Oak Chair"} | of_none
     np.testing.assert_array_equal(assets.matte("Oak Chair")[:, 2], 0.4375)
     np.testing.assert_array_equal(assets.weights[0, 2], [0.4375, 0.375, 0, 0, 0, 0])
 

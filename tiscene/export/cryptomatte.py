@@ -1,6 +1,6 @@
 """Cryptomatte, specification 1.2.0 (Friedman and Jones, Psyop): one OpenEXR file a frame with mattes of what it shows.
 
-`CryptoObject` has a matte for each object, called by its prim path or, where it was spawned, by its name;
+`CryptoObject` has a matte for each object, called by its prim path, or where it was spawned by its name;
 `CryptoAsset` one for all that are of one asset, called as that, or as the object where there is none;
 `CryptoMaterial` one for each material, called by its prim path; `CryptoCategory` one for each semantic category.
 Six ranks of each lie in the 32-bit float channels `CryptoObject00.R` (id) `.G` (coverage) `.B` (id) `.A` (coverage),
@@ -27,6 +27,7 @@ from tiscene.export import exr
 
 if TYPE_CHECKING:
     from tiscene.frame import Frame
+    from tiscene.render.objects import ObjectRow
 
 BUFFERS = ("coverage", "material_coverage")  # what mattes are made of
 HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"
@@ -56,7 +57,7 @@ def encode(frame: Frame) -> dict[str, bytes]:
     """The file of a frame. Raises BufferNotFound without one of BUFFERS."""
     import OpenEXR
 
-    objects = {row.id: row.prim_path or row.name for row in frame.objects}
+    objects = {row.id: _object_name(row) for row in frame.objects}
     layers = (
         ("CryptoObject", frame.coverage, objects),
         ("CryptoAsset", frame.coverage, {row.id: row.asset or objects[row.id] for row in frame.objects}),
@@ -127,6 +128,12 @@ def murmur3(data: bytes, seed: int = 0) -> int:
 
 def _rotated(word: int, by: int) -> int:
     return (word << by | word >> 32 - by) & _MASK
+
+
+def _object_name(row: ObjectRow) -> str:
+    """Its prim path, also where that is a prim which moves, and so an object of the scenario with the prim's name."""
+    moves = row.template.startswith("/") and row.template.rpartition("/")[2] == row.name
+    return row.prim_path or (row.template if moves else row.name)
 
 
 def _ranked(coverage: NDArray[np.float32], hashes: Mapping[int, int]) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
