@@ -43,6 +43,10 @@ LIGHTS: dict[str, list[Light]] = {
         replace(LAMP, casts_shadows=False),
         SphereLight("l", "/l", towards((0.5, 0.6, 0.2), (0.0, -1.0, 0.0)), (3.0, 3.0, 3.0), 0.1),
     ],
+    "bounced otherwise": [
+        replace(LAMP, indirect=0.3),
+        SphereLight("l", "/l", towards((0.5, 0.6, 0.2), (0.0, -1.0, 0.0)), (3.0, 3.0, 3.0), 0.1, indirect=2.5),
+    ],
     "point": [SphereLight("l", "/l", towards((0.0, 0.9, 0.3), (0.0, -1.0, 0.0)), (3.0, 3.0, 3.0), 0.0)],
 }
 RED, BLUE = matte("red", (0.6, 0.1, 0.1)), matte("blue", (0.1, 0.1, 0.6))
@@ -170,6 +174,22 @@ def test_every_path_is_the_one_that_tracing_would_give_under_lamps_that_change(m
         np.testing.assert_allclose(
             scene.replayed_mean()[..., :3], scene.trace(*AT).hdr, rtol=1e-4, atol=1e-4, err_msg=lights
         )
+
+
+@pytest.mark.parametrize("mover", ["matte", "glass"])
+def test_lights_whose_bounces_count_otherwise(mover: str) -> None:
+    """A mover cuts direct and bounced light, each by its multiplier; as they are, and dimmed."""
+    for factors in ((), ((0.5, 0.2, 2.0),)):
+        scene = Box(MOVERS[mover], wall=GLOSSY, lights="bounced otherwise")
+        if factors:
+            scene.dim(*factors)
+        scene.replay(*AT)
+        traced = scene.trace(*AT).hdr
+        np.testing.assert_allclose(scene.replayed_mean()[..., :3], traced, rtol=1e-4, atol=1e-4)
+    usual = Box(MOVERS[mover], wall=GLOSSY, lights="bounced otherwise")
+    usual.lights = [replace(light, indirect=1.0) for light in usual.lights]
+    usual.dim(*factors)
+    assert np.abs(usual.trace(*AT).hdr - traced).mean() > 0.02 * traced.mean()
 
 
 @pytest.mark.parametrize("block", [BLOCK, 600])
