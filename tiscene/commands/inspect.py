@@ -54,7 +54,8 @@ def _print_facts(path: Path, facts: StageFacts) -> None:
     if facts.time_codes:
         first, last = facts.time_codes
         print(
-            f"  time codes {first:g} to {last:g}, {facts.time_codes_per_second:g} a second; {facts.animated} prims move"
+            f"  time codes {first:g} to {last:g}, {facts.time_codes_per_second:g} a second; "
+            f"{_count(facts.animated, 'prim')} with motion"
         )
     print(f"  {sum(facts.types.values()):,} prims, {facts.instances:,} of them instances{_listing(facts.types)}")
     for place, (chosen, names) in list(facts.variants.items())[:_SHOWN]:
