@@ -60,3 +60,10 @@ def test_it_is_blue_every_way() -> None:
     assert power[radius > 0.35].sum() > 1.1 * white[radius > 0.35].sum()
     along, across = frequency[:, None] > 2.0 * frequency, frequency > 2.0 * frequency[:, None]
     assert power[along].sum() == pytest.approx(power[across].sum(), rel=0.15)
+
+
+def test_a_pixel_is_the_same_in_any_company() -> None:
+    paths = floor()
+    every = paths.sums(VIEW, np.arange(SIZE * SIZE, dtype=np.int32), spp=3, key=5, max_depth=2)
+    some = np.random.default_rng(3).choice(SIZE * SIZE, 100, replace=False).astype(np.int32)
+    np.testing.assert_array_equal(paths.sums(VIEW, some, spp=3, key=5, max_depth=2), every[some])
