@@ -112,15 +112,15 @@ def write_wide_nodes(
     """
     for node in range(count):
         at = 8 * (first_node + node)
-        for k in ti.static(range(8)):
-            for c in ti.static(range(3)):
+        for k in range(8):
+            for c in range(3):
                 nodes[at + c][k] = FAR
                 nodes[at + 3 + c][k] = -FAR
             nodes[at + 6][k] = 0.0
             nodes[at + 7][k] = 0.0
             slot = children[node, k]
             if slot >= 0:
-                for c in ti.static(range(6)):
+                for c in range(6):
                     nodes[at + c][k] = node_box[slot, c]
                 reference = 8 * (first_node + node_link[slot, 2])
                 if node_link[slot, 0] < 0:
@@ -149,14 +149,14 @@ def write_packs(
                 begin = node_link[slot, 2]
                 size = node_link[slot, 3]
                 sort(order, begin, begin + size)
-                for lane in ti.static(range(4)):
-                    for row in ti.static(range(9)):
+                for lane in range(4):
+                    for row in range(9):
                         packs[at + row][lane] = 0.0
                     triangle = -1
                     if lane < size:
                         local = order[begin + lane]
                         triangle = first_triangle + local
-                        for corner, c in ti.static(ti.ndrange(3, 3)):
+                        for corner, c in ti.ndrange(3, 3):
                             packs[at + 3 * corner + c][lane] = positions[triangles[local, corner], c]
                     packs[at + 9][lane] = ti.bit_cast(triangle, ti.f32)
 
