@@ -99,7 +99,27 @@ def test_unknown_template_names_the_nearest_and_the_way_on(shelf):
         catalog.find_template("chair_77")
 
 
-@pytest.mark.parametrize("missing", ["gone.usda", "folder/gone", "gone.json"])
+def test_what_cannot_be_looked_into_is_passed_over(shelf, monkeypatch):
+    """As another user's folder on the search path is."""
+    looked = os.stat
+
+    def stat(path, *rest, **named):
+        if "private" in os.fspath(path):
+            raise PermissionError(13, "Permission denied", path)
+        return looked(path, *rest, **named)
+
+    monkeypatch.setenv(
+        "TISCENE_PATH", os.pathsep.join(["/private", "~nobody-here/x", *map(str, catalog.search_path())])
+    )
+    monkeypatch.setattr(os, "stat", stat)
+    assert "kitchen" in catalog.scenes()
+    with pytest.raises(SceneNotFound, match="folders that do not exist: /private, ~nobody-here/x"):
+        catalog.find_scene("kitchn")
+
+
+@pytest.mark.parametrize(
+    "missing", ["gone.usda", "folder/gone", "gone.json", "~nobody-here/gone.usda", f"{'x' * 5000}gone.usda"]
+)
 def test_missing_file(tmp_path, monkeypatch, missing):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MissingFile, match=r"no file '.*gone"):

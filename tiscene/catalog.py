@@ -25,7 +25,7 @@ SCENARIO_SUFFIXES = (".json",)
 def search_path() -> list[Path]:
     """The folders of scenes, in the order in which they are searched. Those that do not exist are listed too."""
     listed = os.environ.get("TISCENE_PATH", "").split(os.pathsep)
-    return [Path(folder).expanduser() for folder in listed if folder] + [Path(usd_scenes.__path__[0])]
+    return [Path(os.path.expanduser(folder)) for folder in listed if folder] + [Path(usd_scenes.__path__[0])]
 
 
 def scenes() -> dict[str, Path]:
@@ -104,9 +104,9 @@ def _stages(pattern: str, stem: str) -> dict[str, Path]:
     """Folder name to the file `stem`.usd* inside, for the folders that match the pattern on the search path."""
     found: dict[str, Path] = {}
     for root in search_path():
-        for folder in root.glob(pattern):
+        for folder in root.glob(pattern) if os.path.isdir(root) else ():
             files = [folder / f"{stem}{suffix}" for suffix in STAGE_SUFFIXES]
-            present = [path for path in files if path.is_file()]
+            present = [path for path in files if os.path.isfile(path)]
             if present:
                 found.setdefault(folder.name, present[0])
     return dict(sorted(found.items()))
@@ -114,11 +114,11 @@ def _stages(pattern: str, stem: str) -> dict[str, Path]:
 
 def _as_path(text: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path | None:
     """The file that a path names, which must be there; None if the text is a name."""
-    path = Path(text).expanduser()
+    path = Path(os.path.expanduser(text))
     is_name = isinstance(text, str) and path.suffix.lower() not in suffixes and len(path.parts) == 1
     if is_name:
         return None
-    if not path.exists():
+    if not os.path.exists(path):
         raise MissingFile(f"no file {str(path)!r} (looked from {str(Path.cwd())!r})")
     if path.is_dir() or path.suffix.lower() not in suffixes:
         kind = "a folder" if path.is_dir() else f"a {path.suffix or 'nameless kind of'} file"
@@ -128,5 +128,5 @@ def _as_path(text: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path | 
 
 def _unsearched() -> str:
     """A sentence about folders of TISCENE_PATH that are not there, for they are often the mistake."""
-    missing = [str(folder) for folder in search_path() if not folder.is_dir()]
+    missing = [str(folder) for folder in search_path() if not os.path.isdir(folder)]
     return f" TISCENE_PATH names folders that do not exist: {', '.join(missing)}." if missing else ""

@@ -268,3 +268,28 @@ def test_portals_that_are_none(tmp_path):
     assert dome.portals == ()
     body = light("DomeLight", "rel portals = </P>") + 'def PortalLight "P"\n{\nfloat inputs:width = 0\n}'
     assert problems_of(tmp_path, body) == ("</P> portal: its size is 0.0 x 1.0 m",)
+
+
+LAMP = 'def SphereLight "Lamp"\n{\n    %s\n}'
+HIDES = 'token visibility.timeSamples = { 0: "inherited", 9: "invisible" }'
+
+
+@pytest.mark.parametrize(
+    ("body", "expected", "count"),
+    [
+        (LAMP % "float inputs:radius.timeSamples = { 0: 1, 9: 2 }", "radius of a light has time samples", 1),
+        (
+            LAMP % HIDES,
+            "visibility of a light has time samples, and is drawn as it is at the time read: </Lamp>",
+            1,
+        ),
+        (LAMP % HIDES.replace("9:", "-1:"), "the visibility of a light has time samples", 0),
+        (f'def Xform "G"\n{{\n{HIDES}\n{LAMP % ""}\n}}', "the visibility of a light has time samples.*: </G/Lamp>", 1),
+    ],
+)
+def test_what_of_a_light_does_not_play_is_named(tmp_path, body, expected, count):
+    assert len(read_with_warning(tmp_path, body, expected).lights) == count
+
+
+def test_a_light_whose_samples_are_all_the_same_does_not_change(tmp_path):
+    assert len(read(tmp_path, LAMP % "float inputs:radius.timeSamples = { 0: 1, 9: 1 }").lights) == 1

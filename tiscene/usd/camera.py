@@ -10,10 +10,16 @@ from pxr import Usd, UsdGeom
 from tiscene.camera import Camera, quaternion_from_matrix
 from tiscene.errors import ArgumentError
 from tiscene.scene.description import Matrix
+from tiscene.usd.deforming import varies
 from tiscene.usd.problems import Report
 from tiscene.usd.transform import unmirrored, unscaled
 
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
+
+_LENS = (
+    *("projection", "focalLength", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
+    *("shutter:open", "shutter:close", *_EXPOSURE_ATTRIBUTES),
+)
 
 
 def read_camera(
@@ -25,6 +31,9 @@ def read_camera(
     """
     path = prim.GetPath()
     camera = UsdGeom.Camera(prim)
+    changing = [name for name in _LENS if varies(prim.GetAttribute(name))]
+    if changing:
+        report.frozen(path, f"{', '.join(changing)} of a camera")
 
     def number(name: str) -> float:
         value = prim.GetAttribute(name).Get(time)

@@ -21,11 +21,13 @@ from tiscene.scene.description import (
     RectLight,
     SphereLight,
 )
+from tiscene.usd.deforming import varies
 from tiscene.usd.problems import Report
 from tiscene.usd.shaping import light_input, read_shaping, report_unrendered
 from tiscene.usd.texture import TextureTable
 from tiscene.usd.transform import to_matrix, unscaled
 
+EMISSION = ("intensity", "exposure", "color", "colorTemperature")  # what may change over time, and plays
 _POINT_RADIUS = 0.001  # m; what stands for a sphere that is treated as a point
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # +y to +z, +z to -y
 
@@ -50,6 +52,10 @@ class LightReader:
         if emission is None or not (any(emission) or self._is_animated(prim)):
             return
         report_unrendered(prim, self._time, self._report)
+        inputs = (each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:"))
+        frozen = [each.GetBaseName() for each in inputs if each.GetBaseName() not in EMISSION and varies(each)]
+        if frozen:
+            self._report.frozen(path, f"{', '.join(frozen)} of a light")
         pose = unscaled(world_from_prim)
         if pose is None:
             self._report.problem(path, "light", "its transform is singular or not finite")
@@ -84,8 +90,7 @@ class LightReader:
 
     def _is_animated(self, prim: Usd.Prim) -> bool:
         """Whether its emission changes, so that it may be dark now and shine later."""
-        names = ("intensity", "exposure", "color", "colorTemperature")
-        return any(prim.GetAttribute(f"inputs:{name}").ValueMightBeTimeVarying() for name in names)
+        return any(prim.GetAttribute(f"inputs:{name}").ValueMightBeTimeVarying() for name in EMISSION)
 
     def mesh_emission(self, prim: Usd.Prim, area: float) -> Color | None:
         """The radiance of a mesh that is a light, None for none. area: of its triangles, in stage units squared."""

@@ -12,6 +12,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 from tiscene.camera import Camera
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.usd.camera import read_camera
+from tiscene.usd.deforming import varies
 from tiscene.usd.instancer import Placed, PointInstances, PointSamples, instancer_times, point_instances
 from tiscene.usd.label import (
     asset_name,
@@ -161,6 +162,9 @@ class StageReader:
         if prim.IsA(UsdGeom.Camera):
             self._read_camera(prim, here)
             return True
+        lights = is_light(prim)
+        if lights and (here.inherited.hiders or varies(UsdGeom.Imageable(prim).GetVisibilityAttr())):
+            self._report.frozen(prim.GetPath(), "the visibility of a light")
         if prim.IsA(UsdGeom.PointInstancer):
             if here.drawn:
                 self._read_instancer(prim, here)
@@ -171,7 +175,7 @@ class StageReader:
             return True
         if prim.IsPseudoRoot():
             return True
-        if is_light(prim):
+        if lights:
             if here.inherited.shown(self._time):
                 self._read_light(prim, here)
         elif is_drawable(prim):
