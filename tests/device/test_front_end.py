@@ -49,6 +49,27 @@ def often(values: ti.types.ndarray(ti.f32, 1)):
         values[0] = thrice(thrice(values[0])) + thrice(1.0)
 
 
+@ti.func
+def at_most_one(x):
+    result = x
+    if x > 1.0:
+        result = 1.0
+    return result
+
+
+@ti.real_func
+def clipped_sum(values: ti.types.ndarray(ti.f32, 1), count: ti.i32) -> ti.f32:
+    result = 0.0
+    for k in range(count):
+        result += at_most_one(values[k])
+    return result
+
+
+@ti.kernel
+def sums(values: ti.types.ndarray(ti.f32, 1)):
+    values[0] = clipped_sum(values, 2) + clipped_sum(values, 1)
+
+
 @ti.kernel
 def wrong(values: ti.types.ndarray(ti.f32, 1)):
     values[0] = twice(values[0])
@@ -80,6 +101,13 @@ def test_a_tree_serves_all_calls_of_a_function(monkeypatch):
     monkeypatch.setattr(front_end, "_parsed", lambda source: lines.append(source[1]) or parsed(source))
     often(ti.ndarray(ti.f32, 1))
     assert lines.count("def thrice(x):") == 1
+
+
+def test_functions_may_branch_within_one_that_is_not_inlined():
+    values = ti.ndarray(ti.f32, 2)
+    values[0], values[1] = 0.5, 3.0
+    sums(values)
+    assert values[0] == 2.0
 
 
 def test_errors_say_where():

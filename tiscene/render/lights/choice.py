@@ -9,7 +9,18 @@ import math
 import taichi as ti
 
 from tiscene.render.lights import shaping
-from tiscene.render.lights.light_sample import attribute, axis, header, integer, lanes, of_member, of_node
+from tiscene.render.lights.light_sample import (
+    Floats2,
+    LightNodes,
+    Lights,
+    attribute,
+    axis,
+    header,
+    integer,
+    lanes,
+    of_member,
+    of_node,
+)
 from tiscene.render.surface import transform_point
 from tiscene.scene.light_nodes import (
     BACK,
@@ -308,7 +319,16 @@ def choose(lights: ti.template(), weights: ti.template(), count: ti.i32, scale: 
 @ti.func
 def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
     """(the place of the entry that a member is below, its part of the entry's chance); place 0 for a mesh's member."""
-    nodes = ti.static(lights.nodes)
+    here, part = place, 1.0
+    if here >> LANE_BITS > header(lights.nodes, H_NODES):
+        here, part = part_below(lights.values, lights.nodes, place, origin)
+    return here, part
+
+
+@ti.real_func  # not inlined where it is called: seldom, and in four places of the largest kernel
+def part_below(values: Floats2, nodes: LightNodes, place: ti.i32, origin: vec3) -> tuple[ti.i32, ti.f32]:
+    """What `part_of` says of a member that is no entry itself."""
+    lights = ti.static(Lights(values, nodes, None))
     entries = header(nodes, H_NODES)
     here, part = place, 1.0
     while here >> LANE_BITS > entries:

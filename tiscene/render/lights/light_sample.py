@@ -9,6 +9,7 @@ from tiscene.scene.light_table import RADIANCE, TRANSFORM
 
 vec3 = ti.math.vec3
 lanes = ti.types.vector(LANES, ti.f32)
+Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
 LightNodes = ti.types.ndarray(lanes, 1)
 
 FAR = 1e30  # stands for infinity where a ray has to have an end
