@@ -1,6 +1,8 @@
 """Noise of a picture: neighbours' errors cancel, so that what remains behind a blur or a denoiser is less than if every
 pixel knew nothing of the others."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ CAMERA = Camera.look_at((0.0, 1.5, 1.5), (0.0, 0.0, 0.0), vertical_fov=0.7)
 VIEW = View(CAMERA, CAMERA, CAMERA, SIZE, SIZE)
 
 
+@cache
 def floor() -> PathPass:
     """A matte floor under a square lamp."""
     lamp = RectLight("lamp", "/lamp", towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0)), (10.0, 10.0, 10.0), 1.0, 1.0)
@@ -25,17 +28,20 @@ def floor() -> PathPass:
     return PathPass(device_scene(described([floor], [matte("white", (0.7, 0.7, 0.7))], [lamp])), SIZE, SIZE)
 
 
+def luminance(seed: int, spp: int) -> NDArray[np.float64]:
+    hdr = floor().render(VIEW, frame_index=0, seed=seed, spp=spp, max_depth=2).hdr
+    return np.asarray(hdr.astype(np.float64) @ np.array(LUMINANCE))
+
+
+@cache
+def exact() -> NDArray[np.float64]:
+    return luminance(SEEDS, 4096)
+
+
 def errors(spp: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Of pictures with different seeds, relative to the mean, [n, h, w]; and of pictures whose every pixel is of a seed
     of its own."""
-    paths = floor()
-
-    def luminance(seed: int, samples: int) -> NDArray[np.float64]:
-        hdr = paths.render(VIEW, frame_index=0, seed=seed, spp=samples, max_depth=2).hdr
-        return np.asarray(hdr.astype(np.float64) @ np.array(LUMINANCE))
-
-    exact = luminance(SEEDS, 4096)
-    together = np.array([luminance(seed, spp) / exact - 1.0 for seed in range(SEEDS)])
+    together = np.array([luminance(seed, spp) / exact() - 1.0 for seed in range(SEEDS)])
     return together, np.random.default_rng(1).permuted(together, axis=0)
 
 
