@@ -1,7 +1,8 @@
 """Ten million instanced triangles: rays per CPU-second and memory, against the benchmark room of 500 thousand.
 
 Twenty such rooms side by side, seen from within one of them; and the room with 464 balls more, of 20,480 triangles
-each, that hang all over it. The rates are those of the rays of a path-traced picture, each kind as it comes.
+each, that hang all over it. The rates are those of the rays of a path-traced picture, each kind as it comes. Then, one
+by one, against Embree, which is given all triangles in the world: what a crowd costs any tracer shows in its rate, too.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.benchmarks.rays import Embree, rates, ray_sets, world_triangles
 from tests.benchmarks.room import DEPTH as LENGTH
 from tests.benchmarks.room import WIDTH as BREADTH
 from tests.benchmarks.room import room, still
@@ -61,13 +63,13 @@ def measure(description: SceneDescription) -> dict[str, float]:
     best: dict[str, float] = defaultdict(float)
     traces = intersect.closest, intersect.occluded
     for seed in range(ROUNDS + 1):  # the first one compiles
-        rates = Rates()
-        vars(path).update(closest=rates.timed(traces[0], "bounce"), occluded=rates.timed(traces[1], "shadow"))
+        counted = Rates()
+        vars(path).update(closest=counted.timed(traces[0], "bounce"), occluded=counted.timed(traces[1], "shadow"))
         paths.render(view, frame_index=0, seed=seed, spp=SPP, max_depth=DEPTH)
         vars(path).update(closest=traces[0], occluded=traces[1])
         if seed > 0:
-            for kind, seconds in rates.seconds.items():
-                best[kind] = max(best[kind], rates.rays[kind] / seconds)
+            for kind, seconds in counted.seconds.items():
+                best[kind] = max(best[kind], counted.rays[kind] / seconds)
     best["triangles"] = sum(len(description.meshes[row].triangles) for row in placement.mesh)
     return best
 
@@ -92,7 +94,22 @@ def main() -> None:
     for name, description in cases.items():
         found = measure(description)
         first = first or found
-        rates = [f"{1e-6 * found[kind]:6.2f} ({found[kind] / first[kind]:.2f})" for kind in KINDS]
+        columns = [f"{1e-6 * found[kind]:6.2f} ({found[kind] / first[kind]:.2f})" for kind in KINDS]
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"{name:22} {found['triangles']:10.0f} {' '.join(f'{rate:>13}' for rate in rates)} {peak:9.0f}")
+        print(f"{name:22} {found['triangles']:10.0f} {' '.join(f'{column:>13}' for column in columns)} {peak:9.0f}")
     print("in brackets: as a part of the room's; peak: of the process so far")
+    print(f"\n{'one by one':22} {'camera':>23} {'bounce':>23} {'shadow':>23}  (tiscene / Embree = ratio)")
+    for name in ("the room", "with 464 balls"):
+        pairs = [f"{ours:6.2f} / {theirs:5.2f} = {ours / theirs:4.2f}" for ours, theirs in against_embree(cases[name])]
+        print(f"{name:22} {' '.join(f'{pair:>23}' for pair in pairs)}", flush=True)
+
+
+def against_embree(description: SceneDescription) -> list[tuple[float, float]]:
+    """Ours and Embree's rates of camera, bounce and shadow rays, M rays per CPU-second."""
+    placement = still(description)
+    triangles = world_triangles(description, placement)
+    embree = Embree(triangles)
+    scene = DeviceScene()
+    scene.add(description)
+    scene.place(placement)
+    return list(rates(scene, embree, ray_sets(description, triangles, embree)).values())

@@ -115,6 +115,32 @@ def cpu_seconds(*jobs: Callable[[], None], rounds: int = ROUNDS) -> list[float]:
     return best
 
 
+def rates(scene: DeviceScene, embree: Embree, sets: dict[str, NDArray[np.float32]]) -> dict[str, tuple[float, float]]:
+    """Of each set of rays, ours and Embree's, M rays per CPU-second."""
+    result = {}
+    for name, rays in sets.items():
+        count = len(rays)
+        on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
+        hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
+        occluded = ti.ndarray(ti.i32, count)
+
+        def job(
+            any_hit: bool = name == "shadow", arrays: Any = (on_device, queue, count, hits, hit_ids, occluded)
+        ) -> None:
+            rays, queue, count, hits, hit_ids, occluded = arrays
+            if any_hit:
+                intersect.occluded(scene, CURRENT, rays, queue, count, occluded)
+            else:
+                intersect.closest(scene, CURRENT, rays, queue, count, hits, hit_ids)
+            ti.sync()
+
+        job()
+        theirs = embree.timed(rays, "OCCLUDED" if name == "shadow" else "INTERSECT")
+        ours_time, embree_time = cpu_seconds(job, theirs)
+        result[name] = 1e-6 * count / ours_time, 1e-6 * count / embree_time
+    return result
+
+
 def run(traversal: str = "wide") -> list[tuple[str, float, float, str]]:
     """Rows of (what, ours, Embree's, unit)."""
     description = room()
@@ -131,28 +157,9 @@ def run(traversal: str = "wide") -> list[tuple[str, float, float, str]]:
     embree_build = time.perf_counter() - start
     scene.place(placement)
 
-    rows = []
-    for name, rays in ray_sets(description, triangles, embree).items():
-        count = len(rays)
-        on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
-        hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
-        result = ti.ndarray(ti.i32, count)
-
-        def job(
-            any_hit: bool = name == "shadow", arrays: Any = (on_device, queue, count, hits, hit_ids, result)
-        ) -> None:
-            rays, queue, count, hits, hit_ids, result = arrays
-            if any_hit:
-                intersect.occluded(scene, CURRENT, rays, queue, count, result)
-            else:
-                intersect.closest(scene, CURRENT, rays, queue, count, hits, hit_ids)
-            ti.sync()
-
-        job()
-        theirs = embree.timed(rays, "OCCLUDED" if name == "shadow" else "INTERSECT")
-        ours_time, embree_time = cpu_seconds(job, theirs)
-        what = {"primary": "closest hit, camera", "bounce": "closest hit, bounce", "shadow": "any hit, to the light"}
-        rows.append((what[name], 1e-6 * count / ours_time, 1e-6 * count / embree_time, "M rays per CPU-second"))
+    what = {"primary": "closest hit, camera", "bounce": "closest hit, bounce", "shadow": "any hit, to the light"}
+    found = rates(scene, embree, ray_sets(description, triangles, embree))
+    rows = [(what[name], ours, theirs, "M rays per CPU-second") for name, (ours, theirs) in found.items()]
     rows.append(("build (ours: each mesh once)", 1e3 * ours_build, 1e3 * embree_build, "ms"))
     place_times = []
     for _ in range(20):
