@@ -1,6 +1,7 @@
 """Edits of a running world: from the next frame on, kept, replayed to the bit."""
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -213,6 +214,14 @@ def test_edits_check_their_values():
         Enclose(3, None, ts.Camera(), 0)
     with pytest.raises(ScenarioError, match=r"edits\[0\].object"):
         ts.Scenario("room", edits=[Spawn(3, type("Fake", (), {"first_frame": 3})())])
+
+
+def test_a_thing_that_is_not_there_has_a_nearest_one():
+    books = tuple(replace(STAGE.objects[0], prim_path=f"/Room/Book{number}") for number in range(30))
+    instances = tuple(replace(STAGE.instances[0], object=number) for number in range(30))
+    made = world(ts.Scenario("room"), replace(STAGE, objects=books, instances=instances))
+    with pytest.raises(ObjectNotFound, match=r"no object '/Room/Bok7' at frame 0\. Did you mean '/Room/Book7'\?"):
+        made.despawn("/Room/Bok7")
 
 
 STILL_STAGE = SCENARIOS["still"][1]

@@ -359,6 +359,10 @@ class World:
             return str(object)
         if isinstance(object, bool) or object not in (there | things):
             known = [f"{name} ({number})" for number, name in (there if len(things) > 20 else there | things).items()]
+            if isinstance(object, str) and len(things) > 20:  # too many to tell, but the nearest can be named
+                known = [*there.values(), *things.values()]
+            if isinstance(object, str) and len(things) > 20:  # too many to tell, but the nearest can be named
+                known = [*there.values(), *things.values()]
             raise ObjectNotFound("object", str(object), known, f" at frame {frame}")
         return (there | things)[int(object)]
 
