@@ -3,7 +3,9 @@
 First the table of `tiscene bench`: the first frame of a line includes what that line compiles; lines after the first
 two should compile nothing. Then SAILenv's five views with three objects that bounce before a camera that stands still,
 whose frames are differences, or turns by a degree a frame; and how much of that is spent outside of kernels and the
-denoiser.
+denoiser. Last the same views of `room_02` with three things of the demo's by `fast`: frames a second, and PSNR against
+path tracing. There are two pictures of that, each with noise of its own, and what is averaged is the product of the
+errors against the one and the other: neither's noise counts.
 """
 
 from __future__ import annotations
@@ -12,15 +14,18 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from taichi.lang import kernel_impl
 
 import tiscene as ts
 from dynamics.rotation import multiply
 from tiscene.commands import bench, demo
 from tiscene.render import denoise
+from tiscene.render.renderer import quality_named
 from tiscene.render.view import View
 
 SECONDS = 5.0
@@ -33,12 +38,15 @@ SETTINGS: dict[str, dict[str, Any]] = {
 SCENES = ("room_02", "object_view")
 SIZE = 256, 192
 WARM, FRAMES = 6, 24
+BASES = (64, 1024)  # spp of the base image: the preset's, and the goal's
+HALF_SPP, COMPARED = 256, (9, 15)
 
 
 def main() -> None:
     """Print the tables."""
     bench.print_table(demo.scenario(), seconds=SECONDS)
     five_views(SCENES, SETTINGS)
+    against_path_tracing()
 
 
 def five_views(scenes: Iterable[str], settings: Iterable[str]) -> None:
@@ -62,6 +70,36 @@ def five_views(scenes: Iterable[str], settings: Iterable[str]) -> None:
                 camera, share = "turns" if turns else "stands", 100.0 * np.median(outside)
                 times = f"{wall:>7.1f} ms {cpu:>7.1f} ms {1e3 / wall:>9.1f} {share:>6.1f} %"
                 print(f"{scene:<12} {name:<16} {camera:>8} {times}", flush=True)
+
+
+def against_path_tracing() -> None:
+    """One line for each base image."""
+    scenario = demo.scenario()
+    scenario = replace(scenario, objects=scenario.objects[:3])
+    size = {"width": SIZE[0], "height": SIZE[1], "fps": demo.FPS}
+    depth = quality_named("fast").max_depth
+    halves: list[list[NDArray[np.float64]]] = []
+    for seed in (1, 2):
+        traced = ts.Stream(scenario, buffers=("rgb",), quality="standard", spp=HALF_SPP, max_depth=depth, seed=seed,
+                           denoise=False, differential=False, **size)  # fmt: skip
+        halves.append([traced[index].rgb / 255.0 for index in COMPARED])
+    print(f"{'room_02, fast':<16} {'once':>10} {'frame':>10} {'best':>10} {'frames/s':>9} {'PSNR':>8}")
+    for spp in BASES:
+        stream = ts.Stream(scenario, buffers=FIVE_VIEWS, quality="fast", base_spp=spp, differential=True, **size)
+        began = time.perf_counter()
+        stream[0]
+        once, walls = time.perf_counter() - began, []
+        for index in range(WARM + FRAMES):
+            began = time.perf_counter()
+            stream[index]
+            walls.append(1e3 * (time.perf_counter() - began))
+        errors = [
+            np.mean((stream[index].rgb / 255.0 - one) * (stream[index].rgb / 255.0 - other))
+            for index, one, other in zip(COMPARED, *halves, strict=True)
+        ]
+        wall, best, psnr = np.median(walls[WARM:]), min(walls), -10.0 * np.log10(np.mean(errors))
+        times = f"{once:>8.1f} s {wall:>7.1f} ms {best:>7.1f} ms {1e3 / wall:>9.1f} {psnr:>5.1f} dB"
+        print(f"base of {spp:>4} spp {times}", flush=True)
 
 
 def looking(scene: str, turns: bool, settings: dict[str, Any]) -> Callable[[int], ts.Frame]:
