@@ -9,6 +9,7 @@ from tiscene.render.lights.light_sample import attribute, header, of_member
 from tiscene.scene.light_nodes import (
     CHILD,
     FEW,
+    H_CHOICE,
     H_DISTANT_ROW,
     H_PORTAL_ROW,
     H_SOLID_NODES,
@@ -55,13 +56,15 @@ def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_
     while count > 0:
         count -= 1
         node = waiting[count]
-        x, y, z = towards(nodes, node, origin)
-        along = x * direction.x + y * direction.y + z * direction.z
-        distance2 = x * x + y * y + z * z
-        # How far within the sphere about each member the ray's nearest point is.
-        closest = ti.min(ti.max(along, 0.0), nearest)
-        depth = attribute(nodes, node, RADIUS2) + (_ROUNDING - 1.0) * distance2 + closest * (2.0 * along - closest)
-        inside = not_negative(depth)
+        inside = 1
+        if header(nodes, H_CHOICE) != 0:  # else there is one light in all
+            x, y, z = towards(nodes, node, origin)
+            along = x * direction.x + y * direction.y + z * direction.z
+            distance2 = x * x + y * y + z * z
+            # How far within the sphere about each member the ray's nearest point is.
+            closest = ti.min(ti.max(along, 0.0), nearest)
+            depth = attribute(nodes, node, RADIUS2) + (_ROUNDING - 1.0) * distance2 + closest * (2.0 * along - closest)
+            inside = not_negative(depth)
         while inside > 0:
             lane = lowest(inside)
             inside &= inside - 1
