@@ -74,10 +74,10 @@ def test_half_the_noise_is_a_quarter_of_the_samples(rendered, capsys):
     lines = [line for line in out.splitlines() if line.split()[:1] in (["tiscene"], ["Mitsuba"])]
     assert len(lines) == 12
     for table in (lines[:6], lines[6:]):
-        ours, theirs = table[:3], table[3:]
+        theirs, ours = table[:3], table[3:]
         for mine, other in zip(ours, theirs, strict=True):
             assert numbers(mine)[0] == pytest.approx(0.25 * numbers(other)[0], rel=0.1, abs=2e-4)
-    assert "means of the pictures: tiscene" in out
+    assert "means of the pictures: Mitsuba" in out
     assert "matte 256x192: reference ..." in err
     assert "..." not in out
     assert set(rendered) == {(256, 192)}
@@ -134,6 +134,7 @@ def test_those_asked_for_run(monkeypatch, capsys):
     monkeypatch.setattr(benchmarks, "found", lambda: {"stream": stream.main})
     monkeypatch.setattr(stream.bench, "print_table", lambda source, seconds: print("table of", source.scene))
     monkeypatch.setattr(stream, "five_views", lambda scenes, settings: print("views of", *scenes, *settings))
+    monkeypatch.setattr(stream, "against_path_tracing", lambda: print("path tracing"))
     assert benchmarks.main([]) == 0
     printed = capsys.readouterr().out
     assert "logical cores" in printed

@@ -26,7 +26,7 @@ from typing import TypeVar
 import numpy as np
 
 from tests.benchmarks import living_room
-from tests.benchmarks.converged import Reference, Row, measured, note, reference, times_for
+from tests.benchmarks.converged import Reference, Render, Row, measured, note, reference, times_for
 from tests.benchmarks.living_room import Room
 from tests.benchmarks.path import DEPTH
 from tiscene.render.base_image import BaseImages
@@ -78,17 +78,10 @@ def table(room: Room, matte: bool, plan: Plan) -> None:
     theirs = living_room.mitsuba(room.description, *size, DEPTH, glossy=not matte)
     note(f"{name}: reference")
     truth = reference(ours, plan.half)
-    note(f"{name}: path tracing")
-    peers = [[measured(ours, spp, plan.seeds, truth) for spp in plan.samples]]
-    names = ["path tracing"]
+    peers = [traced("path tracing", ours, plan, truth)]
     if theirs is not None:
         note(f"{name}: Mitsuba")
-        their_truth = truth if matte else reference(theirs, plan.half)
-        peers.append([measured(theirs, spp, plan.seeds, their_truth) for spp in plan.samples])
-        names.append("Mitsuba LLVM")
-    for peer, rows in zip(names, peers, strict=True):
-        for spp, row in zip(plan.samples, rows, strict=True):
-            line(f"{peer}, {spp} spp", row)
+        peers.append(traced("Mitsuba LLVM", theirs, plan, truth if matte else reference(theirs, plan.half)))
     found: dict[str, list[Difference]] = {}
     for seed in range(1, plan.seeds + 1):
         note(f"{name}: differences, seed {seed}")
@@ -98,6 +91,15 @@ def table(room: Room, matte: bool, plan: Plan) -> None:
         columns = np.array([(one.wall, one.error, one.clean_wall, one.clean_error, one.once, one.psnr) for one in each])
         wall, error, clean_wall, clean_error, once, psnr = columns.mean(axis=0).tolist()
         line(label, Row(wall, 0.0, error, clean_wall, 0.0, clean_error), peers, once, psnr)
+
+
+def traced(name: str, render: Render, plan: Plan, truth: Reference) -> list[Row]:
+    """The rows of a renderer that traces each frame, printed as they are measured."""
+    rows = []
+    for spp in plan.samples:
+        rows.append(measured(render, spp, plan.seeds, truth))
+        line(f"{name}, {spp} spp", rows[-1])
+    return rows
 
 
 def line(name: str, row: Row, peers: list[list[Row]] | None = None, once: float = 0.0, psnr: float = 0.0) -> None:

@@ -50,29 +50,35 @@ def table(room: SceneDescription, matte: bool, plan: Plan) -> None:
     renderers = {"tiscene": living_room.tiscene(room, *size, DEPTH)}
     mitsuba = living_room.mitsuba(room, *size, DEPTH, glossy=not matte)
     if mitsuba is not None:
-        renderers["Mitsuba"] = mitsuba
+        renderers = {"Mitsuba": mitsuba} | renderers
     note(f"{name}: reference")
-    references = {name: reference(renderers["tiscene"], plan.half) for name in renderers}
-    if mitsuba is not None and not matte:
-        note(f"{name}: Mitsuba's reference")
-        references["Mitsuba"] = reference(mitsuba, plan.half)
-    rows: dict[str, list[Row]] = {}
+    shared = reference(renderers["tiscene"], plan.half)
+    peer: list[Row] = []
     for renderer, render in renderers.items():
         note(f"{name}: {renderer}")
-        rows[renderer] = [measured(render, spp, plan.seeds, references[renderer]) for spp in plan.samples]
-    for renderer, mine in rows.items():
-        for spp, row in zip(plan.samples, mine, strict=True):
-            raw = clean = ""
-            if renderer == "tiscene" and "Mitsuba" in rows:
-                wall, cpu = times_for(row, rows["Mitsuba"]), cpu_for(row, rows["Mitsuba"])
-                raw = f"{row.wall / wall[0]:.2f} ({row.cpu / cpu[0]:.2f})"
-                clean = f"{row.clean_wall / wall[1]:.2f} ({row.clean_cpu / cpu[1]:.2f})"
-            print(
-                f"{renderer:>8} {spp:4} {1e3 * row.wall:8.0f} {1e3 * row.cpu:8.0f} {row.error:8.4f} {raw:>12}"
-                f" {1e3 * row.clean_wall:8.0f} {1e3 * row.clean_cpu:8.0f} {row.clean_error:8.4f} {clean:>12}"
-            )
+        own = renderer == "Mitsuba" and not matte
+        truth = reference(render, plan.half) if own else shared
+        rows = []
+        for spp in plan.samples:
+            rows.append(measured(render, spp, plan.seeds, truth))
+            line(renderer, spp, rows[-1], peer)
+        peer = rows
     means = (f"{renderer} {render(plan.samples[-1], 0)[0].mean():.4f}" for renderer, render in renderers.items())
     print(f"means of the pictures: {', '.join(means)}", flush=True)
+
+
+def line(renderer: str, spp: int, row: Row, peer: list[Row]) -> None:
+    """Print a row. peer: those that it is compared with, if there are any."""
+    raw = clean = ""
+    if peer:
+        wall, cpu = times_for(row, peer), cpu_for(row, peer)
+        raw = f"{row.wall / wall[0]:.2f} ({row.cpu / cpu[0]:.2f})"
+        clean = f"{row.clean_wall / wall[1]:.2f} ({row.clean_cpu / cpu[1]:.2f})"
+    print(
+        f"{renderer:>8} {spp:4} {1e3 * row.wall:8.0f} {1e3 * row.cpu:8.0f} {row.error:8.4f} {raw:>12}"
+        f" {1e3 * row.clean_wall:8.0f} {1e3 * row.clean_cpu:8.0f} {row.clean_error:8.4f} {clean:>12}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":
