@@ -319,11 +319,20 @@ def test_no_light_of_a_spike_is_lost_at_the_edges(size: tuple[int, int]) -> None
     width, height = size
     for y, x in ((0, 0), (height - 1, width - 1), (height // 2, width // 2)):
         change, hdr = np.zeros((height, width, 9), np.float32), np.full((height, width, 3), 0.5, np.float32)
-        change[y, x, :3] = 30.0
+        change[y, x, :3] = 0.3
         hdr += change[..., :3]
         even = evened(upload(change.reshape(-1, 9)), hdr)
         assert even.sum(dtype=float) == pytest.approx(hdr.sum(dtype=float), rel=1e-5)
-        assert even[y, x, 0] < 4.0
+        assert even[y, x, 0] < 0.7
+
+
+def test_a_spike_that_is_too_large_to_spread_is_no_blotch() -> None:
+    """What a bright path had brought to a dark wall, and is now cut: the wall is hardly darker around."""
+    change, hdr = np.zeros((48, 64, 9), np.float32), np.full((48, 64, 3), 0.01, np.float32)
+    change[20, 30, :3] = -7.0
+    even = evened(upload(change.reshape(-1, 9)), hdr + change[..., :3])
+    assert even.min() > 0.006
+    assert np.median(even) > 0.0095
 
 
 def test_a_tight_memory_keeps_fewer_paths() -> None:

@@ -1,7 +1,8 @@
 """Lone spikes of a difference, evened out for the denoiser, which takes a speck in a clean picture for a detail.
 
 A bright path that few frames have is a speck where it comes, and a dark one where the base has it and the frame not.
-What is more than its surroundings explain is spread so far that it is not seen, and no light is lost.
+What is more than its surroundings explain is spread so far that it is not seen. No light is lost, but of a spike that
+would be seen even so.
 """
 
 from typing import Any
@@ -19,6 +20,7 @@ SURROUNDINGS = 2  # pixels each way that a change is compared with
 CELL = 16  # pixels; a spike is spread by the quadratic B-spline of the cells of that size about it
 # A change may be so much of the radiance below it, and so many times the mean change around it.
 OF_RADIANCE, OF_SURROUNDINGS = 0.25, 3.0
+MOST = 0.1  # of a cell's mean radiance: what is spread over it at most
 
 
 @ti.func
@@ -78,14 +80,20 @@ def given(cell: ti.i32, size: ti.i32) -> ti.f32:
 
 
 @ti.kernel
-def pool_spikes(width: ti.i32, height: ti.i32, spikes: Image, cells: Image):
+def pool_spikes(width: ti.i32, height: ti.i32, spikes: Image, hdr: Image, cells: Image):
     """The spikes of each cell together, as what a pixel gets of them for a weight of 1."""
     for row, column in ti.ndrange(cells.shape[0], cells.shape[1]):
-        total = vec3(0.0)
+        total, shown, pixels = vec3(0.0), 0.0, 0.0
         for y in range(row * CELL, ti.min((row + 1) * CELL, height)):
             for x in range(column * CELL, ti.min((column + 1) * CELL, width)):
-                total += vec3(spikes[y, x, 0], spikes[y, x, 1], spikes[y, x, 2])
+                pixels += 1.0
+                for c in ti.static(range(3)):
+                    total[c] += spikes[y, x, c]
+                    shown += hdr[y, x, c] - spikes[y, x, c]
         total /= given(row, height) * given(column, width)
+        size, most = ti.abs(total).sum(), MOST * ti.max(shown, 0.0) / pixels
+        if size > most:
+            total *= most / size
         for c in ti.static(range(3)):
             cells[row, column, c] = total[c]
 
@@ -113,6 +121,6 @@ def evened(change: Any, hdr: NDArray[np.float32]) -> NDArray[np.float32]:
     spikes, even = np.empty_like(hdr), np.empty_like(hdr)
     cells = np.empty((-(-height // CELL), -(-width // CELL), 3), np.float32)
     find_spikes(width, height, change, hdr, spikes)
-    pool_spikes(width, height, spikes, cells)
+    pool_spikes(width, height, spikes, hdr, cells)
     spread_spikes(width, height, spikes, cells, hdr, even)
     return even
