@@ -112,6 +112,8 @@ def test_a_stream_resumes_from_its_state():
         other.load_state_dict(state)
     with pytest.raises(ArgumentError, match="not a state_dict"):
         other.load_state_dict({})
+    with pytest.raises(ArgumentError, match="not a state_dict"):
+        other.load_state_dict({"version": 1, "settings": 3, "position": 0})
 
 
 def test_length_and_bounds():
@@ -126,6 +128,8 @@ def test_length_and_bounds():
         len(endless)
     with pytest.raises(IndexError, match="negative"):
         endless[-1]
+    with pytest.raises(IndexError, match="frame 9223372036854775808 is outside"):
+        endless[2**63]
     with pytest.raises(ArgumentError, match="counted from its end"):
         endless[-3:]
 
@@ -195,6 +199,9 @@ def test_clamps_and_filters_change_colour_alone():
         (ArgumentError, "width=0: must be from 1", "object_view", {"width": 0}),
         (ArgumentError, "height=1.5: must be a whole number", "object_view", {"height": 1.5}),
         (ArgumentError, "fps=-1", "object_view", {"fps": -1}),
+        (ArgumentError, "fps='fast'", "object_view", {"fps": "fast"}),
+        (ArgumentError, "variants=3 must be a mapping", "object_view", {"variants": 3}),
+        (ArgumentError, "time_code='noon': must be a finite number", "object_view", {"time_code": "noon"}),
         (ArgumentError, "frames=0", "object_view", {"frames": 0}),
         (ArgumentError, "quality='best'", "object_view", {"quality": "best"}),
         (ArgumentError, "spp=0", "object_view", {"spp": 0}),

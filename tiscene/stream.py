@@ -12,10 +12,8 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any, overload
 
-import numpy as np
-
 from tiscene import catalog, device
-from tiscene.arguments import integer, shutter_times
+from tiscene.arguments import integer, number, positive, shutter_times
 from tiscene.camera import Camera
 from tiscene.differential import is_fixed, moving, pays
 from tiscene.errors import ArgumentError
@@ -117,9 +115,7 @@ class Stream(Iterator[Frame]):
         self.height = integer("height", height, 1, MAX_SIZE)
         self.frames = None if frames is None else integer("frames", frames, 1, sys.maxsize)
         self.seed = integer("seed", seed, 0, 2**32 - 1)
-        if not (np.isfinite(fps) and fps > 0):
-            raise ArgumentError(f"fps={fps}: must be a positive number of frames per second")
-        self.fps = float(fps)
+        self.fps = positive("fps", fps)
         self.buffers = buffer_names(buffers)
         parts = {"max_depth": max_depth, "denoise": denoise, "clamp": clamp, "pixel_filter": pixel_filter}
         self.quality: Quality = quality_named(quality, spp=spp, error=error, base_spp=base_spp, **parts)
@@ -135,19 +131,19 @@ class Stream(Iterator[Frame]):
         self._cache_bytes = integer("cache_bytes", cache_bytes, 1, sys.maxsize)
         self._report = report or Waiting()
         self.shutter = None if shutter is None else shutter_times(shutter)
-        self.time_code = time_code
-        self.variants = dict(variants or {})
+        self.time_code = None if time_code is None else number("time_code", time_code)
         self.taxonomy = taxonomy
 
         found = catalog.find_scene(scenario.scene), self.buffers, arch, untrusted
         self._stage, self.arch = load(
             *found,
-            time_code=time_code,
-            variants=self.variants,
+            time_code=self.time_code,
+            variants=variants,
             lifted=[each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
             taxonomy=taxonomy,
             root=root,
         )
+        self.variants = dict(variants or {})
         self.restart(scenario)
         if not COLORS.isdisjoint(self.buffers):
             warn_if_dark(scenario.scene, self.world.descriptions)
@@ -236,7 +232,8 @@ class Stream(Iterator[Frame]):
         if index < 0 and self.frames is not None:
             index += self.frames
         if not 0 <= index < end:
-            raise IndexError(f"frame {index} is outside 0..{end - 1}" if self.frames else f"frame {index} is negative")
+            outside = "negative" if self.frames is None and index < 0 else f"outside 0..{end - 1}"
+            raise IndexError(f"frame {index} is {outside}")
         return self._render(index)
 
     def state_dict(self) -> dict[str, Any]:
@@ -245,9 +242,10 @@ class Stream(Iterator[Frame]):
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on where `state_dict` was taken; raises ArgumentError, changing nothing, if that was another stream."""
-        if not isinstance(state, Mapping) or state.get("version") != 1:
+        is_state = isinstance(state, Mapping) and isinstance(state.get("settings"), Mapping) and "position" in state
+        if not is_state or state.get("version") != 1:
             raise ArgumentError("this is not a state_dict of this version of tiscene (version 1)")
-        theirs, ours = dict(state["settings"]), self.settings()
+        theirs, ours = state["settings"], self.settings()
         different = [name for name in ours if theirs.get(name) != ours[name]]
         if different:
             listing = ", ".join(f"{name}: {theirs.get(name)!r} there, {ours[name]!r} here" for name in different)

@@ -87,7 +87,7 @@ def read_stage(
     limits = limits or Limits()
     if untrusted:
         root = Path(path).resolve().parent if root is None else root
-        options = {"time_code": time_code, "variants": dict(variants or {}), "lifted": tuple(lifted)}
+        options = {"time_code": time_code, "variants": variants, "lifted": tuple(lifted)}
         with Reading(path, options | {"taxonomy": taxonomy, "root": Path(root)}, limits) as reading:
             return cast(SceneDescription, reading.result())
     inside = Root(root)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import io
 import os
 import pickle
-import signal
 import struct
 import subprocess
 import sys
@@ -38,6 +37,7 @@ _NAMES = {
 
 # Numbers and arrays begin at multiples of so many bytes of a result.
 _STEP = 64
+_KILLED = -9  # what a process returns that the system stopped (SIGKILL, which Windows does not know)
 
 
 class NoAnswer(StageError):
@@ -117,7 +117,7 @@ def unsaved() -> bool:
 
 
 def _reason(code: int, said: bytes, limits: Limits | None) -> str:
-    if limits and (b"MemoryError" in said or b"bad_alloc" in said or code == -signal.SIGKILL):
+    if limits and (b"MemoryError" in said or b"bad_alloc" in said or code == _KILLED):
         return f"reading it took more memory than {limits.memory / 2**30:.3g} GiB"
     if code < 0:
         return f"it crashes USD (signal {-code}): it is damaged, or made to do harm"

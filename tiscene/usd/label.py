@@ -7,6 +7,7 @@ from pathlib import Path
 from pxr import Kind, Usd, UsdSemantics
 
 from tiscene.errors import UnknownName
+from tiscene.usd.package import split_package
 
 PREFERRED_TAXONOMIES = ("class", "category")
 
@@ -82,7 +83,7 @@ def _name_of_reference(prim: Usd.Prim) -> str:
         for each in (*spec.referenceList.GetAppliedItems(), *spec.payloadList.GetAppliedItems()):
             if each.assetPath and each.primPath.isEmpty:
                 path = str(spec.layer.ComputeAbsolutePath(each.assetPath))
-                return readable_name(Path(path.rstrip("]").split("[")[-1]))  # in a package: room.usdz[chair.usda]
+                return readable_name(Path(split_package(path)[-1]))
     return ""
 
 
