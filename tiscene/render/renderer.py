@@ -45,7 +45,7 @@ class Quality:
     most; None: always `spp`. clamp: the most that one path brings in a channel, W/m²/sr; None: all that it brings.
     pixel_filter: of `PIXEL_FILTERS`, that paths are spread by.
     reduction: light is traced in a picture so many times smaller each way, and brought to full size along the surfaces
-    that the labels show; where frames are differences to a base, it is denoised in that size only.
+    that the labels show; where frames are differences to a base, it is denoised in full size where much changes only.
     """
 
     spp: int = 16
@@ -92,7 +92,7 @@ class Moment:
 MOST_SPP = 1024  # where an error is asked for, but no number
 
 QUALITIES = {
-    "fast": Quality(spp=1, max_depth=4, denoiser="fast", base_spp=64, near_spp=5, reduction=2),
+    "fast": Quality(spp=1, max_depth=4, denoiser="fast", base_spp=64, near_spp=4, reduction=2),
     "preview": Quality(spp=4, max_depth=4, denoiser="fast", base_spp=64),
     "standard": Quality(spp=16, max_depth=6),
     "photo": Quality(spp=256, max_depth=12, denoiser="high", base_spp=1024),
