@@ -19,7 +19,7 @@ BOX = 'def Cube "Box" (kind = "component")\n{\n}\ndef Volume "Smoke"\n{\n}'
 @pytest.fixture
 def beside(monkeypatch):
     """As in a process that has not started Taichi yet."""
-    monkeypatch.setattr(loading, "_pays", lambda: True)
+    monkeypatch.setattr(loading, "_pays", lambda buffers: True)
 
 
 def load(path):
@@ -66,13 +66,16 @@ def test_where_no_other_process_can_it_is_read_here(program, tmp_path, beside, m
     assert_same(load(path)[0], path)
 
 
-def test_what_is_not_saved_is_read_here(tmp_path):
+def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, monkeypatch):
+    monkeypatch.setattr(loading.device, "running", lambda: None)
+    monkeypatch.setattr(loading.os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
     path = write(tmp_path, BOX)
-    assert not unsaved()
+    assert loading._pays(("depth", "rgb"))
+    assert not loading._pays(("depth", "instance"))
     layer = Sdf.Layer.FindOrOpen(str(path))
     layer.documentation = "changed"
     assert unsaved()
-    assert not loading._pays()
+    assert not loading._pays(("depth", "rgb"))
 
 
 @pytest.mark.parametrize("buffers", [("rgb", "depth"), tuple(AOVS)], ids=["few", "all"])

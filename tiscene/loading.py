@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tiscene import device
+from tiscene.render.aovs import COLORS
 from tiscene.render.rehearsal import rehearsal
 from tiscene.scene.description import SceneDescription
 from tiscene.usd import NoAnswer, Reading, read_stage, unsaved
@@ -19,7 +20,7 @@ def load(
     path: Path, buffers: Sequence[str], arch: str | None, untrusted: bool, **options: Any
 ) -> tuple[SceneDescription, str]:
     """`read_stage(path, **options)`, and the architecture. buffers: what frames of the stage are going to hold."""
-    if not untrusted and _pays():
+    if not untrusted and _pays(buffers):
         with contextlib.suppress(NoAnswer), Reading(path, options) as reading:
             arch = device.start(arch)
             for _ in rehearsal(buffers):
@@ -29,8 +30,9 @@ def load(
     return read_stage(path, untrusted=untrusted, **options), device.start(arch)
 
 
-def _pays() -> bool:
-    """Whether there is something else to do, a processor for it, and another Python that reads the same."""
+def _pays(buffers: Sequence[str]) -> bool:
+    """Whether there is enough to compile, a processor for it, and another Python that reads the same."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     is_python = "python" in Path(sys.executable or "").name.lower() and not hasattr(sys, "frozen")
-    return device.running() is None and processors > 1 and is_python and not unsaved()
+    much = device.running() is None and not COLORS.isdisjoint(buffers)
+    return much and processors > 1 and is_python and not unsaved()
