@@ -18,6 +18,22 @@ Render = Callable[[int, int], tuple[Image, Image, Image]]  # spp, seed -> radian
 FILTER = "balanced"
 
 
+@dataclass(frozen=True)
+class Plan:
+    """The size, how many seeds a row is the mean of, the spp of each half of the references, of the rows, of a base."""
+
+    width: int
+    height: int
+    seeds: int
+    half: int
+    samples: tuple[int, ...]
+    base_spp: int
+
+
+SMALL = Plan(256, 192, seeds=3, half=128, samples=(4, 16, 64), base_spp=256)
+LARGE = Plan(640, 480, seeds=2, half=24, samples=(4, 16), base_spp=64)
+
+
 def note(text: str) -> None:
     """What is going on, for whoever waits: tables alone go to stdout."""
     print(f"  {text} ...", file=sys.stderr, flush=True)

@@ -26,7 +26,18 @@ from typing import TypeVar
 import numpy as np
 
 from tests.benchmarks import living_room
-from tests.benchmarks.converged import Reference, Render, Row, measured, note, reference, times_for
+from tests.benchmarks.converged import (
+    LARGE,
+    SMALL,
+    Plan,
+    Reference,
+    Render,
+    Row,
+    measured,
+    note,
+    reference,
+    times_for,
+)
 from tests.benchmarks.living_room import Room
 from tests.benchmarks.path import DEPTH
 from tiscene.render.base_image import BaseImages
@@ -41,22 +52,6 @@ T = TypeVar("T")
 FRAMES = 6  # the first is counted among what is done once
 PATHS = (4, 8)
 CLEANERS = {"": Cleaner("balanced", 1, True), ", fast": Cleaner("fast", 2, True)}
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The size, how many seeds a row is the mean of, the spp of each half of the references, of the rows, of a base."""
-
-    width: int
-    height: int
-    seeds: int
-    half: int
-    samples: tuple[int, ...]
-    base_spp: int
-
-
-SMALL = Plan(256, 192, seeds=3, half=128, samples=(4, 16, 64), base_spp=256)
-LARGE = Plan(640, 480, seeds=2, half=24, samples=(4, 16), base_spp=64)
 
 
 def main(large: bool = False) -> None:

@@ -16,11 +16,8 @@ from numpy.typing import NDArray
 
 from tests.benchmarks import living_room, peers
 from tests.benchmarks.converged import Render
-from tests.benchmarks.room import room, still
+from tests.benchmarks.room import room
 from tests.reference import mitsuba_scene
-from tiscene.render.integrators.path import PathPass
-from tiscene.render.view import View
-from tiscene.scene.device_scene import DeviceScene
 
 SIZES = ((256, 192), (640, 480))
 SPP, DEPTH = 16, 5
@@ -48,14 +45,7 @@ class Renderer:
 
 def ours(width: int, height: int, spp: int = SPP) -> Callable[[int], NDArray[np.float32]]:
     """tiscene on the room."""
-    description = room()
-    scene = DeviceScene()
-    scene.add(description)
-    scene.place(still(description))
-    camera = description.cameras[0]
-    view = View(camera, camera, camera, width, height)
-    paths = PathPass(scene, width, height)
-    return lambda seed: paths.render(view, frame_index=0, seed=seed, spp=spp, max_depth=DEPTH).hdr
+    return _picture_of(living_room.tiscene(room(), width, height, DEPTH), spp)
 
 
 def mitsuba(variant: str, width: int, height: int) -> Callable[[int], NDArray[np.float32]] | None:
@@ -83,8 +73,8 @@ def in_room_02() -> list[Renderer]:
     return [Renderer(name, _picture_of(render)) for name, render in renderers.items() if render]
 
 
-def _picture_of(render: Render) -> Callable[[int], NDArray[np.float32]]:
-    return lambda seed: render(SPP, seed)[0]
+def _picture_of(render: Render, spp: int = SPP) -> Callable[[int], NDArray[np.float32]]:
+    return lambda seed: render(spp, seed)[0]
 
 
 def main() -> None:

@@ -10,28 +10,11 @@ measured; by wall time, and in brackets by CPU time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from tests.benchmarks import living_room
-from tests.benchmarks.converged import Row, cpu_for, measured, note, reference, times_for
+from tests.benchmarks.converged import LARGE, SMALL, Plan, Row, cpu_for, measured, note, reference, times_for
 from tiscene.scene.description import SceneDescription
 
 DEPTH = 6
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The size, how many seeds a row is the mean of, the spp of each half of the references, and of the rows."""
-
-    width: int
-    height: int
-    seeds: int
-    half: int
-    samples: tuple[int, ...]
-
-
-SMALL = Plan(256, 192, seeds=3, half=128, samples=(4, 16, 64))
-LARGE = Plan(640, 480, seeds=2, half=24, samples=(4, 16))
 
 
 def main(large: bool = False) -> None:
