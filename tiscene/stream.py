@@ -134,15 +134,14 @@ class Stream(Iterator[Frame]):
         self.time_code = None if time_code is None else number("time_code", time_code)
         self.taxonomy = taxonomy
 
-        found = catalog.find_scene(scenario.scene), self.buffers, arch, untrusted
-        self._stage, self.arch = load(
-            *found,
-            time_code=self.time_code,
-            variants=variants,
-            lifted=[each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
-            taxonomy=taxonomy,
-            root=root,
-        )
+        options = {
+            "time_code": self.time_code,
+            "variants": variants,
+            "lifted": [each.template for each in scenario.objects if catalog.is_prim_path(each.template)],
+            "taxonomy": taxonomy,
+            "root": root,
+        }
+        self._stage, self.arch = load(catalog.find_scene(scenario.scene), self.buffers, arch, untrusted, **options)
         self.variants = dict(variants or {})
         self.restart(scenario)
         if not COLORS.isdisjoint(self.buffers):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynamics import Dynamic
 from dynamics.rotation import matrix_from_quaternion
+from tiscene.arguments import positive
 from tiscene.camera import Camera
 from tiscene.edits import Despawn, Edit, Enclose, Move, Spawn
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
@@ -66,12 +67,10 @@ class World:
         The camera is the scenario's, else the stage's first, else one that sees the whole stage.
         Raises ScenarioError, CameraNotFound, LightNotFound, ArgumentError, and what `load_template` raises.
         """
-        if isinstance(fps, bool) or not np.isfinite(fps) or fps <= 0:
-            raise ArgumentError(f"fps={fps!r}: must be a positive number of frames per second")
         self._asked = scenario
         self._log = scenario.log()
         self.stage = stage
-        self.fps = fps
+        self.fps = positive("fps", fps)
         self.cameras = tuple(each if isinstance(each, Camera) else stage.camera(each) for each in scenario.cameras)
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):

@@ -12,7 +12,6 @@ import hashlib
 import os
 import platform
 import sys
-import tempfile
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene import device
+from tiscene.files import write_atomically
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
@@ -85,18 +85,10 @@ class BaseImages:
     def save(self, key: str, image: NDArray[np.float32]) -> None:
         """Keep an image, if the folder can be written to."""
         pixels = np.ascontiguousarray(image, "<f4").tobytes()
-        temporary = None
-        try:
+        with contextlib.suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._make_room(len(pixels) + _DIGEST)
-            with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as file:
-                temporary = file.name
-                file.write(hashlib.sha256(pixels).digest() + pixels)
-            os.replace(temporary, self.folder / (key + _SUFFIX))
-        except OSError:
-            if temporary is not None:
-                with contextlib.suppress(OSError):
-                    os.unlink(temporary)
+            write_atomically(self.folder / (key + _SUFFIX), hashlib.sha256(pixels).digest() + pixels)
 
     def _make_room(self, size: int) -> None:
         """Delete the files used longest ago, and what a process that died has left, until another one fits."""
