@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,12 @@ from PIL import Image
 from pxr import Sdf
 
 import usd_scenes
-from usd_scenes.author.__main__ import jobs
+from usd_scenes.author.__main__ import SCENES, jobs
+from usd_scenes.author.templates import TEMPLATES
 
 PACKAGE = Path(usd_scenes.__file__).parent
 FAST = ["pages", "screen", "cube", "chair_01", "dish_01", "laptop_01", "object_view"]
+TEXTURE = re.compile(r"@[^@]*textures/([^@]+)@")
 SLOW = [name for name in jobs(PACKAGE) if name not in FAST]
 
 
@@ -73,9 +76,8 @@ def test_authoring_everything_else_gives_the_committed_files(name: str, tmp_path
         assert_same_content(tmp_path / file, PACKAGE / file)
 
 
-def test_every_committed_file_has_an_author(tmp_path: Path) -> None:
-    names = jobs(PACKAGE)
-    for path in PACKAGE.glob("templates/*/template.usda"):
-        assert path.parent.name in names
-    for path in PACKAGE.glob("*/scene.usda"):
-        assert path.parent.name in names
+def test_every_committed_file_has_an_author_and_every_texture_is_used() -> None:
+    stages = [*PACKAGE.glob("templates/*/*.usd?"), *PACKAGE.glob("*/*.usd?")]
+    assert {path.parent.name for path in stages} == {*TEMPLATES, *SCENES}
+    named = {name for path in stages if path.suffix == ".usda" for name in TEXTURE.findall(path.read_text("utf-8"))}
+    assert named == {path.name for path in (PACKAGE / "textures").iterdir()}

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from usd_scenes.author.textures.images import decoded
+
 TEXTURES = Path(__file__).resolve().parents[1] / "textures"
 Color = tuple[float, float, float]
 
@@ -50,9 +52,8 @@ def plain(look: Look) -> Look:
 def _mean_albedo(file: str) -> Color:
     """Of an sRGB picture, linear; to two places, which do not depend on a picture's last bits."""
     with Image.open(TEXTURES / file) as picture:
-        encoded = np.asarray(picture.convert("RGB"), dtype=np.float64) / 255.0
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    red, green, blue = np.round(linear.mean(axis=(0, 1)), 2).tolist()
+        albedo = decoded(np.asarray(picture.convert("RGB"), dtype=np.float64) / 255.0)
+    red, green, blue = np.round(albedo.mean(axis=(0, 1)), 2).tolist()
     return red, green, blue
 
 

@@ -7,6 +7,7 @@ drawers at the -x wall. The air before the bed is kept free for objects to fly t
 from __future__ import annotations
 
 from usd_scenes.author.room import ORIGIN, Room
+from usd_scenes.author.thing import Thing
 from usd_scenes.author.things import bathroom, bedding, bedroom, building, plants, small, tables, tableware
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -2.05, 2.45, -2.0, 2.0, 2.8
@@ -62,8 +63,8 @@ def _bed(room: Room) -> None:
     place = (RIGHT - 0.002, 0.0, BED)
     top = bedroom.MATTRESS_TOP - 0.014
 
-    def lay(where: str, item: object) -> None:
-        room.put(where, item, place, TOWARDS_BED)  # type: ignore[arg-type]
+    def lay(where: str, item: Thing) -> None:
+        room.put(where, item, place, TOWARDS_BED)
 
     lay("Furniture", bedroom.bed("Bed"))
     lay("Bedding", bedding.duvet("Duvet"))

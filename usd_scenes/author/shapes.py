@@ -91,8 +91,7 @@ def lathe(profile: ArrayLike, segments: int = 48) -> Mesh:
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
     girth = 2.0 * np.pi * outline[:, 0].max()
     uv = np.stack(np.broadcast_arrays(angle[None] / (2.0 * np.pi) * girth, lengths[:, None]), axis=-1)
-    mesh = grid(points, uv, closed=True)
-    return mesh
+    return grid(points, uv, closed=True)
 
 
 def curve(points: ArrayLike, count: int = 24, closed: bool = False) -> Array:

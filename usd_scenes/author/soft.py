@@ -90,7 +90,7 @@ def cushion(
     corner = 0.65 * radius
     loop = _rounded_loop(half[0] - 0.12 * radius, half[2] - 0.12 * radius, corner)
     welts = [sweep(np.insert(loop, 1, level, axis=1), circle(0.0045, 8), closed=True) for level in (top, -top)]
-    return merged([box.deformed(fill), *(welt.moved() for welt in welts)])
+    return merged([box.deformed(fill), *welts])
 
 
 def _rounded_loop(x: float, z: float, radius: float) -> Array:

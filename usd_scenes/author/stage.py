@@ -16,13 +16,14 @@ from usd_scenes.author.shapes import sphere
 from usd_scenes.author.thing import Thing
 
 
-def new_stage(root: str, kind: str) -> tuple[Usd.Stage, Usd.Prim]:
-    """An in-memory stage, metres and y up, whose default prim is the Xform `root`."""
+def new_stage(root: str, kind: str | None = None) -> tuple[Usd.Stage, Usd.Prim]:
+    """An in-memory stage, metres and y up, whose default prim is the Xform `root`. kind: of a model."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     prim = UsdGeom.Xform.Define(stage, f"/{root}").GetPrim()
-    Usd.ModelAPI(prim).SetKind(kind)
+    if kind is not None:
+        Usd.ModelAPI(prim).SetKind(kind)
     stage.SetDefaultPrim(prim)
     return stage, prim
 
@@ -79,10 +80,7 @@ def write_geometry(path: Path, things: Iterable[Thing], approximation: str) -> N
 
     approximation: UsdPhysics' token for how a collider stands in for its mesh.
     """
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Geometry").GetPrim())
+    stage, _ = new_stage("Geometry")
     for thing in things:
         UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}")
         for part in thing.parts:
@@ -95,10 +93,7 @@ def write_geometry(path: Path, things: Iterable[Thing], approximation: str) -> N
 
 def write_primitives(path: Path, things: Iterable[Thing]) -> None:
     """The things of `write_geometry` under the same paths, each part an Xform of gprims that are close to its mesh."""
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Geometry").GetPrim())
+    stage, _ = new_stage("Geometry")
     for thing in things:
         UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}")
         for part in thing.parts:

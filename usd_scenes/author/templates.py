@@ -73,9 +73,7 @@ def _capsule() -> Mesh:
 
 
 def _torus() -> Mesh:
-    angle = np.arange(64) * (2.0 * np.pi / 64)
-    ring = 0.19 * np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=-1)
-    return sweep(ring, circle(0.07, 28), closed=True)
+    return sweep(np.insert(circle(0.19, 64), 1, 0.0, axis=1), circle(0.07, 28), closed=True)
 
 
 def _novel() -> Thing:

@@ -11,15 +11,20 @@ from PIL import Image
 Array = NDArray[np.float64]
 
 
-def srgb(linear: Array) -> Array:
-    """The sRGB transfer function, linear to encoded."""
+def encoded(linear: Array) -> Array:
+    """sRGB values, 0..1, of linear ones."""
     x = np.clip(linear, 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1.0 / 2.4) - 0.055)
 
 
+def decoded(srgb: Array) -> Array:
+    """Linear values of sRGB ones, 0..1."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
 def save_color(path: Path, linear: Array) -> None:
     """A scene-linear albedo [h, w, 3] as 8-bit sRGB PNG."""
-    _save(path, srgb(linear))
+    _save(path, encoded(linear))
 
 
 def save_raw(path: Path, values: Array) -> None:

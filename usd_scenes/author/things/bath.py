@@ -7,7 +7,7 @@ import numpy as np
 from usd_scenes.author.implicit import surface
 from usd_scenes.author.mesh import Array, Mesh, grid, merged
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, rounded_box, sweep
-from usd_scenes.author.soft import wrinkles
+from usd_scenes.author.soft import backed, wrinkles
 from usd_scenes.author.thing import Thing, thing
 
 
@@ -124,13 +124,11 @@ def toilet_paper(name: str) -> Thing:
     points[..., 2] += 0.003 * sag * np.sin(ys * 60.0)[:, None]
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     front = grid(points, np.stack(np.broadcast_arrays(length[None], ys[:, None]), -1))
-    back = front.reversed()
-    sheet = [front, Mesh(back.points + back.normals * 0.0004, back.normals, back.uv, back.counts, back.indices)]
     return thing(
         name,
         "toilet paper",
         ("Roll", "Tissue", [outer, *rings]),
-        ("Sheet", "Tissue", sheet),
+        ("Sheet", "Tissue", [front, backed(front, 0.0004)]),
         ("Core", "Cardboard", tube),
     ).simplified(Sheet=rounded_box((0.002, height, 0.062), 0.0005).moved(0.062, height / 2.0, -0.027))
 

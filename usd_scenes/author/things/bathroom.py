@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usd_scenes.author.mesh import Array, Mesh, grid, merged
+from usd_scenes.author.mesh import Array, Mesh, grid
 from usd_scenes.author.shapes import (
     bars,
     circle,
@@ -21,6 +21,7 @@ from usd_scenes.author.shapes import (
     sphere,
     sweep,
 )
+from usd_scenes.author.soft import backed
 from usd_scenes.author.thing import Thing, thing
 from usd_scenes.author.things.bedroom import plate
 from usd_scenes.author.things.building import ROOT
@@ -95,8 +96,7 @@ def globe_lamp(name: str, radius: float = 0.10) -> Thing:
 
 def round_mirror(name: str, radius: float) -> Thing:
     """A round mirror in a thin brass rim, facing +z from the wall at z = 0."""
-    angle = np.arange(96) * (2.0 * np.pi / 96)
-    outline = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    outline = circle(radius, 96)
     rim = sweep(np.insert(outline * 1.01, 2, 0.013, axis=1), rectangle(0.012, 0.026, 0.004), up=(0, 0, 1), closed=True)
     whole = thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", plate(outline, 0.018)))
     return whole.simplified(Rim=cylinder(radius * 1.02, 0.014).turned("x", 90.0).moved(0.0, 0.0, 0.007))
@@ -257,9 +257,12 @@ def paper_holder(name: str) -> Thing:
     hang = np.stack([0.0 * spiral, -0.014 - 0.16 * spiral, 0.075 + 0.054 - 0.008 * np.sin(2.6 * spiral)], axis=-1)
     sheet = np.stack([hang - np.array([0.05, 0.0, 0.0]), hang + np.array([0.05, 0.0, 0.0])], axis=1)[::-1]
     front = grid(sheet, sheet[..., :2])
-    back = front.reversed()
-    leaf = merged([front, Mesh(back.points + back.normals * 0.0005, back.normals, back.uv, back.counts, back.indices)])
-    return thing(name, "toilet paper", ("Holder", "Brass", [plate_, arm]), ("Paper", "ToiletPaper", [roll, leaf]))
+    return thing(
+        name,
+        "toilet paper",
+        ("Holder", "Brass", [plate_, arm]),
+        ("Paper", "ToiletPaper", [roll, front, backed(front, 0.0005)]),
+    )
 
 
 def toilet_brush(name: str) -> Thing:

@@ -191,8 +191,7 @@ def side_table(name: str) -> Thing:
 
 def mirror(name: str, radius: float = 0.38) -> Thing:
     """A round mirror in a brass rim, facing +z from the wall at z = 0."""
-    angle = np.arange(96) * (2.0 * np.pi / 96)
-    ring = (radius + 0.004) * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1) + (0.0, 0.0, 0.012)
+    ring = np.insert(circle(radius + 0.004, 96), 2, 0.012, axis=1)
     rim = sweep(ring, rectangle(0.014, 0.024, 0.004), up=(0.0, 0.0, 1.0), closed=True)
     glass = lathe([[radius, 0.0], [0.0, 0.0]], 96).turned("x", 90.0).moved(0.0, 0.0, 0.014)
     return thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", glass))
@@ -204,8 +203,7 @@ def basket(name: str) -> Thing:
     for level in range(15):
         t = level / 14.0
         radius = 0.185 + 0.028 * np.sin(np.pi * (0.15 + 0.75 * t))
-        angle = np.arange(48) * (2.0 * np.pi / 48)
-        ring = np.stack([radius * np.cos(angle), 0.012 + 0.0212 * level + 0.0 * angle, radius * np.sin(angle)], axis=-1)
+        ring = np.insert(circle(radius, 48), 1, 0.012 + 0.0212 * level, axis=1)
         coils.append(sweep(ring, circle(0.0125, 9), closed=True))
     floor = cylinder(0.18, 0.014, 0.004, 40).moved(0.0, 0.009, 0.0)
     return thing(name, "basket", ("Rope", "Cream", [*coils, floor]))
