@@ -127,6 +127,24 @@ def test_ids_are_never_reused():
     ]
 
 
+def test_names_that_are_made_are_new():
+    made = world(*SCENARIOS["still"])
+    made.spawn("Cube", id="spawned_2")
+    made.spawn("Cube")
+    made.spawn("Cube")
+    assert [life.planned.id for life in made.scenario.lives()] == ["a", "spawned_2", "spawned_3", "spawned_4"]
+
+
+def test_what_appears_and_vanishes_at_one_frame_was_never_there():
+    made = world(*SCENARIOS["still"])
+    made.next_frame = 10
+    made.despawn(made.spawn("Cube", (0, 0, 0)))
+    for frame in (9, 10, 11):
+        assert made.events(frame) == []
+        assert [row.name for row in made.objects(frame) if row.template] == ["a"]
+        assert not made.placement(frame).present[:, -1].any()
+
+
 def test_a_spawn_changes_nothing_before_it_and_nothing_far_away():
     scenario, stage = SCENARIOS["bouncing"]
     plain, edited = world(scenario, stage), world(scenario, stage)

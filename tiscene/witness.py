@@ -56,10 +56,9 @@ class Witness:
             if stage_life.despawned == frame:
                 events.append(Event("despawn", number + 1))
         for number, life in enumerate(self._lives):
-            if life.planned.first_frame == frame:
-                events.append(Event("spawn", first + number))
-            elif life.last_frame is not None and life.last_frame + 1 == frame:
-                events.append(Event("despawn", first + number))
+            there = life.alive(frame, known=frame)
+            if there != (frame > 0 and life.alive(frame - 1, known=frame - 1)):
+                events.append(Event("spawn" if there else "despawn", first + number))
         events.sort(key=lambda event: event.object)
         for meeting in meetings:
             if meeting.kind == "wall":

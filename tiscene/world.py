@@ -7,6 +7,7 @@ before.
 from __future__ import annotations
 
 import functools
+import itertools
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -296,7 +297,9 @@ class World:
         collide, scale. Raises ScenarioError, TemplateNotFound, changing nothing.
         """
         if id is None:
-            id = f"spawned_{len(self._lives) - len(self._asked.objects) + 1}"
+            first = len(self._lives) - len(self._asked.objects) + 1
+            names = (f"spawned_{number}" for number in itertools.count(first))
+            id = next(name for name in names if self._log.row(name) is None)
         new = Object(id, template, position, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
         self._inventory.template(new)
         self._edit(Spawn(self.next_frame, new))
@@ -318,10 +321,11 @@ class World:
         """
         name = self._live_name(object)
         if rotation is None:
-            rotation = next(row.rotation for row in self.objects(self.next_frame) if name in (row.name, row.prim_path))
-            for row, life in enumerate(self._lives):
-                if life.planned.id == name:
-                    rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
+            row = self._log.row(name)
+            if row is None:
+                rotation = next(row.rotation for row in self._things.rows(self.next_frame) if row.prim_path == name)
+            else:
+                rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
         try:
             edit = Move(self.next_frame, name, position, rotation)  # type: ignore[arg-type]
         except (TypeError, ValueError) as error:
@@ -358,8 +362,6 @@ class World:
             return str(object)
         if isinstance(object, bool) or object not in (there | things):
             known = [f"{name} ({number})" for number, name in (there if len(things) > 20 else there | things).items()]
-            if isinstance(object, str) and len(things) > 20:  # too many to tell, but the nearest can be named
-                known = [*there.values(), *things.values()]
             if isinstance(object, str) and len(things) > 20:  # too many to tell, but the nearest can be named
                 known = [*there.values(), *things.values()]
             raise ObjectNotFound("object", str(object), known, f" at frame {frame}")
