@@ -71,6 +71,18 @@ def test_no_difference_where_nothing_moves_or_the_camera_does(prepared: list[int
     assert prepared == []
 
 
+def test_a_spawn_to_come_makes_no_differences(prepared: list[int]) -> None:
+    """A replay is path traced up to the spawn, as the stream was that knew nothing of it."""
+    rests = replace(moving_scenario(), objects=[ts.Object("rests", "Sphere")])
+    stream = ts.Stream(rests, **SMALL)
+    seen = next(stream).hdr
+    stream.world.spawn("Cube", (0.5, 0.0, -0.5))
+    stream[1]
+    assert len(prepared) == 1
+    assert (ts.Stream(stream.scenario, **SMALL)[0].hdr == seen).all()
+    assert len(prepared) == 1
+
+
 def test_base_spp_is_that_of_the_base() -> None:
     scenario = moving_scenario()
     scenario = replace(scenario, objects=[*scenario.objects, ts.Object("rests", "Sphere")])

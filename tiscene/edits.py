@@ -120,7 +120,9 @@ class Life:
         return self.planned.alive(frame)
 
     def rests(self, known: int) -> bool:
-        """Whether it is always there and never moves, as far as was known when frame `known` was made."""
+        """Whether it is always there and never moves, or nobody knows of it, when frame `known` is made."""
+        if self.spawned is not None and self.spawned > known:
+            return True
         planned = self.planned
         edited = self.spawned, self.despawned, self.moves[0].frame if self.moves else None
         return (
