@@ -358,3 +358,6 @@ def test_impossible_worlds_are_refused():
         world().placement(-1)
     with pytest.raises(TypeError):
         world().objects(1.5)
+    things = tuple(SceneObject(f"t{i}", f"/t{i}", f"label {i}") for i in range(65536))
+    with pytest.raises(ScenarioError, match="'label 65535': one category too many"):
+        World(ts.Scenario("many"), SceneDescription("many", objects=things), CATALOG.__getitem__, 25.0)

@@ -19,6 +19,7 @@ from tiscene.scene.parts import Parts, bounding_box, box_matrices, corners, join
 from tiscene.tracks import Tracks, box_over_time, changing, scaled
 
 Array = NDArray[np.float64]
+MOST_CATEGORIES = 65535  # beside the background: the buffer has 16 bits
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,8 @@ class Inventory:
         return np.concatenate(triangles)
 
     def _category_id(self, category: str) -> int:
+        if len(self._category_ids) > MOST_CATEGORIES and category not in self._category_ids:
+            raise ScenarioError(f"{category!r}: one category too many, `semantic` tells {MOST_CATEGORIES} apart")
         number = self._category_ids.setdefault(category, len(self._category_ids))
         self.categories[number] = category
         return number
