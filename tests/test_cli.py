@@ -337,7 +337,7 @@ def test_version_and_no_command(capsys):
     assert "render" in told.err
 
 
-def test_an_interrupt_while_modules_are_imported_counts(monkeypatch, capsys):
+def test_an_interrupt_while_modules_are_imported_counts(monkeypatch):
     """pxr's C++ would swallow it in the midst of its import."""
     done = []
 

@@ -40,9 +40,7 @@ def test_a_terminal_shows_what_is_long(monkeypatch: pytest.MonkeyPatch, clock: l
     assert "paths" not in terminal.getvalue()
 
 
-def test_files_are_told_nothing(
-    monkeypatch: pytest.MonkeyPatch, clock: list[float], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_files_are_told_nothing(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     report = waiting.Waiting()
     report("base image", 0.1)
     clock[0] = 5.0

@@ -21,7 +21,9 @@ def test_every_buffer_has_a_picture(name):
 @pytest.mark.parametrize("name", [name for name, aov in AOVS.items() if aov.background is not None])
 def test_a_frame_of_nothing_but_background_has_a_picture_too(name):
     aov = AOVS[name]
-    picture(name, np.full(aov.shape(6, 4), aov.background, aov.dtype))
+    image = picture(name, np.full(aov.shape(6, 4), aov.background, aov.dtype)).image
+    assert image.shape == (4, 6, 3)
+    assert (image == image[0, 0]).all()
 
 
 def luminance(colors):

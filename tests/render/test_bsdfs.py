@@ -201,9 +201,6 @@ def test_energy_tables_are_consistent() -> None:
     assert (np.diff(means) < 0.0).all()
 
 
-LEAF = Texture("leaf", np.zeros((1, 1, 4), np.uint8))
-
-
 @pytest.mark.parametrize(
     ("material", "flag"),
     [

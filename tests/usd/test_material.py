@@ -127,7 +127,7 @@ def test_display_color_of_faces(tmp_path, scheme, lines):
         assert (material.opacity, material.opacity_mode) == ((1.0, "transparent") if left else (0.5, "presence"))
 
 
-def test_many_colours_become_fewer_materials(tmp_path):
+def test_many_colours_become_fewer_materials():
     from tiscene.usd.display_color import quantized
 
     values = np.random.default_rng(3).random((20000, 4))
