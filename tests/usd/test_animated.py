@@ -111,6 +111,14 @@ def test_what_is_squashed_flat_for_a_while_is_named_and_stands(tmp_path):
         assert Scenario.load(write(tmp_path, thing("A", scaled))).objects == ()
 
 
+def test_samples_that_are_ages_apart_are_all_that_is_kept(tmp_path):
+    turns = """float xformOp:rotateY.timeSamples = { 0: 0, 1e12: 90 }
+    uniform token[] xformOpOrder = ["xformOp:rotateY"]"""
+    lamp = 'def SphereLight "Lamp"\n{\nfloat inputs:exposure.timeSamples = { 0: 0, 1e12: 1 }\n}\n'
+    scenario = Scenario.load(write(tmp_path, thing("A", turns) + lamp, more="timeCodesPerSecond = 10"))
+    assert scenario.objects[0].dynamic.times == scenario.lights[0].times == (0.0, 1e11)
+
+
 def test_a_transform_that_is_not_finite_at_some_time_is_a_problem(tmp_path):
     body = thing("A", "", f'def Xform "B"\n{{\n{MOVED % "0: (0, 0, 0), 10: (nan, 0, 0)"}\n def Cube "C"\n {{\n }}\n}}')
     assert "not finite" in problems_of(tmp_path, body)[0]

@@ -10,8 +10,10 @@ from pxr import Usd, UsdGeom
 
 from tiscene.usd.pose import read_pose
 from tiscene.usd.problems import Report
+from tiscene.usd.tracks import filled
 from tiscene.usd.units import Units
 
+MOST_TIMES = 100_000  # time codes at which a thing or a light that changes is looked at
 _TURNS = {
     getattr(UsdGeom.XformOp, f"TypeRotate{axes}") for axes in ("X", "Y", "Z", "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 }
@@ -34,9 +36,7 @@ def sample_times(prim: Usd.Prim) -> list[float]:
             if xformable.GetResetXformStack():
                 break
         prim = prim.GetParent()
-    if angles:
-        times.update(range(math.ceil(min(times)), math.floor(max(times)) + 1))
-    return sorted(times)
+    return filled(times, MOST_TIMES) if angles else sorted(times)
 
 
 def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,11 +11,12 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from tiscene.camera import quaternion_from_matrix
 from tiscene.scene.description import Color, DistantLight, Light
 from tiscene.usd import schema
-from tiscene.usd.animated import sample_times
+from tiscene.usd.animated import MOST_TIMES, sample_times
 from tiscene.usd.dynamic import read_dynamic
 from tiscene.usd.light import LightReader
 from tiscene.usd.problems import Report
 from tiscene.usd.texture import TextureTable
+from tiscene.usd.tracks import filled
 from tiscene.usd.transform import to_matrix
 from tiscene.usd.units import Units
 
@@ -66,9 +66,7 @@ def _emission_times(prim: Usd.Prim) -> list[float]:
     times: set[float] = set()
     for name in (*_LINEAR, *_CURVED):
         samples = prim.GetAttribute(name).GetTimeSamples() if prim.HasAttribute(name) else []
-        times.update(samples)
-        if name in _CURVED and len(samples) > 1:
-            times.update(range(math.ceil(min(samples)), math.floor(max(samples)) + 1))
+        times.update(filled(samples, MOST_TIMES) if name in _CURVED else samples)
     return sorted(times)
 
 

@@ -95,10 +95,13 @@ class Samples:
         return samples if samples.changes else None
 
 
-def filled(times: Iterable[float]) -> list[float]:
-    """Time codes, and the whole ones between: what USD interpolates, angles above all, is kept at those."""
+def filled(times: Iterable[float], most: int = MOST_TIMES) -> list[float]:
+    """Time codes, and the whole ones between: what USD interpolates, angles above all, is kept at those.
+
+    most: how far apart the first and the last may be; where they are farther, these alone are.
+    """
     every = set(times)
-    if len(every) > 1 and max(every) - min(every) <= MOST_TIMES:
+    if len(every) > 1 and max(every) - min(every) <= most:
         every.update(range(math.ceil(min(every)), math.floor(max(every)) + 1))
     return sorted(every)
 
