@@ -41,7 +41,7 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, number:
                 result.pdf += other_ways(lights, weights, count, scale, result.row, row, origin, result.direction)
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
                 met = origin + result.direction * result.distance
-                result.radiance *= shaping.scale(lights.values, textures, row, met, -result.direction)
+                result.radiance *= shaping.scale(lights.values, textures, row, met, -1.0 * result.direction)
     return result
 
 
@@ -137,5 +137,5 @@ def emitted(
             else:
                 result = LIGHTS[k].emitted(lights, textures, row, origin, direction, distance)
     if lights.values[row, SHAPED] > 0.0:
-        result *= shaping.scale(lights.values, textures, row, origin + direction * distance, -direction)
+        result *= shaping.scale(lights.values, textures, row, origin + direction * distance, -1.0 * direction)
     return result

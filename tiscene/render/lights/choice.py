@@ -87,7 +87,7 @@ def given(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
     height = x * attribute(nodes, node, NORMAL)
     height += y * attribute(nodes, node, NORMAL + 1)
     height += z * attribute(nodes, node, NORMAL + 2)
-    facing = attribute(nodes, node, ROUND) * distance + ti.max(height, -attribute(nodes, node, BACK) * height)
+    facing = attribute(nodes, node, ROUND) * distance + ti.max(height, -1.0 * attribute(nodes, node, BACK) * height)
     apart2 = ti.max(distance2 + attribute(nodes, node, SIZE2), attribute(nodes, node, SPREAD2))
     result = ti.max(attribute(nodes, node, STRENGTH) * facing / (distance * apart2), 0.0)
     if of_node(nodes, node, CONES) > 0.0:

@@ -46,7 +46,7 @@ def normal_at(values: ti.template(), row: ti.i32, point: vec3, direction: vec3) 
     kind = ti.cast(values[row, KIND], ti.i32)
     result = direction
     if kind <= DISK:
-        result = -axis(values, row, 2)
+        result = -1.0 * axis(values, row, 2)
     elif kind == SPHERE:
         result = (point - axis(values, row, 3)).normalized()
     elif kind == CYLINDER:
