@@ -11,7 +11,7 @@ import tiscene as ts
 from dynamics import SteppedSimulation
 from tests.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
 from tiscene.edits import Despawn, Enclose, Move, Spawn
-from tiscene.errors import ObjectNotFound, ScenarioError, TemplateNotFound
+from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError, TemplateNotFound
 from tiscene.events import Event
 from tiscene.scene.placement import Placement
 from tiscene.world import World
@@ -176,6 +176,9 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
         (lambda made: made.despawn("/Nothing"), ObjectNotFound, "no object '/Nothing'"),
         (lambda made: made.despawn(99), ObjectNotFound, "no object '99'"),
         (lambda made: made.despawn(True), ObjectNotFound, "no object 'True'"),
+        (lambda made: made.despawn([3]), ArgumentError, r"object=\[3\]: must be an id, a name or a prim path"),
+        (lambda made: made.enclose("walls"), ScenarioError, "frustum='walls': must be a Frustum or None"),
+        (lambda made: made.enclose(ts.Frustum(), "Main"), ScenarioError, "camera='Main': must be a Camera or None"),
         (lambda made: made.move("a", (0, float("nan"), 0)), ScenarioError, "position"),
         (lambda made: made.move(99, (0, 0, 0)), ObjectNotFound, "'99'"),
         (lambda made: made.spawn("Cub"), TemplateNotFound, "Did you mean 'Cube'"),

@@ -219,9 +219,11 @@ class Scenario:
 
         source: a scenario (.json), a USD file, or a scene's name. A stage of which nothing moves is a scenario without
         objects. variants: as of `Stream`, of a stage. still: nothing of a stage is to move, and it is not read for what
-        does. Raises MissingFile or SceneNotFound, StageError for a stage that
-        cannot be read, or ScenarioError with the file and the place in it.
+        does. Raises ArgumentError, MissingFile or SceneNotFound, StageError for a stage that cannot be read, or
+        ScenarioError with the file and the place in it.
         """
+        if not isinstance(source, str | os.PathLike):
+            raise ArgumentError(f"source={source!r}: must be a Scenario, a scene's name or a file")
         if Path(source).suffix.lower() == ".json":
             return cls._load_json(Path(source))
         if still:

@@ -338,6 +338,10 @@ class World:
         frustum: None: there are no walls. camera, aspect: whose view, and its width / height; by default what the main
         camera sees then. Raises ScenarioError.
         """
+        if not isinstance(frustum, Frustum | None):
+            raise ScenarioError(f"enclose: frustum={frustum!r}: must be a Frustum or None")
+        if not isinstance(camera, Camera | None):
+            raise ScenarioError(f"enclose: camera={camera!r}: must be a Camera or None")
         camera = replace(camera or self.view(self.next_frame)[1], dynamic=None)
         try:
             edit = Enclose(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect)
@@ -347,6 +351,8 @@ class World:
 
     def _live_name(self, object: int | str) -> str:
         """The scenario's name, or the stage's prim path, of something that is there at the next frame."""
+        if not isinstance(object, int | str | np.integer):
+            raise ArgumentError(f"object={object!r}: must be an id, a name or a prim path")
         frame = self.next_frame
         there = {
             row.id: life.planned.id

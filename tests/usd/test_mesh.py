@@ -60,8 +60,9 @@ def test_holes(tmp_path):
     two = only(read(tmp_path, mesh(TWO_QUADS, "int[] holeIndices = [0]")))
     np.testing.assert_array_equal(two.positions[:, 0].min(), 1.0)
     assert len(two.triangles) == 2
-    (problem,) = problems_of(tmp_path, mesh(TWO_QUADS, "int[] holeIndices = [2]"))
-    assert problem == "</M> mesh: holeIndices refer to face 2, but there are 2"
+    for wrong in (2, -1):
+        (problem,) = problems_of(tmp_path, mesh(TWO_QUADS, f"int[] holeIndices = [0, {wrong}]"))
+        assert problem == f"</M> mesh: holeIndices refer to face {wrong}, but there are 2 (0-1)"
 
 
 def test_concave_polygons(tmp_path):

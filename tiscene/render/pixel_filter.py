@@ -66,7 +66,7 @@ PIXEL_FILTERS = {
 
 def pixel_filter(name: str) -> PixelFilter:
     """The filter of that name. Raises ArgumentError, listing them."""
-    if name not in PIXEL_FILTERS:
+    if not isinstance(name, str) or name not in PIXEL_FILTERS:
         raise ArgumentError(f"pixel_filter={name!r}: must be one of {', '.join(PIXEL_FILTERS)}")
     return PIXEL_FILTERS[name]
 

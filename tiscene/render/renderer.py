@@ -260,7 +260,7 @@ def quality_named(name: str, **overrides: Any) -> Quality:
 
     With an error, spp is the most, and MOST_SPP if it is not among the parts.
     """
-    if name not in QUALITIES:
+    if not isinstance(name, str) or name not in QUALITIES:
         raise ArgumentError(f"quality={name!r}: must be one of {', '.join(QUALITIES)}")
     if overrides.get("error") is not None and overrides.get("spp") is None:
         overrides["spp"] = MOST_SPP

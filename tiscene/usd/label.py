@@ -54,7 +54,7 @@ def taxonomies_of(stage: Usd.Stage) -> set[str]:
 def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:
     """Raises UnknownName for a taxonomy that nothing on the stage is labelled in."""
     known = set() if taxonomy is None else taxonomies_of(stage)
-    if taxonomy is not None and taxonomy not in known:
+    if taxonomy is not None and (not isinstance(taxonomy, str) or taxonomy not in known):
         hint = "" if known else "Nothing on the stage has a semantic label."
         raise UnknownName("taxonomy", taxonomy, known, where=f" in {stage.GetRootLayer().GetDisplayName()}", hint=hint)
 

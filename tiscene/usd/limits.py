@@ -66,6 +66,8 @@ class Root:
 
     def __init__(self, folder: str | os.PathLike[str] | None) -> None:
         """folder: None for anywhere. Raises ArgumentError for one that is not there."""
+        if not isinstance(folder, str | os.PathLike | None):
+            raise ArgumentError(f"root={folder!r}: must be a folder")
         self.folder = None if folder is None else Path(folder).resolve()
         if self.folder is not None and not self.folder.is_dir():
             raise ArgumentError(f"root={str(folder)!r} is no folder")

@@ -47,7 +47,9 @@ def read_mesh(
     drawn = np.ones(len(topology.counts), dtype=bool)
     holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
     if len(holes) and (holes.min() < 0 or holes.max() >= len(drawn)):
-        report.problem(prim.GetPath(), "mesh", f"holeIndices refer to face {holes.max()}, but there are {len(drawn)}")
+        worst, last = holes.max() if holes.max() >= len(drawn) else holes.min(), len(drawn) - 1
+        text = f"holeIndices refer to face {worst}, but there are {len(drawn)} (0-{last})"
+        report.problem(prim.GetPath(), "mesh", text)
         return None
     drawn[holes] = False
     if smooth:
