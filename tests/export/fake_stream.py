@@ -25,7 +25,7 @@ CHAIR = SimpleNamespace(
     first_frame=0,
     last_frame=None,
     blocked=False,
-    parts=(),
+    parts=("Seat", "Back"),
     asset="Chair 01",
 )
 

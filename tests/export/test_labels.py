@@ -1,10 +1,12 @@
 """The JSON file of a frame: camera and objects."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 
 from tests.export.fake_stream import FakeStream
+from tiscene.events import Event
 from tiscene.export import export, labels
 from tiscene.render.objects import ObjectTable
 
@@ -22,10 +24,19 @@ def test_the_camera_is_there_and_the_objects_when_asked_for(tmp_path):
         np.testing.assert_array_equal(content["camera"]["world_from_camera"], camera.world_from_camera)
 
 
+def test_what_happened_is_told():
+    frame = replace(FakeStream()[1], events=(Event("contact", 3, other=7), Event("contact", 3, wall="left")))
+    assert labels.frame_labels(frame, objects=False)["events"] == [
+        {"kind": "contact", "object": 3, "other": 7, "wall": ""},
+        {"kind": "contact", "object": 3, "other": 0, "wall": "left"},
+    ]
+
+
 def test_a_row_has_every_column_and_null_for_none():
     frame = FakeStream()[0]
     (row,) = labels.frame_labels(frame, objects=True)["objects"]
-    assert list(row) == list(ObjectTable().columns())
+    assert list(row) == [*ObjectTable().columns(), "parts"]
+    assert row["parts"] == ["Seat", "Back"]
     assert row["name"] == "chair"
     assert row["visible_box"] == [1.0, 2.0, 4.0, 5.0]
     assert row["amodal_box"] is None

@@ -1,17 +1,20 @@
-"""What a frame knows beside its pixels, as one JSON file: the camera, and the table of objects.
+"""What a frame knows beside its pixels, as one JSON file: the camera, events, and the table of objects.
 
 ``labels/000012.json`` holds
 
-- `index`, `time` (s),
+- `index`, `time` (s), `spp`,
 - `camera`: `name`, `position` (m), `rotation` (w, x, y, z), `K` (3x3, px, pixel centres at whole numbers) and
   `world_from_camera` (4x4; x right, y down, z forward), `width`, `height` (px),
-- `objects`, if asked for: a row for each live object with the columns of `ObjectTable.columns`; null stands for None.
+- `events`: a row for each of `frame.events`, with the fields of `Event`,
+- `objects`, if asked for: a row for each live object with the columns of `ObjectTable.columns` and the names of its
+  `parts`; null stands for None.
 """
 
 from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -40,11 +43,13 @@ def frame_labels(frame: Frame, objects: bool) -> dict[str, Any]:
             "width": camera.width,
             "height": camera.height,
         },
+        "events": [asdict(event) for event in frame.events],
     }
     if objects:
         columns = {name: column.tolist() for name, column in frame.objects.columns().items()}
         labels["objects"] = [
-            {name: _plain(name, values[row]) for name, values in columns.items()} for row in range(len(frame.objects))
+            {name: _plain(name, values[row]) for name, values in columns.items()} | {"parts": list(item.parts)}
+            for row, item in enumerate(frame.objects)
         ]
     return labels
 
