@@ -153,7 +153,7 @@ def surface_at(
     object_point = v0 + b1 * e1 + b2 * e2
 
     # Outward by the vertices' order first, so that the shading normal can be put on the same side before the flip.
-    outward = unit_or(transform_normal(geometry.instance_from_world, time, instance, e1.cross(e2)), -direction)
+    outward = unit_or(transform_normal(geometry.instance_from_world, time, instance, e1.cross(e2)), -1.0 * direction)
     normal = outward
     flags = geometry.instance_info[instance, INFO_FLAGS]
     if flags & HAS_NORMALS:
@@ -164,13 +164,13 @@ def surface_at(
         )
         normal = unit_or(transform_normal(geometry.instance_from_world, time, instance, smooth), outward)
         if normal.dot(outward) < 0.0:
-            normal = -normal
+            normal = -1.0 * normal
     front = 1
     geometric_normal = outward
     if outward.dot(direction) > 0.0:
         front = 0
-        geometric_normal = -outward
-        normal = -normal
+        geometric_normal = -1.0 * outward
+        normal = -1.0 * normal
 
     uv0, uv1, uv2 = vec2(0.0, 0.0), vec2(0.0, 0.0), vec2(0.0, 0.0)
     if flags & HAS_UV:
@@ -198,7 +198,7 @@ def surface_at(
     position = transform_point(geometry.world_from_instance, time, instance, object_point)
     side1 = transform_vector(geometry.world_from_instance, time, instance, e1)
     side2 = transform_vector(geometry.world_from_instance, time, instance, e2)
-    sides = ti.max(ti.abs(side1), ti.abs(side2))
+    sides = ti.max(ti.max(side1, -1.0 * side1), ti.max(side2, -1.0 * side2))
     return VisibleSurface(
         position=position,
         object_point=object_point,
@@ -209,7 +209,7 @@ def surface_at(
         color=color,
         dp_du=transform_vector(geometry.world_from_instance, time, instance, dp_du),
         dp_dv=transform_vector(geometry.world_from_instance, time, instance, dp_dv),
-        reach=ti.max(ti.abs(position), sides).max(),
+        reach=ti.max(ti.max(position, -1.0 * position), sides).max(),
         material=geometry.triangle_material[triangle],
         front=front,
     )

@@ -55,7 +55,7 @@ def circle(turns: ti.f32) -> vec2:
     if quadrant & 1:
         result = vec2(-sine, cosine)
     if quadrant & 2:
-        result = -result
+        result = -1.0 * result
     return result
 
 

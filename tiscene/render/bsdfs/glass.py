@@ -39,7 +39,7 @@ def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
         m = c.wo + c.eta * wi
     m = m.normalized()
     if m.z < 0.0:
-        m = -m
+        m = -1.0 * m
     cos_o, cos_i = c.wo.dot(m), wi.dot(m)
     if wi.z != 0.0 and cos_o > 0.0 and cos_i * wi.z > 0.0:
         fresnel = dielectric(cos_o, c.eta)

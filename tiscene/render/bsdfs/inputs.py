@@ -258,7 +258,7 @@ def shading_normal(surface: ti.template(), point: ti.template(), wo: vec3) -> ve
             tangent /= length
             bitangent = n.cross(tangent)
             if bitangent.dot(surface.dp_dv) < 0.0:
-                bitangent = -bitangent
+                bitangent = -1.0 * bitangent
             side = 1.0 if surface.front != 0 else -1.0  # seen from behind, the bumps are hollows
             n = side * (tangent * point.normal.x + bitangent * point.normal.y) + n * point.normal.z
             n = n.normalized()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene import device
 from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.integrators import path_kernels as kernels
@@ -243,21 +244,27 @@ class PathPass:
         """
         spp, bits, key = numbers
         if scene.ends_at_lights and step == max_depth - 1 > 0:
-            finish(
-                *scene.arrays.lighting, mis,
-                s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
-            )  # fmt: skip
+            with self._vector_mode():
+                finish(
+                    *scene.arrays.lighting, mis,
+                    s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
+                )  # fmt: skip
         else:
             closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids, together=step == 0)
-            shade(
-                *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
-                s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
-                s.first_sample, scene.any_emission,
-            )  # fmt: skip
+            with self._vector_mode():
+                shade(
+                    *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
+                    s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
+                    s.first_sample, scene.any_emission,
+                )  # fmt: skip
         both = kernels.compact(s.status, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
         live, shadows = both & 0xFFFFFFFF, both >> 32
         s.swap()
         return live, shadows
+
+    def _vector_mode(self) -> contextlib.AbstractContextManager[None]:
+        """For kernels whose vectors allow it: they compile sooner."""
+        return device.vector_mode() if self.scene.traversal == "wide" else contextlib.nullcontext()
 
     def cast_shadows(
         self,

@@ -160,10 +160,9 @@ def shade(
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
     sets = FIRST_STEP_SET + SETS * step
-    opacity_keys, light_keys = set_keys(frame_key, sets + OPACITY_SET), set_keys(frame_key, sets + LIGHT_SET)
-    lobe_keys, direction_keys = set_keys(frame_key, sets + LOBE_SET), set_keys(frame_key, sets + DIRECTION_SET)
     texture_key = set_key(frame_key, sets + TEXTURE_SET)
     ti.loop_config(block_dim=128)
+    # No vector is made before the loop: in vector mode it would be kept where it is not aligned.
     for k in range(count):
         i = queue[k]
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
@@ -193,7 +192,7 @@ def shade(
             point = shaded_material_at(materials, textures, surface, direction, width, combine(texture_key, index))
             absent = False
             if point.flags & COVERAGE:
-                absent = draw(opacity_keys, index).x >= point.opacity
+                absent = draw(set_keys(frame_key, sets + OPACITY_SET), index).x >= point.opacity
             if absent:
                 goes_on = True
                 write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
@@ -202,18 +201,19 @@ def shade(
                     if point.flags & EMITS:
                         shines, triangle, glow, distance = True, hit_ids[i][1], point.emissive_color, hits[i][0]
                 depth += 1
-                wo = -direction
+                wo = -1.0 * direction
                 normal = shading_normal(surface, point, wo)
                 if (bits_of_status & SEEN) == 0 and is_mirror_like(point) == 0:
                     bits_of_status |= SEEN
                     write3(features, i, ALBEDO, point.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    light_sample = all_lights.sample(lights, textures, surface.position, draw(light_keys, index))
-                    bsdf_u = draw(direction_keys, index)
+                    light_u = draw(set_keys(frame_key, sets + LIGHT_SET), index)
+                    light_sample = all_lights.sample(lights, textures, surface.position, light_u)
+                    bsdf_u = draw(set_keys(frame_key, sets + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
                     if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
-                        lobe_and_survival = draw(lobe_keys, index)
+                        lobe_and_survival = draw(set_keys(frame_key, sets + LOBE_SET), index)
                     scattering = bsdf.scatter(
                         surface, point, energy, normal, wo, light_sample.direction, vec3(bsdf_u, lobe_and_survival.x)
                     )
