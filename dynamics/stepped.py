@@ -78,6 +78,7 @@ class SteppedSimulation:
 
     def frame(self, number: int) -> Moment:
         """All movers at frame `number` (0 or more), k / fps seconds after the start."""
+        number = check.whole(number, "number")
         if number < 0:
             raise ValueError(f"number={number}: must be 0 or more")
         if number in self._moments:

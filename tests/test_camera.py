@@ -132,3 +132,10 @@ def test_look_at_along_up_is_refused():
 def test_look_at_wants_numbers(places):
     with pytest.raises(ArgumentError, match=r"look_at: position=.*: must be finite numbers, 3 of them"):
         Camera.look_at(*places)
+
+
+def test_what_moves_a_camera_may_hold_lists():
+    """Views are remembered by their cameras, whatever somebody wrote to move them."""
+    moved = Camera(dynamic=["somebody's"])
+    assert hash(moved) == hash(Camera())
+    assert moved != Camera()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any
 
@@ -44,7 +44,7 @@ class Camera:
     view_height: float | None = None
     shutter_open: float = 0.0
     shutter_close: float = 0.0
-    dynamic: Any = None
+    dynamic: Any = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         def refuse(name: str, rule: str) -> ArgumentError:

@@ -303,6 +303,8 @@ def test_bad_arguments(arguments, error):
     simulation = SteppedSimulation([bouncer()], fps=25)
     with pytest.raises(ValueError, match="number"):
         simulation.frame(-1)
+    with pytest.raises(TypeError, match=r"number=2\.5: must be a whole number"):
+        simulation.frame(2.5)
 
 
 @pytest.mark.parametrize(
