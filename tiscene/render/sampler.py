@@ -37,7 +37,7 @@ def combine(key: u32, value: u32) -> u32:
 @ti.func
 def uniform(key: u32) -> ti.f32:
     """A lone number in [0, 1) for a key, not stratified."""
-    return ti.cast(mix(key) >> 8, ti.f32) * _TO_UNIT
+    return unit(mix(key))
 
 
 @ti.func
@@ -62,9 +62,9 @@ def scramble_reversed(x: u32, key: u32) -> u32:
 
 
 @ti.func
-def scrambled(x: u32, key: u32) -> ti.f32:
-    """A bit-reversed Sobol coordinate to a number in [0, 1)."""
-    return ti.cast(reverse_bits(scramble_reversed(x, key)) >> 8, ti.f32) * _TO_UNIT
+def unit(word: u32) -> ti.f32:
+    """A number in [0, 1) by the upper bits of a word."""
+    return ti.cast(word >> 8, ti.f32) * _TO_UNIT
 
 
 @ti.func
@@ -83,6 +83,13 @@ def set_keys(frame_key: ti.i32, number: ti.i32) -> SetKeys:
 @ti.func
 def draw(keys: SetKeys, index: u32) -> vec2:
     """A point in [0, 1)^2 of a set. index: its number, bit-reversed."""
+    x, y = draw_words(keys, index)
+    return vec2(unit(x), unit(y))
+
+
+@ti.func
+def draw_words(keys: SetKeys, index: ti.template()):
+    """The same as two words, of which `unit` makes numbers; of one index or of lanes of them."""
     x = reverse_bits(scramble_reversed(index, keys[0]))  # Owen's scramble of a number: its nets stay nets
     # The direction numbers of the first dimension, bit-reversed, are z^k, those of the second (1 + z)^k mod 2.
     y = x
@@ -91,7 +98,7 @@ def draw(keys: SetKeys, index: u32) -> vec2:
     y ^= (y >> 4) & u32(0x0F0F0F0F)
     y ^= (y >> 2) & u32(0x33333333)
     y ^= (y >> 1) & u32(0x55555555)
-    return vec2(scrambled(x, keys[1]), scrambled(y, keys[2]))
+    return reverse_bits(scramble_reversed(x, keys[1])), reverse_bits(scramble_reversed(y, keys[2]))
 
 
 @lru_cache(maxsize=8)

@@ -17,7 +17,7 @@ INFO_COLORS = 8
 HAS_NORMALS, HAS_UV, HAS_COLORS = 1, 2, 8
 
 # How far a new ray starts from the surface it leaves, as a part of the surface's `reach`: some 80 steps of a float.
-_OFFSET = 1e-5
+OFFSET = 1e-5
 
 FLOATS_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
 FLOATS_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -221,4 +221,4 @@ def offset_origin(surface: ti.template(), direction: vec3) -> vec3:
     side = 1.0
     if surface.geometric_normal.dot(direction) < 0.0:
         side = -1.0
-    return surface.position + surface.geometric_normal * (side * _OFFSET * ti.max(surface.reach, 0.1))
+    return surface.position + surface.geometric_normal * (side * OFFSET * ti.max(surface.reach, 0.1))

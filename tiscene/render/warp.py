@@ -27,18 +27,18 @@ def _polynomial(function: Callable[[NDArray[np.float64]], NDArray[np.float64]], 
 
 
 # Inline polynomials instead of the C library's functions: a third of the time, and the same bits on every machine.
-_SINE = _polynomial(lambda s: 2.0 * math.pi * np.sinc(2.0 * np.sqrt(s)), 1.0 / 64.0, 5)
-_COSINE = _polynomial(lambda s: np.cos(2.0 * math.pi * np.sqrt(s)), 1.0 / 64.0, 5)
-_ARCTANGENT = _polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s), 1.0, 9)
+SINE = _polynomial(lambda s: 2.0 * math.pi * np.sinc(2.0 * np.sqrt(s)), 1.0 / 64.0, 5)
+COSINE = _polynomial(lambda s: np.cos(2.0 * math.pi * np.sqrt(s)), 1.0 / 64.0, 5)
+ARCTANGENT = _polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s), 1.0, 9)
 _TURNS = _polynomial(lambda s: np.arctan(np.sqrt(s)) / np.sqrt(s) * (0.5 / math.pi), 1.0, 7)
 _ARCCOSINE = _polynomial(lambda s: np.arccos(s) / np.sqrt(1.0 - s) / math.pi, 1.0, 7)
 
 
 @ti.func
-def polynomial(coefficients: ti.template(), s: ti.f32) -> ti.f32:
-    """By Horner's rule."""
-    result = coefficients[-1]
-    for k in ti.static(range(len(coefficients) - 2, -1, -1)):
+def polynomial(coefficients: ti.template(), s):
+    """By Horner's rule; of a number or of lanes of them."""
+    result = coefficients[-1] * s + coefficients[-2]
+    for k in ti.static(range(len(coefficients) - 3, -1, -1)):
         result = result * s + coefficients[k]
     return result
 
@@ -49,7 +49,7 @@ def circle(turns: ti.f32) -> vec2:
     quarter = ti.floor(4.0 * turns + 0.5)
     rest = turns - 0.25 * quarter
     squared = rest * rest
-    cosine, sine = polynomial(_COSINE, squared), rest * polynomial(_SINE, squared)
+    cosine, sine = polynomial(COSINE, squared), rest * polynomial(SINE, squared)
     quadrant = ti.cast(quarter, ti.i32) & 3
     result = vec2(cosine, sine)
     if quadrant & 1:
@@ -66,7 +66,7 @@ def angle_of(direction: vec2) -> ti.f32:
     half = direction.y / ti.max(1.0 + direction.x, 1e-30)
     steep = ti.abs(half) > 1.0
     t = 1.0 / half if steep else half
-    angle = t * polynomial(_ARCTANGENT, t * t)
+    angle = t * polynomial(ARCTANGENT, t * t)
     if steep:
         angle = (0.5 * math.pi if half > 0.0 else -0.5 * math.pi) - angle
     return 2.0 * angle
@@ -102,6 +102,13 @@ def tangents(n: vec3):
 
 
 @ti.func
+def on_arc(radius, part):
+    """The cosine and sine of an eighth of a turn at most, times a radius; of numbers or of lanes."""
+    squared = part * part
+    return radius * polynomial(COSINE, squared), radius * part * polynomial(SINE, squared)
+
+
+@ti.func
 def disk(u: vec2) -> vec2:
     """Uniform on the unit disk, concentric: neighbours in the square stay neighbours."""
     p = 2.0 * u - 1.0
@@ -110,8 +117,7 @@ def disk(u: vec2) -> vec2:
     other = p.y if flat else p.x
     # An eighth of a turn either way; the cosine belongs to the larger coordinate.
     part = 0.125 * other / (radius if radius != 0.0 else 1.0)
-    squared = part * part
-    cosine, sine = radius * polynomial(_COSINE, squared), radius * part * polynomial(_SINE, squared)
+    cosine, sine = on_arc(radius, part)
     return vec2(cosine, sine) if flat else vec2(sine, cosine)
 
 

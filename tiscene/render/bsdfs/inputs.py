@@ -48,6 +48,7 @@ vec4 = ti.math.vec4
 # A mean of unit normals this little short of 1 says nothing: it is of 8-bit codes.
 _CODE_ERROR = 6e-3
 ALL_INPUTS = -1
+LEAST_COSINE = 0.01  # of the shading normal with the way that light goes
 
 
 class Materials(NamedTuple):
@@ -263,8 +264,8 @@ def shading_normal(surface: ti.template(), point: ti.template(), wo: vec3) -> ve
             n = side * (tangent * point.normal.x + bitangent * point.normal.y) + n * point.normal.z
             n = n.normalized()
     cosine = n.dot(wo)
-    if cosine < 0.01:
-        n = (n + wo * (0.01 - cosine)).normalized()
+    if cosine < LEAST_COSINE:
+        n = (n + wo * (LEAST_COSINE - cosine)).normalized()
     return n
 
 

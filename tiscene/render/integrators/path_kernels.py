@@ -42,9 +42,15 @@ PIXEL_SET, LENS_SET, FIRST_STEP_SET = 0, 1, 2
 
 @ti.func
 def path_index(pixels: ti.template(), path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
-    """Which points of the picture's are a path's, as `draw` takes it: those of a pixel are 2**bits in a row."""
+    """Which points of the picture's are a path's, as `draw` takes it."""
+    return reverse_bits(path_number(pixels, path, spp, bits, first_sample))
+
+
+@ti.func
+def path_number(pixels: ti.template(), path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
+    """The same, not reversed: those of a pixel are 2**bits in a row."""
     place = ti.cast(pixels[path // spp][PLACE], ti.u32)
-    return reverse_bits((place << bits) + ti.cast(first_sample + path % spp, ti.u32))
+    return (place << bits) + ti.cast(first_sample + path % spp, ti.u32)
 
 
 @ti.func

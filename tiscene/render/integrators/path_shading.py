@@ -20,6 +20,7 @@ from tiscene.render.integrators.path_state import (
     RELATIVE_IOR2,
     SAMPLED,
     SEEN,
+    SHADED,
     SPREAD,
     THROUGHPUT,
     States,
@@ -77,6 +78,11 @@ class SceneArrays(NamedTuple):
     light_nodes: Any
     light_distribution: Any
     energy: Any
+
+    @property
+    def surfaces(self) -> tuple[Any, ...]:
+        """The geometry and the materials, without textures."""
+        return self[:10]
 
     @property
     def lighting(self) -> tuple[Any, ...]:
@@ -162,9 +168,12 @@ def shade(
     sets = FIRST_STEP_SET + SETS * step
     texture_key = set_key(frame_key, sets + TEXTURE_SET)
     ti.loop_config(block_dim=128)
-    # No vector is made before the loop: in vector mode it would be kept where it is not aligned.
+    # No vectors are made before the loop: in vector mode they would be kept where they are not aligned.
     for k in range(count):
         i = queue[k]
+        if status[i] & SHADED:
+            status[i] ^= SHADED
+            continue
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         throughput, radiance = get3(state, i, THROUGHPUT), get3(state, i, RADIANCE)
         pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)
@@ -221,7 +230,8 @@ def shade(
                     if light_sample.pdf > 0.0:
                         light_row = light_sample.row
                         direct = throughput * scattering.towards_light.xyz * light_sample.radiance
-                        direct *= response(lights, light_row, scattering.diffuse_parts.x, depth) / light_sample.pdf
+                        reflected = response(light_values, light_row, scattering.diffuse_parts.x, depth)
+                        direct *= reflected / light_sample.pdf
                         shadowless = light_values[light_row, SHADOWLESS] > 0.0
                         if mis != 0 and light_sample.delta == 0 and not shadowless:
                             direct *= power_heuristic(light_sample.pdf, scattering.towards_light.w)

@@ -21,6 +21,7 @@ DEPTH_MASK = 0xFFFF
 LIVE = 1 << 16
 SEEN = 1 << 17  # features are written
 SAMPLED = 1 << 18  # the light sampled at the last vertex is not yet counted
+SHADED = 1 << 19  # `shade_plain` has taken it to its next vertex
 
 # Columns of the film, sums over the samples of a pixel: radiance, albedo, normal, number of samples dropped.
 FILM_COLUMNS = 10

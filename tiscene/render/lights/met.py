@@ -30,18 +30,18 @@ _MOST_WAITING = 7 * 8 + FEW // LANES
 
 
 @ti.func
-def power_heuristic(a: ti.f32, b: ti.f32) -> ti.f32:
-    """Veach's weight, with exponent 2, of a sample of density a that could have been one of density b."""
+def power_heuristic(a, b):
+    """Veach's weight, with exponent 2, of a sample of density a that could have been one of density b; or of lanes."""
     ratio = b / a
     return 1.0 / (1.0 + ratio * ratio)
 
 
 @ti.func
-def response(lights: ti.template(), row: ti.i32, diffuse_part: ti.f32, depth: ti.i32) -> ti.f32:
+def response(values: ti.template(), row: ti.i32, diffuse_part: ti.f32, depth: ti.i32) -> ti.f32:
     """How much of a light a scattering at the depth-th surface of a path reflects, by the light's multipliers."""
-    result = lights.values[row, ON_DIFFUSE] * diffuse_part + lights.values[row, ON_SPECULAR] * (1.0 - diffuse_part)
+    result = values[row, ON_DIFFUSE] * diffuse_part + values[row, ON_SPECULAR] * (1.0 - diffuse_part)
     if depth > 1:
-        result *= lights.values[row, ON_INDIRECT]
+        result *= values[row, ON_INDIRECT]
     return result
 
 
@@ -132,6 +132,6 @@ def seen_lights(
                     lights, weights, count, scale, row, triangle, last_vertex, direction, from_vertex
                 )
                 weight = power_heuristic(pdf, there)
-            radiance *= weight * response(lights, row, diffuse_part, depth)
+            radiance *= weight * response(lights.values, row, diffuse_part, depth)
         result += radiance
     return result

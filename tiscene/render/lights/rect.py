@@ -13,9 +13,9 @@ vec2 = ti.math.vec2
 vec3 = ti.math.vec3
 
 # Below this solid angle (sr) a float cannot tell the rectangle's edges apart by angle, and area is as good a measure.
-_SMALL = 2e-3
+SMALL = 2e-3
 # And where its diagonal is below this part, squared, of its distance, the solid angle costs more than it gains.
-_FAR = 0.2
+FAR = 0.2
 
 
 @ti.func
@@ -53,12 +53,12 @@ def image_density(lights: ti.template(), row: ti.i32, x: ti.f32, y: ti.f32) -> t
 def is_far(x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z0: ti.f32):
     """Whether the rectangle is so far away for its size that sampling its area is as good, and cheaper: 1 or 0."""
     width, height, x, y = x1 - x0, y1 - y0, x0 + x1, y0 + y1
-    return ti.cast(width * width + height * height < _FAR * (x * x + y * y + 4.0 * z0 * z0), ti.i32)
+    return ti.cast(width * width + height * height < FAR * (x * x + y * y + 4.0 * z0 * z0), ti.i32)
 
 
 @ti.func
-def area_pdf(values: ti.template(), row: ti.i32, cosine: ti.f32, distance: ti.f32) -> ti.f32:
-    """Density per steradian of a point that is uniform in area."""
+def area_pdf(values: ti.template(), row: ti.i32, cosine, distance):
+    """Density per steradian of a point that is uniform in area; of numbers or of lanes of them."""
     return distance * distance / (ti.max(cosine, 1e-9) * values[row, SIZE] * values[row, SIZE + 1])
 
 
@@ -77,7 +77,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
         density = 0.0
         if is_far(x0, x1, y0, y1, z0) == 0:
             view = warp.rectangle_view(x0, x1, y0, y1, z0)
-            if view.solid_angle > _SMALL:
+            if view.solid_angle > SMALL:
                 density = warp.rectangle_pdf(view)
                 if not from_image:
                     p = warp.rectangle(view, v)
@@ -109,7 +109,7 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
         result = by_area
         if is_far(x0, x1, y0, y1, z0) == 0:
             view = warp.rectangle_view(x0, x1, y0, y1, z0)
-            if view.solid_angle > _SMALL:
+            if view.solid_angle > SMALL:
                 result = warp.rectangle_pdf(view)
         part = values[row, IMAGE_PART]
         if part > 0.0:
