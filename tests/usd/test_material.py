@@ -341,6 +341,14 @@ def test_a_primvar_that_the_mesh_lacks_is_named(textures):
     np.testing.assert_array_equal(description.meshes[0].uv, description.meshes[0].positions[:, :2])
 
 
+def test_coordinates_that_go_round_in_a_circle_are_named(textures):
+    lines = "asset inputs:file = @./textures/color.png@\nfloat2 inputs:st.connect = </Looks/L/Turn.outputs:result>"
+    around = "float2 inputs:in.connect = </Looks/L/Turn.outputs:result>"
+    turn = shader("Turn", "UsdTransform2d", around, "float2 outputs:result")
+    description = read_with_warning(textures, texture(lines, turn), "comes from itself, 'st' is read: </Looks/L/Turn>")
+    assert len(description.textures) == 1
+
+
 def test_a_primvar_that_a_mesh_has_not_is_named(textures):
     file = "asset inputs:file = @./textures/color.png@\n"
     shaders = (

@@ -224,15 +224,17 @@ class NetworkReader:
 
     def _coordinates(self, st: Connection | None) -> tuple[np.ndarray[Any, Any], str]:
         """The affine map, 3x3, and the primvar that a texture's coordinates come from."""
-        transform = np.eye(3)
+        transform, passed = np.eye(3), set()
         while st is not None and st.source is not None:
-            source = st.source
+            source, path = st.source, st.source.shader.GetPath()
             inputs = connections_of(source.shader, self._time)
             if source.id == "UsdPrimvarReader_float2":
                 return transform, self._token(inputs, "varname", "st")
-            if source.id != "UsdTransform2d":
-                self._report.omission(source.shader.GetPath(), f"shader {source.id!r} is not supported, 'st' is read")
+            if source.id != "UsdTransform2d" or path in passed:
+                what = "comes from itself" if path in passed else "is not supported"
+                self._report.omission(path, f"shader {source.id!r} {what}, 'st' is read")
                 break
+            passed.add(path)
             transform = transform @ self._transform2d(inputs)
             st = inputs.get("in")
         return transform, ""
