@@ -8,8 +8,9 @@ whole numbers slices an array, ``depth[y0:y1, x0:x1]``, and is COCO's (x0, y0, x
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Protocol, overload
 
 import numpy as np
@@ -227,6 +228,9 @@ class ObjectRow:
         return self.percent_in_frame * self.visibility_in_frame
 
 
+_values_of = attrgetter(*(each.name for each in fields(ObjectRow) if not each.name.startswith("_")))
+
+
 class ObjectTable(Sequence[ObjectRow]):
     """The live objects of a frame, in the order of their ids."""
 
@@ -237,27 +241,7 @@ class ObjectTable(Sequence[ObjectRow]):
 
     @cached_property
     def _rows(self) -> tuple[ObjectRow, ...]:
-        return tuple(
-            ObjectRow(
-                id=state.id,
-                name=state.name,
-                template=state.template,
-                category=state.category,
-                category_id=state.category_id,
-                prim_path=state.prim_path,
-                position=state.position,
-                rotation=state.rotation,
-                velocity=state.velocity,
-                first_frame=state.first_frame,
-                last_frame=state.last_frame,
-                blocked=state.blocked,
-                parts=state.parts,
-                asset=state.asset,
-                _measures=self._measures,
-                _row=row,
-            )
-            for row, state in enumerate(self._states)
-        )
+        return tuple(ObjectRow(*(*_values_of(state), self._measures, row)) for row, state in enumerate(self._states))
 
     def __len__(self) -> int:
         return len(self._states)
