@@ -53,7 +53,7 @@ MAY_IMPORT = {
     "tiscene": set(),  # the front door; its names are looked up lazily
     "tiscene.errors": set(),
     "tiscene.files": {"tiscene.errors"},
-    "tiscene.device": {"tiscene.errors"},
+    "tiscene.device": {"tiscene.errors", "tiscene.files"},
     "tiscene.camera": {"tiscene.errors"},
     "tiscene.scene": GROUND,
     "tiscene.render": SCENE,

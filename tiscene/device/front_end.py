@@ -3,7 +3,7 @@
 Taichi inlines a function at each of its calls. Taichi 1.7.4 reads, wraps and parses its source for each of them, words
 where each node of its syntax tree stands, should an error have to say so, and looks through all modules for the source
 around each decorator. Here a function's source and tree serve all of its calls: the same kernels, under the same names
-in Taichi's cache, in half the time.
+in Taichi's cache, in half the time. What comes of it is kept for the next process (`recordings`).
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ import gc
 import sys
 import textwrap
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 from taichi.lang import impl, kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+from tiscene.device import fingerprints, recordings
 
 _materialize: Any = kernel_impl.Kernel.materialize
 _walk: Any = kernel_impl.transform_tree
@@ -51,6 +53,8 @@ class _Source:
 
 @functools.cache
 def _source(function: Any) -> _Source:
+    with suppress(fingerprints.NoFingerprint):
+        fingerprints.source_digest(function.__module__)  # before it is read: what it says is true from now on
     lines, first_line = kernel_impl.getsourcelines(function)
     lines = [textwrap.fill(line, tabsize=4, width=9999) for line in lines]
     return _Source(kernel_impl.getsourcefile(function), lines, first_line)
@@ -115,7 +119,7 @@ def _position(self: Any, node: Any) -> str:
 def _prepared(self: Any, key: Any = None, args: Any = None, arg_features: Any = None) -> None:
     if key is None or key not in self.compiled_kernels:
         with _without_collection():
-            _materialize(self, key=key, args=args, arg_features=arg_features)
+            recordings.prepare(self, key, args, arg_features, _materialize)
 
 
 @contextmanager
