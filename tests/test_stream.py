@@ -249,8 +249,9 @@ def test_an_edited_stream_replays_exactly(tmp_path):
         assert same(replay[index], seen[index])
         assert same(stream[index], seen[index])
     assert stream.state_dict()["settings"] == replay.settings()
-    with pytest.raises(ArgumentError, match="another stream"):
+    with pytest.raises(ArgumentError, match="this one with other edits"):
         stream.load_state_dict(before)
+    assert repr(replay.seek(3)) == f"<Stream of {replay.scenario.scene} at frame 3: {', '.join(replay.buffers)}>"
 
 
 def test_many_sizes_are_rendered_and_few_are_kept():

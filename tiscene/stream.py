@@ -179,6 +179,9 @@ class Stream(Iterator[Frame]):
         self.restart(scenario)
         self.seek(position)
 
+    def __repr__(self) -> str:
+        return f"<Stream of {self.scenario.scene} at frame {self._position}: {', '.join(self.buffers)}>"
+
     @property
     def scenario(self) -> Scenario:
         """What was asked for, and the edits: a stream made of it does the same at the same frames."""
@@ -248,7 +251,7 @@ class Stream(Iterator[Frame]):
         different = [name for name in ours if theirs.get(name) != ours[name]]
         if different:
             listing = ", ".join(f"{name}: {theirs.get(name)!r} there, {ours[name]!r} here" for name in different)
-            raise ArgumentError(f"the state is of another stream ({listing})")
+            raise ArgumentError(f"the state is of another stream, or of this one with other edits ({listing})")
         self.seek(state["position"])
 
     def settings(self) -> dict[str, Any]:
