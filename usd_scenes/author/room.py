@@ -19,6 +19,17 @@ Vector3 = tuple[float, float, float]
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 LIGHTING = ("day", "evening", "night")
 WARM_WHITE: Vector3 = (1.0, 0.76, 0.52)  # 3000 K as a camera balanced for 4500 K sees it
+# Of the rooms with open windows: intensity, picture and colour of their sky; irradiance, colour and angle of their sun.
+SKY = (
+    {"day": 2.6, "evening": 1.1, "night": 0.10},
+    {"day": "afternoon_sky.hdr", "evening": "dusk_sky.hdr", "night": "dusk_sky.hdr"},
+    {"day": (1.0, 1.0, 1.0), "evening": (1.0, 1.0, 1.0), "night": (0.16, 0.34, 1.0)},
+)
+SUNLIGHT = (
+    {"day": 5.5, "evening": 1.6, "night": 0.012},
+    {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.60, 0.32), "night": (0.45, 0.62, 1.0)},
+    {"day": 0.8, "evening": 1.2, "night": 0.8},
+)
 T = TypeVar("T")
 Varied: TypeAlias = T | Mapping[str, T]
 """One value, or one for each of LIGHTING."""

@@ -6,7 +6,7 @@ drawers at the -x wall. The air before the bed is kept free for objects to fly t
 
 from __future__ import annotations
 
-from usd_scenes.author.room import ORIGIN, Room
+from usd_scenes.author.room import ORIGIN, SKY, SUNLIGHT, Room
 from usd_scenes.author.thing import Thing
 from usd_scenes.author.things import bathroom, bedding, bedroom, building, plants, small, tables, tableware
 
@@ -143,22 +143,11 @@ def _clutter(room: Room) -> None:
 
 
 def _light(room: Room) -> None:
-    room.dome(
-        "Sky",
-        {"day": 2.6, "evening": 1.1, "night": 0.10},
-        {"day": "afternoon_sky.hdr", "evening": "dusk_sky.hdr", "night": "dusk_sky.hdr"},
-        {"day": (1.0, 1.0, 1.0), "evening": (1.0, 1.0, 1.0), "night": (0.16, 0.34, 1.0)},
-        turn=41.0,
-    )
+    room.dome("Sky", *SKY, turn=41.0)
     size, middle = (WINDOW_WIDTH, round(HEAD - SILL, 3)), (SILL + HEAD) / 2.0
     room.portal("Sky", "Portal", *size, (WINDOW, middle, NEAR + WALL), ORIGIN)
-    room.sun(
-        "Sun",
-        {"day": (-0.33, 0.58, 0.72), "evening": (-0.42, 0.17, 0.80), "night": (-0.25, 0.75, 0.72)},
-        {"day": 5.5, "evening": 1.6, "night": 0.012},
-        {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.60, 0.32), "night": (0.45, 0.62, 1.0)},
-        {"day": 0.8, "evening": 1.2, "night": 0.8},
-    )
+    towards = {"day": (-0.33, 0.58, 0.72), "evening": (-0.42, 0.17, 0.80), "night": (-0.25, 0.75, 0.72)}
+    room.sun("Sun", towards, *SUNLIGHT)
     strength = {"day": 0.0, "evening": 26.0, "night": 26.0}
     for index, z in enumerate(BEDSIDES):
         at = (RIGHT - 0.23, 0.83, z + (-0.03, 0.02)[index])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.room import ORIGIN, Room
+from usd_scenes.author.room import ORIGIN, SKY, SUNLIGHT, Room
 from usd_scenes.author.things import bedroom, building, cutlery, plants, seating, small, tables, tableware
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
@@ -229,24 +229,13 @@ def _television(room: Room) -> None:
 
 
 def _light(room: Room) -> None:
-    room.dome(
-        "Sky",
-        {"day": 2.6, "evening": 1.1, "night": 0.10},
-        {"day": "afternoon_sky.hdr", "evening": "dusk_sky.hdr", "night": "dusk_sky.hdr"},
-        {"day": (1.0, 1.0, 1.0), "evening": (1.0, 1.0, 1.0), "night": (0.16, 0.34, 1.0)},
-    )
+    room.dome("Sky", *SKY)
     # At the outer face of the walls, so that reveals and frames are lit through them too.
     size, middle = (WINDOW_WIDTH, round(HEAD - SILL, 3)), (SILL + HEAD) / 2.0
     for index, z in enumerate(WINDOWS):
         room.portal("Sky", f"Portal{index + 1}", *size, (LEFT - WALL, middle, z), (0.0, -90.0, 0.0))
     room.portal("Sky", "Portal3", *size, (GARDEN_WINDOW, middle, NEAR + WALL), ORIGIN)
-    room.sun(
-        "Sun",
-        {"day": SUN, "evening": (-0.92, 0.17, 0.36), "night": (-0.55, 0.75, 0.30)},
-        {"day": 5.5, "evening": 1.6, "night": 0.012},
-        {"day": (1.0, 0.86, 0.68), "evening": (1.0, 0.60, 0.32), "night": (0.45, 0.62, 1.0)},
-        {"day": 0.8, "evening": 1.2, "night": 0.8},
-    )
+    room.sun("Sun", {"day": SUN, "evening": (-0.92, 0.17, 0.36), "night": (-0.55, 0.75, 0.30)}, *SUNLIGHT)
     room.bulb("FloorLampLight", (0.02, 1.46, -5.55), 0.035, {"day": 16.0, "evening": 60.0, "night": 100.0})
     room.bulb(
         "PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, {"day": 14.0, "evening": 50.0, "night": 110.0}
