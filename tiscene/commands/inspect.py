@@ -57,7 +57,8 @@ def _print_facts(path: Path, facts: StageFacts) -> None:
             f"  time codes {first:g} to {last:g}, {facts.time_codes_per_second:g} a second; "
             f"{_count(facts.animated, 'prim')} with motion"
         )
-    print(f"  {sum(facts.types.values()):,} prims, {facts.instances:,} of them instances{_listing(facts.types)}")
+    prims = _count(sum(facts.types.values()), "prim")
+    print(f"  {prims}, {facts.instances:,} of them instances{_listing(facts.types)}")
     for place, (chosen, names) in list(facts.variants.items())[:_SHOWN]:
         print(f"  variants {place}: {', '.join(f'[{name}]' if name == chosen else name for name in names)}")
     if len(facts.variants) > _SHOWN:
@@ -117,7 +118,7 @@ def _doubts(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
         unauthored = ", USD's default: the file does not say" if facts and not facts.unit_is_authored else ""
         doubts.append(f"everything together is {size} long ({said}{unauthored})")
     if stage.is_dark:
-        doubts.append("there is no light: the picture will be black")
+        doubts.append("there is no light: the picture will be black (a DomeLight is enough)")
     if not stage.instances:
         doubts.append("there is nothing to see")
     elif float(np.abs(stage.bounds()).max()) > _FAR * longest:
