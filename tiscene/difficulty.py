@@ -79,6 +79,10 @@ class Difficulty:
         if aspect <= 0.0:
             raise ArgumentError(f"aspect={self.aspect!r}: must be greater than 0")
         self._set("aspect", aspect)
+        wait_time = _numbers((self.wait_time,), "wait_time", 1)[0]
+        if wait_time < 0.0:
+            raise ArgumentError(f"wait_time={self.wait_time!r}: must be 0 or more")
+        self._set("wait_time", wait_time)
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
