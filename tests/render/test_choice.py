@@ -13,6 +13,7 @@ from tiscene.scene.light_nodes import (
     CHILD,
     EVEN_PART,
     FEW,
+    H_BOXES,
     H_DOMES,
     H_NODES,
     LANES,
@@ -171,7 +172,8 @@ def test_groups_hold_every_light_once():
     table = LightTable()
     table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
     arrays = table.arrays(TextureAtlas())
-    nodes = arrays.nodes.to_numpy().reshape(-1, NODE_COLUMNS)
+    table_rows = arrays.nodes.to_numpy()
+    nodes = table_rows[: int(table_rows[H_BOXES // LANES, H_BOXES % LANES])].reshape(-1, NODE_COLUMNS)
     assert nodes[0, H_DOMES] == LANES + 1
     assert nodes[0, H_NODES] == 2
     rows, _ = places(nodes[1:])

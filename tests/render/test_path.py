@@ -93,6 +93,24 @@ def test_a_point_and_a_sun_over_the_floor() -> None:
     assert onto_the_floor(sun) == pytest.approx(7.0 * 0.6 / math.pi, rel=1e-3)
 
 
+@pytest.mark.parametrize("others", [0, 1])
+def test_a_small_lamp_is_not_in_its_own_way(others: int) -> None:
+    """However many there are: a shadow ray begins beside the point from which its light was sampled."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = 0.0, 0.0, 0.5
+    lamp = SphereLight("lamp", "/lamp", matrix, (1000.0,) * 3, 0.01)
+    far = np.eye(4)
+    far[:3, 3] = 50.0
+    dark = SphereLight("dark", "/dark", far, (0.0,) * 3, 0.01)
+    floor = quad((-4, -4, 0), (4, -4, 0), (4, 4, 0), (-4, 4, 0))
+    camera = Camera.look_at((0.3, 0.0, 0.1), (0.3, 0.001, 0.0), vertical_fov=np.radians(1.0))
+    described_floor = described([floor], [matte("floor", (0.5,) * 3)], [lamp, *[dark] * others])
+    image = render(described_floor, camera, (8, 8), spp=16, max_depth=2)
+    distance2 = 0.3**2 + 0.5**2
+    expected = 0.5 * 1000.0 * 0.01**2 * 0.5 / distance2**1.5
+    assert image.hdr.mean() == pytest.approx(expected, rel=5e-3)
+
+
 @pytest.mark.parametrize("casts_shadows", [True, False])
 def test_a_light_without_shadows_shines_through(casts_shadows: bool) -> None:
     black = matte("black", (0.0, 0.0, 0.0))

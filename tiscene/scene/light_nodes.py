@@ -4,7 +4,7 @@ where.
 Row 0 is a header. Then come the nodes of *entries*, which every choice looks at: lights that have a place, portals,
 distant lights, domes. Many lights of a sort are eight entries, each a group, whose members are a node of their own: a
 choice goes on into one of them (Conty Estevez and Kulla, "Importance Sampling of Many Lights", 2018; by eight, since
-what eight members give is computed at once). The same nodes say which lights a ray can meet.
+what eight members give is computed at once).
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ LANES = 1 << LANE_BITS
 # NORMAL: against which a flat light shines. To a point at distance d and at height h against the normal a member
 # gives STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * max(d * d + SIZE2, SPREAD2)), about the irradiance by
 # luminance, W/m²; where BACK is CONE, its light has a cone besides. SPREAD2: how far a group's members are from its
-# centre, squared, in the mean; 0 of a light. EVEN: the least chance of an entry. RADIUS2: of the sphere about the
-# centre that holds what a ray can meet, NEVER for none. ROW: the light's, or -1 for a group or no member. CHILD: the
-# node of a group's members, else 0.
+# centre, squared, in the mean; 0 of a light. EVEN: the least chance of an entry. ROW: the light's, or -1 for a group or
+# no member. CHILD: the node of a group's members, else 0.
 # Of a dome ROUND is 1 where it has no portals; SIZE2: its part of samples by its image, over that by its portals.
-CENTRE, NORMAL, ROUND, STRENGTH, SIZE2, SPREAD2, BACK, EVEN, RADIUS2, ROW, CHILD = 0, 3, *range(6, 15)
-ATTRIBUTES = 15
+CENTRE, NORMAL, ROUND, STRENGTH, SIZE2, SPREAD2, BACK, EVEN, ROW, CHILD = 0, 3, *range(6, 14)
+ATTRIBUTES = 14
 CONE = -1.0
-NEVER = -1e30
 
 # After these columns: the place of the group whose members these are (node * LANES + lane; 0 for entries, and for the
 # first node of a mesh's triangles); how many there are; whether there are cones and groups among them.
 PARENT, COUNT, CONES, GROUPS = range(LANES * ATTRIBUTES, LANES * ATTRIBUTES + 4)
 NODE_COLUMNS = 128
+ROWS = NODE_COLUMNS // LANES  # of a node in a table of rows of LANES numbers
 
 # Columns of the header: where the entries of a sort end, counted from 0; whether there is anything to choose; how many
-# nodes hold the entries, and how many of them, from the first, any but domes, and lights that a ray can meet; how many
-# such lights; the rows where distant lights, domes and portals begin, and where they end; where those of meshes end.
-H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_CHOICE, H_NODES, H_PLACED_NODES, H_SOLID_NODES, H_SOLID_COUNT = range(9)
+# nodes hold the entries, and how many of them, from the first, any but domes; how many lights a ray can meet, and at
+# which row of the table their `light_boxes` begin; the rows where distant lights, domes and portals begin, and where
+# they end; where those of meshes end.
+H_LAMPS, H_PORTALS, H_DISTANTS, H_DOMES, H_CHOICE, H_NODES, H_PLACED_NODES, H_SOLID_COUNT, H_BOXES = range(9)
 H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END = range(9, 14)
 
 # So many lamps are entries one by one, more are LANES groups; so many of each other sort.
@@ -55,7 +55,7 @@ Floats = NDArray[np.float32]
 def no_members(count: int) -> Floats:
     """Rows of attributes, [count, ATTRIBUTES], of nothing."""
     result = np.zeros((count, ATTRIBUTES), np.float32)
-    result[:, ROW], result[:, RADIUS2] = -1.0, NEVER
+    result[:, ROW] = -1.0
     return result
 
 
@@ -83,7 +83,7 @@ def tree(leaves: Floats) -> Floats:
         first, count = used, len(parents)
         of = np.arange(count)  # the node that each group is a member of
         for _ in range(LANE_BITS):
-            order, starts, split = _halved(order, starts, leaves[:, CENTRE : CENTRE + 3])
+            order, starts, split = halved(order, starts, leaves[:, CENTRE : CENTRE + 3])
             of = np.repeat(of, split)
         used += count
         sizes = np.diff(starts, append=len(order))
@@ -101,7 +101,7 @@ def tree(leaves: Floats) -> Floats:
     return np.concatenate(levels)
 
 
-def _halved(
+def halved(
     order: NDArray[np.int64], starts: NDArray[np.int64], positions: Floats
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Groups of leaves cut in two along their longest side: (order, starts, how many each has become, 1 or 2)."""
@@ -163,10 +163,6 @@ def _groups(leaves: NDArray[np.float64], starts: NDArray[np.int64], of: NDArray[
     result[:, SIZE2] = np.add.reduceat(weight[:, 0] * leaves[:, SIZE2], starts)
     result[:, SPREAD2] = np.add.reduceat(weight[:, 0] * offset2, starts)
     result[:, BACK] = np.maximum.reduceat(np.maximum(leaves[:, BACK], 0.0), starts)
-    solid = leaves[:, RADIUS2] >= 0.0
-    reach = np.where(solid, np.sqrt(offset2) + np.sqrt(np.where(solid, leaves[:, RADIUS2], 0.0)), -1.0)
-    reach = np.maximum.reduceat(reach, starts)
-    result[:, RADIUS2] = np.where(reach >= 0.0, reach**2, NEVER)
     return result.astype(np.float32)
 
 
@@ -201,6 +197,4 @@ def assembled(lamps: Floats, portals: Floats, distants: Floats, domes: Floats) -
     header[H_CHOICE] = count > 1 or len(further) > 0
     header[H_NODES] = used - 1
     header[H_PLACED_NODES] = -(-int(ends[2]) // LANES)
-    solid = int((lamps[:, RADIUS2] >= 0.0).sum())
-    header[[H_SOLID_NODES, H_SOLID_COUNT]] = -(-int(ends[0]) // LANES) * (solid > 0), solid
     return np.concatenate([header[None], nodes, *further])

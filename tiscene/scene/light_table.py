@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene import light_nodes
+from tiscene.scene import light_boxes, light_nodes
 from tiscene.scene.description import (
     CylinderLight,
     DiskLight,
@@ -38,18 +38,19 @@ from tiscene.scene.light_nodes import (
     CENTRE,
     CONE,
     FAR2,
+    H_BOXES,
     H_CHOICE,
     H_DISTANT_ROW,
     H_DOME_ROW,
     H_END,
     H_PORTAL_ROW,
     H_ROWS,
+    H_SOLID_COUNT,
     LANES,
-    NEVER,
     NORMAL,
-    RADIUS2,
     ROUND,
     ROW,
+    ROWS,
     SIZE2,
     STRENGTH,
 )
@@ -78,14 +79,16 @@ INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
 ON_INDIRECT = 38
 
+# A box is wider than its light by this part of its coordinates: they are rounded.
+_ROUNDING = 1e-6
 # The light through a portal's frame counts a little beyond it, for rounding and the width of the sun.
 _MARGIN = 0.05
 SHADE_COLUMNS = 8
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n + portals, 39], columns as named above; nodes: [m * 16] of 8, see `light_nodes`; distribution: f32
-    [k], see `dome_distribution`."""
+    """values: f32 [n + portals, 39], columns as named above; nodes: [m] of 8, see `light_nodes` and `light_boxes`;
+    distribution: f32 [k], see `dome_distribution`."""
 
     values: Any
     nodes: Any
@@ -137,36 +140,48 @@ def _shades(towards: NDArray[np.float64], portals: Sequence[Portal]) -> NDArray[
 
 
 class _Row(NamedTuple):
-    """What a row and its node are made of: strength about as a node's, flat or round, size as a node's SIZE2."""
+    """What a row and its node are made of: strength about as a node's, flat or round, size as a node's SIZE2; how far
+    the light reaches along its axes, as the sum of a box and an ellipsoid."""
 
     sizes: tuple[float, ...]
     strength: float
     flat: bool
     size2: float
-    radius2: float
+    straight: tuple[float, float, float]
+    rounded: tuple[float, float, float]
 
 
 def _lamp(light: Light, brightness: float) -> _Row:
     """Of a light that has a place."""
+    nothing = (0.0, 0.0, 0.0)
     match light:
-        case RectLight():
-            area = light.width * light.height
-            radius2 = 0.25 * (light.width**2 + light.height**2)
-            return _Row((light.width, light.height), area * brightness, True, area / (2.0 * math.pi), radius2)
-        case DiskLight():
-            radius2 = light.radius**2
-            return _Row((light.radius,), math.pi * radius2 * brightness, True, 0.5 * radius2, radius2)
+        case RectLight(width=width, height=height):
+            area = width * height
+            reach = (0.5 * width, 0.5 * height, 0.0)
+            return _Row((width, height), area * brightness, True, area / (2.0 * math.pi), reach, nothing)
+        case DiskLight(radius=radius):
+            strength = math.pi * radius**2 * brightness
+            return _Row((radius,), strength, True, 0.5 * radius**2, nothing, (radius, radius, 0.0))
         case SphereLight(radius=0.0):
-            return _Row((0.0,), brightness, False, 0.0, NEVER)
-        case SphereLight():
-            radius2 = light.radius**2
-            return _Row((light.radius,), math.pi * radius2 * brightness, False, 0.25 * radius2, radius2)
-        case CylinderLight():
-            strength = 2.0 * light.radius * light.length * brightness
-            size = max(light.radius, light.length)
-            radius2 = light.radius**2 + 0.25 * light.length**2
-            return _Row((light.radius, light.length), strength, False, 0.25 * size * size, radius2)
+            return _Row((0.0,), brightness, False, 0.0, nothing, nothing)
+        case SphereLight(radius=radius):
+            strength = math.pi * radius**2 * brightness
+            return _Row((radius,), strength, False, 0.25 * radius**2, nothing, (radius, radius, radius))
+        case CylinderLight(radius=radius, length=length):
+            size2 = 0.25 * max(radius, length) ** 2
+            reach = (0.5 * length, 0.0, 0.0)
+            return _Row(
+                (radius, length), 2.0 * radius * length * brightness, False, size2, reach, (0.0, radius, radius)
+            )
     raise TypeError(type(light).__name__)
+
+
+def _box(light: Light, lamp: _Row) -> NDArray[np.float64]:
+    """[2, 3]: the least and the largest coordinates of what a ray can meet of a light."""
+    matrix = light.world_from_light[:3]
+    reach = np.abs(matrix[:, :3]) @ lamp.straight + np.sqrt(matrix[:, :3] ** 2 @ np.square(lamp.rounded))
+    reach += _ROUNDING * (np.abs(matrix[:, 3]) + reach)
+    return np.array([matrix[:, 3] - reach, matrix[:, 3] + reach])
 
 
 class LightTable:
@@ -252,6 +267,7 @@ class LightTable:
             used += len(made[0])
             return made[2]
 
+        solid: list[NDArray[np.float64]] = []  # boxes
         through_portals = {}  # brightness of what comes in by each dome's portals, by row
         for row, (light, kind, source) in enumerate(zip(lights, kinds, order, strict=True)):
             color = np.asarray(shine(light), np.float64)
@@ -277,9 +293,9 @@ class LightTable:
                 values[row, SIZE : SIZE + len(lamp.sizes)] = lamp.sizes
                 leaves[row, CENTRE : CENTRE + 3] = light.world_from_light[:3, 3]
                 leaves[row, NORMAL : NORMAL + 3] = light.world_from_light[:3, 2] * lamp.flat
-                leaves[row, [ROUND, STRENGTH, SIZE2, RADIUS2]] = (
-                    not lamp.flat, max(lamp.strength, 0.0), lamp.size2, lamp.radius2
-                )  # fmt: skip
+                leaves[row, [ROUND, STRENGTH, SIZE2]] = not lamp.flat, max(lamp.strength, 0.0), lamp.size2
+                if kind <= LAST_SOLID:
+                    solid.append(_box(light, lamp))
                 if texture is not None:
                     if image_row not in self._panels:
                         self._panels[image_row] = (*lamp_distribution(image), image_part(image))
@@ -333,11 +349,14 @@ class LightTable:
         rows, places = light_nodes.places(nodes[1:])
         values[rows, NODE] = LANES + places
         nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), used, distributions)])
+        nodes[0, [H_SOLID_COUNT, H_BOXES]] = len(solid), ROWS * len(nodes)
+        least, largest = np.reshape(solid, (-1, 2, 3)).transpose(1, 0, 2)
+        nodes = np.concatenate([nodes.reshape(-1, LANES), light_boxes.boxes(least, largest, ROWS * len(nodes))])
         distributions.append(np.zeros(1, np.float32))
         known = self._distributions
         if len(known) != len(distributions) or not all(map(np.array_equal, known, distributions)):
             self._distributions, self._uploaded = distributions, upload(np.concatenate(distributions))
-        return LightArrays(upload(values), upload_vectors(nodes.reshape(-1, LANES)), self._uploaded)
+        return LightArrays(upload(values), upload_vectors(nodes), self._uploaded)
 
     def _add_meshes(
         self, rows: NDArray[np.float32], used_nodes: int, used: int, distributions: list[NDArray[np.float32]]

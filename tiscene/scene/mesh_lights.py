@@ -14,9 +14,7 @@ from tiscene.scene.light_images import LUMINANCE
 from tiscene.scene.light_nodes import (
     BACK,
     CENTRE,
-    NEVER,
     NORMAL,
-    RADIUS2,
     ROW,
     SIZE2,
     SPREAD2,
@@ -51,7 +49,6 @@ class MeshLight:
         if length > 0.0:
             node[NORMAL : NORMAL + 3] = normal * (np.linalg.norm(node[NORMAL : NORMAL + 3]) / length)
         node[[STRENGTH, SIZE2, SPREAD2]] *= scale2
-        node[RADIUS2] = NEVER  # rays find it among the surfaces
         return node
 
 
@@ -72,7 +69,6 @@ def mesh_light(mesh: Mesh, glow: NDArray[np.float64]) -> MeshLight | None:
     leaves[:, SIZE2] = area / (2.0 * math.pi)
     leaves[:, BACK] = 1.0
     leaves[:, ROW] = shining
-    leaves[:, RADIUS2] = ((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1)
     outside = _outside(mesh)
     if outside:
         leaves[:, BACK] = _INSIDE

@@ -28,9 +28,10 @@ from tiscene.render.integrators.path_state import (
     set3,
 )
 from tiscene.render.lights import all_lights
-from tiscene.render.lights.light_sample import LightNodes, lights_of, of_node
+from tiscene.render.lights.light_sample import LightNodes, lights_of
 from tiscene.render.lights.met import (
     LIGHT_FRONT,
+    another_blocks,
     nearest_light,
     power_heuristic,
     response,
@@ -40,8 +41,7 @@ from tiscene.render.ray_arrays import HitIds, Hits, Pixels, Rays, ray_direction,
 from tiscene.render.sampler import combine, draw, set_key, set_keys
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
-from tiscene.scene.light_nodes import H_SOLID_COUNT
-from tiscene.scene.light_table import KIND, LAST_SOLID, MESH, SHADOWLESS
+from tiscene.scene.light_table import KIND, MESH, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, MATTE
 from tiscene.scene.placement import CURRENT
 
@@ -247,13 +247,7 @@ def shade(
                                     reach = aim.norm()
                                     towards = aim / ti.max(reach, 1e-20)
                             reach *= 1.0 - LIGHT_FRONT
-                            blocking = -1
-                            others = of_node(light_nodes, 0, H_SOLID_COUNT)
-                            if (
-                                others > 1.0 or light_values[light_row, KIND] > LAST_SOLID
-                            ):  # else there is only this one
-                                blocking, _ = nearest_light(lights, start, towards, reach * (1.0 - LIGHT_FRONT))
-                            if blocking < 0:
+                            if another_blocks(lights, light_row, start, towards, reach * (1.0 - LIGHT_FRONT)) == 0:
                                 sampled = SAMPLED
                                 write_ray(shadow_rays, i, start, towards, reach)
                                 set3(state, i, DIRECT, direct)

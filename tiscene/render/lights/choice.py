@@ -53,6 +53,7 @@ from tiscene.scene.light_table import INSTANCE, KIND, MESH, NODE, SHADE_COLUMNS,
 from tiscene.scene.placement import CURRENT
 
 vec3 = ti.math.vec3
+flags = ti.types.vector(LANES, ti.i32)
 
 # What a distant light that comes in by no portal counts for: it may come in elsewhere.
 _HIDDEN = 1e-6
@@ -115,10 +116,8 @@ def running_sums(v: lanes) -> lanes:
 @ti.func
 def not_negative(v: lanes) -> ti.i32:
     """A bit for each that is at least 0."""
-    bits = 0
-    for k in ti.static(range(LANES)):
-        bits |= ti.cast(v[k] >= 0.0, ti.i32) << k
-    return bits
+    bits = ti.select(v >= lanes(0.0), flags(*[1 << k for k in range(LANES)]), flags(0))
+    return ((bits[0] + bits[1]) + (bits[2] + bits[3])) + ((bits[4] + bits[5]) + (bits[6] + bits[7]))
 
 
 @ti.func

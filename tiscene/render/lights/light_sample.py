@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tiscene.scene.light_nodes import LANE_BITS, LANES, NODE_COLUMNS
+from tiscene.scene.light_nodes import LANE_BITS, LANES, ROWS
 from tiscene.scene.light_table import RADIANCE, TRANSFORM
 
 vec3 = ti.math.vec3
@@ -62,19 +62,19 @@ def integer(array: ti.template(), row: ti.i32, column: ti.template()) -> ti.i32:
 @ti.func
 def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes:
     """One attribute of all members of a node of lights."""
-    return nodes[node * (NODE_COLUMNS // LANES) + which]
+    return nodes[ROWS * node + which]
 
 
 @ti.func
 def of_member(nodes: ti.template(), place: ti.i32, which: ti.template()) -> ti.f32:
     """One attribute of a member."""
-    return nodes[(place >> LANE_BITS) * (NODE_COLUMNS // LANES) + which][place & (LANES - 1)]
+    return nodes[ROWS * (place >> LANE_BITS) + which][place & (LANES - 1)]
 
 
 @ti.func
 def of_node(nodes: ti.template(), node: ti.i32, column: ti.template()) -> ti.f32:
     """What a node knows of itself; of the header any column."""
-    return nodes[node * (NODE_COLUMNS // LANES) + column // LANES][column % LANES]
+    return nodes[ROWS * node + column // LANES][column % LANES]
 
 
 @ti.func

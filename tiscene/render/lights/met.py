@@ -3,19 +3,19 @@ so that a light hides what is behind it however a path gets there."""
 
 import taichi as ti
 
+from tiscene.render.intersect.wide import larger, slabs, smaller
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.choice import lowest, not_negative, row_at, towards, weigh
-from tiscene.render.lights.light_sample import attribute, header, of_member
+from tiscene.render.lights.choice import lowest, not_negative, weigh
+from tiscene.render.lights.light_sample import header, lanes
+from tiscene.scene.light_boxes import EIGHT_ROWS, EIGHTS, MEMBER
 from tiscene.scene.light_nodes import (
-    CHILD,
-    FEW,
-    H_CHOICE,
+    H_BOXES,
     H_DISTANT_ROW,
     H_PORTAL_ROW,
-    H_SOLID_NODES,
+    H_SOLID_COUNT,
+    LANE_BITS,
     LANES,
     MOST_ENTRIES,
-    RADIUS2,
 )
 from tiscene.scene.light_table import ON_DIFFUSE, ON_INDIRECT, ON_SPECULAR, SHADOWLESS
 
@@ -23,10 +23,8 @@ vec3 = ti.math.vec3
 
 # A light that lies on a surface wins over it, by this part of the distance.
 LIGHT_FRONT = 1e-4
-# Of the squared distance to a light, what a float's rounding can do to how far a ray passes it.
-_ROUNDING = 1e-6
-# Seven wait at each level of a tree of up to 8^8 lights.
-_MOST_WAITING = 7 * 8 + FEW // LANES
+# So many nodes may wait: one at each level, of which 6 hold all lights that floats can count.
+_LEVELS = 6
 
 
 @ti.func
@@ -48,36 +46,62 @@ def response(values: ti.template(), row: ti.i32, diffuse_part: ti.f32, depth: ti
 @ti.func
 def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_distance: ti.f32):
     """(row, distance) of the light that a ray meets before the surface; row -1 for none."""
+    return first_met(lights, -1, origin, direction, surface_distance * (1.0 + LIGHT_FRONT))
+
+
+@ti.func
+def another_blocks(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
+    """Whether a ray towards the light of a row meets another one on its way: 1 or 0."""
+    blocking, _ = first_met(lights, row, origin, direction, reach)
+    return ti.cast(blocking >= 0, ti.i32)
+
+
+@ti.func
+def first_met(lights: ti.template(), but: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
+    """(row, distance) of the light that a ray meets before `reach`, any but that of the row `but`; row -1 for none."""
     nodes = ti.static(lights.nodes)
-    row, nearest = -1, surface_distance * (1.0 + LIGHT_FRONT)
-    waiting, count = ti.Vector.zero(ti.i32, _MOST_WAITING), header(nodes, H_SOLID_NODES)
-    for k in range(count):
-        waiting[k] = count - k
-    while count > 0:
-        count -= 1
-        node = waiting[count]
-        inside = 1
-        if header(nodes, H_CHOICE) != 0:  # else there is one light in all
-            x, y, z = towards(nodes, node, origin)
-            along = x * direction.x + y * direction.y + z * direction.z
-            distance2 = x * x + y * y + z * z
-            # How far within the sphere about each member the ray's nearest point is.
-            closest = ti.min(ti.max(along, 0.0), nearest)
-            depth = attribute(nodes, node, RADIUS2) + (_ROUNDING - 1.0) * distance2 + closest * (2.0 * along - closest)
-            inside = not_negative(depth)
-        while inside > 0:
-            lane = lowest(inside)
-            inside &= inside - 1
-            child = ti.cast(of_member(nodes, LANES * node + lane, CHILD), ti.i32)
-            if child > 0:
-                if count < _MOST_WAITING:
-                    waiting[count] = child
-                    count += 1
-            else:
-                candidate = row_at(nodes, LANES * node + lane)
-                distance = all_lights.intersect(lights, candidate, origin, direction)
+    row, nearest = -1, reach
+    nodes_waiting, members_waiting, waiting = ti.Vector.zero(ti.i32, _LEVELS), ti.Vector.zero(ti.i32, _LEVELS), 0
+    solid, node = header(nodes, H_SOLID_COUNT), header(nodes, H_BOXES)
+    # A bit for each member of the node that the ray may meet. A lone light's box says no more than the light.
+    members = ti.cast(solid == 1 and but != 0, ti.i32)
+    entered = solid > 1
+    searching = entered or members != 0
+    ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0
+    if entered:
+        ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(direction.x, direction.y, direction.z)
+    while searching:
+        if entered:
+            entered = False
+            for eight in range(ti.cast(nodes[node + EIGHTS][0], ti.i32)):
+                at = node + EIGHT_ROWS * eight
+                near = larger(
+                    larger((nodes[at + near_x] - origin.x) * ix, (nodes[at + near_y] - origin.y) * iy),
+                    larger((nodes[at + near_z] - origin.z) * iz, lanes(0.0)),
+                )
+                far = smaller(
+                    smaller((nodes[at + 3 - near_x] - origin.x) * fx, (nodes[at + 5 - near_y] - origin.y) * fy),
+                    smaller((nodes[at + 7 - near_z] - origin.z) * fz, lanes(nearest)),
+                )
+                members |= not_negative(far - near) << (LANES * eight)
+        if members == 0:
+            searching = waiting > 0
+            if searching:
+                waiting -= 1
+                node, members = nodes_waiting[waiting], members_waiting[waiting]
+        else:
+            member = lowest(members)
+            members &= members - 1
+            child = ti.cast(nodes[node + EIGHT_ROWS * (member >> LANE_BITS) + MEMBER][member & (LANES - 1)], ti.i32)
+            if child >= 0:
+                if members != 0:
+                    nodes_waiting[waiting], members_waiting[waiting] = node, members
+                    waiting += 1
+                node, members, entered = child, 0, True
+            elif -1 - child != but:
+                distance = all_lights.intersect(lights, -1 - child, origin, direction)
                 if distance < nearest:
-                    row, nearest = candidate, distance
+                    row, nearest = -1 - child, distance
     return row, nearest
 
 
