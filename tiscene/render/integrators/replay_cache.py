@@ -27,7 +27,7 @@ class Block:
     """The rows (see replay_record) of the paths first .. first + count - 1. number: which block of the cache it is.
 
     offsets: i32 [count + 1], where each path's rows begin. rays: f32 [rows, 8]. light: f32 [rows, 3].
-    restore: f32 [segments, 9]. features: f32 [count, 6].
+    restore: f32 [segments, 11]. features: f32 [count, 6].
     """
 
     number: int

@@ -116,7 +116,7 @@ def spread_spikes(width: ti.i32, height: ti.i32, spikes: Image, cells: Image, hd
 
 
 def evened(change: Any, hdr: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Radiance [h, w, 3] without its spikes. change: f32 [pixels, 9], what of it is not the base image's."""
+    """Radiance [h, w, 3] without its spikes. change: f32 [pixels, n], as of `collect`."""
     height, width = hdr.shape[:2]
     spikes, even = np.empty_like(hdr), np.empty_like(hdr)
     cells = np.empty((-(-height // CELL), -(-width // CELL), 3), np.float32)
