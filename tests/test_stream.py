@@ -209,6 +209,7 @@ def test_clamps_and_filters_change_colour_alone():
         (ArgumentError, "source=3: must be a Scenario, a scene's name or a file", 3, {}),
         (ArgumentError, "root=3: must be a folder", "object_view", {"root": 3}),
         (ArgumentError, "spp=0", "object_view", {"spp": 0}),
+        (ArgumentError, "max_depth=1000000: must be from 1 to 1024", "object_view", {"max_depth": 1_000_000}),
         (ArgumentError, "error=2.0: must lie between 0 and 1", "object_view", {"error": 2.0}),
         (ArgumentError, "clamp=-1.0: must be greater than 0", "object_view", {"clamp": -1.0}),
         (ArgumentError, "pixel_filter='sinc': must be one of box", "object_view", {"pixel_filter": "sinc"}),

@@ -28,6 +28,7 @@ from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
+MOST_DEPTH = 1024  # edges of a path that is kept have room each; there is no light left after so many
 GUIDES = (FILTERED_ALBEDO, "normal")  # the labels that a picture traced in a smaller size is enlarged along
 
 
@@ -36,7 +37,7 @@ class Quality:
     """What a path-traced picture may cost.
 
     spp: paths per pixel.
-    max_depth: edges of a path: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces.
+    max_depth: edges of a path: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces; 1024 at most.
     denoise: run Intel Open Image Denoise over the radiance; False never touches a pixel.
     denoiser: how well, one of `denoise.QUALITIES`; "high" takes some four times as long as "fast".
     base_spp: paths per pixel of the base image of what stands still, where frames are differences to it. near_spp: how
@@ -61,7 +62,8 @@ class Quality:
 
     def __post_init__(self) -> None:
         for name, least in (("spp", 1), ("max_depth", 1), ("base_spp", 1), ("near_spp", 0), ("reduction", 1)):
-            object.__setattr__(self, name, integer(name, getattr(self, name), least, sys.maxsize))
+            most = MOST_DEPTH if name == "max_depth" else sys.maxsize
+            object.__setattr__(self, name, integer(name, getattr(self, name), least, most))
         for name in ("error", "clamp"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, positive(name, getattr(self, name)))
