@@ -24,12 +24,9 @@ from tiscene.render.integrators.path_shading import (
 from tiscene.render.integrators.path_state import (
     ALBEDO,
     DEPTH_MASK,
-    DIFFUSE_PART,
     DIRECT,
     LIVE,
     NORMAL,
-    ORIGIN,
-    PDF,
     RADIANCE,
     RELATIVE_IOR2,
     SAMPLED,
@@ -39,7 +36,7 @@ from tiscene.render.integrators.path_state import (
     THROUGHPUT,
     States,
     get3,
-    set3,
+    write_state,
 )
 from tiscene.render.lanes import (
     LANES,
@@ -103,7 +100,7 @@ def room_for_paths():
         plain=Floats(0.0),  # 1 where the path is one for this kernel
         number=Words(0),
         depth=Floats(0.0),  # of surfaces met, with this one
-        origin=zeros(), direction=zeros(), throughput=zeros(), ior2=Floats(0.0), spread=Floats(0.0),
+        origin=zeros(), direction=zeros(), throughput=zeros(), radiance=zeros(), ior2=Floats(0.0), spread=Floats(0.0),
         distance=Floats(0.0), b1=Floats(0.0), b2=Floats(0.0),
         color=zeros(), v0=zeros(), v1=zeros(), v2=zeros(),
         curved=Floats(0.0), n0=zeros(), n1=zeros(), n2=zeros(),
@@ -293,6 +290,10 @@ def shade_plain(
                         put(met.origin, lane, ray_origin(rays, i))
                         put(met.direction, lane, ray_direction(rays, i))
                         put(met.throughput, lane, get3(state, i, THROUGHPUT))
+                        radiance = get3(state, i, RADIANCE)
+                        if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
+                            radiance += get3(state, i, DIRECT)
+                        put(met.radiance, lane, radiance)
                         met.ior2[lane], met.spread[lane] = state[i][RELATIVE_IOR2], state[i][SPREAD]
                         met.distance[lane], met.b1[lane], met.b2[lane] = hits[i][0], hits[i][1], hits[i][2]
                         for c, channel in ti.static(enumerate((met.color.x, met.color.y, met.color.z))):
@@ -314,28 +315,20 @@ def shade_plain(
             shadow_origin = offset_origins(surface, light.direction)
             way = onward(met, surface, onward_u, onward_v, survival_number)
             way_origin = offset_origins(surface, way.direction)
+            after = met.depth + SAMPLED * light.sampled + LIVE * way.goes_on  # a status, small enough for a float
 
             for k in range(begin, end):
                 i, lane = queue[k], k - begin
-                if plain[lane] > 0.0:
-                    before = status[i]
-                    if (before & SAMPLED) != 0 and occluded[i] == 0:
-                        set3(state, i, RADIANCE, get3(state, i, RADIANCE) + get3(state, i, DIRECT))
-                    after = ((before & DEPTH_MASK) + 1) | SEEN | SHADED
-                    if (before & SEEN) == 0:
+                if plain[lane] > 0.0:  # all is written, needed or not: branches would cost more
+                    if (status[i] & SEEN) == 0:
                         write3(features, i, ALBEDO, of_lane(met.color, lane))
                         write3(features, i, NORMAL, of_lane(surface.normal, lane))
-                    if light.sampled[lane] > 0.0:
-                        after |= SAMPLED
-                        write_ray(
-                            shadow_rays, i, of_lane(shadow_origin, lane), of_lane(light.direction, lane),
-                            light.reach[lane],
-                        )  # fmt: skip
-                        set3(state, i, DIRECT, of_lane(light.direct, lane))
-                    if way.goes_on[lane] > 0.0:
-                        after |= LIVE
-                        set3(state, i, THROUGHPUT, of_lane(way.throughput, lane))
-                        state[i][PDF], state[i][DIFFUSE_PART], state[i][SPREAD] = way.pdf[lane], 1.0, way.spread[lane]
-                        set3(state, i, ORIGIN, of_lane(surface.position, lane))
-                        write_ray(rays, i, of_lane(way_origin, lane), of_lane(way.direction, lane), ti.math.inf)
-                    status[i] = after
+                    write_state(
+                        state, i, of_lane(way.throughput, lane), of_lane(met.radiance, lane), way.pdf[lane],
+                        met.ior2[lane], of_lane(light.direct, lane), of_lane(surface.position, lane), way.spread[lane],
+                        1.0,
+                    )  # fmt: skip
+                    reach = light.reach[lane]
+                    write_ray(shadow_rays, i, of_lane(shadow_origin, lane), of_lane(light.direction, lane), reach)
+                    write_ray(rays, i, of_lane(way_origin, lane), of_lane(way.direction, lane), ti.math.inf)
+                    status[i] = ti.cast(after[lane], ti.i32) | SEEN | SHADED

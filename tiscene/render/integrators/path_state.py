@@ -53,6 +53,26 @@ def set3(states: ti.template(), row: ti.i32, column: ti.i32, v: ti.math.vec3):
         states[row][column + c] = v[c]
 
 
+@ti.func
+def write_state(
+    states: ti.template(),
+    row: ti.i32,
+    throughput: ti.math.vec3,
+    radiance: ti.math.vec3,
+    pdf: ti.f32,
+    relative_ior2: ti.f32,
+    direct: ti.math.vec3,
+    origin: ti.math.vec3,
+    spread: ti.f32,
+    diffuse_part: ti.f32,
+):
+    """A whole row."""
+    states[row] = state(
+        throughput.x, throughput.y, throughput.z, radiance.x, radiance.y, radiance.z, pdf, relative_ior2,
+        direct.x, direct.y, direct.z, origin.x, origin.y, origin.z, spread, diffuse_part,
+    )  # fmt: skip
+
+
 class PathState:
     """Room for `size` paths at a time.
 
