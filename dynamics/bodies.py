@@ -44,8 +44,8 @@ class Body:
         object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
         if check.number(self.birth, "birth") < 0.0:
             raise ValueError(f"birth={self.birth!r}: must not be before the start of the world's time, 0")
-        if not isinstance(self.name, str):
-            raise TypeError(f"name={self.name!r}: must be a text")
+        if self.name != "":
+            check.text(self.name, "name")
         check.flag(self.timed, "timed")
 
     @property

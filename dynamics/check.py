@@ -86,11 +86,11 @@ def rotation(value: Any, name: str) -> tuple[float, ...]:
 
 
 def text(value: Any, name: str) -> str:
-    """`value`, a text that is not empty."""
-    if not isinstance(value, str) or not value:
-        raise (ValueError if isinstance(value, str) else TypeError)(
-            f"{name}={value!r}: must be a text that is not empty"
-        )
+    """`value`, a text that is not empty, and that a file can hold."""
+    if not isinstance(value, str):
+        raise TypeError(f"{name}={value!r}: must be a text")
+    if not value or value.encode(errors="ignore").decode() != value:  # half a surrogate pair, say
+        raise ValueError(f"{name}={value!r}: must be a text that is not empty, of whole characters")
     return value
 
 

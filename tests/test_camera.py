@@ -123,6 +123,12 @@ def test_impossible_cameras_are_refused(fields, complaint):
         Camera(name="Front", **fields)
 
 
+@pytest.mark.parametrize("name", [3, "a\ud800"])
+def test_a_camera_has_a_name_that_can_be_written(name):
+    with pytest.raises(ArgumentError, match="name=.*: must be a text of whole characters"):
+        Camera(name=name)
+
+
 def test_look_at_along_up_is_refused():
     with pytest.raises(ArgumentError, match="do not span a plane"):
         Camera.look_at((0, 2, 0), (0, 0, 0))

@@ -118,6 +118,7 @@ def test_life_spans_include_both_ends():
     [
         ("id='': must be a text", lambda: Object("", "Cube")),
         ("id=3: must be a text", lambda: Object(3, "Cube")),
+        (r"id='a\\ud800': must be a text .* of whole characters", lambda: Object("a\ud800", "Cube")),
         ("template=None: must be a text", lambda: Object("a", None)),
         ("position=.*must be 3 numbers, not 2", lambda: Object("a", "Cube", (1, 2))),
         ("rotation=.*must be 3 or 4 numbers, not 1", lambda: Object("a", "Cube", rotation=(1,))),

@@ -50,8 +50,8 @@ class Camera:
         def refuse(name: str, rule: str) -> ArgumentError:
             return ArgumentError(f"camera {self.name!r}: {name}={getattr(self, name)!r}: {rule}")
 
-        if not isinstance(self.name, str):
-            raise refuse("name", "must be a text")
+        if not isinstance(self.name, str) or self.name.encode(errors="ignore").decode() != self.name:
+            raise refuse("name", "must be a text of whole characters")
         for name, count in (("position", 3), ("rotation", 4)):
             if not _are_numbers(getattr(self, name), count):
                 raise refuse(name, f"must be finite numbers, {count} of them")
