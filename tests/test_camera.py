@@ -125,7 +125,7 @@ def test_impossible_cameras_are_refused(fields, complaint):
 
 @pytest.mark.parametrize("name", [3, "a\ud800"])
 def test_a_camera_has_a_name_that_can_be_written(name):
-    with pytest.raises(ArgumentError, match="name=.*: must be a text of whole characters"):
+    with pytest.raises(ArgumentError, match=r"name=.*: must be a text of whole characters"):
         Camera(name=name)
 
 
