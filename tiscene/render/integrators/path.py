@@ -257,7 +257,7 @@ class PathPass:
                     shade_plain(
                         *scene.arrays.surfaces, scene.arrays.light_values, self._pixels, first, spp, bits, key, step,
                         max_depth, mis, s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state,
-                        s.features, s.status, s.first_sample,
+                        s.features, s.status, s.first_sample, int(scene.ends_at_lights),
                     )  # fmt: skip
                 shade(
                     *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,

@@ -255,10 +255,12 @@ def shade_plain(
     features: Floats2,
     status: Ints1,
     first_sample: ti.i32,
+    light_ends: ti.i32,
 ):
     """Advance those paths in the queue that met a PLAIN surface, not the last, by one vertex; they are SHADED then.
 
-    There is one light: a rectangle without an image or shaping, which casts shadows. Else as `shade`.
+    There is one light: a rectangle without an image or shaping, which casts shadows. light_ends: 1 where a last edge
+    counts by that alone and is as long as the others, so that one that misses it need not be. Else as `shade`.
     """
     geometry = ti.static(
         Geometry(
@@ -315,6 +317,8 @@ def shade_plain(
             shadow_origin = offset_origins(surface, light.direction)
             way = onward(met, surface, onward_u, onward_v, survival_number)
             way_origin = offset_origins(surface, way.direction)
+            if light_ends != 0 and step + 2 == max_depth:  # then nothing but the light counts
+                way.goes_on *= where(rect_lanes.intersect(light_values, PANEL, way_origin, way.direction) < ti.math.inf)
             after = met.depth + SAMPLED * light.sampled + LIVE * way.goes_on  # a status, small enough for a float
 
             for k in range(begin, end):
