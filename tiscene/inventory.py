@@ -54,12 +54,28 @@ class WorldObject:
     asset: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """All parts of a world, those of the stage first: `stage` of them.
+
+    mesh, instance_id, category_id: int32 [p]. box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole
+    object. part: int32 [p], number of the first of the object's named parts that it shows.
+    """
+
+    stage: int
+    mesh: NDArray[np.int32]
+    instance_id: NDArray[np.int32]
+    category_id: NDArray[np.int32]
+    box_from_mesh: Array
+    part: NDArray[np.int32]
+
+
 class Inventory:
     """The things of a stage and the objects of a scenario, as far as no frame changes them.
 
     descriptions: the stage, then each template's, in the order of need; rows of meshes count on through them.
     categories: their names by id. templates: by name. stage_rows, object_rows: who is who, posed as placed.
-    columns: of all parts, the stage's first: the matrices of the stage's, and of all the mesh, ids, box and number.
+    columns: what placements say of all parts that no frame changes.
     stage_owner: of every part of the stage, its thing's row.
     owner, matrix: of every part of an object, the object's row, and the part's place in the object's own axes.
     stage_tracks, object_tracks: how the stage's parts, and the objects', move by themselves.
@@ -237,14 +253,11 @@ class Inventory:
             self.descriptions.append(template.description)
         return template
 
-    def _columns(
-        self, objects: Parts
-    ) -> tuple[Array, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Array, NDArray[np.int32]]:
-        """What no frame changes: the stage's matrices, and of all parts the mesh, ids, box and number."""
+    def _columns(self, objects: Parts) -> Columns:
         stage = self._stage_parts
         rows = [self.stage_rows[owner] for owner in stage.owner] + [self.object_rows[row] for row in objects.owner]
-        return (
-            stage.matrix,
+        return Columns(
+            len(stage.mesh),
             np.concatenate([stage.mesh, objects.mesh]),
             np.array([row.id for row in rows], dtype=np.int32),
             np.array([row.category_id for row in rows], dtype=np.int32),

@@ -137,14 +137,13 @@ class World:
         present then, but have the pose that their path gives them, so that motion is defined at spawn and despawn.
         """
         frame = _frame_number(frame)
-        inventory = self._inventory
-        still, mesh, instance_id, category_id, box, part = inventory.columns
-        count = len(still)
+        inventory, columns = self._inventory, self._inventory.columns
+        count, total = columns.stage, len(columns.mesh)
         seconds = np.array([max(frame - 1, 0), max(float(frame + shift), 0.0), frame + 1]) / self.fps
-        world = np.empty((3, len(mesh), 3, 4))
-        present = np.ones((3, len(mesh)), dtype=np.bool_)
+        world = np.empty((3, total, 3, 4))
+        present = np.ones((3, total), dtype=np.bool_)
         self._things.place(frame, seconds, world, present)
-        if count < len(mesh):
+        if count < total:
             # What comes is shown as it is planned now: edits are not anticipated.
             before, now, after = (
                 self._motion.poses(frame - 1),
@@ -163,8 +162,18 @@ class World:
                 present[time, count:] = np.array(alive)[inventory.owner] & inner[time][1]
         lights = self._lights(frame, shift)
         groups = None if lights is None else self._lighting.groups(lights)
-        ids = instance_id.copy(), category_id.copy()
-        return Placement(mesh.copy(), *ids, world, box.copy(), present, lights, part.copy(), seconds, groups)
+        return Placement(
+            mesh=columns.mesh.copy(),
+            instance_id=columns.instance_id.copy(),
+            category_id=columns.category_id.copy(),
+            world_from_object=world,
+            box_from_object=columns.box_from_mesh.copy(),
+            present=present,
+            lights=lights,
+            part=columns.part.copy(),
+            seconds=seconds,
+            light_groups=groups,
+        )
 
     def lights(self, frame: int) -> list[Light]:
         """The lights at `frame`: where they are, and how they shine."""
@@ -210,11 +219,11 @@ class World:
     def moving(self, frame: int) -> NDArray[np.bool_]:
         """Of every mesh of the placement at `frame`, whether it is known then to move, deform, come or go ever."""
         frame = _frame_number(frame)
-        still, mesh = self._inventory.columns[:2]
-        moving = np.zeros(len(mesh), bool)
+        count = self._inventory.columns.stage
+        moving = np.zeros(len(self._inventory.columns.mesh), bool)
         restless = np.array([not life.rests(known=frame) for life in self._lives], bool)
-        moving[len(still) :] = restless[self._inventory.owner]
-        moving[: len(still)] = self._things.restless(frame)
+        moving[count:] = restless[self._inventory.owner]
+        moving[:count] = self._things.restless(frame)
         return moving | self._inventory.changing
 
     def view(self, frame: int, camera: int = 0) -> tuple[Camera, Camera, Camera]:
@@ -326,11 +335,7 @@ class World:
                 rotation = next(row.rotation for row in self._things.rows(self.next_frame) if row.prim_path == name)
             else:
                 rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
-        try:
-            edit = Move(self.next_frame, name, position, rotation)  # type: ignore[arg-type]
-        except (TypeError, ValueError) as error:
-            raise ScenarioError(f"move: {error}") from error
-        self._edit(edit)
+        self._edit(Move(self.next_frame, name, position, rotation))  # type: ignore[arg-type]
 
     def enclose(self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None) -> None:
         """Let the walls that hold objects be those of another view from the next frame on.
@@ -339,39 +344,31 @@ class World:
         camera sees then. Raises ScenarioError.
         """
         if not isinstance(frustum, Frustum | None):
-            raise ScenarioError(f"enclose: frustum={frustum!r}: must be a Frustum or None")
+            raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
         if not isinstance(camera, Camera | None):
-            raise ScenarioError(f"enclose: camera={camera!r}: must be a Camera or None")
+            raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
         camera = replace(camera or self.view(self.next_frame)[1], dynamic=None)
-        try:
-            edit = Enclose(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect)
-        except (TypeError, ValueError) as error:
-            raise ScenarioError(f"enclose: {error}") from error
-        self._edit(edit)
+        self._edit(Enclose(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
 
     def _live_name(self, object: int | str) -> str:
         """The scenario's name, or the stage's prim path, of something that is there at the next frame."""
         if not isinstance(object, int | str | np.integer):
             raise ArgumentError(f"object={object!r}: must be an id, a name or a prim path")
-        frame = self.next_frame
-        there = {
-            row.id: life.planned.id
-            for row, life in zip(self._inventory.object_rows, self._lives, strict=True)
-            if life.alive(frame, known=frame)
-        }
-        things = {
-            row.id: row.prim_path
-            for number, row in enumerate(self._inventory.stage_rows)
-            if self._things.there(number, frame)
-        }
-        if object in there.values() or object in things.values():
+        frame, rows = self.next_frame, self._inventory.object_rows
+        alive = [life.alive(frame, known=frame) for life in self._lives]
+        objects = {row.id: row.name for row, there in zip(rows, alive, strict=True) if there}
+        stage = enumerate(self._inventory.stage_rows)
+        things = {row.id: row.prim_path for number, row in stage if self._things.there(number, frame)}
+        names = objects | things
+        if object in names.values():
             return str(object)
-        if isinstance(object, bool) or object not in (there | things):
-            known = [f"{name} ({number})" for number, name in (there if len(things) > 20 else there | things).items()]
-            if isinstance(object, str) and len(things) > 20:  # too many to tell, but the nearest can be named
-                known = [*there.values(), *things.values()]
+        if isinstance(object, bool) or object not in names:
+            known = list(names.values())
+            if not isinstance(object, str):  # too many things to tell are left out
+                told = names if len(things) <= 20 else objects
+                known = [f"{name} ({number})" for number, name in told.items()]
             raise ObjectNotFound("object", str(object), known, f" at frame {frame}")
-        return (there | things)[int(object)]
+        return names[int(object)]
 
     def _edit(self, edit: Edit) -> None:
         self._log.add(edit)
