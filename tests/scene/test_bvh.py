@@ -127,6 +127,12 @@ def test_equal_centres_are_halved(layout: str, count: int) -> None:
     assert deepest <= tree.layout.blas_stack
 
 
+def test_more_nodes_than_a_ray_can_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bvh.bvh_write, "MOST_NODES", 100)
+    with pytest.raises(ArgumentError, match="nodes of trees are more than the wide traversal can take"):
+        Bvh("wide").add_mesh(*random_triangles(3000), 0)
+
+
 @both_layouts
 def test_a_deep_tree_is_balanced(layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def limit_stack(entries: int) -> None:

@@ -63,10 +63,12 @@ class Bvh:
         self._instance_capacity = 0
         self._roots: dict[int, int] = {}
         self._kept: dict[int, tuple[NDArray[np.float64], NDArray[np.int32]]] = {}  # by root, what the tree is over
-        self.nodes = self._new_nodes(1)
+        self._used_nodes = 2  # the empty one and the guard, which is empty too
+        self.nodes = self._new_nodes(self._used_nodes)
         self.packs = self._new_packs(1)
-        self._write_nodes(1, EMPTY_NODE, 0, bvh_write.NAME)
-        self._used_nodes = 1
+        self._write_nodes(self._used_nodes, EMPTY_NODE, 0, bvh_write.NAME)
+        if self.layout is WIDE:
+            bvh_write.write_guard(self.nodes)
 
     def root(self, time: int) -> int:
         """The reference where rays enter the instances at PREVIOUS, CURRENT or NEXT, or the MOVERS."""
@@ -279,6 +281,8 @@ class Bvh:
     def _reserve(self, nodes: int, packs: int) -> None:
         """Make room for more BLAS nodes and packs, the TLAS regions included, which lie at the end."""
         needed = self._used_nodes + nodes + TREES * self._instance_capacity
+        if needed > bvh_write.MOST_NODES and self.layout is WIDE:
+            raise self._too_many(needed, "nodes of trees")
         if needed > self._node_capacity():
             self.nodes = _grown(self.nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
             self._forget()

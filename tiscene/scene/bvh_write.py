@@ -6,6 +6,12 @@ from tiscene.scene.bvh_build import FAR, Column, Floats, Ints, box_of, half_area
 
 NAME, PACK, ROWS = 0, 1, 2  # what a leaf refers to: its only primitive, one pack of all, a row for each
 
+# Of the wide layout: an empty node whose first two references are what is at the end of an instance and of a ray
+# (render/intersect/any_hit.py).
+GUARD_NODE = 1
+MOST_NODES = 1 << 23  # so that a node's first row and a bit for each child are one i32
+END_OF_INSTANCE, END_OF_RAY = -(1 << 31), 1 - (1 << 31)
+
 vec8 = ti.types.vector(8, ti.f32)
 vec4 = ti.types.vector(4, ti.f32)
 Wide = ti.types.ndarray(vec8, 1)
@@ -106,8 +112,9 @@ def write_wide_nodes(
     first_leaf: ti.i32,
     leaf_rows: ti.i32,
 ):
-    """Eight rows a node: least x, y, z, greatest x, y, z, references (bits of int32), nothing; a lane for each child.
+    """Eight rows a node, a lane for each child: least x, y, z, greatest x, y, z, references (bits of int32), infinity.
 
+    Where there is no child the box is inverted, the reference 0, the last row -1.
     A reference is the first row of an inner node, or -1 - row of a leaf: `leaf_rows` rows each from `first_leaf` on.
     """
     for node in range(count):
@@ -117,15 +124,23 @@ def write_wide_nodes(
                 nodes[at + c][k] = FAR
                 nodes[at + 3 + c][k] = -FAR
             nodes[at + 6][k] = 0.0
-            nodes[at + 7][k] = 0.0
+            nodes[at + 7][k] = -1.0
             slot = children[node, k]
             if slot >= 0:
+                nodes[at + 7][k] = ti.math.inf
                 for c in range(6):
                     nodes[at + c][k] = node_box[slot, c]
                 reference = 8 * (first_node + node_link[slot, 2])
                 if node_link[slot, 0] < 0:
                     reference = -1 - (first_leaf + node_link[slot, 1]) * leaf_rows
                 nodes[at + 6][k] = ti.bit_cast(reference, ti.f32)
+
+
+@ti.kernel
+def write_guard(nodes: Wide):
+    """Make the first two references of the empty GUARD_NODE what they are."""
+    nodes[8 * GUARD_NODE + 6][0] = ti.bit_cast(END_OF_INSTANCE, ti.f32)
+    nodes[8 * GUARD_NODE + 6][1] = ti.bit_cast(END_OF_RAY, ti.f32)
 
 
 @ti.kernel

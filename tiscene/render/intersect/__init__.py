@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from tiscene import device
-from tiscene.render.intersect import binary, bundles, wide
+from tiscene.render.intersect import any_hit, binary, bundles, wide
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS
 
@@ -58,7 +58,7 @@ def _occluded(
     arrays = _arrays(scene, time)
     if scene.traversal == "wide":
         with device.vector_mode():
-            wide.occluded(*arrays, rays, queue, count, targets, targeted, result)
+            any_hit.occluded(*arrays, rays, queue, count, targets, targeted, result)
     else:
         binary.occluded(*arrays, rays, queue, count, targets, targeted, result)
 

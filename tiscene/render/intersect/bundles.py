@@ -290,7 +290,7 @@ def closest(
             for i in range(first, last):
                 ray = queue[i]
                 t, u, v, instance, triangle = trace(
-                    nodes, packs, transforms, instances, time, root, -1, rays, ray, False, references, distances
+                    nodes, packs, transforms, instances, time, root, rays, ray, references, distances
                 )
                 if instance < 0:
                     t = INFINITY

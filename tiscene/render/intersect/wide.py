@@ -143,16 +143,13 @@ def trace(
     instances: ti.template(),
     time: ti.i32,
     root: ti.i32,
-    only: ti.i32,
     rays: ti.template(),
     ray: ti.i32,
-    any_hit: ti.template(),
     references: ti.template(),
     distances: ti.template(),
 ):
     """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
 
-    only: the row of the one instance to test, -1 for all. any_hit (static): stop at the first hit found.
     references, distances: room for the STACK of what waits; whatever is in it.
     """
     wox = rays[ray][0]
@@ -179,8 +176,6 @@ def trace(
     floor = -1  # waiting entries below it belong to the TLAS; -1 while in the TLAS
     instance = -1
     current = root
-    if only >= 0:
-        current = -1 - only
     searching = True
     while searching:
         pop = False
@@ -202,14 +197,11 @@ def trace(
                 if distance < INFINITY:
                     child = ti.bit_cast(nodes[node + 6][k], ti.i32)
                     if found:
-                        other = child
-                        if ti.static(not any_hit):
-                            closer = distance < nearest
-                            other = ti.select(closer, current, child)
-                            current = ti.select(closer, child, current)
-                            distances[waiting] = ti.select(closer, nearest, distance)
-                            nearest = ti.select(closer, distance, nearest)
-                        references[waiting] = other
+                        closer = distance < nearest
+                        references[waiting] = ti.select(closer, current, child)
+                        current = ti.select(closer, child, current)
+                        distances[waiting] = ti.select(closer, nearest, distance)
+                        nearest = ti.select(closer, distance, nearest)
                         waiting += 1
                     else:
                         current = child
@@ -229,30 +221,25 @@ def trace(
                 at = -1 - current
                 t, u, v = hit_pack(packs, at, px, py, pz, kx, ky, kz, shx, shy, shz)
                 least = smaller(smaller(t[0], t[1]), smaller(t[2], t[3]))
-                if ti.static(any_hit):
-                    if least < best:
+                if least <= best:
+                    number, u_hit, v_hit = packs[at + 9][3], u[3], v[3]
+                    for k in ti.static((2, 1, 0)):  # the first of equals stays
+                        number = ti.select(t[k] == least, packs[at + 9][k], number)
+                        u_hit = ti.select(t[k] == least, u[k], u_hit)
+                        v_hit = ti.select(t[k] == least, v[k], v_hit)
+                    triangle = ti.bit_cast(number, ti.i32)
+                    wins = least < best
+                    if not wins:
+                        wins = instance < hit_instance
+                        if instance == hit_instance:
+                            wins = triangle < hit_triangle
+                    if wins:
+                        best = least
+                        bound = best * SLACK
+                        b1 = u_hit
+                        b2 = v_hit
                         hit_instance = instance
-                        searching = False
-                else:
-                    if least <= best:
-                        number, u_hit, v_hit = packs[at + 9][3], u[3], v[3]
-                        for k in ti.static((2, 1, 0)):  # the first of equals stays
-                            number = ti.select(t[k] == least, packs[at + 9][k], number)
-                            u_hit = ti.select(t[k] == least, u[k], u_hit)
-                            v_hit = ti.select(t[k] == least, v[k], v_hit)
-                        triangle = ti.bit_cast(number, ti.i32)
-                        wins = least < best
-                        if not wins:
-                            wins = instance < hit_instance
-                            if instance == hit_instance:
-                                wins = triangle < hit_triangle
-                        if wins:
-                            best = least
-                            bound = best * SLACK
-                            b1 = u_hit
-                            b2 = v_hit
-                            hit_instance = instance
-                            hit_triangle = triangle
+                        hit_triangle = triangle
                 pop = True
         while pop and searching:
             if waiting == floor:
@@ -268,13 +255,9 @@ def trace(
                 searching = False
             else:
                 waiting -= 1
-                if ti.static(any_hit):
+                if distances[waiting] <= bound:
                     current = references[waiting]
                     pop = False
-                else:
-                    if distances[waiting] <= bound:
-                        current = references[waiting]
-                        pop = False
     return best, b1, b2, hit_instance, hit_triangle
 
 
@@ -299,39 +282,9 @@ def closest(
         for i in range(block * size, ti.min(count, (block + 1) * size)):
             ray = queue[i]
             t, b1, b2, instance, triangle = trace(
-                nodes, packs, transforms, instances, time, root, -1, rays, ray, False, references, distances
+                nodes, packs, transforms, instances, time, root, rays, ray, references, distances
             )
             if instance < 0:
                 t = INFINITY
             hits[ray] = hit(t, b1, b2, 0.0)
             hit_ids[ray] = hit_id(instance, triangle)
-
-
-@ti.kernel
-def occluded(
-    nodes: Wide,
-    packs: Packs,
-    transforms: Matrices,
-    instances: Ids,
-    time: ti.i32,
-    root: ti.i32,
-    rays: Rays,
-    queue: Queue,
-    count: ti.i32,
-    targets: Queue,
-    targeted: ti.i32,
-    result: Queue,
-):
-    size = ti.math.clamp(count // MANY, 1, BLOCK)
-    for block in range((count + size - 1) // size):
-        references = ti.Vector([0] * STACK)
-        distances = ti.Vector([0.0] * STACK)
-        for i in range(block * size, ti.min(count, (block + 1) * size)):
-            ray = queue[i]
-            only = -1
-            if targeted > 0:
-                only = targets[ray]
-            _t, _b1, _b2, instance, _triangle = trace(
-                nodes, packs, transforms, instances, time, root, only, rays, ray, True, references, distances
-            )
-            result[ray] = ti.select(instance >= 0, 1, 0)
