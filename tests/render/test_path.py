@@ -255,10 +255,21 @@ def fingerprint() -> str:
     return digest(image.hdr) + digest(image.albedo) + digest(image.normal)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_same_bytes_in_another_process_for_any_number_of_threads(threads: int) -> None:
+@pytest.mark.parametrize(
+    "change",
+    [
+        "device.start(threads=1)",
+        "device.start(threads=2)",
+        pytest.param("PathPass._vector_mode = lambda _: contextlib.nullcontext()", marks=pytest.mark.slow),
+    ],
+)
+def test_same_bytes_in_another_process(change: str) -> None:
+    """For any number of threads, and shaded in scalar instead of vector mode."""
     code = (
-        f"from tiscene import device; device.start(threads={threads})\n"
+        "import contextlib\n"
+        "from tiscene import device\n"
+        "from tiscene.render.integrators.path import PathPass\n"
+        f"{change}\n"
         "from tests.render.test_path import fingerprint; print(fingerprint())"
     )
     result = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True)
