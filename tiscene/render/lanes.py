@@ -10,6 +10,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from tiscene.render import warp
+from tiscene.render.intersect.wide import larger
 
 LANES = 16
 Floats = ti.types.vector(LANES, ti.f32)
@@ -81,16 +82,6 @@ def where(condition):
 def choose(condition, a: ti.template(), b: ti.template()):
     """Of two Triples, the first where it holds."""
     return Triple(ti.select(condition, a.x, b.x), ti.select(condition, a.y, b.y), ti.select(condition, a.z, b.z))
-
-
-@ti.func
-def larger(a, b):
-    return ti.select(a > b, a, b)
-
-
-@ti.func
-def smaller(a, b):
-    return ti.select(a < b, a, b)
 
 
 @ti.func

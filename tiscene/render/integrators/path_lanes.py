@@ -38,6 +38,7 @@ from tiscene.render.integrators.path_state import (
     get3,
     write_state,
 )
+from tiscene.render.intersect.wide import larger, smaller
 from tiscene.render.lanes import (
     LANES,
     Bundle,
@@ -50,13 +51,11 @@ from tiscene.render.lanes import (
     cosine_hemisphere,
     cross,
     dot,
-    larger,
     largest,
     length,
     magnitudes,
     of_lane,
     put,
-    smaller,
     triple_of,
     unit_or,
     where,

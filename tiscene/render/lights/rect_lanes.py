@@ -5,6 +5,7 @@ import math
 import taichi as ti
 
 from tiscene.render import warp
+from tiscene.render.intersect.wide import larger, smaller
 from tiscene.render.lanes import (
     Bundle,
     Floats,
@@ -12,9 +13,7 @@ from tiscene.render.lanes import (
     along_axes,
     combined,
     dot,
-    larger,
     magnitude,
-    smaller,
     triple_of,
     where,
 )
