@@ -1,5 +1,7 @@
 """A stage that another process reads while kernels are compiled is the same; so are its errors."""
 
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -8,12 +10,37 @@ from pxr import Sdf
 
 from tests.usd.helpers import write
 from tiscene import loading
+from tiscene.catalog import find_scene
 from tiscene.errors import StageError, StageWarning
 from tiscene.render.aovs import AOVS
 from tiscene.render.rehearsal import rehearsal
+from tiscene.render.renderer import QUALITIES
+from tiscene.scene.texture_copies import coarser_copies
 from tiscene.usd import apart, read_stage, unsaved
 
 BOX = 'def Cube "Box" (kind = "component")\n{\n}\ndef Volume "Smoke"\n{\n}'
+
+COMPILED = """
+import sys
+import tiscene as ts
+from tiscene import loading, stream
+from tiscene.device import recordings
+rehearsal, prepare, told = loading.rehearsal, recordings.prepare, []
+def whole(*args):
+    for each in rehearsal(*args):
+        pass  # to its end, however soon the stage is read
+    print("rehearsed")
+    told.append(True)
+    yield
+def prepared(kernel, *args):
+    if told:
+        print(kernel.func.__name__)
+    prepare(kernel, *args)
+loading.rehearsal, recordings.prepare = whole, prepared
+stream = ts.Stream("room_02", width=32, height=24, quality=sys.argv[1], frames=1)
+stream[0]
+print("rendered")
+"""
 
 
 @pytest.fixture
@@ -25,7 +52,7 @@ def beside(monkeypatch):
 def load(path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        stage, _ = loading.load(path, ("instance",), None, untrusted=False)
+        stage, _ = loading.load(path, ("instance",), QUALITIES["fast"], None, untrusted=False)
     return stage, [str(each.message) for each in caught if each.category is StageWarning]
 
 
@@ -79,5 +106,62 @@ def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, mon
 
 
 @pytest.mark.parametrize("buffers", [("rgb", "depth"), tuple(AOVS)], ids=["few", "all"])
-def test_a_rehearsal_goes_on_to_its_end(buffers):
-    assert len(list(rehearsal(buffers))) == 3
+@pytest.mark.parametrize("quality", ["fast", "preview"])
+@pytest.mark.parametrize("emission", [False, True])
+def test_a_rehearsal_goes_on_to_its_end(buffers, quality, emission):
+    assert len(list(rehearsal(buffers, QUALITIES[quality], lambda: emission))) == 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quality", ["fast", "preview"])
+def test_after_a_rehearsal_a_first_frame_has_nothing_to_compile(quality):
+    done = subprocess.run([sys.executable, "-c", COMPILED, quality], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["rehearsed", "rendered"]
+
+
+GLOWING = """
+def Material "Lamp" {
+    token outputs:surface.connect = </Lamp/Surface.outputs:surface>
+    def Shader "Surface" {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:emissiveColor = (%s, 0, 0)
+        token outputs:surface
+    }
+}"""
+
+
+@pytest.mark.parametrize(("text", "glows"), [(GLOWING % 2, True), (GLOWING % 0, False), (BOX, False)])
+def test_the_other_process_says_first_whether_anything_glows(text, glows, tmp_path, monkeypatch):
+    monkeypatch.setattr(apart, "_MOMENT", 60.0)
+    with apart.Reading(write(tmp_path, text), {}) as reading:
+        assert reading.glows() == glows
+
+
+def test_of_a_wrong_stage_it_says_no(tmp_path, monkeypatch):
+    monkeypatch.setattr(apart, "_MOMENT", 60.0)
+    with apart.Reading(write(tmp_path, "def Mesh {"), {}) as reading:
+        assert not reading.glows()
+        with pytest.raises(StageError):
+            reading.result()
+
+
+def test_nobody_waits_long_for_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(apart, "_PROGRAM", "import time; time.sleep(60)")
+    monkeypatch.setattr(apart, "_MOMENT", 0.05)
+    with apart.Reading(write(tmp_path, BOX), {}) as reading:
+        assert not reading.glows()
+
+
+def test_the_other_process_makes_the_copies_of_textures():
+    path = find_scene("room_01")
+    with apart.Reading(path, {}) as reading:
+        there = reading.result().textures
+    here = read_stage(path).textures
+    assert here
+    for read, made in zip(here, there, strict=True):
+        assert read.copies is None
+        assert [copy.pixels.tobytes() for copy in made.copies] == [
+            copy.pixels.tobytes() for copy in coarser_copies(read)
+        ]
+        assert not any(copy.copies for copy in made.copies)
+    assert any(each.copies for each in there)

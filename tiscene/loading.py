@@ -12,18 +12,19 @@ from typing import Any
 from tiscene import device
 from tiscene.render.aovs import COLORS
 from tiscene.render.rehearsal import rehearsal
+from tiscene.render.renderer import Quality
 from tiscene.scene.description import SceneDescription
 from tiscene.usd import NoAnswer, Reading, read_stage, unsaved
 
 
 def load(
-    path: Path, buffers: Sequence[str], arch: str | None, untrusted: bool, **options: Any
+    path: Path, buffers: Sequence[str], quality: Quality, arch: str | None, untrusted: bool, **options: Any
 ) -> tuple[SceneDescription, str]:
-    """`read_stage(path, **options)`, and the architecture. buffers: what frames of the stage are going to hold."""
+    """`read_stage(path, **options)`, and the architecture. buffers, quality: of the frames of the stage."""
     if not untrusted and _pays(buffers):
         with contextlib.suppress(NoAnswer), Reading(path, options) as reading:
             arch = device.start(arch)
-            for _ in rehearsal(buffers):
+            for _ in rehearsal(buffers, quality, reading.glows):
                 if reading.done():
                     break
             return reading.result(), arch

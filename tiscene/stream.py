@@ -133,7 +133,6 @@ class Stream(Iterator[Frame]):
         self.shutter = None if shutter is None else shutter_times(shutter)
         self.time_code = None if time_code is None else number("time_code", time_code)
         self.taxonomy = taxonomy
-
         options = {
             "time_code": self.time_code,
             "variants": variants,
@@ -141,7 +140,8 @@ class Stream(Iterator[Frame]):
             "taxonomy": taxonomy,
             "root": root,
         }
-        self._stage, self.arch = load(catalog.find_scene(scenario.scene), self.buffers, arch, untrusted, **options)
+        file = catalog.find_scene(scenario.scene)
+        self._stage, self.arch = load(file, self.buffers, self.quality, arch, untrusted, **options)
         self.variants = dict(variants or {})
         self.restart(scenario)
         if not COLORS.isdisjoint(self.buffers):

@@ -6,7 +6,8 @@ import taichi as ti
 
 from tiscene.render.textures import Textures, level_of, lookup, lookup_one
 from tiscene.scene.description import Texture
-from tiscene.scene.texture_atlas import COARSER, HEIGHT, LEVELS, WIDTH, TextureAtlas, coarser_copies, linear_pixels
+from tiscene.scene.texture_atlas import COARSER, HEIGHT, LEVELS, WIDTH, TextureAtlas, linear_pixels
+from tiscene.scene.texture_copies import coarser_copies
 
 Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -148,7 +149,7 @@ def test_copies_halve_and_small_images_have_none() -> None:
     assert [copy.pixels.shape[:2] for copy in copies] == [(512, 33), (256, 17), (128, 9), (64, 5)]
     assert all((copy.pixels == (10, 200, 90, 255)).all() for copy in copies)
     floats = Texture("floats", np.zeros((100, 100, 4), np.float32))
-    assert coarser_copies(copies[-1]) == coarser_copies(floats) == []
+    assert coarser_copies(copies[-1]) == coarser_copies(floats) == ()
     atlas = TextureAtlas()
     atlas.append([floats, large, copies[-2]])
     info = atlas.arrays().info.to_numpy()

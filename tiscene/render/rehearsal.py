@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from tiscene.camera import Camera
 from tiscene.render.aovs import COLORS, times_needed
+from tiscene.render.clean import Cleaner
 from tiscene.render.film import tone_map
 from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.integrators.path import PathPass
+from tiscene.render.integrators.path import PathImage, PathPass
+from tiscene.render.renderer import GUIDES, Quality
 from tiscene.render.view import View
 from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.device_scene import DeviceScene
@@ -19,10 +21,10 @@ from tiscene.scene.placement import Placement
 SIDE = 40  # points of a side of the ground: a mesh of some size, whose tree is made as that of any
 
 
-def rehearsal(buffers: Sequence[str]) -> Iterator[None]:
+def rehearsal(buffers: Sequence[str], quality: Quality, emission: Callable[[], bool]) -> Iterator[None]:
     """Compile what frames with these buffers need of any scene, a part at each step.
 
-    `shade` is left out: it depends on what the scene is made of.
+    emission: whether surfaces of it give light, as shading has to know: that takes longest, and comes last.
     """
     scene = DeviceScene()
     scene.add(SceneDescription("rehearsal", (_ground(),), (Material("grey"),)))
@@ -31,11 +33,16 @@ def rehearsal(buffers: Sequence[str]) -> Iterator[None]:
     view = View(camera, camera, camera, 1, 1)
     scene.place(_placement(), times=times_needed(buffers))
     yield
-    LabelPass(scene).render(view, [name for name in buffers if name not in COLORS])
+    colored = not COLORS.isdisjoint(buffers)
+    guides = GUIDES if colored and quality.reduction > 1 else ()
+    LabelPass(scene).render(view, [*guides, *(name for name in buffers if name not in (*COLORS, *guides))])
     yield
-    if not COLORS.isdisjoint(buffers):
-        PathPass(scene, 1, 1).rehearse(view)
-        tone_map(np.zeros((1, 1, 3), np.float32), 0.0)
+    if colored:
+        black = np.zeros((1, 1, 3), np.float32)
+        cleaner = Cleaner(quality.denoiser if quality.denoise else None, quality.reduction, True)
+        tone_map(cleaner.traced(PathImage(black, black, black), black, black), 0.0)
+        yield
+        yield from PathPass(scene, 1, 1, pixel_filter=quality.pixel_filter).rehearse(view, emission)
 
 
 def _ground() -> Mesh:

@@ -8,8 +8,10 @@
     device_scene                           what kernels read
         device_array                       host arrays to the device's
         material_table, texture_atlas
+            texture_copies
         light_table, light_images          lamps and skies
-            light_nodes, mesh_lights       what they are chosen by; meshes that glow
+            light_nodes, light_boxes       what they are chosen by, and met by
+            mesh_lights                    meshes that glow
             light_groups                   how brightness is told apart from place
         bvh                                the trees that rays walk
             bvh_build, bvh_write, bvh_workspace

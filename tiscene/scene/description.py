@@ -58,6 +58,7 @@ class Texture:
 
     encoding: "srgb" values are decoded to linear when read; "raw" are used as they are. Alpha is always raw.
     wrap: what lies outside 0..1, per axis; "black" is transparent black.
+    copies: smaller ones, see `texture_copies`; None if they are not made yet.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Texture:
     encoding: Literal["srgb", "raw"] = "srgb"
     wrap_s: Literal["repeat", "clamp", "mirror", "black"] = "repeat"
     wrap_t: Literal["repeat", "clamp", "mirror", "black"] = "repeat"
+    copies: tuple[Texture, ...] | None = None
 
 
 VERTEX_COLORS = -1

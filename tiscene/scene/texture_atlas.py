@@ -2,29 +2,23 @@
 
 8-bit images stay 8-bit (one word a pixel); only float images take floats. Kernels read them through
 `tiscene.render.textures`.
-
-An 8-bit image has copies of half, a quarter, ... of its size, of means, for whoever could not tell its single pixels
-apart (Williams, "Pyramidal Parametrics", 1983). Float images, which are skies, have none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene import srgb
 from tiscene.scene.description import Texture
 from tiscene.scene.device_array import upload
+from tiscene.scene.texture_copies import coarser_copies, srgb_decoding
 
 INFO_COLUMNS = 9
 OFFSET, WIDTH, HEIGHT, IS_FLOAT, IS_SRGB, WRAP_S, WRAP_T, COARSER, LEVELS = range(INFO_COLUMNS)
 WRAPS = ("repeat", "clamp", "mirror", "black")
-SMALLEST_SIZE = 64  # what is smaller stays in a cache as it is
 
 
 class TextureArrays(NamedTuple):
@@ -39,12 +33,6 @@ class TextureArrays(NamedTuple):
     floats: Any
 
 
-@cache
-def srgb_decoding() -> NDArray[np.float32]:
-    """float32 [256]: the linear value of every 8-bit sRGB code."""
-    return srgb.decoded(np.arange(256) / 255.0).astype(np.float32)
-
-
 def linear_pixels(texture: Texture) -> NDArray[np.float32]:
     """float32 [h, w, 4]: the image as the renderer sees it, decoded."""
     if texture.pixels.dtype != np.uint8:
@@ -53,34 +41,6 @@ def linear_pixels(texture: Texture) -> NDArray[np.float32]:
     if texture.encoding == "srgb":
         pixels[..., :3] = srgb_decoding()[texture.pixels[..., :3]]
     return pixels
-
-
-def coarser_copies(texture: Texture) -> list[Texture]:
-    """An 8-bit image at half its size each way, at a quarter and so on, until it is at most SMALLEST_SIZE pixels long:
-    the means of linear values over four pixels of the copy before."""
-    pixels = texture.pixels
-    if pixels.dtype != np.uint8 or max(pixels.shape[:2]) <= SMALLEST_SIZE:
-        return []
-    linear, code = _wide_codes(texture.encoding == "srgb")
-    wide = linear[pixels]
-    wide[..., 3] = pixels[..., 3] * np.uint16(257)
-    copies = []
-    while max(wide.shape[:2]) > SMALLEST_SIZE:
-        wide = np.pad(wide, ((0, wide.shape[0] % 2), (0, wide.shape[1] % 2), (0, 0)), mode="edge")
-        rows = wide[0::2].astype(np.uint32) + wide[1::2]
-        wide = ((rows[:, 0::2] + rows[:, 1::2] + 2) >> 2).astype(np.uint16)
-        copy = code[wide]
-        copy[..., 3] = (wide[..., 3] + np.uint32(128)) // 257
-        copies.append(replace(texture, pixels=copy))
-    return copies
-
-
-@cache
-def _wide_codes(is_srgb: bool) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """The linear value, 0..65535, of every 8-bit code, and the nearest code of every such value."""
-    levels = 65535.0 * (srgb_decoding().astype(np.float64) if is_srgb else np.arange(256) / 255.0)
-    codes = np.searchsorted(0.5 * (levels[1:] + levels[:-1]), np.arange(65536))
-    return np.rint(levels).astype(np.uint16), codes.astype(np.uint8)
 
 
 class TextureAtlas:
@@ -107,7 +67,7 @@ class TextureAtlas:
         return self._arrays
 
     def _upload(self) -> TextureArrays:
-        copies = [coarser_copies(texture) for texture in self.textures]
+        copies = [coarser_copies(texture) if texture.copies is None else texture.copies for texture in self.textures]
         images = [*self.textures, *(image for chain in copies for image in chain)]
         info = np.zeros((len(images), INFO_COLUMNS), np.int32)
         levels = np.array([len(chain) for chain in copies], np.int32)

@@ -12,14 +12,17 @@ import sys
 import tempfile
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pxr import Sdf
+from pxr import Sdf, Usd
 
 from tiscene import errors
 from tiscene.errors import StageError, StageWarning, TisceneError
+from tiscene.files import write_atomically
+from tiscene.scene.texture_copies import coarser_copies
 from tiscene.usd.limits import Limits
 
 _PROGRAM = "import sys; from tiscene.usd.apart import read_here; read_here(*sys.argv[1:])"
@@ -37,6 +40,8 @@ _NAMES = {
 
 # Numbers and arrays begin at multiples of so many bytes of a result.
 _STEP = 64
+_GLOWS = "glows"  # a file, empty for no
+_MOMENT = 2.0  # s
 _KILLED = -9  # what a process returns that the system stopped (SIGKILL, which Windows does not know)
 
 
@@ -78,6 +83,13 @@ class Reading:
     def done(self) -> bool:
         """Whether the result is there, or an error."""
         return self._process.poll() is not None
+
+    def glows(self) -> bool:
+        """Whether some material of the stage seems to give light; False if nobody can say so in a moment."""
+        said, end = Path(self._folder.name, _GLOWS), time.monotonic() + _MOMENT
+        while not said.exists() and not self.done() and time.monotonic() < end:
+            time.sleep(0.005)
+        return said.exists() and said.stat().st_size > 0
 
     def result(self) -> Any:
         """What was read. Its errors and warnings are given here.
@@ -140,16 +152,36 @@ def read_here(request: str, result: str) -> None:
         _limit(limits)
     from tiscene.usd import read_stage
 
+    stage = _looked_at(path, options.get("variants"), Path(result).with_name(_GLOWS)) if limits is None else None
     answer: Any
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            answer = ("read", read_stage(path, limits=limits, **options))
+            description = read_stage(path, limits=limits, **options)
+            textures = tuple(replace(each, copies=coarser_copies(each)) for each in description.textures)
+            answer = ("read", replace(description, textures=textures))
         except TisceneError as error:
             stage, problems = (error.stage, error.problems) if isinstance(error, StageError) else ("", ())
             answer = ("error", (type(error).__name__, str(error), stage, problems))
+    del stage
     told = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]
     _dump((*answer, told), Path(result))
+
+
+def _looked_at(path: str, variants: Any, answer: Path) -> Usd.Stage | None:
+    """Say at once whether any material seems to glow. Returns the stage, which then is open; None if it is wrong."""
+    from tiscene.usd.stage import open_stage, quiet
+
+    try:
+        with quiet():
+            stage = open_stage(path, variants)
+            prims = (prim for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()) for prim in Usd.PrimRange(root))
+            colors = (prim.GetAttribute("inputs:emissiveColor") for prim in prims)
+            glows = any(each and (each.HasAuthoredConnections() or any(each.Get() or ())) for each in colors)
+    except TisceneError:  # which reading it gives again
+        return None
+    write_atomically(answer, b"glows" if glows else b"")
+    return stage
 
 
 def _dump(answer: Any, path: Path) -> None:

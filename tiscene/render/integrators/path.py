@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -129,6 +129,9 @@ class PathPass:
         )
         if part is not None:
             spp = sum(part)
+        return self._developed(spp)
+
+    def _developed(self, spp: int) -> PathImage:
         shape = (self.height, self.width)
         hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
         dropped = np.empty(shape, np.int32)
@@ -136,14 +139,15 @@ class PathPass:
         self.nonfinite = int(dropped.sum())
         return PathImage(hdr, albedo, normal)
 
-    def rehearse(self, view: View) -> None:
-        """Compile the kernels, without a path; but not those that shade, which depend on the scene's materials."""
+    def rehearse(self, view: View, emission: Callable[[], bool]) -> Iterator[None]:
+        """Compile the kernels, without a path. At last shading, as scenes need it in which surfaces emit or do not."""
         scene, s, numbers = self.scene_arrays(), PathState(CHUNK), (1, 0, 0)
         self._trace(scene, view, s, 0, 0, numbers, 0, 1)
-        for together in (True, False):
-            closest(self.scene, CURRENT, s.rays, s.queue, 0, s.hits, s.hit_ids, together=together)
-        kernels.compact(s.status, s.queue, 0, s.next_queue, s.shadow_queue, s.chunks)
+        closest(self.scene, CURRENT, s.rays, s.queue, 0, s.hits, s.hit_ids)
         self.cast_shadows(scene, s, 0, 0, 0, numbers)
+        self._developed(1)
+        yield
+        self.advance(replace(scene, any_emission=emission()), s, 0, 0, 0, numbers, 1, 1)
 
     def sums(self, view: View, pixels: NDArray[np.int32], *, spp: int, key: int, max_depth: int) -> NDArray[np.float32]:
         """`spp` paths through each of some pixels (rows y * width + x): the film's rows, float32 [n, FILM_COLUMNS].
