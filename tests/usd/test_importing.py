@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
 import warnings
 import zipfile
 from pathlib import Path
@@ -135,6 +137,56 @@ def test_gltf(tmp_path):
     )
     (found,) = description.meshes
     np.testing.assert_allclose(found.uv[found.positions[:, 1].argmax()], (1, 1))
+
+
+def gltf_file(path, **parts):
+    """A glTF file of one triangle, and what else it is to say."""
+    points = np.eye(3, dtype="<f4").tobytes()
+    content = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(points)}],
+        "buffers": [
+            {
+                "uri": f"data:application/octet-stream;base64,{base64.b64encode(points).decode()}",
+                "byteLength": len(points),
+            }
+        ],
+    }
+    path.write_text(json.dumps(content | parts))
+    return path
+
+
+def test_extensions_of_gltf_materials(tmp_path):
+    extensions = {
+        "KHR_materials_emissive_strength": {"emissiveStrength": 20.0},
+        "KHR_materials_transmission": {"transmissionFactor": 0.75},
+        "KHR_materials_ior": {"ior": 1.33},
+        "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25},
+    }
+    material = {"name": "Lamp", "emissiveFactor": [1.0, 0.5, 0.25], "extensions": extensions}
+    path = gltf_file(tmp_path / "a.gltf", materials=[material], extensionsUsed=[*extensions])
+    (read,) = read_template(import_asset(path, tmp_path / "out")).description.materials
+    assert read.emissive_color == (20.0, 10.0, 5.0)
+    assert (read.opacity, read.opacity_mode, read.ior) == (0.25, "transparent", pytest.approx(1.33))
+    assert (read.clearcoat, read.clearcoat_roughness) == (0.5, 0.25)
+
+
+def test_what_of_a_gltf_file_is_left_out_is_named(tmp_path):
+    path = gltf_file(
+        tmp_path / "a.gltf",
+        materials=[{"name": "Velvet", "extensions": {"KHR_materials_sheen": {}}}],
+        extensionsUsed=["KHR_materials_sheen"],
+        skins=[{"joints": [0]}],
+    )
+    with pytest.warns(StageWarning, match=r"of a\.gltf is left out: KHR_materials_sheen, skins"):
+        import_asset(path, tmp_path / "out")
+    path = gltf_file(tmp_path / "b.gltf", materials=[{}], extensionsRequired=["EXT_meshopt_compression"])
+    with pytest.raises(StageError, match="compressed by EXT_meshopt_compression: export it without"):
+        import_asset(path, tmp_path / "out")
 
 
 def test_usd_in_centimetres_with_z_up(tmp_path):

@@ -30,6 +30,7 @@ Writing::
     author                        layers over a scene
     scenario_writer, write        a scenario by the schema; a stream's motion as time samples
     importing, model, looks       models of other formats as templates
+        gltf                      what trimesh leaves of glTF
     furniture                     whole catalogues of them
 """
 

@@ -78,8 +78,8 @@ def phong(
     return Look(name, inputs, maps)
 
 
-def pbr(name: str, material: Any) -> Look:
-    """A glTF material, as trimesh gives it."""
+def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -> Look:
+    """A glTF material, as trimesh gives it, and its extensions as the file has them."""
 
     def factor(value: Any, default: float) -> float:
         return default if value is None else float(value)
@@ -99,7 +99,9 @@ def pbr(name: str, material: Any) -> Look:
         maps["roughness"] = Map(image, "g", (inputs["roughness"],) * 3, raw=True)
     if material.normalTexture is not None:
         maps["normal"] = Map(material.normalTexture, raw=True)
-    emissive = tuple(float(c) for c in (material.emissiveFactor if material.emissiveFactor is not None else (0, 0, 0)))
+    strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
+    factors = material.emissiveFactor if material.emissiveFactor is not None else (0, 0, 0)
+    emissive = tuple(strength * float(c) for c in factors)
     if material.emissiveTexture is not None:
         maps["emissiveColor"] = Map(material.emissiveTexture, scale=(emissive[0], emissive[1], emissive[2]))
     elif any(emissive):
@@ -110,6 +112,16 @@ def pbr(name: str, material: Any) -> Look:
             inputs["opacityThreshold"] = factor(material.alphaCutoff, 0.5)
         if material.baseColorTexture is not None:
             maps["opacity"] = Map(material.baseColorTexture, "a", (base[3],) * 3)
+    if "KHR_materials_ior" in extensions:
+        inputs["ior"] = float(extensions["KHR_materials_ior"].get("ior", 1.5))
+    coat = extensions.get("KHR_materials_clearcoat", {})
+    if coat:
+        inputs["clearcoat"] = float(coat.get("clearcoatFactor", 0.0))
+        inputs["clearcoatRoughness"] = float(coat.get("clearcoatRoughnessFactor", 0.0))
+    transmission = float(extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
+    if transmission > 0.0:
+        inputs |= {"opacity": 1.0 - transmission, "opacityMode": "transparent"}
+        maps.pop("opacity", None)
     return Look(name, inputs, maps)
 
 

@@ -16,6 +16,7 @@ from PIL import Image
 
 from tiscene import srgb
 from tiscene.errors import StageError, StageWarning
+from tiscene.usd import gltf
 from tiscene.usd.looks import Look, pbr, phong
 from tiscene.usd.polygons import cross
 from tiscene.usd.surface import unique_rows
@@ -50,18 +51,20 @@ class Piece:
 def load_model(name: str, files: Mapping[str, bytes]) -> list[Piece]:
     """The pieces of the model in the file `name`; the files it refers to are those beside it.
 
-    Maps that are not there are named in a StageWarning. Raises StageError.
+    Maps that are not there, and what of the file is left out, are named in a StageWarning. Raises StageError.
     """
     import trimesh
 
     resolver = _Files(files)
     suffix = Path(name).suffix.lower()
+    header = gltf.header(name, files[name]) if suffix in gltf.SUFFIXES else {}
     try:
+        extensions, left_out = gltf.material_extensions(header), gltf.left_out(header)
         scene = trimesh.load_scene(
             io.BytesIO(files[name]), file_type=suffix.removeprefix("."), resolver=resolver, process=False
         )
         pieces = [
-            _piece(node, scene.geometry[geometry], np.asarray(matrix, np.float64))
+            _piece(node, scene.geometry[geometry], np.asarray(matrix, np.float64), extensions)
             for node in scene.graph.nodes_geometry
             for matrix, geometry in [scene.graph.get(node)]
             if isinstance(scene.geometry[geometry], trimesh.Trimesh) and len(scene.geometry[geometry].faces)
@@ -75,6 +78,8 @@ def load_model(name: str, files: Mapping[str, bytes]) -> list[Piece]:
     missing = sorted(set(resolver.missing) | _missing_maps(name, files))
     if missing:
         warnings.warn(StageWarning(f"{name} refers to files that are not there: {', '.join(missing)}"), stacklevel=3)
+    if left_out:
+        warnings.warn(StageWarning(f"of {name} is left out: {', '.join(left_out)}"), stacklevel=3)
     return pieces
 
 
@@ -123,8 +128,8 @@ def _missing_maps(name: str, files: Mapping[str, bytes]) -> set[str]:
     return {image for image in named if find(image, files) is None}
 
 
-def _piece(node: str, mesh: Any, matrix: NDArray[np.float64]) -> Piece:
-    """One mesh of a trimesh scene, in the scene's axes."""
+def _piece(node: str, mesh: Any, matrix: NDArray[np.float64], extensions: Mapping[str, Mapping[str, Any]]) -> Piece:
+    """One mesh of a trimesh scene, in the scene's axes. extensions: of glTF's materials, by their names."""
     points = np.asarray(mesh.vertices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
     triangles = np.asarray(mesh.faces, np.int64)
     if np.linalg.det(matrix[:3, :3]) < 0.0:
@@ -143,7 +148,7 @@ def _piece(node: str, mesh: Any, matrix: NDArray[np.float64]) -> Piece:
     if visual.kind == "vertex":
         colors = srgb.decoded(np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0)
     elif material is not None and hasattr(material, "baseColorFactor"):
-        look = pbr(str(material.name or node), material)
+        look = pbr(str(material.name or node), material, extensions.get(material.name or "", {}))
     elif material is not None:
         look = _simple(str(material.name or node), material)
     if uv is None and look.maps:  # images without coordinates
