@@ -132,6 +132,9 @@ def test_length_and_bounds():
         endless[2**63]
     with pytest.raises(ArgumentError, match="counted from its end"):
         endless[-3:]
+    with pytest.raises(ArgumentError, match="counted from its end"):
+        endless[::-1]
+    assert list(endless[2::-1].indices) == [2, 1, 0]
 
 
 def test_objects_live_from_their_first_to_their_last_frame():

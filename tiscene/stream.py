@@ -227,7 +227,8 @@ class Stream(Iterator[Frame]):
     def __getitem__(self, index: int | slice) -> Frame | FrameRange:
         end = sys.maxsize if self.frames is None else self.frames
         if isinstance(index, slice):
-            if self.frames is None and any(bound is not None and bound < 0 for bound in (index.start, index.stop)):
+            parts = index.start, index.stop, index.step if index.start is None else None  # backwards from the end
+            if self.frames is None and any(part is not None and part < 0 for part in parts):
                 raise ArgumentError(f"{index}: an endless stream cannot be counted from its end")
             return FrameRange(self, range(end)[index])
         index = operator.index(index)
@@ -248,8 +249,7 @@ class Stream(Iterator[Frame]):
         if not is_state or state.get("version") != 1:
             raise ArgumentError("this is not a state_dict of this version of tiscene (version 1)")
         theirs, ours = state["settings"], self.settings()
-        different = [name for name in ours if theirs.get(name) != ours[name]]
-        if different:
+        if different := [name for name in ours if theirs.get(name) != ours[name]]:
             listing = ", ".join(f"{name}: {theirs.get(name)!r} there, {ours[name]!r} here" for name in different)
             raise ArgumentError(f"the state is of another stream, or of this one with other edits ({listing})")
         self.seek(state["position"])
