@@ -19,6 +19,7 @@ def BasisCurves "C"
     %s
 }
 """
+COLORS = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "uniform")'
 OCTAGON = 2.0 * math.sqrt(2.0)  # area over radius squared
 
 
@@ -31,6 +32,14 @@ def test_straight_tubes(tmp_path):
     assert high == pytest.approx((3.5, 0.5, 2.0), abs=0.04)
     outward = np.einsum("ij,ij->i", facing(mesh.positions, mesh.triangles), mesh.normals[mesh.triangles].mean(axis=1))
     assert (outward > 0.8).all()
+
+
+def test_curves_of_different_colours(tmp_path):
+    description = read(tmp_path, STRAIGHT % ("[1]", COLORS))
+    (mesh,) = description.meshes
+    colors = np.array([description.materials[row].diffuse_color for row in mesh.materials])
+    upward = mesh.positions[mesh.triangles].mean(axis=1)[:, 0] < 2.0
+    np.testing.assert_array_equal(colors, np.where(upward[:, None], (1, 0, 0), (0, 0, 1)))
 
 
 @pytest.mark.parametrize(
@@ -86,6 +95,28 @@ def test_a_bezier_passes_through_its_middle(tmp_path):
     np.testing.assert_allclose(rings[3], (2, 2.25, 0), atol=1e-5)  # t = 1/2 of six steps
 
 
+UPWARD = [(0, 0, z) for z in range(7)]  # two segments of Bézier's, four of the others'
+VARYING = [
+    ("bezier", "nonperiodic", UPWARD, [1.0, 2.0, 1.0]),
+    ("bspline", "nonperiodic", UPWARD, [1.0, 2.0, 3.0, 2.0, 1.0]),
+    ("catmullRom", "nonperiodic", UPWARD, [1.0, 2.0, 3.0, 2.0, 1.0]),
+    ("bezier", "periodic", [(math.cos(a), math.sin(a), 0.0) for a in np.arange(6) * math.pi / 3.0], [0.1, 0.2]),
+]
+
+
+@pytest.mark.parametrize(("basis", "wrap", "points", "widths"), VARYING)
+def test_widths_of_the_ends_of_cubic_segments(tmp_path, basis, wrap, points, widths):
+    """`varying`: one number for each end of a segment, in equal steps between."""
+    body = (CUBIC % (basis, wrap, len(points), points)).replace("[0.01]", f'{widths} (interpolation = "varying")')
+    (mesh,) = read(tmp_path, body).meshes
+    positions = mesh.positions if wrap == "periodic" else mesh.positions[:-16]
+    rings = positions.reshape(-1, 8, 3)
+    wide = 2.0 * np.linalg.norm(rings - rings.mean(axis=1, keepdims=True), axis=-1)
+    ends = [*widths, widths[0]] if wrap == "periodic" else widths
+    expected = np.interp(np.arange(len(rings)) / 6.0, np.arange(len(ends)), ends)
+    np.testing.assert_allclose(wide, np.repeat(expected[:, None], 8, axis=1), rtol=1e-5)
+
+
 @pytest.mark.parametrize(("basis", "segments"), [("bezier", 2), ("bspline", 6), ("catmullRom", 6)])
 def test_periodic_curves_are_closed(tmp_path, basis, segments):
     points = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(6) * math.pi / 3.0]
@@ -124,9 +155,14 @@ def test_points_are_balls_of_their_colours(tmp_path):
             STRAIGHT.replace("[2, 3]", "[2, 4]") % ("[1]", ""),
             "</C> curves: curveVertexCounts add up to 6, but there are 5",
         ),
-        (STRAIGHT.replace("[2, 3]", "[-2, 7]") % ("[1]", ""), "</C> curves: curveVertexCounts holds -2"),
+        (STRAIGHT.replace("[2, 3]", "[-2, 7]") % ("[1]", COLORS), "</C> curves: curveVertexCounts holds -2"),
         (STRAIGHT % ("[1, 2, 3]", ""), "</C> curves: 3 widths fit neither 2 curves nor their points"),
         (STRAIGHT.replace("(7, 0, 0)", "(nan, 0, 0)") % ("[1]", ""), "</C> curves: a point is not a finite number"),
+        (STRAIGHT % ("[1, inf]", ""), "</C> curves: a width is not a finite number"),
+        (
+            STRAIGHT % ("[1]", "normal3f[] normals = [(0, nan, 0), (0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)]"),
+            "</C> curves: a normal is not a finite number",
+        ),
         (POINTS.replace("[2, 4, 0]", "[2, 4]"), "</P> points: 2 widths, but 3 points"),
         (POINTS.replace("(9, 9, 9)", "(9, 9, inf)"), "</P> points: a point or width is not a finite number"),
     ],

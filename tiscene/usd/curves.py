@@ -35,7 +35,11 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface |
     kind, basis, wrap = (
         str(attribute.Get(time)) for attribute in (curves.GetTypeAttr(), curves.GetBasisAttr(), curves.GetWrapAttr())
     )
-    fault = _fault(points, counts)
+    widths = array_of(curves.GetWidthsAttr(), time, np.float32)
+    normals = array_of(curves.GetNormalsAttr(), time, np.float32, width=3)
+    if len(normals) != len(points):
+        normals = normals[:0]
+    fault = _fault(counts, point=points, width=widths, normal=normals)
     if kind == "cubic" and basis not in _BASES:
         fault = fault or f"basis {basis!r} is not known"
     if fault:
@@ -43,15 +47,11 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface |
         return None
     if kind == "linear":
         basis = "linear"
-    widths = array_of(curves.GetWidthsAttr(), time, np.float32)
     if len(points) == 0:
         return _joined([], prim, report)
     if len(widths) == 0:
         report.omission(prim.GetPath(), "curves without widths are drawn as thin as a thousandth of their extent")
         widths = np.array([np.ptp(points, axis=0).max() / 1000.0], np.float32)
-    normals = array_of(curves.GetNormalsAttr(), time, np.float32, width=3)
-    if len(normals) != len(points):
-        normals = normals[:0]
     starts = np.cumsum(counts) - counts
     strips: list[tuple[Floats, Floats, Floats | None, NDArray[np.int64]]] = []
     for count in np.unique(counts).tolist():
@@ -120,13 +120,15 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface |
     return _joined([surface], prim, report)
 
 
-def _fault(points: Floats, counts: NDArray[np.int64]) -> str:
+def _fault(counts: NDArray[np.int64], **values: Floats) -> str:
+    """What is wrong with the curves' numbers, of which `point` has one row for each control point; "" if nothing."""
     if len(counts) and counts.min() < 0:
         return f"curveVertexCounts holds {counts.min()}"
-    if counts.sum() != len(points):
-        return f"curveVertexCounts add up to {counts.sum()}, but there are {len(points)} points"
-    if not np.isfinite(points).all():
-        return "a point is not a finite number"
+    if counts.sum() != len(values["point"]):
+        return f"curveVertexCounts add up to {counts.sum()}, but there are {len(values['point'])} points"
+    for name, numbers in values.items():
+        if not np.isfinite(numbers).all():
+            return f"a {name} is not a finite number"
     return ""
 
 

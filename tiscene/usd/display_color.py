@@ -53,6 +53,8 @@ def varying_display(gprim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Floa
     if not any(_varies(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):
         return None
     topology = elements_of(gprim, time)
+    if topology.counts.min(initial=0) < 0:  # which is told where its surface is read
+        return None
     parts = [_of_elements(gprim, name, len(default), topology, time, report) for name, default in _DEFAULTS.items()]
     if all(part is None for part in parts):
         return None
