@@ -11,8 +11,8 @@ from tiscene.render.bsdfs import preview_surface as bsdf
 from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.bsdfs.inputs import ALL_INPUTS, Footprint, Materials, material_at
 from tiscene.render.lights import all_lights
-from tiscene.render.lights.choice import weigh
 from tiscene.render.lights.light_sample import LightNodes, Lights
+from tiscene.render.lights.weights import weigh
 from tiscene.render.surface import VisibleSurface
 from tiscene.render.textures import Textures
 from tiscene.scene.description import Light, Material, Texture
@@ -131,7 +131,7 @@ def illuminate(
         origin = row_of(origins, 0)
         if samples != 0:
             u = vec2(numbers[i, 0], numbers[i, 1])
-            found = all_lights.sample(lights, textures, origin, u)
+            found = all_lights.sample(lights, textures, origin, vec3(0.0), u)
             for c in ti.static(range(3)):
                 directions[i, c] = found.direction[c]
                 radiance[i, c] = found.radiance[c]
@@ -146,7 +146,7 @@ def illuminate(
         results[i, 5] = 0.0
         if distance < ti.math.inf or infinite:
             weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
-            count, scale = weigh(lights, origin, weights)
+            count, scale, _ = weigh(lights, origin, vec3(0.0), weights, weights, False)
             results[i, 3] = all_lights.pdf(lights, weights, count, scale, 0, -1, origin, direction, distance)
             results[i, 5] = all_lights.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
 

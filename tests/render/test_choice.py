@@ -6,8 +6,9 @@ import taichi as ti
 from scipy import stats
 
 from tests.reference.chi_square import LEAST
-from tiscene.render.lights.choice import chance_of, choose, weigh
+from tiscene.render.lights.choice import chance_of, choose
 from tiscene.render.lights.light_sample import LightNodes, Lights
+from tiscene.render.lights.weights import weigh
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
 from tiscene.scene.light_nodes import (
     CHILD,
@@ -40,40 +41,51 @@ def choices(
     x: ti.f32,
     y: ti.f32,
     z: ti.f32,
+    normal: ti.math.vec3,
     chances: NUMBERS,
     counts: NUMBERS,
     mismatch: NUMBERS,
     numbers: NUMBERS,
     left: NUMBERS,
+    chosen_with: NUMBERS,
 ):
     lights = ti.static(Lights(values, nodes, distribution))
     point = ti.math.vec3(x, y, z)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
-        count, scale = weigh(lights, point, weights)
+        weights, faced = ti.Vector.zero(ti.f32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+        count, scale, faced_scale = weigh(lights, point, normal, weights, faced, True)
         for k in range(numbers.shape[0]):
-            row, _place, chance, left[k] = choose(lights, weights, count, scale, point, numbers[k])
+            row, _place, both, left[k] = choose(
+                lights, weights, faced, count, scale, faced_scale, point, normal, numbers[k]
+            )
             counts[row] += 1.0
+            chosen_with[row] = both.x
             again = chance_of(lights, weights, count, scale, row, point)
-            mismatch[0] = ti.max(mismatch[0], ti.abs(chance - again))
+            mismatch[0] = ti.max(mismatch[0], ti.abs(both.y - again))
         for row in range(chances.shape[0]):
             chances[row] = chance_of(lights, weights, count, scale, row, point)
 
 
-def chosen(lights, point, numbers):
-    """Kinds of the table's rows, the chance of each at a point, and how often it is chosen by numbers in 0..1."""
+def chosen(lights, point, numbers, normal=(0.0, 0.0, 0.0)):
+    """Kinds of the table's rows, the chance of each at a point, and how often it is chosen by numbers in 0..1; by a
+    surface of a normal the chances are those that were found by choosing, 0 where it was never chosen."""
     table = LightTable()
     table.append(lights, 0)
     arrays = table.arrays(TextureAtlas())
     kinds = arrays.values.to_numpy()[:, KIND].astype(int)
     chances, counts, mismatch = (np.zeros(size, np.float32) for size in (len(kinds), len(kinds), 1))
     left = np.empty(len(numbers), np.float32)
-    choices(*arrays, *point, chances, counts, mismatch, numbers.astype(np.float32), left)
+    found = np.zeros(len(kinds), np.float32)
+    normal = ti.math.vec3(*normal)
+    choices(*arrays, *point, normal, chances, counts, mismatch, numbers.astype(np.float32), left, found)
     assert 0.0 <= left.min() <= left.max() < 1.0
     assert np.histogram(left, 16, (0.0, 1.0))[0] == pytest.approx(len(numbers) / 16, rel=0.06)
     assert chances.sum() == pytest.approx(1.0, abs=1e-5)
     assert mismatch[0] < 1e-6
+    if normal.norm() > 0.0:
+        return kinds, found, counts
+    np.testing.assert_allclose(found[counts > 0], chances[counts > 0], rtol=1e-4)
     return kinds, chances, counts
 
 
@@ -154,12 +166,38 @@ def test_of_many_lamps_the_near_and_bright_ones(count):
     assert (ideal**2 / chances).sum() < min(1.5, 0.5 * evenly)
 
 
+def test_a_surface_that_faces_away_from_a_lamp_chooses_others():
+    lamps = [lamp(0.0, 0.0, 1.0), lamp(0.0, 0.0, -1.0), lamp(0.8, 0.0, 0.6)]
+    _, chances, counts = chosen(lamps, (0.0, 0.0, 0.0), (np.arange(20000) + 0.5) / 20000, (0.0, 0.0, 1.0))
+    assert counts / 20000 == pytest.approx(chances, abs=2e-4)
+    assert chances[1] < 0.08
+    # The cosines, of which that of a small lamp is a little larger.
+    assert (chances[2] - EVEN_PART / 3) / (chances[0] - EVEN_PART / 3) == pytest.approx(0.6, rel=0.05)
+
+
+@pytest.mark.parametrize("count", [FEW, 60, 200])
+def test_of_many_lamps_those_that_a_surface_faces(count):
+    """What is left is how one cosine stands for all of a group: far less than where no cosine is looked at."""
+    lamps, point, normal = many_lamps(count), np.array([-5.2, 2.0, -3.0]), np.array([0.6, -0.8, 0.0])
+    _, chances, counts = chosen(lamps, tuple(point), np.random.default_rng(1).random(400_000), tuple(normal))
+    _, blind, _ = chosen(lamps, tuple(point), np.random.default_rng(1).random(400_000))
+    offsets = np.array([each.world_from_light[:3, 3] for each in lamps]) - point
+    distances = np.linalg.norm(offsets, axis=1)
+    gives = np.array([each.radiance[0] for each in lamps]) * np.maximum(offsets @ normal, 0.0) / distances**3
+    gives /= gives.sum()
+    shines = gives > 1e-3
+    assert (counts[shines] > 0).all()
+    excess, before = ((gives[shines] ** 2 / each[shines]).sum() - 1.0 for each in (chances, blind))
+    assert excess < 0.4 * before
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 0.0), (0.6, 0.0, -0.8)])
 @pytest.mark.parametrize("count", [3, 60, 700])
-def test_choices_follow_their_chances(count):
+def test_choices_follow_their_chances(count, normal):
     """Chi-square."""
     samples = 200_000
     lights = [*many_lamps(count), DomeLight("sky", "/sky", np.eye(4), (0.01, 0.01, 0.01))]
-    _, chances, counts = chosen(lights, (1.0, 2.0, -3.0), np.random.default_rng(5).random(samples, np.float32))
+    _, chances, counts = chosen(lights, (1.0, 2.0, -3.0), np.random.default_rng(5).random(samples, np.float32), normal)
     expected = chances / chances.sum(dtype=np.float64) * samples
     often = expected >= 5.0
     assert often.sum() > 0.3 * count

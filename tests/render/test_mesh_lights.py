@@ -200,7 +200,7 @@ def from_origin(
             rays[i, 4] = mesh.pdf(lights, 0, triangles[i], origin, direction, rays[i, 3])
         else:
             u = ti.math.vec2(numbers[i, 0], numbers[i, 1])
-            found = all_lights.sample(lights, textures, origin, u)
+            found = all_lights.sample(lights, textures, origin, ti.math.vec3(0.0), u)
             for c in ti.static(range(3)):
                 rays[i, c] = found.direction[c]
             rays[i, 3], rays[i, 4] = found.distance, found.pdf

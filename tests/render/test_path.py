@@ -212,6 +212,21 @@ def test_mis_changes_the_noise_but_not_the_mean() -> None:
     assert with_mis.mean() == pytest.approx(without.mean(), rel=5e-3)
 
 
+def test_many_lamps_have_the_same_mean_however_they_are_weighed() -> None:
+    """Lamps are chosen by the normal of what they light, which a path that runs into one does not know any more."""
+    random = np.random.default_rng(4)
+    lamps = []
+    for number in range(40):
+        matrix = np.eye(4)
+        matrix[:3, 3] = random.uniform(-0.8, 0.8, 3)
+        lamps.append(SphereLight(f"{number}", f"/{number}", matrix, (2.0,) * 3, 0.08))
+    scene = described(*box(CORNELL), lamps)
+    both, sampled = (render(scene, BOX_CAMERA, (16, 16), spp=256, max_depth=3, mis=mis).hdr for mis in (True, False))
+    seen_from_camera = sampled.max(axis=2) > 1.9
+    difference = (both - sampled)[~seen_from_camera].mean() / sampled[~seen_from_camera].mean()
+    assert abs(difference) < 0.01
+
+
 def test_lights_are_seen_and_hide_what_is_behind() -> None:
     lamp = RectLight("l", "/l", towards((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), (3.0, 4.0, 5.0), 10.0, 10.0)
     wall = quad((-9, -9, -1), (9, -9, -1), (9, 9, -1), (-9, 9, -1))

@@ -19,10 +19,11 @@ LANES = 1 << LANE_BITS
 # gives STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * max(d * d + SIZE2, SPREAD2)), about the irradiance by
 # luminance, W/m²; where BACK is CONE, its light has a cone besides. SPREAD2: how far a group's members are from its
 # centre, squared, in the mean; 0 of a light. EVEN: the least chance of an entry. ROW: the light's, or -1 for a group or
-# no member. CHILD: the node of a group's members, else 0.
+# no member. CHILD: the node of a group's members, else 0. EXTENT: the root of SIZE2 + SPREAD2, about how far a member
+# reaches.
 # Of a dome ROUND is 1 where it has no portals; SIZE2: its part of samples by its image, over that by its portals.
-CENTRE, NORMAL, ROUND, STRENGTH, SIZE2, SPREAD2, BACK, EVEN, ROW, CHILD = 0, 3, *range(6, 14)
-ATTRIBUTES = 14
+CENTRE, NORMAL, ROUND, STRENGTH, SIZE2, SPREAD2, BACK, EVEN, ROW, CHILD, EXTENT = 0, 3, *range(6, 15)
+ATTRIBUTES = 15
 CONE = -1.0
 
 # After these columns: the place of the group whose members these are (node * LANES + lane; 0 for entries, and for the
@@ -119,6 +120,7 @@ def _nodes(rows: Floats, of: NDArray[np.int64], lane: NDArray[np.int64], parents
     """Nodes from the rows of their members. of, lane: of each row; parents: of each node."""
     table = np.tile(no_members(1), (len(parents), LANES, 1))
     table[of, lane] = rows
+    table[:, :, EXTENT] = np.sqrt(table[:, :, SIZE2] + table[:, :, SPREAD2])
     result = np.zeros((len(parents), NODE_COLUMNS), np.float32)
     result[:, : LANES * ATTRIBUTES] = table.transpose(0, 2, 1).reshape(len(parents), LANES * ATTRIBUTES)
     result[:, PARENT] = parents

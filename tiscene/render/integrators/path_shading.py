@@ -42,7 +42,7 @@ from tiscene.render.sampler import combine, draw, set_key, set_keys
 from tiscene.render.surface import FLOATS_3D, Geometry, offset_origin, surface_at
 from tiscene.render.textures import Textures
 from tiscene.scene.light_table import KIND, MESH, SHADOWLESS
-from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, MATTE
+from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE
 from tiscene.scene.placement import CURRENT
 
 vec2 = ti.math.vec2
@@ -218,7 +218,8 @@ def shade(
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
                     light_u = draw(set_keys(frame_key, sets + LIGHT_SET), index)
-                    light_sample = all_lights.sample(lights, textures, surface.position, light_u)
+                    lit_side = normal * ti.cast((point.flags & GLASS) == 0, ti.f32)  # glass is lit from all around
+                    light_sample = all_lights.sample(lights, textures, surface.position, lit_side, light_u)
                     bsdf_u = draw(set_keys(frame_key, sets + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
                     if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
@@ -234,7 +235,7 @@ def shade(
                         direct *= reflected / light_sample.pdf
                         shadowless = light_values[light_row, SHADOWLESS] > 0.0
                         if mis != 0 and light_sample.delta == 0 and not shadowless:
-                            direct *= power_heuristic(light_sample.pdf, scattering.towards_light.w)
+                            direct *= power_heuristic(light_sample.mis_pdf, scattering.towards_light.w)
                         if shadowless:
                             radiance += direct
                         elif direct.max() > 0.0:

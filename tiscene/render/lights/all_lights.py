@@ -3,8 +3,9 @@
 import taichi as ti
 
 from tiscene.render.lights import cylinder, disk, distant, dome, mesh, point, portal, rect, shaping, sphere
-from tiscene.render.lights.choice import chance_of, choose, weigh
+from tiscene.render.lights.choice import chance_of, choose
 from tiscene.render.lights.light_sample import header, integer, no_sample
+from tiscene.render.lights.weights import weigh
 from tiscene.scene.light_nodes import H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
 from tiscene.scene.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
 
@@ -16,15 +17,18 @@ LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), origin: vec3, number: vec2):
-    """A direction to some light: a LightSample. number: in [0, 1)^2. The density is that of all ways to it."""
+def sample(lights: ti.template(), textures: ti.template(), origin: vec3, normal: vec3, number: vec2):
+    """A direction to some light: a LightSample. number: in [0, 1)^2. The densities are those of all ways to it.
+
+    normal: of the surface, or 0 where light from all around counts.
+    """
     result = no_sample()
     if header(lights.nodes, H_NODES) > 0:
-        weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
-        count, scale = weigh(lights, origin, weights)
-        row, place, chance, rest = choose(lights, weights, count, scale, origin, number.x)
+        weights, faced = ti.Vector.zero(ti.f32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
+        count, scale, faced_scale = weigh(lights, origin, normal, weights, faced, True)
+        row, place, chances, rest = choose(lights, weights, faced, count, scale, faced_scale, origin, normal, number.x)
         u = vec2(rest, number.y)
-        if chance > 0.0:
+        if chances.x > 0.0:
             kind = integer(lights.values, row, KIND)
             result.row = row
             for k in ti.static(range(len(LIGHTS))):
@@ -36,9 +40,12 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, number:
                 if kind == MESH:
                     result = mesh.sample(lights, textures, row, place, origin, u)
                     result.row = row
-            result.pdf *= chance
+            densities = result.pdf * chances
             if (kind == DOME or kind == PORTAL) and result.pdf > 0.0:
-                result.pdf += other_ways(lights, weights, count, scale, result.row, row, origin, result.direction)
+                densities += other_ways(
+                    lights, weights, faced, True, count, scale, faced_scale, result.row, row, origin, result.direction
+                )
+            result.pdf, result.mis_pdf = densities.x, densities.y
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
                 met = origin + result.direction * result.distance
                 result.radiance *= shaping.scale(lights.values, textures, row, met, -1.0 * result.direction)
@@ -49,15 +56,19 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, number:
 def other_ways(
     lights: ti.template(),
     weights: ti.template(),
+    faced: ti.template(),
+    faces: ti.template(),
     count: ti.i32,
     scale: ti.f32,
+    faced_scale: ti.f32,
     row: ti.i32,
     but: ti.i32,
     origin: vec3,
     direction: vec3,
-) -> ti.f32:
-    """The density of a dome's direction by its image and all its portals, leaving out the row `but`."""
-    result = 0.0
+) -> vec2:
+    """The density of a dome's direction by its image and all its portals, leaving out the row `but`; the same for a
+    surface that faces every light. weights ... faced_scale: `weigh`; unless `faces`, both are the latter."""
+    result = vec2(0.0)
     first = header(lights.nodes, H_PORTAL_ROW)
     for turn in range(first - 1, header(lights.nodes, H_ROWS)):
         way, reach = row, ti.math.inf
@@ -65,12 +76,14 @@ def other_ways(
             way = turn
             reach = rect.intersect(lights, way, origin, direction)
         if way != but and (turn < first or (reach < ti.math.inf and integer(lights.values, way, DOME_ROW) == row)):
-            chance = chance_of(lights, weights, count, scale, way, origin)
-            if chance > 0.0:
+            chances = vec2(chance_of(lights, weights, count, scale, way, origin))
+            if ti.static(faces):
+                chances.x = chance_of(lights, faced, count, faced_scale, way, origin)
+            if chances.x > 0.0:
                 if turn < first:
-                    result += chance * dome.pdf(lights, way, origin, direction, reach)
+                    result += chances * dome.pdf(lights, way, origin, direction, reach)
                 else:
-                    result += chance * rect.pdf(lights, way, origin, direction, reach)
+                    result += chances * rect.pdf(lights, way, origin, direction, reach)
     return result
 
 
@@ -86,14 +99,14 @@ def pdf(
     direction: vec3,
     distance: ti.f32,
 ) -> ti.f32:
-    """Density of `sample` for a direction that meets the light, of a mesh the triangle, at that distance.
+    """The mis_pdf of `sample` for a direction that meets the light, of a mesh the triangle, at that distance.
 
     weights ... scale: `weigh` at the origin.
     """
     result = 0.0
     kind = integer(lights.values, row, KIND)
     if kind == DOME:
-        result = other_ways(lights, weights, count, scale, row, -1, origin, direction)
+        result = other_ways(lights, weights, weights, False, count, scale, scale, row, -1, origin, direction).y
     else:
         for k in ti.static(range(DOME)):
             if kind == k:

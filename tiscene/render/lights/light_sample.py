@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tiscene.scene.light_nodes import LANE_BITS, LANES, ROWS
+from tiscene.scene.light_nodes import LANE_BITS, LANES, ROW, ROWS
 from tiscene.scene.light_table import RADIANCE, TRANSFORM
 
 vec3 = ti.math.vec3
@@ -37,12 +37,17 @@ def lights_of(values: Any, nodes: Any, distribution: Any, geometry: Any, materia
 
 @ti.dataclass
 class LightSample:
-    """A direction towards a light. pdf: per steradian, 0 for no sample; for a delta light 1, and delta is 1."""
+    """A direction towards a light. pdf: per steradian, 0 for no sample; for a delta light 1, and delta is 1.
+
+    mis_pdf: the same, were the light chosen for a surface that faces every light: what weights of multiple importance
+    sampling are made of, since who runs into a light does not know the normal that he came from.
+    """
 
     direction: vec3
     distance: ti.f32
     radiance: vec3  # for a delta light: irradiance on a surface that faces it
     pdf: ti.f32
+    mis_pdf: ti.f32
     delta: ti.i32
     row: ti.i32  # of the light; of a portal that of its dome
 
@@ -50,7 +55,8 @@ class LightSample:
 @ti.func
 def no_sample():
     """Nothing of the light is seen from there."""
-    return LightSample(direction=vec3(0.0, 0.0, 1.0), distance=0.0, radiance=vec3(0.0), pdf=0.0, delta=0, row=0)
+    ahead = vec3(0.0, 0.0, 1.0)
+    return LightSample(direction=ahead, distance=0.0, radiance=vec3(0.0), pdf=0.0, mis_pdf=0.0, delta=0, row=0)
 
 
 @ti.func
@@ -69,6 +75,12 @@ def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes
 def of_member(nodes: ti.template(), place: ti.i32, which: ti.template()) -> ti.f32:
     """One attribute of a member."""
     return nodes[ROWS * (place >> LANE_BITS) + which][place & (LANES - 1)]
+
+
+@ti.func
+def row_at(nodes: ti.template(), place: ti.i32) -> ti.i32:
+    """The light of a member."""
+    return ti.cast(of_member(nodes, place, ROW), ti.i32)
 
 
 @ti.func

@@ -7,8 +7,8 @@ It needs Lights with `geometry` and `materials`; kernels without them sample no 
 import taichi as ti
 
 from tiscene.render.bsdfs.inputs import Footprint, material_at
-from tiscene.render.lights.choice import in_mesh, part_of, row_at
-from tiscene.render.lights.light_sample import header, integer, no_sample
+from tiscene.render.lights.choice import in_mesh, part_of
+from tiscene.render.lights.light_sample import header, integer, no_sample, row_at
 from tiscene.render.surface import moved_by, row3, surface_at, transform_vector
 from tiscene.scene.light_nodes import H_END, H_ROWS
 from tiscene.scene.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE

@@ -5,8 +5,9 @@ import taichi as ti
 
 from tiscene.render.intersect.wide import larger, slabs, smaller
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.choice import lowest, not_negative, weigh
+from tiscene.render.lights.eights import lowest, not_negative
 from tiscene.render.lights.light_sample import header, lanes
+from tiscene.render.lights.weights import weigh
 from tiscene.scene.light_boxes import EIGHT_ROWS, EIGHTS, MEMBER
 from tiscene.scene.light_nodes import (
     H_BOXES,
@@ -150,7 +151,7 @@ def seen_lights(
             # A light without shadows is sampled through what is in its way, where no path could run into it.
             if mis != 0 and lights.values[row, SHADOWLESS] == 0.0:
                 if not weighed:
-                    count, scale = weigh(lights, last_vertex, weights)
+                    count, scale, _ = weigh(lights, last_vertex, vec3(0.0), weights, weights, False)
                     weighed = True
                 there = all_lights.pdf(
                     lights, weights, count, scale, row, triangle, last_vertex, direction, from_vertex
