@@ -204,6 +204,18 @@ def test_usd_in_centimetres_with_z_up(tmp_path):
     assert (tmp_path / "out" / "source" / "part.usda").is_file()  # what is referred to goes with it
 
 
+def test_variants_of_an_imported_usd_file_can_be_chosen(tmp_path):
+    (tmp_path / "in").mkdir()
+    variants = "".join(f'"{name}" {{\ndouble size = {size}\n}}\n' for name, size in (("small", 0.2), ("large", 0.4)))
+    body = f'def Cube "Box" (\n    prepend variantSets = "size"\n)\n{{\n    variantSet "size" = {{\n{variants}}}\n}}\n'
+    source = write(tmp_path / "in", body, meters=1.0, more='defaultPrim = "Box"', name="box.usda")
+    path = import_asset(source, tmp_path / "out", name="Crate 01")
+    for variant, width in (("small", 0.2), ("large", 0.4)):
+        low, high = read_template(path, variants={"size": variant}).description.bounds()
+        np.testing.assert_allclose(high - low, [width] * 3)
+    assert Usd.Stage.Open(str(path)).GetDefaultPrim().GetVariantSet("size").GetVariantSelection() == ""
+
+
 def test_missing_maps_are_named(box, tmp_path):
     (box.parent / "maps" / "oak.png").unlink()
     with pytest.warns(StageWarning, match=r"box.obj refers to files that are not there: Maps\\Oak.PNG"):

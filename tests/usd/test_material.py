@@ -308,6 +308,12 @@ def test_udim_tiles_begin_where_the_first_is(tmp_path):
     np.testing.assert_allclose(lookup.uv_transform, (1, 0, -2, 0, 1, -1))
 
 
+def test_udim_tiles_are_beside_the_layer_without_saying_so(tmp_path):
+    (tmp_path / "maps").mkdir()
+    Image.new("L", (2, 2), 7).save(tmp_path / "maps" / "t.1001.png")
+    assert len(read(tmp_path, texture("asset inputs:file = @maps/t.<UDIM>.png@")).textures) == 1
+
+
 def test_udim_without_tiles_is_named(tmp_path):
     body = texture(FALLBACK + "asset inputs:file = @./tiles.<UDIM>.png@")
     description = read_with_warning(tmp_path, body, "there are no tiles @./tiles.<UDIM>.png@.*its fallback is used")

@@ -261,10 +261,27 @@ def _import_usd(path: Path, folder: Path, name: str, label: str, centred: bool, 
         child.GetPrim().CreateAttribute("xformOpOrder", Sdf.ValueTypeNames.TokenArray, False)
         inner = stage.DefinePrim(f"/{identifier}/Source/Asset")
         inner.GetReferences().AddReference(f"./source/{path.name}", prim.GetPath())
+        _hand_on_variants(prim, stage.GetDefaultPrim(), inner)
         file = folder / "template.usda"
         with _writing(folder):
             stage.GetRootLayer().Export(str(file))
         return file
+
+
+def _hand_on_variants(source: Usd.Prim, root: Usd.Prim, inner: Usd.Prim) -> None:
+    """Give the template's root the variant sets of a model, each of whose variants selects the model's own."""
+    sets = source.GetVariantSets()
+    for name in sets.GetNames():
+        own, chosen = root.GetVariantSets().AddVariantSet(name), sets.GetVariantSelection(name)
+        for variant in sets.GetVariantSet(name).GetVariantNames():
+            own.AddVariant(variant)
+            own.SetVariantSelection(variant)
+            with own.GetVariantEditContext():
+                inner.GetVariantSets().SetSelection(name, variant)
+        if chosen:
+            own.SetVariantSelection(chosen)
+        else:
+            own.ClearVariantSelection()
 
 
 def _copy(path: Path, folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -135,10 +136,16 @@ def _where(attribute: Usd.Attribute) -> str:
 
 
 def _anchored(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> str:
-    """The path with <UDIM> in it, relative to the layer that names it."""
+    """The path with <UDIM> in it, relative to the layer that names it.
+
+    USD takes a path without "./" so only if there is a file of that very name; elsewhere it looks later.
+    """
     if asset.resolvedPath:
         return str(asset.resolvedPath)
     for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
+        beside = str(spec.layer.ComputeAbsolutePath(f"./{asset.path}"))
+        if not os.path.isabs(asset.path) and UsdShade.UdimUtils.ResolveUdimTilePaths(beside, None):
+            return beside
         return str(spec.layer.ComputeAbsolutePath(asset.path))
     return str(asset.path)
 
