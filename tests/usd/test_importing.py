@@ -83,6 +83,15 @@ def test_obj(box, tmp_path):
     assert all(prim.HasAPI(UsdPhysics.CollisionAPI) for prim in meshes)
 
 
+def test_what_a_material_file_says_of_physical_materials_counts(box, tmp_path):
+    library = box.parent / "box.mtl"
+    lamp = "newmtl lamp metal\nKd 0.5 0.5 0.5\nNs 20\nPr 0.75\nPm 0.25\nKe 4 2 1\n"
+    library.write_text(lamp)
+    box.write_text("mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl lamp metal\nf 1 2 3\n")
+    (read,) = read_template(import_asset(box, tmp_path / "out")).description.materials
+    assert (read.roughness, read.metallic, read.emissive_color) == (0.75, 0.25, (4.0, 2.0, 1.0))
+
+
 def test_units_axes_and_origin(box, tmp_path):
     path = import_asset(box, tmp_path / "out", unit=0.01, up_axis="Z", centred=False)
     bounds = read_template(path).description.bounds()

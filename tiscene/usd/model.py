@@ -6,7 +6,7 @@ import io
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +158,7 @@ def _piece(node: str, mesh: Any, matrix: NDArray[np.float64], extensions: Mappin
 
 
 def _simple(name: str, material: Any) -> Look:
-    """A material of an MTL file."""
+    """A material of an MTL file: Phong's numbers, but for what it says of physical ones (Ke, Pr, Pm)."""
     diffuse = np.asarray(material.diffuse, np.float64)[:3] / 255.0
     opacity = 1.0
     for key, invert in (("d", False), ("tr", True)):
@@ -170,7 +170,15 @@ def _simple(name: str, material: Any) -> Look:
     exponent = None if shininess is None else float(np.ravel(shininess)[0])
     r, g, b = diffuse.tolist()
     image = material.image if isinstance(material.image, Image.Image) else None
-    return phong(name, (r, g, b), shininess=exponent, opacity=opacity, image=image)
+    look = phong(name, (r, g, b), shininess=exponent, opacity=opacity, image=image)
+    physical: dict[str, Any] = {}
+    for key, name_of_input in (("pr", "roughness"), ("pm", "metallic")):
+        if key in material.kwargs:
+            physical[name_of_input] = min(max(float(np.ravel(material.kwargs[key])[0]), 0.0), 1.0)
+    glow = np.broadcast_to(np.ravel(material.kwargs.get("ke", 0.0)).astype(np.float64), 3)
+    if glow.any():
+        physical["emissiveColor"] = tuple(glow.tolist())
+    return replace(look, inputs={**look.inputs, **physical})
 
 
 def corner_normals(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
