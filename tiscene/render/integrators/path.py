@@ -216,10 +216,7 @@ class PathPass:
     ) -> None:
         """Trace the paths first .. first + count - 1 to their ends and add them to the film."""
         spp, bits, key = numbers
-        kernels.start_paths(
-            view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
-            s.rays, s.state, s.status, s.queue, s.first_sample,
-        )  # fmt: skip
+        self.start(view, s, first, count, numbers)
         live = count
         for step in range(scene.steps(max_depth)):
             live, shadows = self.advance(scene, s, live, first, step, numbers, max_depth, mis)
@@ -231,6 +228,15 @@ class PathPass:
             self.pixel_filter, self._clamp, self._pixels, first, count, spp, bits, key,
             s.status, s.occluded, s.state, s.features, self._film, s.first_sample,
         )  # fmt: skip
+
+    def start(self, view: View, s: PathState, first: int, count: int, numbers: tuple[int, int, int]) -> None:
+        """Put the paths first .. first + count - 1 at the head of the queue, where the camera sends them."""
+        spp, bits, key = numbers
+        with self._vector_mode():
+            kernels.start_paths(
+                view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
+                s.rays, s.state, s.status, s.queue, s.first_sample,
+            )  # fmt: skip
 
     def advance(
         self,

@@ -24,9 +24,10 @@ from tiscene.render.integrators.path_state import (
     get3,
     set3,
 )
+from tiscene.render.lanes import LANES, Words
 from tiscene.render.pixel_filter import offset_weight, sample_offset
 from tiscene.render.ray_arrays import PLACE, ROW, Pixels, Rays, write_ray
-from tiscene.render.sampler import SetKeys, draw, reverse_bits, set_keys
+from tiscene.render.sampler import SetKeys, draw, draw_words, reverse_bits, set_keys, unit
 from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -80,35 +81,42 @@ def start_paths(
 ):
     """Send the paths first .. first + count - 1 through their pixels, `spp` each, numbered from first_sample on.
 
+    Their random numbers are made LANES paths side by side.
+
     bits: they count all of a pixel's samples, of which these may be a part.
     """
     # A pixel's paths share it; no pixel is looked at closer than this.
     spread = 2.0 * view[CURRENT, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(1 << bits, ti.f32)), 0.25)
-    pixel_keys, lens_keys = set_keys(frame_key, PIXEL_SET), set_keys(frame_key, LENS_SET)
-    for i in range(count):
-        path = first + i
-        pixel = pixels[path // spp][ROW]
-        index = path_index(pixels, path, spp, bits, first_sample)
-        offset = pixel_offset(pixel_filter, pixel_keys, index)
-        origin, direction = camera_ray(
-            view, CURRENT, pixel % width + offset.x, pixel // width + offset.y, width, height
-        )
-        radius = view[CURRENT, LENS_RADIUS]
-        if radius > 0.0:
-            focus = origin + direction * (
-                view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
-            )
-            lens = radius * warp.disk(draw(lens_keys, index))
-            origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
-            direction = (focus - origin).normalized()
-        write_ray(rays, i, origin, direction, ti.math.inf)
-        set3(state, i, THROUGHPUT, vec3(1.0))
-        set3(state, i, RADIANCE, vec3(0.0))
-        state[i][PDF] = 0.0
-        state[i][RELATIVE_IOR2] = 1.0
-        state[i][SPREAD] = spread
-        status[i] = LIVE
-        queue[i] = i
+    ti.loop_config(block_dim=32)
+    for block in range((count + LANES - 1) // LANES):
+        begin = block * LANES
+        number = Words(0)
+        for lane in range(LANES):
+            number[lane] = path_number(pixels, first + ti.min(begin + lane, count - 1), spp, bits, first_sample)
+        index = reverse_bits(number)
+        # Keys are made here, since vectors made before the loop are kept where they are not aligned.
+        x, y = draw_words(set_keys(frame_key, PIXEL_SET), index)
+        for lane in range(ti.min(LANES, count - begin)):
+            i = begin + lane
+            pixel = pixels[(first + i) // spp][ROW]
+            right, down = sample_offset(pixel_filter, unit(x[lane])), sample_offset(pixel_filter, unit(y[lane]))
+            origin, direction = camera_ray(view, CURRENT, pixel % width + right, pixel // width + down, width, height)
+            radius = view[CURRENT, LENS_RADIUS]
+            if radius > 0.0:
+                focus = origin + direction * (
+                    view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
+                )
+                lens = radius * warp.disk(draw(set_keys(frame_key, LENS_SET), index[lane]))
+                origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
+                direction = (focus - origin).normalized()
+            write_ray(rays, i, origin, direction, ti.math.inf)
+            set3(state, i, THROUGHPUT, vec3(1.0))
+            set3(state, i, RADIANCE, vec3(0.0))
+            state[i][PDF] = 0.0
+            state[i][RELATIVE_IOR2] = 1.0
+            state[i][SPREAD] = spread
+            status[i] = LIVE
+            queue[i] = i
 
 
 @ti.kernel

@@ -11,7 +11,6 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.render.integrators import path_kernels
 from tiscene.render.integrators import replay_record as record
 from tiscene.render.integrators.path import PathPass, SceneForPaths
 from tiscene.render.integrators.path_state import CHUNK, FEATURE_COLUMNS, PathState
@@ -137,12 +136,9 @@ class PathCache:
         shadow_counts: Any,
     ) -> None:
         """Trace a block under the lights of one group, and write down what it brings at each step."""
-        s, (spp, bits, key) = self.state, self.numbers
-        path_kernels.start_paths(
-            self._view.array(), self._paths.pixel_filter, self.pixels, self._view.width, self._view.height,
-            first, count, spp, bits, key,
-            s.rays, s.state, s.status, s.queue, s.first_sample,
-        )  # fmt: skip
+        s = self.state
+        with self._paths.through(self.pixels):
+            self._paths.start(self._view, s, first, count, self.numbers)
         live = count
         last_depth = self.max_depth - 1
         if self._paths.scene.materials.any_emission:
