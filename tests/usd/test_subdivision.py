@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -96,6 +98,17 @@ def test_half_a_sharpness_lies_half_way():
     sharp = refine(cage_of(CUBE, TOP_LOOP, np.inf), POINTS.astype(float))[1]
     half = refine(cage_of(CUBE, TOP_LOOP, 0.5), POINTS.astype(float))[1]
     np.testing.assert_allclose(half, (smooth + sharp) / 2.0, atol=1e-12)
+
+
+def test_half_a_sharpness_of_a_corner_alone_lies_half_way():
+    def corner(sharpness: float) -> np.ndarray:
+        cage = cage_of(CUBE)
+        return refine(replace(cage, point_sharpness=np.where(np.arange(8) == 1, sharpness, 0.0)), POINTS.astype(float))[
+            1
+        ]
+
+    np.testing.assert_allclose(corner(np.inf)[1], POINTS[1])
+    np.testing.assert_allclose(corner(0.5), (corner(0.0) + corner(np.inf)) / 2.0, atol=1e-12)
 
 
 def test_sharpness_runs_out_level_by_level():

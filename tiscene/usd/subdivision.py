@@ -187,7 +187,7 @@ def _refined_points(
     if not count.any():
         return now
     total = np.bincount(at[edge_ends], cage.sharpness[edge[edge_ends]], minlength=cage.points)
-    total += np.where(point_ends, cage.point_sharpness, 0.0)
+    total = total + np.where(point_ends, cage.point_sharpness, 0.0)  # bincount of nothing is of whole numbers
     weight = np.where(count > 0, np.minimum(total / np.maximum(count, 1), 1.0), 1.0)[:, None]
     later = by_rule(child_edge, child_point)
     return np.asarray(weight * now + (1.0 - weight) * later)
