@@ -137,6 +137,7 @@ WRONG = [
     ("float verticalAperture = nan", "camera: verticalAperture nan"),
     ("float exposure:time = 0", "camera: its exposure attributes scale the image by 0.0"),
     ("float exposure:fStop = 0", "camera: its exposure attributes scale the image by nan"),
+    ("float exposure = 2000", "camera: its exposure attributes scale the image by nan"),
     (
         'float3 xformOp:scale = (0, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]',
         "camera: its transform is singular or not finite",

@@ -153,3 +153,13 @@ def test_any_frame_is_the_one_that_iterating_gives(tmp_path):
         for name in buffers:
             assert other[k].buffers[name].tobytes() == frames[k].buffers[name].tobytes(), (k, name)
     assert frames[3].depth.tobytes() != frames[4].depth.tobytes()
+
+
+def test_a_stage_of_ages_is_drawn_unposed(tmp_path):
+    """USD would count through all its time codes."""
+    path = tmp_path / "ages.usda"
+    text = (STAGES / "skinned.usda").read_text()
+    path.write_text(text.replace("endTimeCode = 10", "endTimeCode = 1e12"))
+    with pytest.warns(StageWarning, match="a SkelRoot of a stage of 1e\\+12 time codes is drawn unposed: </Arm>"):
+        (mesh,) = read_stage(path).meshes
+    np.testing.assert_allclose(mesh.positions, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)])

@@ -97,7 +97,8 @@ def read_camera(
 
 
 def exposure_scale(exposure: float, iso: float, time: float, f_stop: float, responsivity: float) -> float:
-    """UsdGeomCamera's linear exposure scale; 1 for its defaults."""
-    if f_stop == 0.0:
+    """UsdGeomCamera's linear exposure scale; 1 for its defaults, no finite number for what has none."""
+    try:
+        return responsivity * time * iso / 100.0 * math.exp2(exposure) / (f_stop * f_stop)
+    except (OverflowError, ZeroDivisionError):
         return math.nan
-    return responsivity * time * iso / 100.0 * math.exp2(exposure) / (f_stop * f_stop)

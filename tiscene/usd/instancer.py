@@ -97,7 +97,8 @@ def point_instances(
         text = f"{int(wrong.sum())} points, the first at {first}, have a transform that is not finite"
         report.problem(prim.GetPath(), "instancer", text)
         return None
-    flat = kept & (np.abs(np.linalg.det(matrices[:, :3, :3])) <= 0.0)
+    with np.errstate(invalid="ignore"):  # of points that are masked
+        flat = kept & (np.abs(np.linalg.det(matrices[:, :3, :3])) <= 0.0)
     if flat.any():
         report.omission(prim.GetPath(), "points of a point instancer that are squashed flat are not drawn")
         kept &= ~flat

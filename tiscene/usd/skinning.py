@@ -8,6 +8,7 @@ from tiscene.usd.problems import Report
 from tiscene.usd.tracks import filled
 
 _EVERYTHING = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
+_LONGEST = 10_000_000  # time codes of a stage: USD counts through them all, in a microsecond each
 
 
 def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: Report) -> None:
@@ -25,7 +26,11 @@ def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: Report) -> None:
                 prim.SetInstanceable(False)
         everything = report.plays or time.IsEarliestTime()
         interval = Gf.Interval.GetFullInterval() if everything else Gf.Interval(time.GetValue())
+        length = stage.GetEndTimeCode() - stage.GetStartTimeCode()
         for prim in _skel_roots(stage):
+            if length > _LONGEST:
+                report.omission(prim.GetPath(), f"a SkelRoot of a stage of {length:.3g} time codes is drawn unposed")
+                continue
             root = UsdSkel.Root(prim)
             _sample(root, time, report.plays)
             if not UsdSkel.BakeSkinning(root, interval):
