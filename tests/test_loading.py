@@ -1,8 +1,12 @@
 """A stage that another process reads while kernels are compiled is the same; so are its errors."""
 
+import os
+import signal
 import subprocess
 import sys
+import time
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,6 +44,23 @@ loading.rehearsal, recordings.prepare = whole, prepared
 stream = ts.Stream("room_02", width=32, height=24, quality=sys.argv[1], frames=1)
 stream[0]
 print("rendered")
+"""
+
+STEPS = """
+import sys
+from tiscene import device, loading
+from tiscene.render.renderer import QUALITIES
+from tiscene.catalog import find_scene
+from pathlib import Path
+rehearsal = loading.rehearsal
+def slow(*args):
+    for step, each in enumerate(rehearsal(*args)):
+        print(step, flush=True)
+        yield
+    print("end", flush=True)
+loading.rehearsal = slow
+loading._pays = lambda buffers: True
+loading.load(Path(sys.argv[1]), ("rgb",), QUALITIES["fast"], None, False)
 """
 
 
@@ -165,3 +186,49 @@ def test_the_other_process_makes_the_copies_of_textures():
         ]
         assert not any(copy.copies for copy in made.copies)
     assert any(each.copies for each in there)
+
+
+@pytest.fixture
+def waiting(tmp_path):
+    """A process that loads a stage, about to: what it says of its steps, and the folder of its files."""
+    (tmp_path / "files").mkdir()
+    environment = os.environ | {"TMPDIR": str(tmp_path / "files")}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    command = [sys.executable, "-c", STEPS, str(find_scene("room_01"))]
+    with subprocess.Popen(command, env=environment, start_new_session=True, **pipes) as process:
+        yield process, tmp_path / "files"
+        process.kill()
+
+
+def children(process):
+    return Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no list of a process's children here")
+@pytest.mark.parametrize("step", ["0", "1"])
+def test_ctrl_c_ends_both_processes_and_leaves_nothing(step, waiting):
+    process, files = waiting
+    for line in process.stdout:
+        if line.strip() == step:
+            break
+    (child,) = children(process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == -signal.SIGINT
+    assert said.count("Traceback") == said.count("KeyboardInterrupt\n") == 1
+    assert not Path("/proc", child).exists()
+    assert not list(files.iterdir())
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no list of a process's children here")
+def test_the_other_process_clears_up_after_one_that_was_killed(waiting):
+    process, files = waiting
+    process.stdout.readline()
+    (child,) = children(process)
+    process.kill()
+    process.wait()
+    end = time.monotonic() + 60
+    while Path("/proc", child).exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not Path("/proc", child).exists()
+    assert not list(files.iterdir())

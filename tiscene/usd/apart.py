@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import os
 import pickle
+import shutil
 import struct
 import subprocess
 import sys
@@ -57,15 +58,16 @@ class Reading:
         self._path = str(path)
         self._limits = limits
         self._began = time.monotonic()
-        self._folder = tempfile.TemporaryDirectory()
+        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         request, self._result = Path(self._folder.name, "request"), Path(self._folder.name, "result")
-        request.write_bytes(pickle.dumps((self._path, limits, options)))
+        request.write_bytes(pickle.dumps((os.getpid(), self._path, limits, options)))
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-c", _PROGRAM, str(request), str(self._result)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C is for this process, which then ends the other
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
             )
         except OSError as error:
@@ -147,7 +149,7 @@ class _ResultReader(pickle.Unpickler):
 
 def read_here(request: str, result: str) -> None:
     """What the other process does. request, result: files."""
-    path, limits, options = pickle.loads(Path(request).read_bytes())
+    asked_by, path, limits, options = pickle.loads(Path(request).read_bytes())
     if limits is not None:
         _limit(limits)
     from tiscene.usd import read_stage
@@ -165,7 +167,22 @@ def read_here(request: str, result: str) -> None:
             answer = ("error", (type(error).__name__, str(error), stage, problems))
     del stage
     told = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]
-    _dump((*answer, told), Path(result))
+    if _is_gone(asked_by):  # nobody else takes its things away
+        shutil.rmtree(Path(result).parent, ignore_errors=True)
+    else:
+        _dump((*answer, told), Path(result))
+
+
+def _is_gone(process: int) -> bool:
+    """Whether a process was killed. Not asked on Windows, where signal 0 is Ctrl-C."""
+    try:
+        if os.name == "posix":
+            os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # it is there, and somebody else's
+        pass
+    return False
 
 
 def _looked_at(path: str, variants: Any, answer: Path) -> Usd.Stage | None:
