@@ -196,6 +196,9 @@ def test_what_of_a_gltf_file_is_left_out_is_named(tmp_path):
     path = gltf_file(tmp_path / "b.gltf", materials=[{}], extensionsRequired=["EXT_meshopt_compression"])
     with pytest.raises(StageError, match="compressed by EXT_meshopt_compression: export it without"):
         import_asset(path, tmp_path / "out")
+    for damaged in ({"extensionsUsed": 3}, {"extensionsRequired": 3, "materials": [3]}, {"materials": 3}):
+        with pytest.raises(StageError, match=r"c\.gltf has 1 problem"):
+            import_asset(gltf_file(tmp_path / "c.gltf", **{"materials": [{}], **damaged}), tmp_path / "out")
 
 
 def test_usd_in_centimetres_with_z_up(tmp_path):

@@ -30,12 +30,13 @@ def header(name: str, data: bytes) -> dict[str, Any]:
         data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
     try:
         found = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     found = found if isinstance(found, dict) else {}
+    required = found.get("extensionsRequired")
     for extension in _COMPRESSIONS:
         undone = extension == "KHR_draco_mesh_compression" and importlib.util.find_spec("DracoPy") is not None
-        if extension in found.get("extensionsRequired", ()) and not undone:
+        if isinstance(required, list) and extension in required and not undone:
             hint = " (or pip install DracoPy)" if "draco" in extension else ""
             raise StageError(name, [f"its geometry is compressed by {extension}: export it without{hint}"])
     return found
