@@ -198,10 +198,11 @@ def trace(
                     child = ti.bit_cast(nodes[node + 6][k], ti.i32)
                     if found:
                         closer = distance < nearest
-                        references[waiting] = ti.select(closer, current, child)
+                        other = ti.select(closer, current, child)
                         current = ti.select(closer, child, current)
                         distances[waiting] = ti.select(closer, nearest, distance)
                         nearest = ti.select(closer, distance, nearest)
+                        references[waiting] = other  # last: LLVM makes camera rays 7 % slower of it else
                         waiting += 1
                     else:
                         current = child
