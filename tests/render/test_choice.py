@@ -6,7 +6,7 @@ import taichi as ti
 from scipy import stats
 
 from tests.reference.chi_square import LEAST
-from tiscene.render.lights.choice import chance_of, choose
+from tiscene.render.lights.choice import chances_of, choose
 from tiscene.render.lights.light_sample import LightNodes, Lights
 from tiscene.render.lights.weights import weigh
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
@@ -61,10 +61,10 @@ def choices(
             )
             counts[row] += 1.0
             chosen_with[row] = both.x
-            again = chance_of(lights, weights, count, scale, row, point)
+            again = chances_of(lights, weights, weights, count, scale, scale, row, point).y
             mismatch[0] = ti.max(mismatch[0], ti.abs(both.y - again))
         for row in range(chances.shape[0]):
-            chances[row] = chance_of(lights, weights, count, scale, row, point)
+            chances[row] = chances_of(lights, weights, weights, count, scale, scale, row, point).y
 
 
 def chosen(lights, point, numbers, normal=(0.0, 0.0, 0.0)):

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from tiscene.render.lights import cylinder, disk, distant, dome, mesh, point, portal, rect, shaping, sphere
-from tiscene.render.lights.choice import chance_of, choose
+from tiscene.render.lights.choice import chances_of, choose
 from tiscene.render.lights.light_sample import header, integer, no_sample
 from tiscene.render.lights.weights import weigh
 from tiscene.scene.light_nodes import H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
@@ -43,7 +43,7 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, normal:
             densities = result.pdf * chances
             if (kind == DOME or kind == PORTAL) and result.pdf > 0.0:
                 densities += other_ways(
-                    lights, weights, faced, True, count, scale, faced_scale, result.row, row, origin, result.direction
+                    lights, weights, faced, count, scale, faced_scale, result.row, row, origin, result.direction
                 )
             result.pdf, result.mis_pdf = densities.x, densities.y
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
@@ -57,7 +57,6 @@ def other_ways(
     lights: ti.template(),
     weights: ti.template(),
     faced: ti.template(),
-    faces: ti.template(),
     count: ti.i32,
     scale: ti.f32,
     faced_scale: ti.f32,
@@ -67,7 +66,7 @@ def other_ways(
     direction: vec3,
 ) -> vec2:
     """The density of a dome's direction by its image and all its portals, leaving out the row `but`; the same for a
-    surface that faces every light. weights ... faced_scale: `weigh`; unless `faces`, both are the latter."""
+    surface that faces every light. weights ... faced_scale: `weigh`."""
     result = vec2(0.0)
     first = header(lights.nodes, H_PORTAL_ROW)
     for turn in range(first - 1, header(lights.nodes, H_ROWS)):
@@ -76,9 +75,7 @@ def other_ways(
             way = turn
             reach = rect.intersect(lights, way, origin, direction)
         if way != but and (turn < first or (reach < ti.math.inf and integer(lights.values, way, DOME_ROW) == row)):
-            chances = vec2(chance_of(lights, weights, count, scale, way, origin))
-            if ti.static(faces):
-                chances.x = chance_of(lights, faced, count, faced_scale, way, origin)
+            chances = chances_of(lights, weights, faced, count, scale, faced_scale, way, origin)
             if chances.x > 0.0:
                 if turn < first:
                     result += chances * dome.pdf(lights, way, origin, direction, reach)
@@ -106,7 +103,7 @@ def pdf(
     result = 0.0
     kind = integer(lights.values, row, KIND)
     if kind == DOME:
-        result = other_ways(lights, weights, weights, False, count, scale, scale, row, -1, origin, direction).y
+        result = other_ways(lights, weights, weights, count, scale, scale, row, -1, origin, direction).y
     else:
         for k in ti.static(range(DOME)):
             if kind == k:
@@ -115,7 +112,7 @@ def pdf(
             if kind == MESH:
                 result = mesh.pdf(lights, row, triangle, origin, direction, distance)
         if result > 0.0:
-            result *= chance_of(lights, weights, count, scale, row, origin)
+            result *= chances_of(lights, weights, weights, count, scale, scale, row, origin).y
     return result
 
 

@@ -4,9 +4,6 @@ import taichi as ti
 
 from tiscene.render.lights.eights import eight, lane_of, picked, total_of
 from tiscene.render.lights.light_sample import (
-    Floats2,
-    LightNodes,
-    Lights,
     attribute,
     header,
     integer,
@@ -113,16 +110,7 @@ def choose(
 @ti.func
 def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
     """(the place of the entry that a member is below, its part of the entry's chance); place 0 for a mesh's member."""
-    here, part = place, 1.0
-    if here >> LANE_BITS > header(lights.nodes, H_NODES):
-        here, part = part_below(lights.values, lights.nodes, place, origin)
-    return here, part
-
-
-@ti.real_func  # not inlined where it is called: seldom, and in four places of the largest kernel
-def part_below(values: Floats2, nodes: LightNodes, place: ti.i32, origin: vec3) -> tuple[ti.i32, ti.f32]:
-    """What `part_of` says of a member that is no entry itself."""
-    lights = ti.static(Lights(values, nodes, None))
+    nodes = ti.static(lights.nodes)
     entries = header(nodes, H_NODES)
     here, part = place, 1.0
     while here >> LANE_BITS > entries:
@@ -134,15 +122,25 @@ def part_below(values: Floats2, nodes: LightNodes, place: ti.i32, origin: vec3) 
 
 
 @ti.func
-def chance_of(
-    lights: ti.template(), weights: ti.template(), count: ti.i32, scale: ti.f32, row: ti.i32, origin: vec3
-) -> ti.f32:
-    """The chance with which `choose` picks the row for a surface that faces every light; of a dome or a portal, by what
-    is faced and its scale, the chance for a surface of that normal."""
-    result = 1.0
+def chances_of(
+    lights: ti.template(),
+    weights: ti.template(),
+    faced: ti.template(),
+    count: ti.i32,
+    scale: ti.f32,
+    faced_scale: ti.f32,
+    row: ti.i32,
+    origin: vec3,
+) -> vec2:
+    """The chances with which `choose` picks the row: for a surface of the normal (of domes and portals only) and
+    for one that faces every light. weights ... faced_scale: `weigh`."""
+    result = vec2(1.0)
     if count > 0:
         place, part = part_of(lights, integer(lights.values, row, NODE), origin)
         entry = place - LANES
-        here = weights[entry]
-        result = part * (here * scale + of_entry(lights.nodes, entry, EVEN)) if here > 0.0 else 0.0
+        result = vec2(0.0)
+        if weights[entry] > 0.0:
+            result = part * (
+                vec2(faced[entry] * faced_scale, weights[entry] * scale) + of_entry(lights.nodes, entry, EVEN)
+            )
     return result
