@@ -11,7 +11,7 @@ from tiscene.device import front_end
 
 CODE = """
 import sys
-from taichi.lang import impl, kernel_impl
+from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 places = {
     kernel_impl: ("_inside_class", "_get_tree_and_ctx", "transform_tree"),
@@ -26,10 +26,6 @@ if sys.argv[1] == "again":
 if sys.argv[1] == "own":
     for where, function in own.items():
         setattr(*where, function)
-    tree = own[kernel_impl, "_get_tree_and_ctx"]
-    def mended(function, ast_builder=None, **others):  # functions in one that is not inlined are built in there
-        return tree(function, ast_builder=ast_builder and impl.get_runtime().compiling_callable.ast_builder(), **others)
-    kernel_impl._get_tree_and_ctx = mended
 import tiscene as ts
 print(ts.Stream("object_view", width=16, height=12, quality="fast", differential=False)[0].rgb.mean())
 """
@@ -65,27 +61,6 @@ def often(values: ti.types.ndarray(ti.f32, 1)):
         values[0] = thrice(thrice(values[0])) + thrice(1.0)
 
 
-@ti.func
-def at_most_one(x):
-    result = x
-    if x > 1.0:
-        result = 1.0
-    return result
-
-
-@ti.real_func
-def clipped_sum(values: ti.types.ndarray(ti.f32, 1), count: ti.i32) -> ti.f32:
-    result = 0.0
-    for k in range(count):
-        result += at_most_one(values[k])
-    return result
-
-
-@ti.kernel
-def sums(values: ti.types.ndarray(ti.f32, 1)):
-    values[0] = clipped_sum(values, 2) + clipped_sum(values, 1)
-
-
 @ti.kernel
 def wrong(values: ti.types.ndarray(ti.f32, 1)):
     values[0] = twice(values[0])
@@ -117,13 +92,6 @@ def test_a_tree_serves_all_calls_of_a_function(monkeypatch):
     monkeypatch.setattr(front_end, "_parsed", lambda source: lines.append(source[1]) or parsed(source))
     often(ti.ndarray(ti.f32, 1))
     assert lines.count("def thrice(x):") == 1
-
-
-def test_functions_may_branch_within_one_that_is_not_inlined():
-    values = ti.ndarray(ti.f32, 2)
-    values[0], values[1] = 0.5, 3.0
-    sums(values)
-    assert values[0] == 2.0
 
 
 def test_errors_say_where():

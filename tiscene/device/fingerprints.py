@@ -31,6 +31,7 @@ from taichi.types.ndarray_type import NdarrayType
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic, np.dtype)
 _BY_VERSION = {"taichi", "numpy", *sys.stdlib_module_names}
 _VERSIONS = (sys.version, sys.byteorder, ti.__version__, core.get_commit_hash(), np.__version__)
+_WRITERS = tuple(f"tiscene.device.{name}" for name in ("fingerprints", "recordings", "tapes"))
 # What the configuration says of how Taichi runs, not of what it makes.
 _RUNNING = ("cache", "print", "verbose", "threads", "timeline", "memory", "random_seed")
 
@@ -41,11 +42,9 @@ class NoFingerprint(Exception):
 
 @dataclasses.dataclass(eq=False)
 class Fingerprint:
-    """text: hexadecimal digits. functions: those named that are not inlined, by module and name; None if two share
-    these. files: the modules whose source counts."""
+    """text: hexadecimal digits. files: the modules whose source counts."""
 
     text: str
-    functions: dict[tuple[str, str], Func | None]
     files: set[str]
 
     def is_true(self) -> bool:
@@ -56,7 +55,8 @@ class Fingerprint:
 def fingerprint(kernel: Kernel, args: Any, features: Any) -> Fingerprint:
     """Of a kernel for arguments of which Taichi says these features. Raises NoFingerprint."""
     walk, runtime, config = _Walk(), impl.get_runtime(), impl.current_cfg()
-    walk.note(_VERSIONS, runtime.short_circuit_operators, runtime.unrolling_limit)
+    walk.note(_VERSIONS, [source_digest(module) for module in _WRITERS])
+    walk.note(runtime.short_circuit_operators, runtime.unrolling_limit)
     for name in dir(config):
         if not name.startswith("_") and not any(part in name for part in _RUNNING):
             walk.note(name, getattr(config, name))
@@ -64,7 +64,7 @@ def fingerprint(kernel: Kernel, args: Any, features: Any) -> Fingerprint:
         walk.note(parameter.name, value if isinstance(parameter.annotation, template) else feature)
     walk.function(kernel.func, kernel)
     walk.finish()
-    return Fingerprint(walk.digest.hexdigest(), walk.functions, walk.files)
+    return Fingerprint(walk.digest.hexdigest(), walk.files)
 
 
 @functools.cache
@@ -86,7 +86,6 @@ class _Walk:
 
     def __init__(self) -> None:
         self.digest = hashlib.sha256()
-        self.functions: dict[tuple[str, str], Func | None] = {}
         self.files: set[str] = set()
         self._numbers: dict[int, int] = {}  # of functions and classes, by id
         self._waiting: list[tuple[types.FunctionType, Any]] = []
@@ -110,9 +109,6 @@ class _Walk:
         if id(function) not in self._numbers:
             self._numbers[id(function)] = len(self._numbers)
             self._waiting.append((function, taichi))
-            if isinstance(taichi, Func) and taichi.is_real_function:
-                where = (function.__module__, function.__qualname__)
-                self.functions[where] = None if where in self.functions else taichi
         return "function", self._numbers[id(function)]
 
     def _source(self, value: Any) -> tuple[str, str]:

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from taichi.lang import impl, kernel_impl
+from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 from tiscene.device import fingerprints, recordings
@@ -89,7 +89,7 @@ def _tree_and_context(
         src=source.lines,
         start_lineno=source.first_line,
         file=source.file,
-        ast_builder=ast_builder and impl.get_runtime().compiling_callable.ast_builder(),  # not always a kernel's
+        ast_builder=ast_builder,
         is_real_function=is_real_function,
     )
     return source.trees.pop() if source.trees else _parsed(source.lines), context

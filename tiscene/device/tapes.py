@@ -7,7 +7,6 @@ import os
 import zlib
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from taichi._lib import core
 from tiscene.files import write_atomically
 
 MOST = 1000  # files in a folder; those go that were not used for longest
-OWNER, CONFIG, PLACE = range(3)  # the first values: the kernel or function, the configuration, where a call stands
+KERNEL, CONFIG, PLACE = range(3)  # the first values: the kernel, the configuration, where a call stands
 FIRST = 3  # those after them
 
 _TYPES = {each.to_string(): each for name, each in vars(core).items() if name.startswith("DataType_")}
@@ -29,14 +28,13 @@ class NotKept(Exception):
 
 @dataclass
 class Tape:
-    """The calls by which the syntax tree of a kernel is made, or of a function that is not inlined.
+    """The calls by which the syntax tree of a kernel is made.
 
-    name: the function's module, its name, and what it takes; empty for a kernel. constants: what calls are given that
-    is no result, in the words of `encoded`. calls: which, by name. counts: of how many values. arguments: their places,
-    call after call. Values are the three above, the constants, and the result of each call.
+    constants: what calls are given that is no result, in the words of `encoded`. calls: which, by name. counts: of how
+    many values. arguments: their places, call after call. Values are the three above, the constants, and the result of
+    each call.
     """
 
-    name: list[Any]
     constants: list[Any] = field(default_factory=list)
     calls: list[str] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)
@@ -76,32 +74,26 @@ def decoded(words: Any) -> Any:
     return tuple(values) if kind == "tuple" else list(values)
 
 
-def read_tapes(path: Path) -> list[Tape] | None:
+def read_tape(path: Path) -> Tape | None:
     """None if the file is not there or damaged."""
     try:
         head, _, rest = zlib.decompress(path.read_bytes()).partition(b"\n")
         os.utime(path)  # used now
     except (OSError, zlib.error):
         return None
-    numbers = iter(np.frombuffer(rest, "<u4").tolist())
-    tapes = []
-    for name, constants, names, calls, arguments in json.loads(head):
-        called = [names[number] for number in islice(numbers, calls)]
-        tapes.append(Tape(name, constants, called, list(islice(numbers, calls)), list(islice(numbers, arguments))))
-    return tapes
+    constants, names, count = json.loads(head)
+    numbers = np.frombuffer(rest, "<u4").tolist()
+    calls = [names[number] for number in numbers[:count]]
+    return Tape(constants, calls, numbers[count : 2 * count], numbers[2 * count :])
 
 
-def write_tapes(path: Path, tapes: list[Tape]) -> None:
+def write_tape(path: Path, tape: Tape) -> None:
     """Write a file, whole or not at all. Nothing happens where nothing can be written."""
-    head: list[Any] = []
-    numbers: list[int] = []
-    for tape in tapes:
-        names = {name: number for number, name in enumerate(dict.fromkeys(tape.calls))}
-        head.append((tape.name, tape.constants, list(names), len(tape.calls), len(tape.arguments)))
-        numbers += [*(names[name] for name in tape.calls), *tape.counts, *tape.arguments]
-    data = json.dumps(head).encode() + b"\n" + np.array(numbers, "<u4").tobytes()
+    names = {name: number for number, name in enumerate(dict.fromkeys(tape.calls))}
+    head = json.dumps([tape.constants, list(names), len(tape.calls)]).encode()
+    numbers = np.array([*(names[name] for name in tape.calls), *tape.counts, *tape.arguments], "<u4")
     with suppress(OSError):
-        write_atomically(path, zlib.compress(data))
+        write_atomically(path, zlib.compress(head + b"\n" + numbers.tobytes()))
         files = sorted(path.parent.glob("*" + path.suffix), key=lambda file: file.stat().st_mtime)
         for file in files[:-MOST]:
             file.unlink()
