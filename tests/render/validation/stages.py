@@ -80,6 +80,13 @@ def sky_image() -> Texture:
     return Texture("sky", pixels, encoding="raw")
 
 
+def lamps() -> list[Light]:
+    """Twenty-four small ones, each in the way of others."""
+    places = [(x, y, z) for x in (-0.6, 0.0, 0.6) for y in (0.4, 0.8) for z in (-0.6, -0.2, 0.2, 0.6)]
+    bright = (3.2, 2.4, 1.6)
+    return [SphereLight(f"{k}", f"/{k}", towards(place, DOWN), bright, 0.05) for k, place in enumerate(places)]
+
+
 def patches(size: int = 8) -> Texture:
     """Pixels of random colours."""
     pixels = np.random.default_rng(4).random((size, size, 4)).astype(np.float32)
@@ -147,6 +154,8 @@ STAGES: dict[str, Callable[[], Stage]] = {
     "disk": lambda: Stage(room(DiskLight("l", "/l", CEILING, BRIGHT, 0.3))),
     "sphere": lambda: Stage(room(SphereLight("l", "/l", ABOVE, BRIGHT, 0.15))),
     "cylinder": lambda: Stage(room(CylinderLight("l", "/l", ABOVE, BRIGHT, 0.06, 0.9)), noise="less"),
+    # Most of the variance is whether a path from the camera meets a lamp.
+    "many lamps": lambda: Stage(room(*lamps()), noise="other"),
     "point": lambda: Stage(room(SphereLight("l", "/l", ABOVE, (1.0, 0.8, 0.6), 0.0))),
     "sun": lambda: Stage(room(DistantLight("l", "/l", towards((0, 0, 0), (0.4, -0.5, -1.0)), (3.0, 2.0, 1.0)))),
     "dome": lambda: Stage(room(DomeLight("l", "/l", np.eye(4), (0.6, 0.8, 1.0)))),
