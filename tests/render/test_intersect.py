@@ -28,7 +28,7 @@ from tests.render.tracing import (
 )
 from tiscene.errors import ArgumentError
 from tiscene.render import intersect
-from tiscene.render.intersect import binary, wide
+from tiscene.render.intersect import any_hit, binary, wide
 from tiscene.render.ray_arrays import upload_rays
 from tiscene.scene import bvh_workspace
 from tiscene.scene.device_array import upload
@@ -359,6 +359,7 @@ def test_one_instance_behind_others(traversal: str) -> None:
 def test_stacks_hold_what_trees_may_need() -> None:
     for kernels, layout in ((wide, bvh_workspace.WIDE), (binary, bvh_workspace.BINARY)):
         assert layout.blas_stack + layout.tlas_stack <= kernels.STACK
+    assert bvh_workspace.WIDE.blas_stack + bvh_workspace.WIDE.tlas_stack + 3 <= any_hit.GROUPS
 
 
 def compiled_kernels() -> int:

@@ -37,8 +37,9 @@ RAYS = 4  # of a thread under way: with three or six less is gained
 BLOCK = 256  # rays of one thread in a row: at the end of a block some have no turn
 
 # Groups: a node's first row * 32 + a bit for each child that is still to be visited. A tree's levels have one each at
-# most; at the bottom, and where an instance is entered, one of the guard node, whose children are ends.
-GROUPS = STACK + 2
+# most; at the bottom, and where an instance is entered, one of the guard node, whose children are ends. One more is
+# written and not kept where a node has no children.
+GROUPS = STACK + 3
 LAST = GUARD_NODE * 256 + 2
 LEAVE = GUARD_NODE * 256 + 1
 NODE_MASK = 8 * (MOST_NODES - 1)  # a number known to be positive is part of an address as it is
