@@ -187,6 +187,20 @@ def test_light_textures(tmp_path):
     assert only(read_with_warning(tmp_path, body, expected)).texture is None
 
 
+def test_a_sky_whose_sun_is_too_bright_for_its_file(tmp_path):
+    """One endless pixel would take all the light that is sampled, and give none."""
+    pixels = np.ones((2, 4, 3), np.float16)
+    pixels[0, 1], pixels[1, 2, 0] = np.inf, np.nan
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"RGB": pixels}) as file:
+        file.write(str(tmp_path / "sky.exr"))
+    body = light("DomeLight", "asset inputs:texture:file = @./sky.exr@")
+    expected = "2 pixels of texture @.*sky.exr@ are not finite: what is endless is 65504, else 0: </L>"
+    (texture,) = read_with_warning(tmp_path, body, expected).textures
+    finite = np.ones((2, 4, 3))
+    finite[0, 1], finite[1, 2, 0] = 65504.0, 0.0
+    np.testing.assert_array_equal(texture.pixels[..., :3], finite)
+
+
 def test_names_from_before_21_02(tmp_path):
     lines = "float intensity = 7\nfloat width = 3\nbool normalize = 1\ncolor3f color = (1, 0, 0)"
     rect = only(read(tmp_path, light("RectLight", lines)))

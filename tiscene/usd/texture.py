@@ -19,6 +19,7 @@ from tiscene.usd.problems import Report
 Wrap = Literal["repeat", "clamp", "mirror", "black"]
 Encoding = Literal["srgb", "raw"]
 Affine = tuple[float, float, float, float, float, float]
+_BRIGHTEST = 65504.0  # the largest number of half precision
 _INSTEAD = "its fallback is used"
 _WRAPS = ("repeat", "clamp", "mirror", "black")
 
@@ -114,11 +115,21 @@ class TextureTable:
                 self._pictures[path] = None
                 return None
             try:
-                self._pictures[path] = read_picture(path)
+                self._pictures[path] = self._finite(read_picture(path), path, prim_path)
             except (OSError, ValueError) as error:
                 self._pictures[path] = None
                 self._report.omission(prim_path, f"texture @{path}@ cannot be read ({error}); {instead}")
         return self._pictures[path]
+
+    def _finite(self, picture: Picture, path: str, prim_path: Any) -> Picture:
+        """The picture without what is no finite number: suns too bright for half precision, pixels never written."""
+        if picture.pixels.dtype == np.uint8 or np.isfinite(picture.pixels).all():
+            return picture
+        count = int((~np.isfinite(picture.pixels).all(axis=2)).sum())
+        text = f"{count} pixels of texture @{path}@ are not finite: what is endless is {_BRIGHTEST:g}, else 0"
+        self._report.omission(prim_path, text)
+        pixels = np.nan_to_num(picture.pixels, nan=0.0, posinf=_BRIGHTEST, neginf=0.0)
+        return Picture(np.asarray(pixels, np.float32), picture.srgb)
 
     def _wrap(self, wrap: str, prim_path: Any) -> Wrap:
         if wrap in _WRAPS:
