@@ -87,7 +87,8 @@ def test_a_function_within_itself_has_a_tree_of_its_own():
     assert values.to_numpy().tolist() == [81.0, 40.0]
 
 
-def test_a_tree_serves_all_calls_of_a_function(monkeypatch):
+def test_a_tree_serves_all_calls_of_a_function(monkeypatch, tmp_path):
+    monkeypatch.setattr(ti.cfg, "offline_cache_file_path", str(tmp_path))  # where nothing is kept of it yet
     lines, parsed = [], front_end._parsed
     monkeypatch.setattr(front_end, "_parsed", lambda source: lines.append(source[1]) or parsed(source))
     often(ti.ndarray(ti.f32, 1))
