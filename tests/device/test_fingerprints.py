@@ -2,9 +2,11 @@
 
 import enum
 import os
+import random
 import subprocess
 import sys
 import textwrap
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -113,7 +115,7 @@ def test_so_is_another_source(monkeypatch):
         source_digest.cache_clear()
 
 
-@pytest.mark.parametrize("thing", [object(), sys.stderr, iter(()), None])
+@pytest.mark.parametrize("thing", [object(), sys.stderr, iter(()), time.time, random.random, os.getenv, None])
 def test_what_cannot_be_asked_for_has_none(thing, monkeypatch):
     monkeypatch.setitem(globals(), "field", thing)
     if thing is None:

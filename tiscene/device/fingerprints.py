@@ -1,8 +1,8 @@
 """What a kernel is made of, as a short text: it is another one if anything in its sources is.
 
 Sources are the files of all functions that can be reached by name from the kernel's, and the values of all else that
-they name. Taichi and numpy count by their versions. Where a name stands for something that is neither a number nor a
-text, a type, an array of numpy or several of these, there is no fingerprint.
+they name. Taichi, numpy and some of Python's own modules count by their versions. Where a name stands for something
+that is neither a number nor a text, a type, an array of numpy or several of these, there is no fingerprint.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ from taichi.types.annotations import template
 from taichi.types.ndarray_type import NdarrayType
 
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic, np.dtype)
-_BY_VERSION = {"taichi", "numpy", *sys.stdlib_module_names}
+# Whose functions say the same whenever they are asked, unlike those of `os` or `random`.
+_PURE = ("abc", "builtins", "collections", "dataclasses", "enum", "functools", "inspect", "math", "operator", "typing")
+_BY_VERSION = {"taichi", "numpy", *_PURE}
 _VERSIONS = (sys.version, sys.byteorder, ti.__version__, core.get_commit_hash(), np.__version__)
 _WRITERS = tuple(f"tiscene.device.{name}" for name in ("fingerprints", "recordings", "tapes"))
 # What the configuration says of how Taichi runs, not of what it makes.
@@ -145,8 +147,8 @@ class _Walk:
             return "module", value.__name__  # what is named of it is looked at where it is
         if callable(value) and _by_version(getattr(value, "__module__", None) or ""):
             return "outside", value.__module__, getattr(value, "__qualname__", "")
-        if isinstance(value, types.BuiltinFunctionType):
-            return "builtin", value.__module__, value.__qualname__
+        if isinstance(value, types.BuiltinFunctionType) and isinstance(value.__self__, type):
+            return "builtin", value.__qualname__
         if isinstance(value, type):
             return self._class(value)
         inner = inspect.unwrap(value) if callable(value) else value
