@@ -126,6 +126,11 @@ def test_missing_file(tmp_path, monkeypatch, missing):
         catalog.find_scene(missing)
 
 
+def test_a_thing_of_the_stage_is_no_template():
+    with pytest.raises(MissingFile, match=r"no file '/World/Chair'; .*`world.move`"):
+        catalog.find_template("/World/Chair")
+
+
 def test_folder_and_wrong_kind_of_file(tmp_path):
     with pytest.raises(ArgumentError, match=r"is a folder; expected a file that ends in \.usda"):
         catalog.find_scene(tmp_path)

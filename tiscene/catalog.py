@@ -65,6 +65,8 @@ def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
     Raises TemplateNotFound for an unknown name, MissingFile for a path where no file is.
     """
     template = template_variants(os.fspath(template))[0]
+    if is_prim_path(template) and not os.path.exists(template):
+        raise MissingFile(f"no file {template!r}; a thing of the stage is there already, and `world.move` moves it")
     path = _as_path(template, STAGE_SUFFIXES)
     if path is not None:
         return path
