@@ -275,7 +275,7 @@ def fingerprint() -> str:
     [
         "device.start(threads=1)",
         "device.start(threads=2)",
-        pytest.param("PathPass._vector_mode = lambda _: contextlib.nullcontext()", marks=pytest.mark.slow),
+        pytest.param("PathPass.vector_mode = lambda _: contextlib.nullcontext()", marks=pytest.mark.slow),
     ],
 )
 def test_same_bytes_in_another_process(change: str) -> None:

@@ -232,7 +232,7 @@ class PathPass:
     def start(self, view: View, s: PathState, first: int, count: int, numbers: tuple[int, int, int]) -> None:
         """Put the paths first .. first + count - 1 at the head of the queue, where the camera sends them."""
         spp, bits, key = numbers
-        with self._vector_mode():
+        with self.vector_mode():
             kernels.start_paths(
                 view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
                 s.rays, s.state, s.status, s.queue, s.first_sample,
@@ -255,14 +255,14 @@ class PathPass:
         """
         spp, bits, key = numbers
         if scene.ends_at_lights and step == max_depth - 1 > 0:
-            with self._vector_mode():
+            with self.vector_mode():
                 finish(
                     *scene.arrays.lighting, mis,
                     s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
                 )  # fmt: skip
         else:
             closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids, together=step == 0)
-            with self._vector_mode():
+            with self.vector_mode():
                 if scene.plainly_lit:
                     shade_plain(
                         *scene.arrays.surfaces, scene.arrays.light_values, self._pixels, first, spp, bits, key, step,
@@ -279,7 +279,7 @@ class PathPass:
         s.swap()
         return live, shadows
 
-    def _vector_mode(self) -> contextlib.AbstractContextManager[None]:
+    def vector_mode(self) -> contextlib.AbstractContextManager[None]:
         """For kernels whose vectors allow it: they compile sooner."""
         return device.vector_mode() if self.scene.traversal == "wide" else contextlib.nullcontext()
 

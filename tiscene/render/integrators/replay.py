@@ -8,7 +8,6 @@ no memory of others.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +16,6 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene import device
 from tiscene.errors import ArgumentError
 from tiscene.render.base_image import BaseImages, digest_of
 from tiscene.render.integrators import replay_kernels as kernels
@@ -230,7 +228,7 @@ class ReplayPass:
 
     def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
         """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
-        with device.vector_mode() if self.scene.traversal == "wide" else contextlib.nullcontext():
+        with self._paths.vector_mode():
             near = find_near(rays, count, groups, scratch.cut, scratch.candidates, scratch.row_chunks)
         if near:
             occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.cut)

@@ -18,6 +18,7 @@ from tiscene.render.intersect.wide import (
     Packs,
     Queue,
     Wide,
+    bits_of,
     entry_column,
     hit_pack,
     into_instance,
@@ -30,8 +31,6 @@ from tiscene.render.intersect.wide import (
 from tiscene.render.ray_arrays import Rays
 from tiscene.scene.bvh_parts import ROW_MASK
 from tiscene.scene.bvh_write import END_OF_INSTANCE, END_OF_RAY, GUARD_NODE, MOST_NODES
-
-ivec8 = ti.types.vector(8, ti.i32)
 
 RAYS = 4  # of a thread under way: with three or six less is gained
 BLOCK = 256  # rays of one thread in a row: at the end of a block some have no turn
@@ -119,8 +118,7 @@ def occluded(
                     smaller(larger(low_x, high_x), larger(low_y, high_y)),
                     smaller(larger(low_z, high_z), smaller(nodes[node + 7], vec8(floats[f + T_MAX]))),
                 )
-                bits = ti.select(near <= far * SLACK, ivec8([1, 2, 4, 8, 16, 32, 64, 128]), ivec8(0))
-                children = bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]
+                children = bits_of(near <= far * SLACK)
                 groups[top + 1] = node * 32 + children
                 top += ti.select(children > 0, 1, 0)
                 child, top = next_child(nodes, groups, top)

@@ -11,6 +11,7 @@ from tiscene.render.ray_arrays import HitIds, Hits, Rays, hit, hit_id
 from tiscene.scene.bvh_parts import INFO_PARTS, ROW_BITS, ROW_MASK
 
 vec8 = ti.types.vector(8, ti.f32)
+ivec8 = ti.types.vector(8, ti.i32)
 vec4 = ti.types.vector(4, ti.f32)
 Wide = ti.types.ndarray(vec8, 1)
 Packs = ti.types.ndarray(vec4, 1)
@@ -35,6 +36,13 @@ def larger(a, b):
 @ti.func
 def smaller(a, b):
     return ti.select(a < b, a, b)
+
+
+@ti.func
+def bits_of(condition) -> ti.i32:
+    """A bit for each of eight numbers for which a comparison holds, the first the lowest."""
+    bits = ti.select(condition, ivec8([1, 2, 4, 8, 16, 32, 64, 128]), ivec8(0))
+    return bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]
 
 
 @ti.func

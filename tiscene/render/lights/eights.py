@@ -5,8 +5,6 @@ import taichi as ti
 from tiscene.render.lights.light_sample import lanes
 from tiscene.scene.light_nodes import LANES
 
-flags = ti.types.vector(LANES, ti.i32)
-
 
 @ti.func
 def running_sums(v: lanes) -> lanes:
@@ -21,13 +19,6 @@ def running_sums(v: lanes) -> lanes:
 def total_of(v: lanes) -> ti.f32:
     """The last of the running sums."""
     return ((v[0] + v[1]) + (v[2] + v[3]) + (v[4] + v[5])) + (v[6] + v[7])
-
-
-@ti.func
-def not_negative(v: lanes) -> ti.i32:
-    """A bit for each that is at least 0."""
-    bits = ti.select(v >= lanes(0.0), flags(*[1 << k for k in range(LANES)]), flags(0))
-    return ((bits[0] + bits[1]) + (bits[2] + bits[3])) + ((bits[4] + bits[5]) + (bits[6] + bits[7]))
 
 
 @ti.func

@@ -3,9 +3,9 @@ so that a light hides what is behind it however a path gets there."""
 
 import taichi as ti
 
-from tiscene.render.intersect.wide import larger, slabs, smaller
+from tiscene.render.intersect.wide import bits_of, larger, slabs, smaller
 from tiscene.render.lights import all_lights, mesh
-from tiscene.render.lights.eights import lowest, not_negative
+from tiscene.render.lights.eights import lowest
 from tiscene.render.lights.light_sample import header, lanes
 from tiscene.render.lights.weights import weigh
 from tiscene.scene.light_boxes import EIGHT_ROWS, EIGHTS, MEMBER
@@ -84,7 +84,7 @@ def first_met(lights: ti.template(), but: ti.i32, origin: vec3, direction: vec3,
                     smaller((nodes[at + 3 - near_x] - origin.x) * fx, (nodes[at + 5 - near_y] - origin.y) * fy),
                     smaller((nodes[at + 7 - near_z] - origin.z) * fz, lanes(nearest)),
                 )
-                members |= not_negative(far - near) << (LANES * eight)
+                members |= bits_of(far >= near) << (LANES * eight)
         if members == 0:
             searching = waiting > 0
             if searching:

@@ -8,8 +8,9 @@ import math
 
 import taichi as ti
 
+from tiscene.render.intersect.wide import bits_of
 from tiscene.render.lights import shaping
-from tiscene.render.lights.eights import eight, lowest, not_negative, total_of
+from tiscene.render.lights.eights import eight, lowest, total_of
 from tiscene.render.lights.light_sample import attribute, axis, header, integer, lanes, of_member, of_node, row_at
 from tiscene.scene.light_nodes import (
     BACK,
@@ -158,7 +159,7 @@ def from_afar(lights: ti.template(), origin: vec3, weights: ti.template(), faced
 def near_groups(nodes: ti.template(), node: ti.i32, origin: vec3) -> ti.i32:
     """A bit for each member of a node that is a group and near."""
     x, y, z = towards(nodes, node, origin)
-    return not_negative(_NEAR * attribute(nodes, node, SPREAD2) - (x * x + y * y + z * z + 1e-12))
+    return bits_of(_NEAR * attribute(nodes, node, SPREAD2) >= x * x + y * y + z * z + 1e-12)
 
 
 @ti.func
