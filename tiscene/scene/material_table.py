@@ -150,11 +150,6 @@ class MaterialTable:
         return any(flags & COVERAGE for flags in self.flags)
 
     @property
-    def any_plain(self) -> bool:
-        """Whether some surface is PLAIN and emits nothing."""
-        return any(flags & (PLAIN | EMITS) == PLAIN for flags in self.flags)
-
-    @property
     def any_emission(self) -> bool:
         """Whether some surface gives light."""
         return any(flags & EMITS for flags in self.flags)

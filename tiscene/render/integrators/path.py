@@ -16,7 +16,6 @@ from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy import energy_tables
 from tiscene.render.integrators import path_kernels as kernels
 from tiscene.render.integrators.path_finish import finish
-from tiscene.render.integrators.path_lanes import lone_panel, shade_plain
 from tiscene.render.integrators.path_shading import SceneArrays, shade
 from tiscene.render.integrators.path_shadows import pass_shadows
 from tiscene.render.integrators.path_state import CHUNK, FILM_COLUMNS, PathState
@@ -263,12 +262,6 @@ class PathPass:
         else:
             closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids, together=step == 0)
             with self.vector_mode():
-                if scene.plainly_lit:
-                    shade_plain(
-                        *scene.arrays.surfaces, scene.arrays.light_values, self._pixels, first, spp, bits, key, step,
-                        max_depth, mis, s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state,
-                        s.features, s.status, s.first_sample, int(scene.ends_at_lights),
-                    )  # fmt: skip
                 shade(
                     *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                     s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
@@ -327,8 +320,7 @@ class PathPass:
         )
         materials = scene.materials
         ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        plainly_lit = scene.traversal == "wide" and materials.any_plain and lone_panel(arrays.light_values)
-        return SceneForPaths(arrays, materials.any_coverage, materials.any_emission, ends_at_lights, plainly_lit)
+        return SceneForPaths(arrays, materials.any_coverage, materials.any_emission, ends_at_lights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +331,6 @@ class SceneForPaths:
     any_coverage: bool
     any_emission: bool
     ends_at_lights: bool  # no surface emits, and every path is as long as it has steps
-    plainly_lit: bool  # `shade_plain` can take some of the paths
 
     def steps(self, max_depth: int) -> int:
         """How often a path may be advanced."""

@@ -24,7 +24,6 @@ from tiscene.render.integrators.path_state import (
     get3,
     set3,
 )
-from tiscene.render.lanes import LANES, Words
 from tiscene.render.pixel_filter import offset_weight, sample_offset
 from tiscene.render.ray_arrays import PLACE, ROW, Pixels, Rays, write_ray
 from tiscene.render.sampler import SetKeys, draw, draw_words, reverse_bits, set_keys, unit
@@ -36,6 +35,8 @@ Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
 Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+LANES = 16  # paths whose random numbers are computed together, as SIMD
+Words = ti.types.vector(LANES, ti.u32)
 
 # Sets of two dimensions: where on the pixel, where on the lens, then some for each step of a path.
 PIXEL_SET, LENS_SET, FIRST_STEP_SET = 0, 1, 2

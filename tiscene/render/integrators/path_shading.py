@@ -20,7 +20,6 @@ from tiscene.render.integrators.path_state import (
     RELATIVE_IOR2,
     SAMPLED,
     SEEN,
-    SHADED,
     SPREAD,
     THROUGHPUT,
     States,
@@ -171,9 +170,6 @@ def shade(
     # No vectors are made before the loop: in vector mode they would be kept where they are not aligned.
     for k in range(count):
         i = queue[k]
-        if status[i] & SHADED:
-            status[i] ^= SHADED
-            continue
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         throughput, radiance = get3(state, i, THROUGHPUT), get3(state, i, RADIANCE)
         pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)

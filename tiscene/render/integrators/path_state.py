@@ -21,7 +21,6 @@ DEPTH_MASK = 0xFFFF
 LIVE = 1 << 16
 SEEN = 1 << 17  # features are written
 SAMPLED = 1 << 18  # the light sampled at the last vertex is not yet counted
-SHADED = 1 << 19  # `shade_plain` has taken it to its next vertex
 
 # Columns of the film, sums over the samples of a pixel: radiance, albedo, normal, number of samples dropped.
 FILM_COLUMNS = 10
@@ -51,26 +50,6 @@ def get3(states: ti.template(), row: ti.i32, column: ti.i32) -> ti.math.vec3:
 def set3(states: ti.template(), row: ti.i32, column: ti.i32, v: ti.math.vec3):
     for c in ti.static(range(3)):
         states[row][column + c] = v[c]
-
-
-@ti.func
-def write_state(
-    states: ti.template(),
-    row: ti.i32,
-    throughput: ti.math.vec3,
-    radiance: ti.math.vec3,
-    pdf: ti.f32,
-    relative_ior2: ti.f32,
-    direct: ti.math.vec3,
-    origin: ti.math.vec3,
-    spread: ti.f32,
-    diffuse_part: ti.f32,
-):
-    """A whole row."""
-    states[row] = state(
-        throughput.x, throughput.y, throughput.z, radiance.x, radiance.y, radiance.z, pdf, relative_ior2,
-        direct.x, direct.y, direct.z, origin.x, origin.y, origin.z, spread, diffuse_part,
-    )  # fmt: skip
 
 
 class PathState:
