@@ -42,12 +42,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from dynamics.bodies import Body
-from dynamics.bounce import UniformMovementRandomBounce
 from dynamics.closed_form import Composite, Keyframes, LookAt, Orbit, Still
+from dynamics.colliding_bodies import Contact, Moment, Move, Mover
 from dynamics.dynamic import ClosedForm, Dynamic
-from dynamics.movers import Contact, Moment, Move, Mover
-from dynamics.proxy import Shape, cover
-from dynamics.scripted import Stepped
+from dynamics.random_bounce import UniformMovementRandomBounce
+from dynamics.sphere_proxy import Shape, cover
+from dynamics.stepped_dynamic import Stepped
 from dynamics.timings import (
     AllTogether,
     AllTogetherTimings,
@@ -61,7 +61,7 @@ from dynamics.waypoints import CatmullWaypoints, LinearWaypoints, Waypoint
 if TYPE_CHECKING:
     from dynamics.obstacles import Obstacles
     from dynamics.simulation import Simulation
-    from dynamics.stepped import SteppedSimulation
+    from dynamics.stepped_simulation import SteppedSimulation
 
 __all__ = [
     "AllTogether",
@@ -98,7 +98,7 @@ __all__ = [
 _LAZY = {
     "Obstacles": "dynamics.obstacles",
     "Simulation": "dynamics.simulation",
-    "SteppedSimulation": "dynamics.stepped",
+    "SteppedSimulation": "dynamics.stepped_simulation",
 }
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import check
+from dynamics import argument_checks
 from dynamics.closed_form import Still
 from dynamics.dynamic import LENGTH_STEPS, SEGMENT_COLUMNS, Aim, Curve, Dynamic, Pose, Track, Turn, check_dynamic
 from dynamics.rotation import quaternion
@@ -40,13 +40,13 @@ class Body:
 
     def __post_init__(self) -> None:
         check_dynamic(self.dynamic, "dynamic")
-        object.__setattr__(self, "position", check.vector(self.position, "position"))
-        object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
-        if check.number(self.birth, "birth") < 0.0:
+        object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
+        object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
+        if argument_checks.number(self.birth, "birth") < 0.0:
             raise ValueError(f"birth={self.birth!r}: must not be before the start of the world's time, 0")
         if self.name != "":
-            check.text(self.name, "name")
-        check.flag(self.timed, "timed")
+            argument_checks.text(self.name, "name")
+        argument_checks.flag(self.timed, "timed")
 
     @property
     def start(self) -> Pose:

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from dynamics import check
+from dynamics import argument_checks
 from dynamics.clocks import exact
 from dynamics.dynamic import (
     ROTATION,
@@ -55,9 +55,9 @@ class Orbit(ClosedForm):
     axis: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "center", check.vector(self.center, "center"))
-        object.__setattr__(self, "period", check.positive(self.period, "period"))
-        object.__setattr__(self, "axis", check.direction(self.axis, "axis"))
+        object.__setattr__(self, "center", argument_checks.vector(self.center, "center"))
+        object.__setattr__(self, "period", argument_checks.positive(self.period, "period"))
+        object.__setattr__(self, "axis", argument_checks.direction(self.axis, "axis"))
 
     @property
     def loop_time(self) -> float:
@@ -84,8 +84,8 @@ class LookAt(ClosedForm):
     up: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "target", check.vector(self.target, "target"))
-        object.__setattr__(self, "up", check.direction(self.up, "up"))
+        object.__setattr__(self, "target", argument_checks.vector(self.target, "target"))
+        object.__setattr__(self, "up", argument_checks.direction(self.up, "up"))
         check_closed_form(self.motion, "motion")
 
     @property
@@ -110,10 +110,10 @@ class Keyframes(ClosedForm):
 
     def __post_init__(self) -> None:
         waypoints = check_waypoints(self.waypoints)
-        times = check.numbers(self.times, "times", len(waypoints))
+        times = argument_checks.numbers(self.times, "times", len(waypoints))
         if times[0] < 0.0 or any(b <= a for a, b in itertools.pairwise(times)):
             raise ValueError(f"times={self.times!r}: must begin at 0 or later and increase")
-        check.flag(self.repeat, "repeat")
+        argument_checks.flag(self.repeat, "repeat")
         object.__setattr__(self, "waypoints", waypoints)
         object.__setattr__(self, "times", times)
 

@@ -7,7 +7,7 @@ centre, so that only the last subtraction rounds. (No postponed annotations in t
 import taichi as ti
 
 from dynamics.obstacles import FACTOR, METRES
-from dynamics.tree import STACK, child, instance_of, mapped, planes, triangle, triangles_of, vec3, vector_at
+from dynamics.tree_access import STACK, child, instance_of, mapped, planes, triangle, triangles_of, vec3, vector_at
 
 FAR = 1e30
 SKIN = 5e-4  # m: the gap that motion stops at

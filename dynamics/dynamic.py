@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import check
+from dynamics import argument_checks
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -110,6 +110,6 @@ def check_dynamic(value: object, name: str) -> Dynamic:
 
 def unit(value: Vector, name: str) -> Vector:
     """`value` scaled to length 1. Raises ValueError if it has none."""
-    x, y, z = check.direction(value, name)
+    x, y, z = argument_checks.direction(value, name)
     length = math.hypot(x, y, z)
     return (x / length, y / length, z / length)

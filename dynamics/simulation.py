@@ -8,11 +8,11 @@ from numbers import Rational
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import check
+from dynamics import argument_checks
 from dynamics.bodies import Body
-from dynamics.bounce import UniformMovementRandomBounce
 from dynamics.clocks import exact
-from dynamics.paths import Paths
+from dynamics.path_poses import Paths
+from dynamics.random_bounce import UniformMovementRandomBounce
 from dynamics.timings import AllTogether, Timing
 
 
@@ -41,6 +41,6 @@ class Simulation:
         A float stands for the decimal number it prints as; pass Fraction(k, fps) for frame k of a stream. Before its
         birth a body is where it will appear; times before 0 show the world as it starts.
         """
-        check.number(time, "time")
+        argument_checks.number(time, "time")
         poses: NDArray[np.float64] = self._paths.poses([exact(time)])[0]
         return poses

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from numbers import Integral
 
-from dynamics import check
+from dynamics import argument_checks
 from dynamics.clocks import Window, exact
 from dynamics.dynamic import Dynamic
 
@@ -32,7 +32,7 @@ class AllTogether(Timing):
     wait_time: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wait_time", check.not_negative(self.wait_time, "wait_time"))
+        object.__setattr__(self, "wait_time", argument_checks.not_negative(self.wait_time, "wait_time"))
 
     def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
         return [Window(exact(self.wait_time))] * len(bodies)
@@ -50,8 +50,8 @@ class WaitUntilComplete(Timing):
     repeat: bool = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wait_time", check.not_negative(self.wait_time, "wait_time"))
-        check.flag(self.repeat, "repeat")
+        object.__setattr__(self, "wait_time", argument_checks.not_negative(self.wait_time, "wait_time"))
+        argument_checks.flag(self.repeat, "repeat")
 
     def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
         turns = []
@@ -92,10 +92,12 @@ class DictTimings(Timing):
             key, seconds = pair
             if isinstance(key, bool) or not isinstance(key, Integral | str):
                 raise TypeError(f"times: {key!r} must be the index or the id of a body")
-            pairs.append((key if isinstance(key, str) else int(key), check.positive(seconds, f"times[{key!r}]")))
+            pairs.append(
+                (key if isinstance(key, str) else int(key), argument_checks.positive(seconds, f"times[{key!r}]"))
+            )
         if not pairs:
             raise ValueError("times: name one body or more")
-        check.flag(self.repeat, "repeat")
+        argument_checks.flag(self.repeat, "repeat")
         object.__setattr__(self, "times", tuple(pairs))
 
     def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:

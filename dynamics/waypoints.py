@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from dynamics import check
+from dynamics import argument_checks
 from dynamics.dynamic import POSITION, ROTATION, SEGMENT_COLUMNS, Array, ClosedForm, Curve, Pose
 from dynamics.quadrature import curve_lengths
 from dynamics.rotation import aligned, quaternion, squad_controls
@@ -26,8 +26,8 @@ class Waypoint:
     rotation: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", check.vector(self.position, "position"))
-        object.__setattr__(self, "rotation", check.rotation(self.rotation, "rotation"))
+        object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
+        object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class WaypointLoop(ClosedForm):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints", check_waypoints(self.waypoints))
-        object.__setattr__(self, "total_time", check.positive(self.total_time, "total_time"))
-        check.choice(self.pacing, "pacing", ("equal_time", "arc_length"))
-        check.choice(self.rotation, "rotation", ("quaternion", "euler"))
+        object.__setattr__(self, "total_time", argument_checks.positive(self.total_time, "total_time"))
+        argument_checks.choice(self.pacing, "pacing", ("equal_time", "arc_length"))
+        argument_checks.choice(self.rotation, "rotation", ("quaternion", "euler"))
         if self.rotation == "euler":
             for index, waypoint in enumerate(self.waypoints):
                 if len(waypoint.rotation) != 3:

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tiscene import device
+from tiscene.device import runtime
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -15,4 +15,4 @@ def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def taichi() -> str:
-    return device.start(threads=2)
+    return runtime.start(threads=2)

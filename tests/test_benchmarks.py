@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks import __main__ as benchmarks
-from tests.benchmarks import differential, living_room, path, rays, stills
+from tests.benchmarks import incremental, living_room, path, rays, stills
 from tests.benchmarks.power_law import time_for
 
 PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
@@ -88,10 +88,10 @@ def test_half_the_noise_is_a_quarter_of_the_samples(rendered, capsys):
 def test_differences_are_compared_with_both(rendered, monkeypatch, capsys):
     def two(room, plan, truth, seed):
         assert truth.noise == pytest.approx(0.25 / (2 * plan.half), rel=0.5)
-        yield differential.Difference("difference, 4 paths", 1e-6 * seed, 0.01, 2e-6 * seed, 0.005, 3.0 * seed, 30.0)
+        yield incremental.Difference("difference, 4 paths", 1e-6 * seed, 0.01, 2e-6 * seed, 0.005, 3.0 * seed, 30.0)
 
-    monkeypatch.setattr(differential, "differences", two)
-    differential.main()
+    monkeypatch.setattr(incremental, "differences", two)
+    incremental.main()
     lines = capsys.readouterr().out.splitlines()
     (line, _) = [line for line in lines if "difference, 4 paths" in line]
     assert numbers(line)[0] == 6.0  # s, the mean of three seeds

@@ -7,14 +7,7 @@ import re
 import pytest
 
 from tiscene import errors
-from tiscene.errors import (
-    ArgumentError,
-    BufferNotFound,
-    MissingFile,
-    StageError,
-    TisceneError,
-    UnknownName,
-)
+from tiscene.errors import ArgumentError, BufferNotFound, MissingFile, StageError, TisceneError, UnknownName
 
 LINE = re.compile(r"^(?P<indent>[ │]*)(?:[├└]── )?(?P<name>[A-Z]\w+)(?: \((?P<base>\w+)\))?(?:  +\S.*)?$")
 

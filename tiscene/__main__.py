@@ -2,6 +2,6 @@
 
 import sys
 
-from tiscene.cli import main
+from tiscene.cli.main import main
 
 sys.exit(main())

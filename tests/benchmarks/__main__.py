@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from tests import benchmarks
-from tiscene import device
+from tiscene.device import runtime
 from tiscene.errors import DeviceError
 
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         print(f"no benchmark {unknown[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
         return 2
-    arch = device.start()
+    arch = runtime.start()
     print(f"{platform.machine()}, {os.cpu_count()} logical cores, Python {platform.python_version()}, Taichi on {arch}")
     try:
         for name in args.names or known:

@@ -20,8 +20,8 @@ from tests.benchmarks.rays import Embree, rates, ray_sets, world_triangles
 from tests.benchmarks.room import DEPTH as LENGTH
 from tests.benchmarks.room import WIDTH as BREADTH
 from tests.benchmarks.room import room, still
-from tiscene.render import intersect
-from tiscene.render.integrators import path
+from tiscene.render.integrators.path import path_pass
+from tiscene.render.intersect import trace
 from tiscene.render.view import View
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.device_scene import DeviceScene
@@ -59,14 +59,14 @@ def measure(description: SceneDescription) -> dict[str, float]:
     scene.place(placement)
     camera = description.cameras[0]
     view = View(camera, camera, camera, WIDTH, HEIGHT)
-    paths = path.PathPass(scene, WIDTH, HEIGHT)
+    paths = path_pass.PathPass(scene, WIDTH, HEIGHT)
     best: dict[str, float] = defaultdict(float)
-    traces = intersect.closest, intersect.occluded
+    traces = trace.closest, trace.occluded
     for seed in range(ROUNDS + 1):  # the first one compiles
         counted = Rates()
-        vars(path).update(closest=counted.timed(traces[0], "bounce"), occluded=counted.timed(traces[1], "shadow"))
+        vars(path_pass).update(closest=counted.timed(traces[0], "bounce"), occluded=counted.timed(traces[1], "shadow"))
         paths.render(view, frame_index=0, seed=seed, spp=SPP, max_depth=DEPTH)
-        vars(path).update(closest=traces[0], occluded=traces[1])
+        vars(path_pass).update(closest=traces[0], occluded=traces[1])
         if seed > 0:
             for kind, seconds in counted.seconds.items():
                 best[kind] = max(best[kind], counted.rays[kind] / seconds)

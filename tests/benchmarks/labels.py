@@ -17,9 +17,9 @@ import taichi as ti
 
 import tiscene as ts
 from tests.benchmarks.room import room, still
-from tiscene.render.aovs import LABELS, times_needed
-from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.measure import Measurer
+from tiscene.frame.buffers import LABELS, times_needed
+from tiscene.render.annotations.object_measurements import Measurer
+from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 

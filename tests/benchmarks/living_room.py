@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.benchmarks import peers
-from tests.benchmarks.converged import Image, Render
+from tests.benchmarks.reference_pictures import Image, Render
 from tests.benchmarks.room import still
 from tests.reference import mitsuba_scene
-from tiscene.commands import demo
-from tiscene.render.integrators.path import PathPass
+from tiscene.cli import demo
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
-from tiscene.stream import Stream
+from tiscene.stream.stream import Stream
 
 MOVERS = 3
 

@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 import tiscene as ts
-from tiscene.usd import read_stage
+from tiscene.usd.read.stage_reader import read_stage
 
 SIDE = 501  # points of the ground
 THINGS, POINTS = 3430, 10_000

@@ -2,7 +2,7 @@
 
 Each round runs every renderer once, so that what else the machine does hits all alike. relMSE: squared error over
 squared reference plus 0.01, mean over pixels; the reference is tiscene's own at many samples (their means agree:
-tests/render/test_path_mitsuba.py).
+tests/render/integrators/path/test_mitsuba.py).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.benchmarks import living_room, peers
-from tests.benchmarks.converged import Render
+from tests.benchmarks.reference_pictures import Render
 from tests.benchmarks.room import room
 from tests.reference import mitsuba_scene
 

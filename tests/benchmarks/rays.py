@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from tests.benchmarks.room import room, still
 from tiscene.camera import Camera
-from tiscene.render import intersect
-from tiscene.render.ray_arrays import hit, hit_id, upload_rays
+from tiscene.device.memory import upload
+from tiscene.render.intersect import trace
+from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
 from tiscene.scene.description import RectLight, SceneDescription
-from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
@@ -129,9 +129,9 @@ def rates(scene: DeviceScene, embree: Embree, sets: dict[str, NDArray[np.float32
         ) -> None:
             rays, queue, count, hits, hit_ids, occluded = arrays
             if any_hit:
-                intersect.occluded(scene, CURRENT, rays, queue, count, occluded)
+                trace.occluded(scene, CURRENT, rays, queue, count, occluded)
             else:
-                intersect.closest(scene, CURRENT, rays, queue, count, hits, hit_ids)
+                trace.closest(scene, CURRENT, rays, queue, count, hits, hit_ids)
             ti.sync()
 
         job()

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from tiscene.render.denoise import denoise
-from tiscene.render.film import LUMINANCE
-from tiscene.render.integrators.path import PathImage, PathPass
+from tiscene.render.film.denoise import denoise
+from tiscene.render.film.tone_map import LUMINANCE
+from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.stream import Stream
+from tiscene.stream.stream import Stream
 
 ROOMS = ("room_01", "room_02", "room_03")
 SIZE = (48, 36)

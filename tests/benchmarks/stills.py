@@ -11,7 +11,7 @@ measured; by wall time, and in brackets by CPU time.
 from __future__ import annotations
 
 from tests.benchmarks import living_room
-from tests.benchmarks.converged import LARGE, SMALL, Plan, Row, cpu_for, measured, note, reference, times_for
+from tests.benchmarks.reference_pictures import LARGE, SMALL, Plan, Row, cpu_for, measured, note, reference, times_for
 from tiscene.scene.description import SceneDescription
 
 DEPTH = 6

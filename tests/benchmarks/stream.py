@@ -23,8 +23,8 @@ from taichi.lang import kernel_impl
 
 import tiscene as ts
 from dynamics.rotation import multiply
-from tiscene.commands import bench, demo
-from tiscene.render import denoise
+from tiscene.cli import bench, demo
+from tiscene.render.film import denoise
 from tiscene.render.renderer import quality_named
 from tiscene.render.view import View
 

@@ -7,14 +7,14 @@ import functools
 import numpy as np
 
 from dynamics.obstacles import Obstacles, placed
-from dynamics.proxy import Shape, cover
 from dynamics.rotation import matrix_from_quaternion
-from tiscene import device
+from dynamics.sphere_proxy import Shape, cover
+from tiscene.device import runtime
+from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.description import Instance, Mesh
-from tiscene.scene.obstacles import MeshTrees, ObstacleTree
 
 # Shapes are made when test modules are read, before any fixture runs.
-device.start(threads=2)
+runtime.start(threads=2)
 
 
 def box(size, centre=(0.0, 0.0, 0.0)) -> np.ndarray:

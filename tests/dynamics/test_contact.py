@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 
 from dynamics.contact import CONTACT, NEAREST, SKIN, TOUCH_COLUMNS, TOUCHES, WITHIN, look_around
-from dynamics.tree import Column, Floats, Tree, vec3
+from dynamics.tree_access import Column, Floats, Tree, vec3
 from tests.dynamics.solids import obstacles
 from tests.reference.distance import point_triangle
 

@@ -20,12 +20,13 @@ from dynamics import Body, Mover, SteppedSimulation, UniformMovementRandomBounce
 from dynamics.contact import TOUCH_COLUMNS, TOUCHES
 from dynamics.obstacles import placed
 from dynamics.rotation import matrix_from_quaternion
-from dynamics.sweep import distances
+from dynamics.sweep_obstacles import distances
 from tests.dynamics.solids import spheres_at
 from tiscene import catalog
+from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.description import SceneDescription
-from tiscene.scene.obstacles import MeshTrees, ObstacleTree
-from tiscene.usd import read_stage, read_template
+from tiscene.usd.read.stage_reader import read_stage
+from tiscene.usd.read.template import read_template
 
 FPS = 25
 COUNT = 20

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynamics import AllTogether, Body, CatmullWaypoints, LinearWaypoints, LookAt, Orbit, Simulation, Waypoint
-from dynamics.motion import evaluate
+from dynamics.trajectory_kernel import evaluate
 
 TIMES = [0.04 * frame for frame in range(0, 400, 7)]
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from tiscene.camera import Camera
 from tiscene.errors import BufferNotFound
-from tiscene.frame import Frame, FrameCamera
-from tiscene.render.aovs import AOVS
-from tiscene.render.objects import ObjectTable, OrientedBox
+from tiscene.frame.buffers import AOVS
+from tiscene.frame.frame import Frame, FrameCamera
+from tiscene.frame.object_table import ObjectTable, OrientedBox
 
 CHAIR = SimpleNamespace(
     id=3,

@@ -6,9 +6,9 @@ from PIL import Image
 
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export.animation import write_animation
+from tiscene.export.animated_image import write_animation
 from tiscene.export.contact_sheet import GAP, contact_sheet
-from tiscene.render.aovs import AOVS
+from tiscene.frame.buffers import AOVS
 
 
 def test_the_sheet_holds_every_buffer_once():

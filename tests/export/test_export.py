@@ -12,7 +12,7 @@ from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import EXPORTERS, SUMMARIES, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest
-from tiscene.frame import FrameCamera
+from tiscene.frame.frame import FrameCamera
 
 
 def contents(folder):

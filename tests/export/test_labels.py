@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from tests.export.fake_stream import FakeStream
-from tiscene.events import Event
-from tiscene.export import export, labels
-from tiscene.render.objects import ObjectTable
+from tiscene.export import export, frame_json
+from tiscene.frame.events import Event
+from tiscene.frame.object_table import ObjectTable
 
 
 def test_the_camera_is_there_and_the_objects_when_asked_for(tmp_path):
@@ -26,7 +26,7 @@ def test_the_camera_is_there_and_the_objects_when_asked_for(tmp_path):
 
 def test_what_happened_is_told():
     frame = replace(FakeStream()[1], events=(Event("contact", 3, other=7), Event("contact", 3, wall="left")))
-    assert labels.frame_labels(frame, objects=False)["events"] == [
+    assert frame_json.frame_labels(frame, objects=False)["events"] == [
         {"kind": "contact", "object": 3, "other": 7, "wall": ""},
         {"kind": "contact", "object": 3, "other": 0, "wall": "left"},
     ]
@@ -34,7 +34,7 @@ def test_what_happened_is_told():
 
 def test_a_row_has_every_column_and_null_for_none():
     frame = FakeStream()[0]
-    (row,) = labels.frame_labels(frame, objects=True)["objects"]
+    (row,) = frame_json.frame_labels(frame, objects=True)["objects"]
     assert list(row) == [*ObjectTable().columns(), "parts"]
     assert row["parts"] == ["Seat", "Back"]
     assert row["name"] == "chair"

@@ -11,7 +11,7 @@ from PIL import Image
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ExportError
 from tiscene.export import png
-from tiscene.render.aovs import AOVS
+from tiscene.frame.buffers import AOVS
 
 
 def read(name: str, data: bytes) -> np.ndarray:

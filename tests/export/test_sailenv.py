@@ -9,7 +9,7 @@ import pytest
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError, MissingFile
 from tiscene.export import NEEDED, export
-from tiscene.export.sailenv import Recording
+from tiscene.export.sailenv_layout import Recording
 
 
 def test_a_recording_reads_back(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from tests.export.fake_stream import fake_buffer
 from tiscene.export import visualize
 from tiscene.export.visualize import BACKGROUND, picture
-from tiscene.render.aovs import AOVS
+from tiscene.frame.buffers import AOVS
 
 
 @pytest.mark.parametrize("name", AOVS)

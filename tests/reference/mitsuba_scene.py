@@ -22,7 +22,7 @@ from tiscene.scene.description import (
     Texture,
     TextureLookup,
 )
-from tiscene.scene.texture_atlas import linear_pixels
+from tiscene.scene.textures.atlas import linear_pixels
 
 
 def scene(

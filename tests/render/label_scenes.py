@@ -10,7 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from tiscene.camera import Camera, matrix_from_quaternion
-from tiscene.render.integrators.labels import LabelPass
+from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.description import Material, Mesh, SceneDescription, Texture
 from tiscene.scene.device_scene import DeviceScene

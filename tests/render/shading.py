@@ -7,20 +7,20 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.render.bsdfs import preview_surface as bsdf
-from tiscene.render.bsdfs.energy import energy_tables
-from tiscene.render.bsdfs.inputs import ALL_INPUTS, Footprint, Materials, material_at
-from tiscene.render.lights import all_lights
+from tiscene.device.memory import upload
+from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
+from tiscene.render.bsdfs.energy_tables import energy_tables
+from tiscene.render.bsdfs.material_inputs import ALL_INPUTS, Footprint, Materials, material_at
+from tiscene.render.intersect.surface_interaction import VisibleSurface
+from tiscene.render.lights import dispatch
+from tiscene.render.lights.importance import weigh
 from tiscene.render.lights.light_sample import LightNodes, Lights
-from tiscene.render.lights.weights import weigh
-from tiscene.render.surface import VisibleSurface
-from tiscene.render.textures import Textures
+from tiscene.render.texture_lookup import Textures
 from tiscene.scene.description import Light, Material, Texture
-from tiscene.scene.device_array import upload
-from tiscene.scene.light_nodes import MOST_ENTRIES
-from tiscene.scene.light_table import POINT, LightTable
+from tiscene.scene.lights.light_table import POINT, LightTable
+from tiscene.scene.lights.light_tree import MOST_ENTRIES
 from tiscene.scene.material_table import MaterialTable
-from tiscene.scene.texture_atlas import TextureAtlas
+from tiscene.scene.textures.atlas import TextureAtlas
 
 vec2, vec3 = ti.math.vec2, ti.math.vec3
 Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -131,7 +131,7 @@ def illuminate(
         origin = row_of(origins, 0)
         if samples != 0:
             u = vec2(numbers[i, 0], numbers[i, 1])
-            found = all_lights.sample(lights, textures, origin, vec3(0.0), u)
+            found = dispatch.sample(lights, textures, origin, vec3(0.0), u)
             for c in ti.static(range(3)):
                 directions[i, c] = found.direction[c]
                 radiance[i, c] = found.radiance[c]
@@ -139,16 +139,16 @@ def illuminate(
             results[i, 1] = found.distance
             results[i, 2] = found.delta
         direction = row_of(directions, i)
-        distance = all_lights.intersect(lights, 0, origin, direction)
-        infinite = light_values[0, all_lights.KIND] > POINT + 0.5
+        distance = dispatch.intersect(lights, 0, origin, direction)
+        infinite = light_values[0, dispatch.KIND] > POINT + 0.5
         results[i, 3] = 0.0
         results[i, 4] = distance
         results[i, 5] = 0.0
         if distance < ti.math.inf or infinite:
             weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
             count, scale, _ = weigh(lights, origin, vec3(0.0), weights, weights, False)
-            results[i, 3] = all_lights.pdf(lights, weights, count, scale, 0, -1, origin, direction, distance)
-            results[i, 5] = all_lights.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
+            results[i, 3] = dispatch.pdf(lights, weights, count, scale, 0, -1, origin, direction, distance)
+            results[i, 5] = dispatch.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
 
 
 @dataclass

@@ -7,13 +7,13 @@ import pytest
 
 from tests.reference.chi_square import LEAST, chi_square
 from tiscene.camera import Camera
-from tiscene.render.integrators import path_kernels
-from tiscene.render.integrators.path_state import PathState
-from tiscene.render.pixel_filter import PIXEL_FILTERS, pixel_filter
-from tiscene.render.ray_arrays import tiled_order, upload_pixels
-from tiscene.render.sampler import frame_key
+from tiscene.device.memory import upload
+from tiscene.render.integrators.path import wavefront_kernels
+from tiscene.render.integrators.path.path_state import PathState
+from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
+from tiscene.render.sampling.pixel_filter import PIXEL_FILTERS, pixel_filter
+from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
-from tiscene.scene.device_array import upload
 
 SIZE = 256
 CAMERA = Camera.look_at((0.3, 1.0, 2.0), (0.0, 0.2, -1.0), vertical_fov=0.6)
@@ -25,7 +25,7 @@ def camera_rays(camera: Camera, filter: str = "box", seed: int = 1) -> tuple[np.
     misses the pixel's centre where the picture is sharp [n, 2], px, and its direction [n, 3]."""
     view, order = View(camera, camera, camera, SIZE, SIZE), tiled_order(SIZE, SIZE)
     s = PathState(SIZE * SIZE)
-    path_kernels.start_paths(
+    wavefront_kernels.start_paths(
         view.array(), upload(pixel_filter(filter).table()), upload_pixels(order, SIZE, SIZE), SIZE, SIZE,
         0, SIZE * SIZE, 1, 0, frame_key(seed, 0), s.rays, s.state, s.status, s.queue, 0,
     )  # fmt: skip

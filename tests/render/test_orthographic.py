@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import tiscene as ts
+from tests.render.annotations.test_object_measurements import table
 from tests.render.label_scenes import Stage, Thing, plate, pose, still
-from tests.render.test_measure import table
 from tiscene.errors import ArgumentError
-from tiscene.free_space import FreeSpace
-from tiscene.in_view import in_view
-from tiscene.render.aovs import LABELS
-from tiscene.render.integrators.path import PathPass
+from tiscene.frame.buffers import LABELS
+from tiscene.randomization.free_space import FreeSpace
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.description import Instance, Material, SceneDescription, SceneObject
+from tiscene.world.frustum_test import in_view
 
 WIDTH, HEIGHT = 64, 48
 CAMERA = ts.Camera(position=(0.0, 0.0, 5.0), view_height=4.8)  # 0.1 m a pixel

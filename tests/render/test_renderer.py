@@ -7,7 +7,7 @@ import pytest
 
 from tests.benchmarks.room import still
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, device_scene, towards
-from tiscene.render.film import tone_map
+from tiscene.render.film.tone_map import tone_map
 from tiscene.render.renderer import Quality, Renderer
 from tiscene.render.view import View
 from tiscene.scene.description import RectLight

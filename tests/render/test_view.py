@@ -4,7 +4,7 @@ import taichi as ti
 
 from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
-from tiscene.render.surface import FLOATS_2D
+from tiscene.render.intersect.surface_interaction import FLOATS_2D
 from tiscene.render.view import View, camera_ray, project
 from tiscene.scene.placement import CURRENT, NEXT
 

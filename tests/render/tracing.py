@@ -9,10 +9,10 @@ import taichi as ti
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from tiscene.render import intersect
-from tiscene.render.ray_arrays import hit, hit_id, upload_rays
+from tiscene.device.memory import upload
+from tiscene.render.intersect import trace
+from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
 from tiscene.scene.description import Material, Mesh, SceneDescription
-from tiscene.scene.device_array import upload
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
@@ -106,15 +106,15 @@ def untouched(count: int) -> tuple[Any, Any]:
     return hits, hit_ids
 
 
-def trace(scene: DeviceScene, rays: NDArray[np.float32], time: int = CURRENT) -> Traced:
+def trace_rays(scene: DeviceScene, rays: NDArray[np.float32], time: int = CURRENT) -> Traced:
     """All rays, closest hit and any hit."""
     count = len(rays)
     on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
     hits, hit_ids = untouched(count)
     result = ti.ndarray(ti.i32, count)
     result.fill(7)
-    intersect.closest(scene, time, on_device, queue, count, hits, hit_ids)
-    intersect.occluded(scene, time, on_device, queue, count, result)
+    trace.closest(scene, time, on_device, queue, count, hits, hit_ids)
+    trace.occluded(scene, time, on_device, queue, count, result)
     t, ids = hits.to_numpy(), hit_ids.to_numpy()
     assert (t[:, 3] == 0.0).all()
     return Traced(t[:, 0], t[:, 1:3], ids[:, 0], ids[:, 1], result.to_numpy())

@@ -22,7 +22,7 @@ from tiscene.sailenv import (
     WaitUntilCompleteTimings,
     Waypoint,
 )
-from tiscene.sailenv.space import mirrored
+from tiscene.sailenv.unity_coordinates import mirrored
 
 HOME = (0.0, 1.0, 0.0)  # where agents of the object view begin, looking along +z
 ACTIVE = ("main", "category", "object", "flow", "depth")

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from tiscene.sailenv import modules
+from tiscene.sailenv import module_aliases
 from tiscene.sailenv.utilities import draw_flow_map
 
 SCRIPT = """
@@ -104,17 +104,17 @@ def test_a_script_that_is_not_there():
 
 
 def test_the_modules_are_those_of_sailenv(monkeypatch):
-    for name in modules.CONTENTS:
+    for name in module_aliases.CONTENTS:
         monkeypatch.delitem(sys.modules, name, raising=False)
-    modules.install()
+    module_aliases.install()
     try:
-        for name, (home, contents) in modules.CONTENTS.items():
+        for name, (home, contents) in module_aliases.CONTENTS.items():
             module = importlib.import_module(name)
             for content in contents:
                 assert getattr(module, content) is getattr(home, content)
-        assert sys.modules["sailenv"].generators.scenario.Scenario is modules.scenario.Scenario
+        assert sys.modules["sailenv"].generators.scenario.Scenario is module_aliases.scenario.Scenario
     finally:
-        for name in modules.CONTENTS:
+        for name in module_aliases.CONTENTS:
             sys.modules.pop(name, None)
 
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tiscene.device.memory import upload
 from tiscene.scene.description import DistantLight, DomeLight, Material, RectLight, SphereLight, Texture, TextureLookup
-from tiscene.scene.device_array import upload
-from tiscene.scene.light_nodes import (
+from tiscene.scene.lights.light_table import DOME, KIND, POINT, RECT, SPHERE, TEXTURE, TRANSFORM, LightTable
+from tiscene.scene.lights.light_tree import (
     EVEN,
     H_DISTANT_ROW,
     H_DOME_ROW,
@@ -20,7 +21,6 @@ from tiscene.scene.light_nodes import (
     STRENGTH,
     members,
 )
-from tiscene.scene.light_table import DOME, KIND, POINT, RECT, SPHERE, TEXTURE, TRANSFORM, LightTable
 from tiscene.scene.material_table import (
     COVERAGE,
     DIFFUSE,
@@ -41,7 +41,7 @@ from tiscene.scene.material_table import (
     UNIT_NORMAL,
     MaterialTable,
 )
-from tiscene.scene.texture_atlas import HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDTH, WRAP_S, TextureAtlas, linear_pixels
+from tiscene.scene.textures.atlas import HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDTH, WRAP_S, TextureAtlas, linear_pixels
 
 EYE = np.eye(4)
 

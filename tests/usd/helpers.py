@@ -11,7 +11,7 @@ import pytest
 
 from tiscene.errors import StageError, StageWarning
 from tiscene.scene.description import SceneDescription
-from tiscene.usd import read_stage
+from tiscene.usd.read.stage_reader import read_stage
 
 STAGES = Path(__file__).parent / "stages"
 

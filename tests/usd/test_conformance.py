@@ -12,7 +12,7 @@ from pxr import Usd, UsdUtils, UsdValidation
 from tests.usd.helpers import QUAD, STAGES, read, read_with_warning, write
 from tiscene.errors import StageWarning
 from tiscene.scene.description import SphereLight, TextureLookup
-from tiscene.usd import read_stage
+from tiscene.usd.read.stage_reader import read_stage
 
 
 def quietly(path, **options):

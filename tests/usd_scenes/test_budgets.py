@@ -10,9 +10,9 @@ import pytest
 from taichi.lang._ndarray import Ndarray
 
 import tiscene as ts
+from docs.tools.gallery import PACKAGE, PLACES
 from tiscene.scene.description import SceneDescription
-from tiscene.usd import read_stage
-from usd_scenes.gallery import PACKAGE, PLACES
+from tiscene.usd.read.stage_reader import read_stage
 
 ROOMS = tuple(PLACES)
 

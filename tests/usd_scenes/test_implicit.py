@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usd_scenes.author import implicit
-from usd_scenes.author.mesh import Mesh
+from usd_scenes.author.polygon_mesh import Mesh
 
 BOX = [-0.12] * 3, [0.12] * 3
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usd_scenes.author import primitives
-from usd_scenes.author.mesh import Mesh, merged
+from usd_scenes.author.polygon_mesh import Mesh, merged
 from usd_scenes.author.shapes import cylinder, lathe, rounded_box, sphere
 
 

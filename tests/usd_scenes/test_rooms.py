@@ -9,7 +9,7 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade
 
 import usd_scenes
-from usd_scenes import gallery
+from docs.tools import gallery
 from usd_scenes.author.room import LIGHTING
 from usd_scenes.author.templates import APPEARANCES
 
@@ -200,7 +200,7 @@ def test_mouldings_reach_into_what_they_lie_against(name: str) -> None:
 
 def test_the_table_of_labels_is_up_to_date() -> None:
     (table,) = gallery.TABLE.findall((gallery.DOCS / "scenes.md").read_text(encoding="utf-8"))
-    assert table == gallery.table(), "run `python -m usd_scenes.gallery table`"
+    assert table == gallery.table(), "run `python -m docs.tools.gallery table`"
 
 
 def test_the_gallery_is_up_to_date() -> None:

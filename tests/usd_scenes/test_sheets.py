@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from usd_scenes.author.mesh import Mesh
+from usd_scenes.author.polygon_mesh import Mesh
 from usd_scenes.author.shapes import circle, rectangle
 from usd_scenes.author.sheets import plate, shell, unit_uv
 

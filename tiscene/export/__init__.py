@@ -14,27 +14,27 @@ from typing import TYPE_CHECKING, Any
 
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import cryptomatte, exr, labels, npz, png, sailenv
+from tiscene.export import cryptomatte, exr, frame_json, npz, png, sailenv_layout
 from tiscene.export.manifest import NAME, Manifest, views_by_folder
 from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
-    from tiscene.frame import Frame
-    from tiscene.stream import Stream
+    from tiscene.frame.frame import Frame
+    from tiscene.stream.stream import Stream
 
 EXPORTERS: Mapping[str, Callable[[Frame], dict[str, bytes]]] = {
     "cryptomatte": cryptomatte.encode,
     "exr": exr.encode,
     "npz": npz.encode,
     "png": png.encode,
-    "sailenv": sailenv.encode,
+    "sailenv": sailenv_layout.encode,
 }
 # What a format has to say of all frames together: names of the files, and their contents.
 SUMMARIES: Mapping[str, tuple[Sequence[str], Callable[[Stream, Manifest], dict[str, bytes]]]] = {
-    "sailenv": (sailenv.SUMMARY, sailenv.summary)
+    "sailenv": (sailenv_layout.SUMMARY, sailenv_layout.summary)
 }
 # What a format cannot do without.
-NEEDED: Mapping[str, Sequence[str]] = {"cryptomatte": cryptomatte.BUFFERS, "sailenv": sailenv.BUFFERS}
+NEEDED: Mapping[str, Sequence[str]] = {"cryptomatte": cryptomatte.BUFFERS, "sailenv": sailenv_layout.BUFFERS}
 
 __all__ = ["EXPORTERS", "NEEDED", "Manifest", "export", "made_by"]
 
@@ -144,7 +144,7 @@ def _write_frames(
                 files = {
                     f"{camera}{name}": data
                     for camera, view in views_by_folder(frame).items()
-                    for name, data in (encode(view) | labels.encode(view, objects)).items()
+                    for name, data in (encode(view) | frame_json.encode(view, objects)).items()
                 }
                 for name, data in files.items():
                     write_atomically(folder / name, data)

@@ -14,7 +14,7 @@ from tiscene.errors import ArgumentError
 from tiscene.export.visualize import Limits, picture
 
 if TYPE_CHECKING:
-    from tiscene.frame import Frame
+    from tiscene.frame.frame import Frame
 
 PAPER, INK, FAINT_INK = (16, 17, 21), (236, 236, 230), (140, 144, 152)
 GAP = 10  # px between tiles

@@ -26,8 +26,8 @@ from tiscene.errors import ExportError, MissingFile
 from tiscene.export import exr
 
 if TYPE_CHECKING:
-    from tiscene.frame import Frame
-    from tiscene.render.objects import ObjectRow
+    from tiscene.frame.frame import Frame
+    from tiscene.frame.object_table import ObjectRow
 
 BUFFERS = ("coverage", "material_coverage")  # what mattes are made of
 HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"

@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.srgb import decoded
+from tiscene.color import decode_srgb
 
 if TYPE_CHECKING:
-    from tiscene.frame import Frame
+    from tiscene.frame.frame import Frame
 
 COLORS = ("rgb", "hdr", "denoised", "albedo")
 LARGEST_HALF = 65504.0
@@ -66,4 +66,4 @@ def channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 def _linear(srgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Display bytes as scene-linear values 0..1."""
-    return decoded(np.arange(256) / 255.0).astype(np.float32)[srgb]
+    return decode_srgb(np.arange(256) / 255.0).astype(np.float32)[srgb]

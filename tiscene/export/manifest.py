@@ -16,7 +16,7 @@ from tiscene.errors import ExportError
 from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
-    from tiscene.frame import Frame
+    from tiscene.frame.frame import Frame
 
 NAME = "tiscene.json"
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from tiscene.frame import Frame
+    from tiscene.frame.frame import Frame
 
 # The oldest date that a zip file can hold, instead of the time of writing.
 EPOCH = (1980, 1, 1, 0, 0, 0)

@@ -25,7 +25,7 @@ from tiscene.errors import ExportError
 from tiscene.files import write_file
 
 if TYPE_CHECKING:
-    from tiscene.frame import Frame
+    from tiscene.frame.frame import Frame
 
 FLO_TAG = 202021.25  # "PIEH" when read as text: how a .flo file begins
 

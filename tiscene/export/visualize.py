@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tiscene.srgb import encoded
+from tiscene.color import encode_srgb
 
 Pixels = NDArray[np.uint8]
 Limits = tuple[float, float]
@@ -217,7 +217,7 @@ def oklch(lightness: ArrayLike, chroma: ArrayLike, hue: ArrayLike) -> Pixels:
 def _display(linear: NDArray[Any]) -> Pixels:
     """Scene-linear 0..1 by the sRGB curve."""
     x = np.clip(np.nan_to_num(linear, nan=0.0), 0.0, 1.0)
-    return _to_bytes(encoded(x))
+    return _to_bytes(encode_srgb(x))
 
 
 def _ranged(buffer: NDArray[Any], low: float, high: float) -> Pixels:

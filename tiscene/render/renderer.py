@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.arguments import integer, positive
 from tiscene.errors import ArgumentError
-from tiscene.render.adaptive import render_to_error
-from tiscene.render.aovs import COLORS, times_needed
-from tiscene.render.base_image import BaseImages
-from tiscene.render.clean import Cleaner
-from tiscene.render.film import meter, tone_map
-from tiscene.render.integrators.label_surfaces import FILTERED_ALBEDO
-from tiscene.render.integrators.labels import LabelPass
-from tiscene.render.integrators.path import PathImage, PathPass
-from tiscene.render.integrators.replay import CACHE_BYTES, ReplayPass
-from tiscene.render.integrators.replay_base import Report
-from tiscene.render.pixel_filter import pixel_filter
-from tiscene.render.upsample import reduced
+from tiscene.frame.buffers import COLORS, times_needed
+from tiscene.render.film.adaptive import render_to_error
+from tiscene.render.film.postprocess import Cleaner
+from tiscene.render.film.tone_map import meter, tone_map
+from tiscene.render.film.upsample import reduced
+from tiscene.render.integrators.incremental.base_image import Report
+from tiscene.render.integrators.incremental.base_image_cache import BaseImages
+from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, ReplayPass
+from tiscene.render.integrators.labels.label_pass import LabelPass
+from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
+from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.sampling.pixel_filter import pixel_filter
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
+from tiscene.validation import integer, positive
 
 MOST_DEPTH = 1024  # edges of a path that is kept have room each; there is no light left after so many
 GUIDES = (FILTERED_ALBEDO, "normal")  # the labels that a picture traced in a smaller size is enlarged along

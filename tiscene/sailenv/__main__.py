@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tiscene.sailenv.agent import Agent
-from tiscene.sailenv.modules import install
+from tiscene.sailenv.module_aliases import install
 
 WINDOWS = (
     "imshow",

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError, TisceneError
-from tiscene.sailenv.description import vector
+from tiscene.sailenv.agent_camera import Viewer
 from tiscene.sailenv.environment import Environment
-from tiscene.sailenv.lights import Lights
-from tiscene.sailenv.scenario import Dynamic, Scenario, Vector3
-from tiscene.sailenv.viewer import Viewer
-from tiscene.sailenv.views import VIEWS
+from tiscene.sailenv.frame_views import VIEWS
+from tiscene.sailenv.json_messages import vector
+from tiscene.sailenv.light_controls import Lights
+from tiscene.sailenv.scenario_classes import Dynamic, Scenario, Vector3
 
 # Agents that name the same host and port share a world, as they did; it ends with its last agent.
 _worlds: weakref.WeakValueDictionary[tuple[str, int], Environment] = weakref.WeakValueDictionary()

@@ -9,11 +9,11 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tiscene.errors import TisceneError
-from tiscene.sailenv import wire
-from tiscene.sailenv.uploads import MAX_BYTES
-from tiscene.sailenv.viewer import Viewer
-from tiscene.sailenv.views import VIEWS
-from tiscene.sailenv.wire import Command, ProtocolError, Reader, float_bytes, int_bytes, text_bytes, texts_bytes
+from tiscene.sailenv import wire_format
+from tiscene.sailenv.agent_camera import Viewer
+from tiscene.sailenv.frame_views import VIEWS
+from tiscene.sailenv.uploaded_models import MAX_BYTES
+from tiscene.sailenv.wire_format import Command, ProtocolError, Reader, float_bytes, int_bytes, text_bytes, texts_bytes
 
 if TYPE_CHECKING:
     from tiscene.sailenv.server import Server
@@ -65,7 +65,7 @@ class Connection:
         wanted = [name for name, view in VIEWS.items() if flags & view.flag]
         shown, seconds = await self._server.frame(viewer, wanted)
         parts = await asyncio.to_thread(
-            lambda: [wire.view_bytes(name, view, self._gzip) for name, view in shown.items()]
+            lambda: [wire_format.view_bytes(name, view, self._gzip) for name, view in shown.items()]
         )
         log.debug("%s frame %d", self, viewer.taken)
         await self._send(b"".join(parts) + float_bytes(seconds))
@@ -120,7 +120,7 @@ class Connection:
         """Whether the frustum limits it, and type and JSON of its dynamic, from clients of any age."""
         flags: list[int] = []
         while len(flags) < 2 and self._spawn_ends != len(flags):
-            flag = await self._read.byte(OLD_CLIENT_AFTER if self._spawn_ends is None else wire.PATIENCE)
+            flag = await self._read.byte(OLD_CLIENT_AFTER if self._spawn_ends is None else wire_format.PATIENCE)
             if flag is None:
                 break
             flags.append(flag)
@@ -133,7 +133,7 @@ class Connection:
         if not flags or not flags[-1]:
             return len(flags) < 2 or bool(flags[0]), None
         kind = await (self._read.text() if length is None else self._read.text_of(length))
-        return len(flags) < 2 or bool(flags[0]), (kind, await self._read.text(wire.MAX_JSON))
+        return len(flags) < 2 or bool(flags[0]), (kind, await self._read.text(wire_format.MAX_JSON))
 
     async def despawn(self, viewer: Viewer) -> None:
         number = await self._read.int32()
@@ -170,7 +170,7 @@ class Connection:
         await self._tried("spawn_view_frustum", self._environment.enclose, viewer)
 
     async def load_scenario(self, viewer: Viewer) -> None:
-        content = _json(await self._read.text(wire.MAX_JSON))
+        content = _json(await self._read.text(wire_format.MAX_JSON))
         objects = content.get("objects")
         count = len(objects) if isinstance(objects, list) else 0
         ids, problems = await self._tried(
@@ -233,7 +233,7 @@ class Connection:
 
     async def _send(self, data: bytes) -> None:
         self._writer.write(data)
-        async with asyncio.timeout(wire.PATIENCE):
+        async with asyncio.timeout(wire_format.PATIENCE):
             await self._writer.drain()
 
 

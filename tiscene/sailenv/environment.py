@@ -6,7 +6,7 @@ agent that has not is shown the current one. So a lone agent sees every frame, s
 same frames, and one that is slow misses some, as it did when SAILenv ran in real time. What an agent does to the world
 shows in the frame after the current one, which is then its next.
 
-Everything here is in Unity's space, as `tiscene.sailenv.space` explains. Nothing here waits, or knows of threads.
+Everything here is in Unity's space, as `tiscene.sailenv.unity_coordinates` explains. Nothing here waits, or knows of threads.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import tiscene.scenario as native
-from tiscene import device
-from tiscene.arguments import integer, positive
+import tiscene.scenario.scenario as native
 from tiscene.camera import Camera, Vector3
+from tiscene.device import runtime
 from tiscene.errors import ArgumentError, ScenarioError, TisceneError
-from tiscene.render.film import radiance_shown_as
+from tiscene.render.film.tone_map import radiance_shown_as
 from tiscene.render.renderer import quality_named
 from tiscene.render.view import SKY, View
-from tiscene.sailenv import description, names, views
-from tiscene.sailenv.description import bounded
-from tiscene.sailenv.lights import Color8, Lights, clipped, linear, whole
-from tiscene.sailenv.place import Place
-from tiscene.sailenv.space import euler_of, mirrored, mirrored_euler, quaternion_of
-from tiscene.sailenv.uploads import Uploads
-from tiscene.sailenv.viewer import Viewer
+from tiscene.sailenv import asset_names, frame_views, json_messages
+from tiscene.sailenv.agent_camera import Viewer
+from tiscene.sailenv.json_messages import bounded
+from tiscene.sailenv.light_controls import Color8, Lights, clipped, linear, whole
+from tiscene.sailenv.scene_profile import Place
+from tiscene.sailenv.unity_coordinates import euler_of, mirrored, mirrored_euler, quaternion_of
+from tiscene.sailenv.uploaded_models import Uploads
 from tiscene.scene.description import Light
-from tiscene.stream import Stream
+from tiscene.stream.stream import Stream
+from tiscene.validation import integer, positive
 
 MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
 STILL_FRAMES = 25
@@ -66,11 +66,11 @@ class Environment:
         parts = {"spp": spp, "max_depth": max_depth, "denoise": denoise}
         quality_named(quality, **parts)
         integer("seed", seed, 0, 2**32 - 1)
-        device.start(arch)
+        runtime.start(arch)
         self.clock = -1
         self.viewers: dict[int, Viewer] = {}
-        self._first_scene = scene or names.first_scene()
-        names.scene_of(self._first_scene)
+        self._first_scene = scene or asset_names.first_scene()
+        asset_names.scene_of(self._first_scene)
         self._settings: dict[str, Any] = {"fps": self.fps, "quality": quality, **parts, "seed": seed, "arch": arch}
         self.uploads = Uploads()
         self._stream: Stream | None = None
@@ -132,9 +132,9 @@ class Environment:
         buffers = self._buffers(stream, view, viewer, wanted)
         viewer.taken, viewer.acted, viewer.stepping, viewer.last_camera = self.clock, False, True, camera
         numbers = np.array([self._place.number(name) for _, name in sorted(stream.categories.items())], np.uint8)
-        result = {name: views.VIEWS[name].of(buffers, numbers) for name in wanted}
+        result = {name: frame_views.VIEWS[name].of(buffers, numbers) for name in wanted}
         if viewer.background is not None and "main" in result:
-            views.clear(result["main"], buffers["instance"], viewer.background)
+            frame_views.clear(result["main"], buffers["instance"], viewer.background)
         return result, steps / self.fps
 
     def position(self, viewer: Viewer) -> Vector3:
@@ -174,17 +174,17 @@ class Environment:
 
     def scenes(self) -> list[str]:
         """The scenes there are."""
-        return names.scenes()
+        return asset_names.scenes()
 
     def spawnable(self) -> list[str]:
         """What can be spawned."""
-        return names.spawnable()
+        return asset_names.spawnable()
 
     def categories(self) -> dict[int, str]:
         """Names by the numbers that `category` views hold: the scene's, then those of all else that can be spawned."""
         for category in self._world().categories.values():
             self._place.number(category)
-        return {number: name for name, number in self._place.numbers.items() if number != views.NO_CATEGORY}
+        return {number: name for name, number in self._place.numbers.items() if number != frame_views.NO_CATEGORY}
 
     @property
     def lights(self) -> Lights:
@@ -204,7 +204,7 @@ class Environment:
 
     def change_scene(self, name: str) -> None:
         """Begin anew in a scene; agents begin where those of the scene do. Raises SceneNotFound, StageError."""
-        self._enter(names.scene_of(name))
+        self._enter(asset_names.scene_of(name))
         for viewer in self.viewers.values():
             self._put_at_start(viewer)
 
@@ -213,21 +213,21 @@ class Environment:
 
         Agents that were put somewhere stay there. Raises a TisceneError, changing nothing, if all of it is wrong.
         """
-        scene = names.scene_of(str(content.get("scene_name")))
+        scene = asset_names.scene_of(str(content.get("scene_name")))
         contents = content.get("objects") or []
         if not isinstance(contents, list) or not all(isinstance(each, dict) for each in contents):
             raise ScenarioError("objects: must be a list of objects")
-        ids = description.object_ids(contents)
+        ids = json_messages.object_ids(contents)
         objects, problems = [], []
         for id, each in zip(ids, contents, strict=True):
             try:
-                made = description.object_of(each, id)
+                made = json_messages.object_of(each, id)
                 objects.append(replace(made, template=self._template(made.template)))
             except TisceneError as error:
                 problems.append(str(error))
-        timings = description.timings_of(content.get("timings"), ids, {each.id for each in objects})
+        timings = json_messages.timings_of(content.get("timings"), ids, {each.id for each in objects})
         # Early clients that load scenarios call it otherwise.
-        frustum = description.frustum_of(content.get("frustum", content.get("spawn_frustum")))
+        frustum = json_messages.frustum_of(content.get("frustum", content.get("spawn_frustum")))
         scenario = native.Scenario(
             scene, objects, timings, frustum
         )  # finds what contradicts itself, before anything changes
@@ -256,7 +256,7 @@ class Environment:
                 self._template(name),
                 mirrored(bounded(position)),
                 mirrored_euler(bounded(rotation)),
-                None if dynamic is None else description.dynamic_of(*dynamic),
+                None if dynamic is None else json_messages.dynamic_of(*dynamic),
                 scale=scale,
                 frustum_limited=frustum_limited,
             )
@@ -304,7 +304,7 @@ class Environment:
     def _world(self) -> Stream:
         """The stream, which is made when it is needed first."""
         if self._stream is None:
-            self._enter(names.scene_of(self._first_scene))
+            self._enter(asset_names.scene_of(self._first_scene))
             for viewer in self.viewers.values():
                 self._put_at_start(viewer)
         assert self._stream is not None
@@ -325,7 +325,7 @@ class Environment:
             if scenario.frustum is not None:
                 self._walls, self._walls_camera = (viewer, scenario.frustum), camera
         stream.seek(0)
-        listed = names.relied_on()["lights"].get(scene, ["Directional Light"])
+        listed = asset_names.relied_on()["lights"].get(scene, ["Directional Light"])
         self._lights = Lights(stream.world.stage.lights, listed, self._relight)
         self._stream = stream
         self._ambient = (0, 0, 0)
@@ -356,7 +356,7 @@ class Environment:
 
     def _buffers(self, stream: Stream, view: View, viewer: Viewer, wanted: Sequence[str]) -> dict[str, NDArray[Any]]:
         """The frame's buffers that views are made of; those of an equal view are not rendered again."""
-        needed = {buffer for name in wanted for buffer in views.VIEWS[name].buffers}
+        needed = {buffer for name in wanted for buffer in frame_views.VIEWS[name].buffers}
         if viewer.background is not None and "main" in wanted:
             needed.add("instance")
         # What stands still before a camera that does is worth a picture of its own; later frames differ little from it.
@@ -373,7 +373,7 @@ class Environment:
         name = str(name)  # what agents in process ask for may be anything
         if name.startswith(_SENT):
             return self.uploads.template(name.removeprefix(_SENT))
-        return names.template_of(name)
+        return asset_names.template_of(name)
 
     def _relight(self, row: int, light: Light) -> None:
         self._world().relight(row, light)

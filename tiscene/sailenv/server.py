@@ -16,10 +16,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
+from tiscene.sailenv.agent_camera import Viewer
 from tiscene.sailenv.connection import Connection
 from tiscene.sailenv.environment import Environment
-from tiscene.sailenv.viewer import Viewer
-from tiscene.sailenv.wire import ProtocolError, Reader
+from tiscene.sailenv.wire_format import ProtocolError, Reader
 
 log = logging.getLogger("tiscene.sailenv")
 MAX_CLIENTS = 64

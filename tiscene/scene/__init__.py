@@ -1,21 +1,15 @@
-"""What a stage said, as numpy, and as device arrays.
+"""Parsed scene data: on the host, and as device arrays.
 
 ::
 
-    description                            what the files said: meshes, materials, lights, instances
-        animation, parts                   what of it changes by itself; boxes, and objects of several meshes
-    placement                              where the instances are at a frame
-    device_scene                           what kernels read
-        device_array                       host arrays to the device's
-        material_table, texture_atlas
-            texture_copies
-        light_table, light_images          lamps and skies
-            light_nodes, light_boxes       what they are chosen by, and met by
-            mesh_lights                    meshes that glow
-            light_groups                   how brightness is told apart from place
-        bvh                                the trees that rays walk
-            bvh_build, bvh_write, bvh_workspace
-            bvh_parts, bvh_refit           of large instances, and of meshes that deform
-        deforming
-    obstacles                              the same trees for collisions
+    description     meshes, materials, lights, instances (host)
+    animation       deforming meshes and moving instances
+    assembly        objects of several meshes; bounding boxes
+    placement       transforms of all instances around one frame
+    device_scene    DeviceScene: what kernels read
+    deforming_mesh  a deforming mesh on the device
+    material_table  materials as arrays
+    bvh             bounding volume hierarchies
+    lights          light tables and trees
+    textures        texture atlas
 """

@@ -9,19 +9,19 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene import device
+from tiscene.device import runtime
+from tiscene.device.memory import upload
 from tiscene.errors import ArgumentError
-from tiscene.scene.bvh import Blas, Bvh
-from tiscene.scene.bvh_parts import INFO_PARTS, MOST_OPENED, PARTS, ROW_BITS, largest
-from tiscene.scene.deforming import BLOCKS, TIMES, DeformingMesh
+from tiscene.scene.bvh.bvh import Blas, Bvh
+from tiscene.scene.bvh.obstacle_tree import MeshTrees
+from tiscene.scene.bvh.rebraid import INFO_PARTS, MOST_OPENED, PARTS, ROW_BITS, largest
+from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
-from tiscene.scene.device_array import upload
-from tiscene.scene.light_table import LightTable
+from tiscene.scene.lights.light_table import LightTable
+from tiscene.scene.lights.mesh_lights import MeshLight, glow_of, mesh_light
 from tiscene.scene.material_table import MaterialTable
-from tiscene.scene.mesh_lights import MeshLight, glow_of, mesh_light
-from tiscene.scene.obstacles import MeshTrees
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
-from tiscene.scene.texture_atlas import TextureAtlas
+from tiscene.scene.textures.atlas import TextureAtlas
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
 INFO_COLUMNS = 17
@@ -57,7 +57,7 @@ class DeviceScene:
 
         Raises ArgumentError for another layout.
         """
-        architecture = device.start()
+        architecture = runtime.start()
         self.traversal = traversal or ("binary" if architecture == "cuda" else "wide")
         self._bvh = Bvh(self.traversal)
         self.materials = MaterialTable()

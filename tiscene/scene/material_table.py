@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tiscene.device.memory import upload
 from tiscene.scene.description import VERTEX_COLORS, Material, TextureLookup
-from tiscene.scene.device_array import upload
 
 # Columns of `values`, where each input's constant is (3 for a colour, 1 for a number).
 VALUE_COLUMNS = 20

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import Light
-from tiscene.scene.light_groups import LightGroups
+from tiscene.scene.lights.light_groups import LightGroups
 
 PREVIOUS, CURRENT, NEXT = 0, 1, 2
 MOVERS = 3  # no time: the tree over some of the instances at CURRENT

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.mesh import Array, Mesh, normalized
+from usd_scenes.author.polygon_mesh import Array, Mesh, normalized
 
 Field = Callable[[Array], Array]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usd_scenes.author.mesh import Array, Indices, Mesh
+from usd_scenes.author.polygon_mesh import Array, Indices, Mesh
 
 MOST_PIECES = 24
 ROUND = 1.10  # how far beyond the round a piece may reach and still be one

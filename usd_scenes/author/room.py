@@ -10,10 +10,10 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, UsdPhysics
 
-from usd_scenes.author import stage as usd
 from usd_scenes.author import templates
-from usd_scenes.author.mesh import rotation
-from usd_scenes.author.thing import Thing
+from usd_scenes.author import usd_writer as usd
+from usd_scenes.author.model import Thing
+from usd_scenes.author.polygon_mesh import rotation
 
 Vector3 = tuple[float, float, float]
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)

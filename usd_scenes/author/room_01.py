@@ -6,9 +6,9 @@ drawers at the -x wall. The air before the bed is kept free for objects to fly t
 
 from __future__ import annotations
 
+from usd_scenes.author.model import Thing
+from usd_scenes.author.models import bathroom, bedding, bedroom, building, plants, small, tables, tableware
 from usd_scenes.author.room import ORIGIN, SKY, SUNLIGHT, Room
-from usd_scenes.author.thing import Thing
-from usd_scenes.author.things import bathroom, bedding, bedroom, building, plants, small, tables, tableware
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -2.05, 2.45, -2.0, 2.0, 2.8
 WALL = 0.30

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from usd_scenes.author.models import bedroom, building, cutlery, plants, seating, small, tables, tableware
 from usd_scenes.author.room import ORIGIN, SKY, SUNLIGHT, Room
-from usd_scenes.author.things import bedroom, building, cutlery, plants, seating, small, tables, tableware
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
 WALL = 0.32

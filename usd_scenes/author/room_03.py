@@ -6,8 +6,8 @@ is behind the usual camera. The air over the mat is kept free for objects to fly
 
 from __future__ import annotations
 
+from usd_scenes.author.models import bathroom, building, plants, sanitary, small, tableware, tiling, towels
 from usd_scenes.author.room import ORIGIN, Room
-from usd_scenes.author.things import bathroom, building, plants, sanitary, small, tableware, tiling, towels
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -1.5, 1.5, -1.25, 1.25, 2.7
 WALL = 0.28

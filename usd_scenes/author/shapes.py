@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.mesh import Array, Mesh, grid, merged, normalized, polygon
+from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged, normalized, polygon
 
 
 def rounded_box(

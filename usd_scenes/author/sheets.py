@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.mesh import Array, Mesh, grid, merged, normalized, polygon
+from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged, normalized, polygon
 
 
 def plate(outline: ArrayLike, height: float, radius: float = 0.001, segments: int = 3) -> Mesh:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.mesh import Array, Mesh, grid, merged
+from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged
 from usd_scenes.author.shapes import circle, rounded_box, sweep
 
 

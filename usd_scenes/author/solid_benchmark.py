@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from usd_scenes.author.mesh import Mesh
+from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.models import bathroom, building
+from usd_scenes.author.polygon_mesh import Mesh
 from usd_scenes.author.room import WARM_WHITE, Room
 from usd_scenes.author.shapes import cylinder, rounded_box, sphere
-from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things import bathroom, building
 
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -3.0, 3.0, -4.0, 1.0, 3.0
 WALL = 0.2

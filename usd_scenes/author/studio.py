@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
-from usd_scenes.author import stage as usd
-from usd_scenes.author.mesh import Array, grid
+from usd_scenes.author import usd_writer as usd
+from usd_scenes.author.polygon_mesh import Array, grid
 from usd_scenes.author.shapes import fillet
 
 PAPER = (0.70, 0.69, 0.67)

@@ -12,11 +12,9 @@ from pathlib import Path
 import numpy as np
 from pxr import Kind, Usd, UsdGeom, UsdPhysics, UsdSemantics
 
-from usd_scenes.author import stage as usd
-from usd_scenes.author.mesh import Mesh
-from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
-from usd_scenes.author.thing import Thing, thing
-from usd_scenes.author.things import (
+from usd_scenes.author import usd_writer as usd
+from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.models import (
     bath,
     cutlery,
     desk,
@@ -29,6 +27,8 @@ from usd_scenes.author.things import (
     tableware,
     toys,
 )
+from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
 
 MATTE_COLORS = ("red", "orange", "yellow", "green", "teal", "blue", "white")
 APPEARANCES = ("photoreal", "untextured", "primitives")

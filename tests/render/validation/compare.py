@@ -12,7 +12,7 @@ from scipy import stats
 from tests.reference import mitsuba_scene
 from tests.render.path_scenes import device_scene
 from tests.render.validation.stages import Stage
-from tiscene.render.integrators.path import PathPass
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 
 SIZE = 24

@@ -21,8 +21,8 @@ from tiscene.render.renderer import Quality, Renderer
 from tiscene.render.view import View
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, SphereLight, Template
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.shutter import moments
-from tiscene.world import World
+from tiscene.stream.shutter import moments
+from tiscene.world.world import World
 
 FPS, FRAME = 25.0, 5
 SHUTTER = (-0.25, 1.0)  # frames

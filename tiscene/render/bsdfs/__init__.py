@@ -1,0 +1,10 @@
+"""Bidirectional scattering distribution functions.
+
+::
+
+    preview_surface_bsdf  UsdPreviewSurface: its lobes as one BSDF
+    material_inputs       inputs at a surface point: constants and textures
+    closure               shared terms of the lobes
+    diffuse, specular, clearcoat, glass  one lobe each
+    energy_tables         albedo tables for energy conservation
+"""

@@ -5,7 +5,7 @@ Directions are in the frame of the shading normal, on whose positive side the ou
 
 import taichi as ti
 
-from tiscene.render.bsdfs.energy import (
+from tiscene.render.bsdfs.energy_tables import (
     AVERAGES_AT,
     COSINES,
     GLASS_AT,

@@ -4,8 +4,8 @@ import math
 
 import taichi as ti
 
-from tiscene.render import warp
 from tiscene.render.bsdfs.closure import layer_reflectance, reflected_parts
+from tiscene.render.sampling import warp
 
 vec3 = ti.math.vec3
 vec4 = ti.math.vec4

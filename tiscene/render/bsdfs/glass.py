@@ -5,8 +5,8 @@ Of radiance: refraction scales it by the squared ratio of the indices. `c.glass`
 
 import taichi as ti
 
-from tiscene.render import warp
 from tiscene.render.bsdfs.closure import dielectric
+from tiscene.render.sampling import warp
 
 vec3 = ti.math.vec3
 vec4 = ti.math.vec4

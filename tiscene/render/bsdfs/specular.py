@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from tiscene.render import warp
 from tiscene.render.bsdfs.closure import schlick
+from tiscene.render.sampling import warp
 
 vec3 = ti.math.vec3
 vec4 = ti.math.vec4

@@ -6,9 +6,9 @@ it: the density is bounded wherever the observer is (cf. Kulla and Fajardo's equ
 
 import taichi as ti
 
-from tiscene.render import warp
 from tiscene.render.lights.light_sample import axis, color, from_light, no_sample, to_light
-from tiscene.scene.light_table import SIZE
+from tiscene.render.sampling import warp
+from tiscene.scene.lights.light_table import SIZE
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3

@@ -2,9 +2,9 @@
 
 import taichi as ti
 
-from tiscene.render import warp
 from tiscene.render.lights.light_sample import FAR, axis, color, no_sample
-from tiscene.scene.light_table import SIZE
+from tiscene.render.sampling import warp
+from tiscene.scene.lights.light_table import SIZE
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3

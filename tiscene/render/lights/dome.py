@@ -8,13 +8,13 @@ import math
 
 import taichi as ti
 
-from tiscene.render import warp
-from tiscene.render.lights import image
+from tiscene.render.lights import image_sampling
 from tiscene.render.lights.light_sample import FAR, color, from_light, integer, no_sample, to_light
-from tiscene.render.sampler import combine, mix
-from tiscene.render.textures import CLAMP, REPEAT, lookup_wrapped
-from tiscene.scene.light_images import SMALL_HEIGHT, SMALL_WIDTH
-from tiscene.scene.light_table import GRID, SMALL_COPY, TEXTURE
+from tiscene.render.sampling import warp
+from tiscene.render.sampling.sobol import combine, mix
+from tiscene.render.texture_lookup import CLAMP, REPEAT, lookup_wrapped
+from tiscene.scene.lights.image_distribution import SMALL_HEIGHT, SMALL_WIDTH
+from tiscene.scene.lights.light_table import GRID, SMALL_COPY, TEXTURE
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
@@ -70,7 +70,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
     result.pdf = warp.sphere_pdf(w)
     if lights.values[row, TEXTURE] >= 0.0:
         columns, lines = lights.values[row, GRID], lights.values[row, GRID + 1]
-        point = image.sample(lights, row, u)
+        point = image_sampling.sample(lights, row, u)
         line = ti.min(ti.floor(point.y), lines - 1.0)
         # Uniform in solid angle within the cell: in the cosine, not in the angle.
         low, high = ti.cos(math.pi * line / lines), ti.cos(math.pi * (line + 1.0) / lines)
@@ -93,7 +93,7 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
         column = ti.cast(ti.floor((uv.x - ti.floor(uv.x)) * lights.values[row, GRID]), ti.i32)
         line = ti.cast((1.0 - uv.y) * lights.values[row, GRID + 1], ti.i32)
         line = ti.math.clamp(line, 0, integer(lights.values, row, GRID + 1) - 1)
-        result = image.density(lights, row, column, line) * per_steradian(lights, row, line)
+        result = image_sampling.density(lights, row, column, line) * per_steradian(lights, row, line)
     return result
 
 

@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tiscene.scene.light_nodes import LANE_BITS, LANES, ROW, ROWS
-from tiscene.scene.light_table import RADIANCE, TRANSFORM
+from tiscene.scene.lights.light_table import RADIANCE, TRANSFORM
+from tiscene.scene.lights.light_tree import LANE_BITS, LANES, ROW, ROWS
 
 vec3 = ti.math.vec3
 lanes = ti.types.vector(LANES, ti.f32)

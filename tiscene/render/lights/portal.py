@@ -8,7 +8,7 @@ import taichi as ti
 
 from tiscene.render.lights import dome, rect
 from tiscene.render.lights.light_sample import FAR, integer
-from tiscene.scene.light_table import DOME_ROW
+from tiscene.scene.lights.light_table import DOME_ROW
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3

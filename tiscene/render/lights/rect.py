@@ -3,11 +3,11 @@ subtends, from afar in its area; where it has an image with bright spots, so man
 
 import taichi as ti
 
-from tiscene.render import warp
-from tiscene.render.lights import image
+from tiscene.render.lights import image_sampling
 from tiscene.render.lights.light_sample import axis, color, from_light, integer, no_sample, to_light
-from tiscene.render.textures import CLAMP, lookup_wrapped
-from tiscene.scene.light_table import GRID, IMAGE_PART, SIZE, TEXTURE
+from tiscene.render.sampling import warp
+from tiscene.render.texture_lookup import CLAMP, lookup_wrapped
+from tiscene.scene.lights.light_table import GRID, IMAGE_PART, SIZE, TEXTURE
 
 vec2 = ti.math.vec2
 vec3 = ti.math.vec3
@@ -46,7 +46,7 @@ def image_density(lights: ti.template(), row: ti.i32, x: ti.f32, y: ti.f32) -> t
     values = ti.static(lights.values)
     column = ti.cast((0.5 - x / values[row, SIZE]) * values[row, GRID], ti.i32)
     line = ti.cast((0.5 - y / values[row, SIZE + 1]) * values[row, GRID + 1], ti.i32)
-    return image.density(lights, row, column, line)
+    return image_sampling.density(lights, row, column, line)
 
 
 @ti.func
@@ -82,7 +82,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
                 if not from_image:
                     p = warp.rectangle(view, v)
         if from_image:
-            point = image.sample(lights, row, v)
+            point = image_sampling.sample(lights, row, v)
             p = vec2(x1 - (x1 - x0) * point.x / values[row, GRID], y1 - (y1 - y0) * point.y / values[row, GRID + 1])
         distance = ti.sqrt(p.x * p.x + p.y * p.y + z0 * z0)
         offset = vec3(p.x, p.y, z0) * (1.0 / distance)

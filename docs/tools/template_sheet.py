@@ -1,0 +1,117 @@
+"""Pictures of all templates on one sheet, and of some in their colours and appearances.
+
+`python -m docs.tools.template_sheet [NAME ...]` writes docs/images/templates.jpg, template_variants.jpg and the `table` in
+docs/templates.md, or what is named.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+import tiscene as ts
+from tiscene.catalog import find_template, template_name
+from tiscene.cli.terminal import progress
+from usd_scenes.author import studio
+from usd_scenes.author.templates import APPEARANCES, TEMPLATES, facts
+
+DOCS = Path(__file__).resolve().parents[1]
+TABLE = re.compile(r"(?<=<!-- templates -->\n).*?(?=<!-- /templates -->)", re.DOTALL)
+VARIED = ("chair_01", "armchair_01", "book_01", "alarm_clock_01", "teddy_bear_01", "plant_01")
+PAPER, INK = (16, 17, 21), (236, 236, 230)
+GAP = 4  # px between tiles
+Picture = NDArray[np.uint8]
+
+
+def photograph(
+    template: str, size: int, *, yaw: float = 28.0, spp: int = 64, variants: Mapping[str, str] | None = None
+) -> Picture:
+    """The template of that folder in the studio, [size, size, 3]. yaw, variants: as of `studio.write`."""
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Path(folder) / "studio.usda"
+        studio.write(find_template(template_name(template)), stage, yaw=yaw, variants=variants)
+        stream = ts.Stream(str(stage), width=size, height=size, quality="photo", spp=spp, buffers=("rgb",))
+        picture: Picture = stream[0].rgb
+    return picture
+
+
+def all_templates(size: int = 232, columns: int = 8) -> Picture:
+    """Every template under its name."""
+    tiles = []
+    with progress("templates", len(TEMPLATES)) as step:
+        for folder in TEMPLATES:
+            tiles.append((template_name(folder), photograph(folder, size)))
+            step()
+    return sheet_of(tiles, columns)
+
+
+def template_variants(size: int = 232) -> Picture:
+    """A row for each of some templates: the first three colours, then untextured and of primitives."""
+    tiles = []
+    with progress("variants", 5 * len(VARIED)) as step:
+        for folder in VARIED:
+            choices = [("color", color) for color in list(TEMPLATES[folder].colors)[:3]]
+            choices += [("appearance", appearance) for appearance in APPEARANCES[1:]]
+            for name, choice in choices:
+                caption = f"{template_name(folder)}: {choice}"
+                tiles.append((caption, photograph(folder, size, variants={name: choice})))
+                step()
+    return sheet_of(tiles, 5)
+
+
+def table() -> str:
+    """The templates as a Markdown table."""
+    lines = ["| Template | Label | Size, m | Parts | Colours |", "|---|---|---|---|---|"]
+    for folder, template in TEMPLATES.items():
+        name = template_name(folder)
+        label, lengths, parts = facts(find_template(name))
+        size = " × ".join(f"{length:.2g}" for length in lengths)
+        lines.append(f"| {name} | {label} | {size} | {', '.join(parts)} | {', '.join(template.colors)} |")
+    return "\n".join(lines) + "\n"
+
+
+def write_table() -> None:
+    page = DOCS / "templates.md"
+    text = page.read_text(encoding="utf-8")
+    page.write_text(TABLE.sub(lambda _: table(), text), encoding="utf-8")
+
+
+def sheet_of(tiles: list[tuple[str, Picture]], columns: int) -> Picture:
+    """Pictures of one size side by side, each with its caption below."""
+    size, line = tiles[0][1].shape[0], 20
+    rows = -(-len(tiles) // columns)
+    sheet = Image.new("RGB", (columns * (size + GAP) + GAP, rows * (size + line + GAP) + GAP), PAPER)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
+    for place, (caption, picture) in enumerate(tiles):
+        x, y = GAP + place % columns * (size + GAP), GAP + place // columns * (size + line + GAP)
+        sheet.paste(Image.fromarray(picture), (x, y))
+        draw.text((x + 4, y + size + 2), caption, INK, font)
+    return np.asarray(sheet)
+
+
+def save(path: Path, rgb: Picture, comment: str = "") -> None:
+    """uint8 [h, w, 3] as JPEG, all of it or nothing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    Image.fromarray(rgb).save(part, "JPEG", quality=88, subsampling=0, optimize=True, comment=comment)
+    part.replace(path)
+
+
+SHEETS: dict[str, Callable[[], Picture]] = {
+    "templates.jpg": all_templates,
+    "template_variants.jpg": template_variants,
+}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or [*SHEETS, "table"]:
+        if name == "table":
+            write_table()
+        else:
+            save(DOCS / "images" / name, SHEETS[name]())

@@ -1,0 +1,93 @@
+"""Rows of the table of bodies, rotations, and what every kind of body does: device functions.
+
+(No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.
+"""
+
+import taichi as ti
+
+from dynamics.body_layout import CONTACT, CONTACTS, MOST_CONTACTS, MOVE, POSITION, RADIUS, ROTATION, TURN
+from dynamics.contact import SKIN, WAIT
+from dynamics.trajectory_kernel import multiply, unit
+
+vec3d = ti.types.vector(3, ti.f64)
+vec4d = ti.types.vector(4, ti.f64)
+MOST_BEND = 0.25 * SKIN  # m: how far a turn may carry a sphere off its chord in one step
+
+
+@ti.func
+def row3(table: ti.template(), row: ti.i32, column: ti.i32):
+    return vec3d(table[row, column], table[row, column + 1], table[row, column + 2])
+
+
+@ti.func
+def row4(table: ti.template(), row: ti.i32, column: ti.i32):
+    return vec4d(table[row, column], table[row, column + 1], table[row, column + 2], table[row, column + 3])
+
+
+@ti.func
+def set3(table: ti.template(), row: ti.i32, column: ti.i32, v):
+    for i in ti.static(range(3)):
+        table[row, column + i] = v[i]
+
+
+@ti.func
+def set4(table: ti.template(), row: ti.i32, column: ti.i32, v):
+    for i in ti.static(range(4)):
+        table[row, column + i] = v[i]
+
+
+@ti.func
+def rotation_by(turn):
+    """The quaternion of a rotation vector."""
+    angle = turn.norm()
+    half = 0.5 * angle
+    scale = half * 0.0 + 0.5
+    if angle > 1e-9:
+        scale = ti.sin(half) / angle
+    return vec4d(ti.cos(half), scale * turn[0], scale * turn[1], scale * turn[2])
+
+
+@ti.func
+def turn_between(start, end):
+    """The rotation vector that leads from one unit quaternion to another by the shorter way."""
+    q = multiply(end, vec4d(start[0], -start[1], -start[2], -start[3]))
+    if q[0] < 0.0:
+        q = -q
+    axis = vec3d(q[1], q[2], q[3])
+    sine = axis.norm()
+    scale = sine * 0.0 + 2.0
+    if sine > 1e-12:
+        scale = 2.0 * ti.atan2(sine, q[0]) / sine
+    return scale * axis
+
+
+@ti.func
+def note(integers: ti.template(), body: ti.i32, kind: ti.i32, row: ti.i32):
+    """Remember that a body met something in this frame, once."""
+    if kind == WAIT:
+        kind = 0
+    known = kind == 0
+    for i in range(integers[body, CONTACTS]):
+        if integers[body, CONTACT + 2 * i] == kind and integers[body, CONTACT + 2 * i + 1] == row:
+            known = True
+    if not known and integers[body, CONTACTS] < MOST_CONTACTS:
+        at = CONTACT + 2 * integers[body, CONTACTS]
+        integers[body, at] = kind
+        integers[body, at + 1] = row
+        integers[body, CONTACTS] += 1
+
+
+@ti.func
+def longest_turn(bodies: ti.template(), body: ti.i32):
+    """The largest angle that keeps every sphere within MOST_BEND of its chord."""
+    return ti.sqrt(8.0 * MOST_BEND / ti.max(bodies[body, RADIUS], 1e-6))
+
+
+@ti.func
+def go(bodies: ti.template(), body: ti.i32, part):
+    """Do a part, 0 .. 1, of the motion that was tried."""
+    move = row3(bodies, body, MOVE)
+    turn = row3(bodies, body, TURN)
+    set3(bodies, body, POSITION, row3(bodies, body, POSITION) + part * move)
+    rotation = multiply(rotation_by(part * turn), row4(bodies, body, ROTATION))
+    set4(bodies, body, ROTATION, unit(rotation, rotation))

@@ -1,0 +1,92 @@
+"""The kernels that cover a surface with spheres; `dynamics.sphere_proxy` says how. (No postponed annotations in this module.)
+
+Each sphere, and each point, is computed by one thread in a fixed order: the same bits for any number of threads.
+"""
+
+import taichi as ti
+
+from dynamics.body_access import row3, set3, vec3d
+
+Points = ti.types.ndarray(ti.f64, 2)
+Rows = ti.types.ndarray(ti.i32, 1)
+Numbers = ti.types.ndarray(ti.f64, 1)
+
+BALL_STEPS = 24
+
+
+@ti.kernel
+def nearest(points: Points, centres: Points, owner: Rows):
+    """Set owner[i] to the row of the centre that is nearest to points[i]; the first of equals."""
+    for i in range(points.shape[0]):
+        point = row3(points, i, 0)
+        best = ti.cast(ti.math.inf, ti.f64)
+        for k in range(centres.shape[0]):
+            square = (point - row3(centres, k, 0)).norm_sqr()
+            if square < best:
+                best = square
+                owner[i] = k
+
+
+@ti.kernel
+def centre(corners: Points, first: Rows, centres: Points):
+    """Set centres[k] to about the centre of the smallest ball around the rows first[k] .. first[k + 1] of `corners`.
+
+    From their mean, steps towards the farthest one that become shorter (Badoiu and Clarkson 2003).
+    """
+    for k in range(centres.shape[0]):
+        begin = first[k]
+        end = first[k + 1]
+        middle = vec3d(0.0)
+        for i in range(begin, end):
+            middle += row3(corners, i, 0)
+        middle /= ti.cast(end - begin, ti.f64)
+        for step in range(1, 1 + BALL_STEPS):
+            farthest = begin
+            most = ti.cast(-1.0, ti.f64)
+            for i in range(begin, end):
+                square = (row3(corners, i, 0) - middle).norm_sqr()
+                if square > most:
+                    most = square
+                    farthest = i
+            middle += (row3(corners, farthest, 0) - middle) / ti.cast(step + 1, ti.f64)
+        set3(centres, k, 0, middle)
+
+
+@ti.kernel
+def sink(
+    corners: Points,
+    first: Rows,
+    outward: Points,
+    middles: Points,
+    normals: Points,
+    depths: Numbers,
+    centres: Points,
+    radii: Numbers,
+):
+    """Move centres below a closed surface, where a larger ball covers the same corners and stands out less.
+
+    outward: f64 [k, 3], unit. middles, normals: of some triangles all over the surface. depths: to try, in radii.
+    """
+    for k in range(centres.shape[0]):
+        start = row3(centres, k, 0)
+        radius = radii[k]
+        least = radius
+        for tried in range(depths.shape[0]):
+            below = start - depths[tried] * radius * row3(outward, k, 0)
+            larger = radius * 0.0
+            for i in range(first[k], first[k + 1]):
+                larger = ti.max(larger, (row3(corners, i, 0) - below).norm_sqr())
+            larger = ti.sqrt(larger)
+            closest = 0
+            square = ti.cast(ti.math.inf, ti.f64)
+            for i in range(middles.shape[0]):
+                here = (row3(middles, i, 0) - below).norm_sqr()
+                if here < square:
+                    square = here
+                    closest = i
+            stands_out = larger - ti.sqrt(square)
+            inside = (below - row3(middles, closest, 0)).dot(row3(normals, closest, 0)) < 0.0
+            if stands_out < least and inside:
+                least = stands_out
+                set3(centres, k, 0, below)
+                radii[k] = larger

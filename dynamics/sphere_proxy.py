@@ -1,0 +1,192 @@
+"""Proxy spheres: what stands for a body's surface in collisions. Every point of the surface lies in one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+MOST_SPHERES = 256
+MOST_PLACES = 4096  # of the surface that are compared where covering does not depend on it
+GROUP = 8  # spheres that share a bounding sphere, on average
+FINEST = 0.004  # m: radius below which more spheres gain nothing
+DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0)  # below the surface that centres are tried at, in radii
+ROUNDING = 1.0 + 1e-6  # radii are kept in float32
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A body's surface as spheres, in its own axes.
+
+    spheres: float32 [n, 4], centre and radius, m, group after group.
+    groups: float32 [g, 4], bounding spheres. first: int32 [g + 1], rows of `spheres` where they begin.
+    reach: m, no point of a sphere is farther than this from the body's origin.
+    """
+
+    spheres: NDArray[np.float32]
+    groups: NDArray[np.float32]
+    first: NDArray[np.int32]
+    reach: float
+
+
+def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
+    """Spheres that cover a surface, so that whatever stays out of them does not touch it.
+
+    corners: [n, 3, 3], the triangles' corners in the body's axes, m. most: spheres at most.
+    Centres start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them. In
+    solids they sink below the surface, where a larger sphere covers the same and stands out less.
+    Taichi must run. Raises ValueError if there is no triangle, or one that is not finite.
+    """
+    triangles = np.asarray(corners, dtype=np.float64)
+    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or not len(triangles):
+        raise ValueError(f"corners has the shape {triangles.shape}: must be [n, 3, 3] with one triangle or more")
+    if not np.isfinite(triangles).all():
+        raise ValueError("corners: must be finite numbers")
+    area = 0.5 * np.linalg.norm(_normals(triangles), axis=1).sum()
+    extent = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
+    # `most` circles of this radius cover a flat surface of this area; the pieces are much smaller than that.
+    radius = max(np.sqrt(area / (2.6 * most)), extent / most, FINEST)
+    pieces = _subdivided(triangles, 0.7 * radius)
+    middles = pieces.mean(axis=1)
+    few = middles[:: 1 + len(middles) // MOST_PLACES]
+    centres = few[_farthest_points(few, most, stop=0.7 * radius)]
+    for _ in range(2):
+        owner = _nearest(middles, centres)
+        centres = _centred(pieces, owner)
+    owner = _nearest(middles, centres)
+    radii = np.zeros(len(centres))
+    # A ball that holds the corners of a triangle holds the triangle.
+    np.maximum.at(radii, owner, np.linalg.norm(pieces - centres[owner][:, None], axis=2).max(axis=1))
+    used = np.bincount(owner, minlength=len(centres)) > 0
+    if _is_closed(triangles):
+        centres, radii = _sunk(pieces, owner, centres, radii)
+    return _grouped(centres[used], radii[used] * ROUNDING + 1e-7)
+
+
+def _normals(triangles: Array) -> Array:
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
+def _squares(vectors: Array) -> Array:
+    result: Array = np.einsum("ij,ij->i", vectors, vectors)
+    return result
+
+
+def _subdivided(triangles: Array, longest: float) -> Array:
+    """The same surface in triangles whose edges are not longer than `longest`."""
+    done = []
+    while len(triangles):
+        edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        worst = edges.argmax(axis=1)
+        small = edges.max(axis=1) <= longest
+        done.append(triangles[small])
+        # Halve the longest edge of the others: corner `worst`, the next one, and the third.
+        rest, worst = triangles[~small], worst[~small]
+        rows = np.arange(len(rest))
+        a, b, c = (rest[rows, (worst + step) % 3] for step in range(3))
+        middle = 0.5 * (a + b)
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)
+
+
+def _farthest_points(points: Array, most: int, stop: float) -> NDArray[np.intp]:
+    """Rows of up to `most` points, each the farthest from those before; fewer if all are nearer than `stop`."""
+    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < most:
+        distance = np.minimum(distance, _squares(points - points[chosen[-1]]))
+        farthest = int(distance.argmax())
+        if distance[farthest] <= stop * stop:
+            break
+        chosen.append(farthest)
+    return np.array(chosen, dtype=np.intp)
+
+
+def _nearest(points: Array, centres: Array) -> NDArray[np.int32]:
+    """For each point the row of the nearest centre."""
+    from dynamics.sphere_cover_kernels import nearest
+
+    owner = np.zeros(len(points), dtype=np.int32)
+    nearest(np.ascontiguousarray(points), np.ascontiguousarray(centres), owner)
+    return owner
+
+
+@dataclass(frozen=True)
+class _Owned:
+    """The corners [n, 3] of triangles, owner after owner, and where each begins; those without any are left out."""
+
+    corners: Array
+    first: NDArray[np.int32]
+    rows: NDArray[np.int32]
+
+    @classmethod
+    def by(cls, pieces: Array, owner: NDArray[np.int32]) -> _Owned:
+        order = np.argsort(owner, kind="stable")
+        begins = np.flatnonzero(np.diff(owner[order], prepend=-1))
+        first = (3 * np.append(begins, len(owner))).astype(np.int32)
+        return cls(np.ascontiguousarray(pieces[order].reshape(-1, 3)), first, owner[order][begins])
+
+
+def _centred(pieces: Array, owner: NDArray[np.int32]) -> Array:
+    """About the centre of the smallest ball around the pieces of each owner."""
+    from dynamics.sphere_cover_kernels import centre
+
+    owned = _Owned.by(pieces, owner)
+    centres = np.zeros((len(owned.rows), 3))
+    centre(owned.corners, owned.first, centres)
+    return centres
+
+
+def _is_closed(triangles: Array) -> bool:
+    """Whether every edge is there once in each direction, and the inside is what the triangles enclose."""
+    if np.einsum("ij,ij->", triangles[:, 0], _normals(triangles)) <= 0.0:
+        return False
+    _, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    rows = corner.reshape(-1, 3).astype(np.int64)
+    rows = rows[(rows != np.roll(rows, -1, axis=1)).all(axis=1)]
+    start, end = rows.ravel(), np.roll(rows, -1, axis=1).ravel()
+    count = len(triangles) * 3
+    there, back = np.sort(start * count + end), np.sort(end * count + start)
+    return bool(np.array_equal(there, back))
+
+
+def _sunk(pieces: Array, owner: NDArray[np.int32], centres: Array, radii: Array) -> tuple[Array, Array]:
+    """Centres and radii that cover the same pieces, from inside of a closed surface, and stand out the least."""
+    from dynamics.sphere_cover_kernels import sink
+
+    normals = _normals(pieces)
+    outward = np.zeros_like(centres)
+    np.add.at(outward, owner, normals)
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    some = slice(None, None, 1 + len(pieces) // MOST_PLACES)
+    owned = _Owned.by(pieces, owner)
+    below, larger = centres[owned.rows], radii[owned.rows]
+    middles, normals = pieces[some].mean(axis=1), np.ascontiguousarray(normals[some])
+    sink(owned.corners, owned.first, outward[owned.rows], middles, normals, np.array(DEPTHS), below, larger)
+    centres, radii = centres.copy(), radii.copy()
+    centres[owned.rows], radii[owned.rows] = below, larger
+    return centres, radii
+
+
+def _grouped(centres: Array, radii: Array) -> Shape:
+    """The spheres sorted into groups of neighbours, each with a sphere around it."""
+    count = max(1, round(len(centres) / GROUP))
+    seeds = centres[_farthest_points(centres, count, stop=0.0)]
+    owner = _nearest(centres, seeds)
+    order = np.argsort(owner, kind="stable")
+    centres, radii, owner = centres[order], radii[order], owner[order]
+    rows = [np.flatnonzero(owner == group) for group in range(len(seeds))]
+    rows = [row for row in rows if len(row)]
+    groups = np.zeros((len(rows), 4))
+    for group, row in enumerate(rows):
+        groups[group, :3] = 0.5 * (centres[row].min(axis=0) + centres[row].max(axis=0))
+        groups[group, 3] = (np.linalg.norm(centres[row] - groups[group, :3], axis=1) + radii[row]).max() * ROUNDING
+    return Shape(
+        spheres=np.column_stack([centres, radii]).astype(np.float32),
+        groups=groups.astype(np.float32),
+        first=np.cumsum([0, *(len(row) for row in rows)]).astype(np.int32),
+        reach=float((np.linalg.norm(centres, axis=1) + radii).max() * ROUNDING),
+    )

@@ -1,0 +1,322 @@
+"""The kernel of a stepped simulation: one substep of all bodies.
+
+A body is written by one thread alone, from what was frozen at the start of the substep, so that neither the number of
+threads nor bodies far away can change a bit of it. (No postponed annotations in this module.)
+"""
+
+import taichi as ti
+
+from dynamics.body_access import rotation_by, row3, row4, set3, set4, turn_between, vec3d
+from dynamics.body_layout import (
+    ACTIVE,
+    AHEAD,
+    ALLOWED,
+    ALLOWED_TURN,
+    ANGULAR_SPEED,
+    BOUNCES,
+    BOUND,
+    COLLIDES,
+    FIRST_GROUP,
+    GROUPS,
+    KIND,
+    LIMITED,
+    LOST,
+    ON_PATH,
+    POSITION,
+    PULL,
+    PULLED,
+    RADIUS,
+    REST,
+    ROTATION,
+    SPEED,
+    SPIN,
+    STEP,
+    TARGET,
+    TRIES,
+    VELOCITY,
+)
+from dynamics.contact import NOTHING, OBSTACLE, SKIN, WAIT
+from dynamics.integrate import advance, look_ahead, propose
+from dynamics.sweep_bodies import WALLS, sweep_others
+from dynamics.sweep_obstacles import REACHED, Bodies, single, sweep_obstacles, turned
+from dynamics.trajectory_kernel import multiply, unit
+from dynamics.tree_access import Column, Floats, Ints, Tree, vec3, vector_at
+
+Times = ti.types.ndarray(ti.f64, 1)
+Times32 = ti.types.ndarray(ti.f32, 1)
+
+CATCH_UP = 2.0  # times the speed on the path: how fast a follower returns to it, and besides
+CATCH_UP_SPEED, CATCH_UP_TURN = 1.0, 3.0  # m/s, rad/s
+PULL_SPEED = 3.0  # m/s at which walls take in what is outside of them
+MOST_PUSHES = 2e-3  # m: that a follower is pushed in a substep at most
+MOST_TRIES = 24  # of motions in one substep
+
+
+@ti.func
+def follow_freely(bodies: ti.template(), body: ti.i32):
+    for i in ti.static(range(7)):
+        bodies[body, POSITION + i] = bodies[body, TARGET + i]
+
+
+@ti.func
+def fly_freely(bodies: ti.template(), body: ti.i32):
+    time = bodies[body, ACTIVE]
+    set3(bodies, body, POSITION, row3(bodies, body, POSITION) + time * row3(bodies, body, VELOCITY))
+    rotation = multiply(rotation_by(time * row3(bodies, body, SPIN)), row4(bodies, body, ROTATION))
+    set4(bodies, body, ROTATION, unit(rotation, rotation))
+
+
+@ti.func
+def pull_inside(
+    bodies: ti.template(),
+    integers: ti.template(),
+    groups: ti.template(),
+    spheres: ti.template(),
+    planes: ti.template(),
+    body: ti.i32,
+    length: ti.f64,
+):
+    """Set the displacement, `length` at most, that brings what is outside of the walls back in."""
+    pull = vec3d(0.0)
+    origin = single(bodies, body, POSITION)
+    reach = ti.cast(bodies[body, RADIUS], ti.f32)
+    first = integers[body, FIRST_GROUP]
+    for wall in range(WALLS):
+        normal = vector_at(planes, wall, 0)
+        height = normal.dot(origin) + planes[wall, 3] - SKIN
+        if height < reach:
+            depth = 0.0
+            for group in range(first, first + integers[body, GROUPS]):
+                for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                    depth = ti.max(depth, spheres[sphere, 3] - height - normal.dot(arm))
+            pull += ti.cast(depth * normal, ti.f64)
+    far = pull.norm()
+    if far > length:
+        pull *= length / far
+    set3(bodies, body, PULL, pull)
+    integers[body, PULLED] = 0
+    if far > 0.0 and length > 0.0:
+        integers[body, PULLED] = 1
+
+
+@ti.func
+def begin_bouncing(
+    bodies: ti.template(),
+    integers: ti.template(),
+    groups: ti.template(),
+    spheres: ti.template(),
+    planes: ti.template(),
+    body: ti.i32,
+):
+    time = bodies[body, ACTIVE]
+    bodies[body, REST] = time
+    bound = (bodies[body, SPEED] + bodies[body, ANGULAR_SPEED] * bodies[body, RADIUS]) * time
+    integers[body, PULLED] = 0
+    if integers[body, LIMITED] > 0:
+        length = PULL_SPEED * time
+        pull_inside(bodies, integers, groups, spheres, planes, body, length)
+        if integers[body, PULLED] > 0:
+            bound += row3(bodies, body, PULL).norm()
+    bodies[body, BOUND] = bound
+
+
+@ti.func
+def begin_following(bodies: ti.template(), integers: ti.template(), targets: ti.template(), body: ti.i32, length):
+    """length: s of the substep."""
+    path = vec3d(0.0)
+    same = True
+    for i in ti.static(range(3)):
+        path[i] = targets[body, i] - bodies[body, TARGET + i]
+    path_turn = turn_between(row4(bodies, body, TARGET + 3), row4(targets, body, 3))
+    for i in ti.static(range(7)):
+        bodies[body, TARGET + i] = targets[body, i]
+        if bodies[body, POSITION + i] != targets[body, i]:
+            same = False
+    bodies[body, ALLOWED] = CATCH_UP * path.norm() + CATCH_UP_SPEED * length
+    bodies[body, ALLOWED_TURN] = CATCH_UP * path_turn.norm() + CATCH_UP_TURN * length
+    bodies[body, STEP] = 0.0
+    bodies[body, REST] = 0.0
+    bodies[body, BOUND] = 0.0
+    push = ti.cast(MOST_PUSHES, ti.f64)
+    bodies[body, PULL] = 0.0
+    if integers[body, LIMITED] > 0:
+        bodies[body, PULL] = PULL_SPEED * length
+        push += bodies[body, PULL]
+    if not same or integers[body, LIMITED] > 0:
+        bodies[body, REST] = 1.0
+        # All that it may do in the substep, in one motion or in several.
+        far = (row3(bodies, body, TARGET) - row3(bodies, body, POSITION)).norm()
+        angle = turn_between(row4(bodies, body, ROTATION), row4(bodies, body, TARGET + 3)).norm()
+        bodies[body, BOUND] = (
+            ti.min(far, bodies[body, ALLOWED]) + ti.min(angle, bodies[body, ALLOWED_TURN]) * bodies[body, RADIUS] + push
+        )
+
+
+@ti.func
+def freeze(
+    bodies: ti.template(),
+    integers: ti.template(),
+    groups: ti.template(),
+    spheres: ti.template(),
+    bounding: ti.template(),
+    frozen: ti.template(),
+    frozen_groups: ti.template(),
+    frozen_bodies: ti.template(),
+    body: ti.i32,
+):
+    """Note where the spheres of a body are, for the others to look at."""
+    origin = single(bodies, body, POSITION)
+    for i in ti.static(range(3)):
+        frozen_bodies[body, i] = origin[i]
+    first = integers[body, FIRST_GROUP]
+    for group in range(first, first + integers[body, GROUPS]):
+        middle = origin + turned(bodies, body, vector_at(bounding, group, 0))
+        for i in ti.static(range(3)):
+            frozen_groups[group, i] = middle[i]
+        for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+            centre = origin + turned(bodies, body, vector_at(spheres, sphere, 0))
+            for i in ti.static(range(3)):
+                frozen[sphere, i] = centre[i]
+
+
+@ti.kernel
+def substep(
+    bodies: Bodies,
+    integers: Ints,
+    groups: Ints,
+    spheres: Floats,
+    bounding: Floats,
+    frozen: Floats,
+    frozen_groups: Floats,
+    frozen_bodies: Floats,
+    near: Ints,
+    planes: Floats,
+    targets: Bodies,
+    active: Times,
+    length: ti.f64,
+    touches: Floats,
+    times: Times32,
+    counts: Column,
+    wide: ti.template(),
+    nodes: Tree,
+    triangles: Tree,
+    instances: Floats,
+    roots: Column,
+    root: ti.i32,
+):
+    """Move all bodies on.
+
+    targets: f64 [n, 7], poses on the paths at the end of the substep. active: s of the substep in which each body's
+    clock runs. planes: f32 [WALLS, 4] at its end. length: of the substep, s.
+    """
+    # Freeze where everything is, and choose how far each may go.
+    for body in range(targets.shape[0]):
+        bodies[body, ACTIVE] = active[body]
+        integers[body, TRIES] = 0
+        if integers[body, COLLIDES] == 0:
+            for i in ti.static(range(7)):
+                bodies[body, TARGET + i] = targets[body, i]
+            if integers[body, KIND] == BOUNCES:
+                if active[body] > 0.0:
+                    fly_freely(bodies, body)
+            else:
+                follow_freely(bodies, body)
+                integers[body, ON_PATH] = 1
+            bodies[body, REST] = 0.0
+            bodies[body, BOUND] = 0.0
+        else:
+            freeze(bodies, integers, groups, spheres, bounding, frozen, frozen_groups, frozen_bodies, body)
+            if integers[body, KIND] == BOUNCES:
+                begin_bouncing(bodies, integers, groups, spheres, planes, body)
+            else:
+                begin_following(bodies, integers, targets, body, length)
+    # Find which might meet.
+    for body in range(targets.shape[0]):
+        count = 0
+        if bodies[body, REST] > 0.0:
+            here = row3(bodies, body, POSITION)
+            for other in range(targets.shape[0]):
+                if other != body and integers[other, COLLIDES] > 0:
+                    between = (row3(bodies, other, POSITION) - here).norm()
+                    size = bodies[body, RADIUS] + bodies[other, RADIUS]
+                    if between < size + bodies[body, BOUND] + bodies[other, BOUND] + 8.0 * SKIN + 2.0 * REACHED:
+                        count += 1
+                        near[body, count] = other
+        near[body, 0] = count
+    ti.loop_config(block_dim=1)
+    for body in range(targets.shape[0]):
+        tries = 0
+        if bodies[body, REST] > 0.0 and integers[body, KIND] != BOUNCES:
+            propose(bodies, integers, body)
+        while bodies[body, REST] > 0.0 and tries < MOST_TRIES:
+            tries += 1
+            first = integers[body, FIRST_GROUP]
+            for group in range(first, first + integers[body, GROUPS]):
+                counts[group] = 0
+            time = ti.cast(1.0, ti.f32)
+            normal = vec3(0.0)
+            kind = NOTHING
+            row = -1
+            leg = ti.cast(0.0, ti.f64)
+            looks = True
+            if integers[body, KIND] == BOUNCES:
+                looks = bodies[body, AHEAD] <= 0.0
+                if looks:
+                    leg = look_ahead(bodies, integers, body)
+            if looks:
+                time, normal, row = sweep_obstacles(
+                    bodies,
+                    integers,
+                    groups,
+                    spheres,
+                    bounding,
+                    touches,
+                    times,
+                    counts,
+                    wide,
+                    nodes,
+                    triangles,
+                    instances,
+                    roots,
+                    root,
+                    body,
+                )
+                if time < 1.0:
+                    kind = OBSTACLE
+            if leg > 0.0:
+                bodies[body, AHEAD] = time * leg
+                if time > 0.0:
+                    time = 1.0
+                    kind = NOTHING
+                propose(bodies, integers, body)
+            elif not looks:
+                propose(bodies, integers, body)
+            sooner, other_normal, other_kind, other = sweep_others(
+                bodies,
+                integers,
+                groups,
+                spheres,
+                bounding,
+                frozen,
+                frozen_groups,
+                frozen_bodies,
+                near,
+                planes,
+                touches,
+                times,
+                counts,
+                body,
+                time,
+            )
+            if other_kind != NOTHING:
+                time, normal, kind, row = sooner, other_normal, other_kind, other
+            if not looks and time <= 0.0 and kind != WAIT:
+                bodies[body, AHEAD] = 0.0  # whatever touches it counts: look at the obstacles too
+            else:
+                advance(bodies, integers, touches, counts, body, time, normal, kind, row)
+        if bodies[body, REST] > 0.0:
+            # It gives up: what time it has left is lost.
+            if integers[body, KIND] == BOUNCES:
+                bodies[body, LOST] += bodies[body, REST]
+            bodies[body, REST] = 0.0

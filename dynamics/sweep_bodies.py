@@ -1,0 +1,211 @@
+"""When does a moving body first meet a wall or another body? A device function, one call for each body.
+
+Bodies look at where the others were when the substep began. The tables are those of `dynamics.sweep_obstacles`.
+(No postponed annotations in this module.)
+"""
+
+import taichi as ti
+
+from dynamics.body_layout import (
+    ACTIVE,
+    BOUNCES,
+    BOUND,
+    FIRST_GROUP,
+    GROUPS,
+    KIND,
+    LIMITED,
+    MOVE,
+    POSITION,
+    PULL,
+    PULLED,
+    RADIUS,
+    REST,
+    STEP,
+    TRIES,
+    TURN,
+)
+from dynamics.contact import FAR, MOVER, NOTHING, SKIN, SLIDE, TOLERANCE, TOUCHES, WAIT, WALL, record
+from dynamics.sweep_obstacles import REACHED, chord_of, single, touch_band, turned
+from dynamics.tree_access import vec3, vector_at
+
+WALLS = 6
+CONTACT_GAP = 3.0 * SKIN  # m: movers nearer than this touch each other
+DEEP = 20.0 * SKIN  # m: no motion leads so deep into another body
+
+
+@ti.func
+def group_gap(bounding: ti.template(), frozen_groups: ti.template(), group: ti.i32, other: ti.i32) -> ti.f32:
+    """Between the spheres around two groups, where they were."""
+    away = vector_at(frozen_groups, group, 0) - vector_at(frozen_groups, other, 0)
+    return away.norm() - bounding[group, 3] - bounding[other, 3]
+
+
+@ti.func
+def sweep_others(
+    bodies: ti.template(),
+    integers: ti.template(),
+    groups: ti.template(),
+    spheres: ti.template(),
+    bounding: ti.template(),
+    frozen: ti.template(),
+    frozen_groups: ti.template(),
+    frozen_bodies: ti.template(),
+    near: ti.template(),
+    planes: ti.template(),
+    touches: ti.template(),
+    gaps: ti.template(),
+    counts: ti.template(),
+    body: ti.i32,
+    until: ti.f32,
+):
+    """When, before `until`, the motion that a body tries makes it touch a wall or another body.
+
+    Returns the time, or `until`; the normal, what kind of thing it is, and its row.
+    """
+    origin = single(bodies, body, POSITION)
+    move = single(bodies, body, MOVE)
+    turn = single(bodies, body, TURN)
+    slack = 0.125 * ti.cast(bodies[body, RADIUS], ti.f32) * turn.dot(turn)
+    band = touch_band(bodies, integers, body)
+    best = until
+    best_normal = vec3(0.0)
+    best_kind = NOTHING
+    best_row = -1
+    first = integers[body, FIRST_GROUP]
+    end = first + integers[body, GROUPS]
+    if integers[body, LIMITED] > 0:
+        # What is outside already may not go on outwards by itself while it is pulled inwards.
+        pulled = vec3(0.0)
+        if integers[body, KIND] == BOUNCES and integers[body, PULLED] > 0:
+            pulled = single(bodies, body, PULL) * ti.cast(bodies[body, STEP] / bodies[body, ACTIVE], ti.f32)
+        must_enter = integers[body, KIND] != BOUNCES and integers[body, TRIES] == 0
+        farthest = move.norm() + turn.norm() * ti.cast(bodies[body, RADIUS], ti.f32) + band
+        for wall in range(WALLS):
+            normal = vector_at(planes, wall, 0)
+            height = normal.dot(origin) + planes[wall, 3] - SKIN
+            if height < ti.cast(bodies[body, RADIUS], ti.f32) + farthest + REACHED:
+                for group in range(first, end):
+                    for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+                        arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                        gap = height + normal.dot(arm) - spheres[sphere, 3]
+                        if gap < farthest:
+                            chord = chord_of(turn, move, arm)
+                            counts[group] = record(touches, group * TOUCHES, counts[group], normal, arm, gap, WALL)
+                            approach = -normal.dot(chord)
+                            time = FAR
+                            if approach > SLIDE:
+                                time = ti.max(gap - 0.5 * TOLERANCE, 0.0) / approach
+                                if gap < TOLERANCE:
+                                    time = 0.0
+                            if gap < -TOLERANCE and (must_enter or normal.dot(pulled - chord) > SLIDE):
+                                time = 0.0
+                            if time < best:
+                                best = time
+                                best_normal = normal
+                                best_kind = WALL
+                                best_row = wall
+    bound = ti.cast(bodies[body, BOUND], ti.f32)
+    reach = move.norm() + turn.norm() * ti.cast(bodies[body, RADIUS], ti.f32)
+    bouncing = integers[body, KIND] == BOUNCES
+    remembered = reach + band  # what is nearer is a touch
+    moved = bound  # at most, since the substep began
+    if bouncing:
+        remembered = SKIN
+        moved *= ti.cast(1.0 - bodies[body, REST] / bodies[body, ACTIVE], ti.f32)
+    for i in range(near[body, 0]):
+        other = near[body, 1 + i]
+        theirs = ti.cast(bodies[other, BOUND], ti.f32)
+        share = 0.5
+        if bound + theirs > 0.0:
+            share = bound / (bound + theirs)
+        other_first = integers[other, FIRST_GROUP]
+        other_end = other_first + integers[other, GROUPS]
+        # The pair of groups that is nearest goes first: what it meets bounds the search of the others.
+        nearest = FAR
+        soonest = first
+        partner = other_first
+        for group in range(first, end):
+            away = vector_at(frozen_groups, group, 0) - vector_at(frozen_bodies, other, 0)
+            least = away.norm() - bounding[group, 3] - ti.cast(bodies[other, RADIUS], ti.f32)
+            if least < nearest:
+                least = FAR
+                for each in range(other_first, other_end):
+                    gap = group_gap(bounding, frozen_groups, group, each)
+                    least = ti.min(least, gap)
+                    if gap < nearest:
+                        nearest = gap
+                        soonest = group
+                        partner = each
+            gaps[group] = least
+        # Who was put deep into another, where no way leads out for every sphere, gets out away from its origin.
+        outward = vector_at(frozen_bodies, body, 0) - vector_at(frozen_bodies, other, 0)
+        if outward.norm() < 1e-6:
+            outward = vec3(0.0, ti.select(body > other, -1.0, 1.0), 0.0)
+        outward = outward.normalized()
+        sunk = False
+        if nearest < 0.0:
+            for sphere in range(groups[soonest, 1], groups[soonest, 1] + groups[soonest, 2]):
+                for b in range(groups[partner, 1], groups[partner, 1] + groups[partner, 2]):
+                    apart = (vector_at(frozen, sphere, 0) - vector_at(frozen, b, 0)).norm()
+                    if apart - spheres[sphere, 3] - spheres[b, 3] < -DEEP:
+                        sunk = True
+        for step in range(1 + end - first):
+            group = first + step - 1
+            begin = other_first
+            stop = other_end
+            if step == 0:
+                group = soonest
+                begin = partner
+                stop = partner + 1
+            farthest = ti.max(best * reach, remembered) + moved + band + REACHED
+            if share * (gaps[group] - SKIN) >= farthest:
+                stop = begin
+            for each in range(begin, stop):
+                gap_here = group_gap(bounding, frozen_groups, group, each)
+                done = step > 0 and group == soonest and each == partner
+                farthest = ti.max(best * reach, remembered) + moved + band + REACHED
+                if share * (gap_here - SKIN) < farthest and not done:
+                    for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+                        here = vector_at(frozen, sphere, 0)
+                        radius = spheres[sphere, 3]
+                        from_group = (here - vector_at(frozen_groups, each, 0)).norm() - radius - bounding[each, 3]
+                        if share * (from_group - SKIN) < farthest:
+                            for b in range(groups[each, 1], groups[each, 1] + groups[each, 2]):
+                                away = here - vector_at(frozen, b, 0)
+                                distance = away.norm()
+                                gap = distance - radius - spheres[b, 3]
+                                if share * (gap - SKIN) < farthest:
+                                    normal = away / ti.max(distance, 1e-9)
+                                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                                    chord = chord_of(turn, move, arm)
+                                    if sunk:
+                                        normal = outward
+                                        arm = vec3(0.0)
+                                        chord = move
+                                    # Each of the two may close its share of the gap of the beginning of the substep.
+                                    closed = -normal.dot(origin + arm - here)
+                                    left = share * (gap - SKIN)
+                                    if gap > SKIN:
+                                        left -= closed
+                                    kind = WAIT
+                                    if gap < CONTACT_GAP:
+                                        kind = MOVER
+                                    if left < remembered:
+                                        counts[group] = record(
+                                            touches, group * TOUCHES, counts[group], normal, arm, left, kind
+                                        )
+                                    approach = -normal.dot(chord)
+                                    time = FAR
+                                    if left < TOLERANCE:
+                                        if approach > SLIDE:
+                                            time = 0.0
+                                        if gap < 0.5 * SKIN and approach > -4.0 * slack - 1e-9:
+                                            time = 0.0
+                                    elif approach > 0.0:
+                                        time = (left - 0.5 * TOLERANCE) / approach
+                                    if time < best:
+                                        best = time
+                                        best_normal = normal
+                                        best_kind = kind
+                                        best_row = other
+    return best, best_normal, best_kind, best_row

@@ -1,0 +1,205 @@
+"""When does a moving body first meet an obstacle? Device functions, one call for each body.
+
+A group is a row of `groups`, i32 [g, 3]: its body, first sphere, number of spheres; `bounding`, f32 [g, 4], has the
+sphere around it. `spheres`, f32 [n, 4], are centre and radius in the body's own axes.
+(No postponed annotations in this module.)
+"""
+
+import taichi as ti
+
+from dynamics.body_layout import BOUNCES, CENTRE, FIRST_GROUP, GROUPS, KIND, MOVE, POSITION, RADIUS, ROTATION, TURN
+from dynamics.contact import CONTACT, NEAREST, SKIN, TOLERANCE, TOUCHES, WITHIN, look_around
+from dynamics.tree_access import Column, Floats, Tree, vec3, vector_at
+
+Bodies = ti.types.ndarray(ti.f64, 2)
+
+REACHED = 1e-4  # m: rounding that bounding spheres and pairs of groups are given
+
+
+@ti.func
+def single(table: ti.template(), row: ti.i32, column: ti.i32):
+    """Three float64 as float32."""
+    return vec3(
+        ti.cast(table[row, column], ti.f32),
+        ti.cast(table[row, column + 1], ti.f32),
+        ti.cast(table[row, column + 2], ti.f32),
+    )
+
+
+@ti.func
+def turned(bodies: ti.template(), body: ti.i32, v):
+    """A vector of a body's own axes in the world's."""
+    w = ti.cast(bodies[body, ROTATION], ti.f32)
+    axis = single(bodies, body, ROTATION + 1)
+    twice = 2.0 * axis.cross(v)
+    return v + w * twice + axis.cross(twice)
+
+
+@ti.func
+def chord_of(turn, move, arm):
+    """How a point at `arm` from the body's origin moves while the body moves by `move` and turns by `turn`."""
+    angle = turn.norm()
+    result = move
+    if angle > 1e-12:
+        axis = turn / angle
+        across = axis.cross(arm)
+        half = ti.sin(0.5 * angle)
+        result += ti.sin(angle) * across + (2.0 * half * half) * axis.cross(across)
+    return result
+
+
+@ti.func
+def touch_band(bodies: ti.template(), integers: ti.template(), body: ti.i32) -> ti.f32:
+    """How near something must be to be remembered as a touch, m: all that could be in a follower's way."""
+    band = TOLERANCE
+    if integers[body, KIND] != BOUNCES:
+        length = single(bodies, body, MOVE).norm()
+        length += single(bodies, body, TURN).norm() * ti.cast(bodies[body, RADIUS], ti.f32)
+        band += length
+    return band
+
+
+@ti.func
+def sweep_obstacles(
+    bodies: ti.template(),
+    integers: ti.template(),
+    groups: ti.template(),
+    spheres: ti.template(),
+    bounding: ti.template(),
+    touches: ti.template(),
+    times: ti.template(),
+    counts: ti.template(),
+    wide: ti.template(),
+    nodes: ti.template(),
+    triangles: ti.template(),
+    instances: ti.template(),
+    roots: ti.template(),
+    root: ti.i32,
+    body: ti.i32,
+):
+    """When, in 0 .. 1, the motion that a body tries makes one of its spheres touch an obstacle, 1 for never.
+
+    First the sphere around the body, then those around its groups: where these stay free, so does all that they hold.
+    The group that might meet something first goes first, for what it meets bounds the search of the others.
+    Returns the time, the normal and the instance.
+    """
+    origin = single(bodies, body, POSITION)
+    move = single(bodies, body, MOVE)
+    turn = single(bodies, body, TURN)
+    angle = turn.norm()
+    slack = 0.125 * ti.cast(bodies[body, RADIUS], ti.f32) * angle * angle
+    band = touch_band(bodies, integers, body)
+    first = integers[body, FIRST_GROUP]
+    count = integers[body, GROUPS]
+    soonest = -1
+    for step in range(count + 1):
+        group = first + step - 1
+        arm = vec3(0.0)
+        radius = ti.cast(bodies[body, RADIUS], ti.f32)
+        if step > 0:
+            arm = turned(bodies, body, vector_at(bounding, group, 0))
+            # What it holds is not carried quite as its centre is.
+            radius = bounding[group, 3] * (1.0 + angle)
+        if step == 0 or soonest > -1:
+            time, _normal, _row, _touched = look_around(
+                wide,
+                nodes,
+                triangles,
+                instances,
+                roots,
+                root,
+                origin + arm,
+                chord_of(turn, move, arm),
+                radius + band + SKIN + REACHED,
+                1.0,
+                0.0,
+                0.0,
+                arm,
+                arm,
+                touches,
+                0,
+                0,
+                WITHIN,
+            )
+            if step > 0:
+                times[group] = time
+                if time < times[soonest]:
+                    soonest = group
+            elif time < 1.0:
+                soonest = first
+                times[first] = 1.0
+    best = 1.0
+    best_normal = vec3(0.0)
+    best_row = -1
+    if soonest > -1:
+        for step in range(count + 1):
+            group = first + step - 1
+            if step == 0:
+                group = soonest
+            time = times[group]
+            if (step == 0 or group != soonest) and (time < best or time <= 0.0):
+                for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                    met, normal, row, touched = look_around(
+                        wide,
+                        nodes,
+                        triangles,
+                        instances,
+                        roots,
+                        root,
+                        origin + arm,
+                        chord_of(turn, move, arm),
+                        spheres[sphere, 3],
+                        best,
+                        slack,
+                        band,
+                        arm,
+                        turned(bodies, body, single(bodies, body, CENTRE)) - arm,
+                        touches,
+                        group * TOUCHES,
+                        counts[group],
+                        CONTACT,
+                    )
+                    counts[group] = touched
+                    if met < best:
+                        best = met
+                        best_normal = normal
+                        best_row = row
+    return best, best_normal, best_row
+
+
+@ti.kernel
+def distances(
+    points: Floats,
+    limit: ti.f32,
+    touches: Floats,
+    wide: ti.template(),
+    nodes: Tree,
+    triangles: Tree,
+    instances: Floats,
+    roots: Column,
+    root: ti.i32,
+):
+    """Set column 3 of `points`, f32 [n, 4], to the distance of the nearest obstacle, m; `limit` if none is nearer."""
+    for i in range(points.shape[0]):
+        distance, _normal, _row, _touched = look_around(
+            wide,
+            nodes,
+            triangles,
+            instances,
+            roots,
+            root,
+            vector_at(points, i, 0),
+            vec3(0.0),
+            0.0,
+            limit,
+            0.0,
+            0.0,
+            vec3(0.0),
+            vec3(0.0),
+            touches,
+            0,
+            0,
+            NEAREST,
+        )
+        points[i, 3] = distance

@@ -1,0 +1,56 @@
+"""`tiscene import`: what it writes, says and returns."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.usd.importers.test_import_template import BOX, catalogue
+from tiscene import catalog
+from tiscene.cli import main as cli
+
+__all__ = ["catalogue"]  # a fixture
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "box.obj"
+    path.write_text(BOX)
+    return path
+
+
+def test_a_model_becomes_a_template_with_a_name(model, tmp_path, capsys, monkeypatch):
+    library = tmp_path / "library"
+    arguments = ["import", str(model), "-o", str(library), "--name", "Chair 03", "--label", "chair"]
+    assert cli.main(arguments) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("Chair 03: 2 x 1 x 4 m, 3 triangles\n")
+    assert f"export TISCENE_PATH={library}" in out
+    monkeypatch.setenv("TISCENE_PATH", str(library))
+    assert catalog.find_template("Chair 03") == library / "templates" / "chair_03" / "template.usda"
+    assert cli.main(["import", str(model), "--unit", "10", "--licence", "mine"]) == 0  # now to the library
+    out = capsys.readouterr().out
+    assert "40 m is unusual for something in a room: is --unit right?" in out
+    assert "TISCENE_PATH" not in out
+
+
+def test_a_whole_catalogue(catalogue, tmp_path, capsys):
+    assert cli.main(["import", str(catalogue), "-o", str(tmp_path / "library")]) == 0
+    captured = capsys.readouterr()
+    assert "2 of 3 models of test.sh3f are in" in captured.out
+    assert "Wall is left out" in captured.err
+    assert (tmp_path / "library" / "templates" / "oak_chair_01" / "template.usda").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["gone.obj"], "no file 'gone.obj'"),
+        (["{catalogue}", "--name", "x"], "leave --name out"),
+        (["{model}", "--name", "!"], "needs a letter or a digit"),
+    ],
+)
+def test_mistakes(arguments, expected, model, catalogue, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = [word.format(model=model, catalogue=catalogue) for word in arguments]
+    assert cli.main(["import", *words]) == 2
+    assert expected in capsys.readouterr().err

@@ -1,0 +1,169 @@
+"""A fingerprint is the same in another process, and another one where anything that a kernel is made of is."""
+
+import enum
+import os
+import random
+import subprocess
+import sys
+import textwrap
+import time
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from tiscene.device import runtime
+from tiscene.device.taichi_patches import fingerprint as fingerprint_module
+from tiscene.device.taichi_patches.fingerprint import NoFingerprint, fingerprint, source_digest
+from tiscene.device.vector_mode import vector_mode
+
+
+class Size(enum.Enum):
+    SMALL = 1
+
+
+class Pair(NamedTuple):
+    first: object
+    second: object
+
+
+FACTOR = 2.0
+TABLE = np.array([1.0, 2.0])
+SIZES = {"small": Size.SMALL, "large": (1, 2.5, np.float32(3.0), ti.f32)}
+UP = ti.Vector([0.0, 1.0, 0.0])
+values1 = ti.types.ndarray(ti.f32, 1)
+
+
+def largest():
+    return max(TABLE)
+
+
+@ti.func
+def scaled(x):
+    return x * FACTOR
+
+
+@ti.func
+def deep(x):
+    return scaled(x)
+
+
+@ti.kernel
+def kernel(values: values1, times: ti.template()):
+    for _ in ti.static(range(times)):
+        pair = ti.static(Pair(values, largest()))
+        pair.first[0] = deep(scaled(values[0])) + pair.second + UP[1] + ti.static(len(SIZES))
+
+
+@ti.kernel
+def with_a_field(values: values1):
+    values[0] = field[0]  # noqa: F821
+
+
+def taken(made=kernel, times=2):
+    runtime.start()
+    array = ti.ndarray(ti.f32, 3)
+    args = (array, times)[: len(made._primal.arguments)]
+    return fingerprint(made._primal, args, made._primal.mapper.lookup(args)[1])
+
+
+def test_it_is_the_same_again():
+    first, second = taken(), taken()
+    assert first.text == second.text
+    assert first.files == {__name__}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("FACTOR", 2),
+        ("TABLE", np.array([1.0, 3.0])),
+        ("UP", ti.Vector([0.0, 2.0, 0.0])),
+        ("SIZES", SIZES | {"small": 1}),
+        ("SIZES", {**SIZES, "large": (1, 2.5, np.float64(3.0), ti.f32)}),
+        ("SIZES", {**SIZES, "large": (1, 2.5, np.float32(3.0), ti.f64)}),
+        ("largest", lambda: 1.0),
+        ("scaled", deep),
+        ("Pair", Size),
+    ],
+)
+def test_another_value_or_function_is_another_kernel(name, value, monkeypatch):
+    before = taken().text
+    monkeypatch.setitem(globals(), name, value)
+    assert taken().text != before
+
+
+def test_so_is_another_template_argument_and_another_type():
+    assert len({taken(times=1).text, taken(times=2).text, taken(times=True).text}) == 3
+
+
+def test_so_is_another_configuration():
+    before = taken().text
+    with vector_mode():
+        assert taken().text != before
+
+
+def test_so_is_another_source(monkeypatch):
+    before = taken().text
+    assert taken().is_true()
+    monkeypatch.setattr(fingerprint_module, "_digest", lambda module: "changed")
+    assert not taken().is_true()
+    source_digest.cache_clear()
+    try:
+        assert taken().text != before
+    finally:
+        source_digest.cache_clear()
+
+
+@pytest.mark.parametrize("thing", [object(), sys.stderr, iter(()), time.time, random.random, os.getenv, None])
+def test_what_cannot_be_asked_for_has_none(thing, monkeypatch):
+    monkeypatch.setitem(globals(), "field", thing)
+    if thing is None:
+        assert taken(with_a_field).text
+    else:
+        with pytest.raises(NoFingerprint):
+            taken(with_a_field)
+
+
+def test_functions_of_one_name_are_told_apart():
+    def make(factor):
+        @ti.func
+        def same(x):
+            return x * factor
+
+        @ti.kernel
+        def kernel(values: values1):
+            values[0] = same(values[0])
+
+        return kernel
+
+    assert taken(make(1.0)).text == taken(make(1.0)).text != taken(make(2.0)).text
+
+
+def test_it_is_the_same_in_another_process(tmp_path):
+    (tmp_path / "sources.py").write_text(
+        textwrap.dedent("""
+            import taichi as ti
+            from tiscene.device import runtime
+            from tiscene.device.taichi_patches.fingerprint import fingerprint
+            NAMES = {"b": 1, "a": 2}
+            class Sum:
+                def __init__(self, x): self.x = x
+                @staticmethod
+                def of(a, b): return a + b
+            @ti.kernel
+            def total(values: ti.types.ndarray(ti.f32, 1)):
+                values[0] = Sum.of(values[0], ti.static(NAMES["a"]))
+            runtime.start()
+            args = (ti.ndarray(ti.f32, 3),)
+            print(fingerprint(total._primal, args, total._primal.mapper.lookup(args)[1]).text)
+        """)
+    )
+
+    def text(seed):
+        command = [sys.executable, "-c", "import sources"]
+        environment = os.environ | {"PYTHONHASHSEED": seed, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+        return subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout
+
+    assert text("1") == text("2") != ""

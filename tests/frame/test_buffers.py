@@ -1,0 +1,31 @@
+import numpy as np
+
+from tiscene.frame.buffers import AOVS, COLORS, LABELS, RANKS, times_needed
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+
+
+def test_every_buffer_of_the_conventions_is_there() -> None:
+    expected = {
+        "rgb", "hdr", "denoised", "depth", "distance", "position", "normal", "geometric_normal", "normal_camera",
+        "albedo", "roughness", "metallic", "semantic", "instance", "part", "forward_flow", "backward_flow",
+        "forward_occlusion", "backward_occlusion", "scene_flow", "uv", "object_coordinates", "coverage",
+        "material_coverage",
+    }  # fmt: skip
+    assert set(AOVS) == expected
+    assert set(LABELS) | COLORS == expected
+    assert all(name == aov.name and aov.doc.endswith(".") for name, aov in AOVS.items())
+
+
+def test_arrays_have_the_shape_and_type_of_the_table() -> None:
+    assert AOVS["depth"].empty(4, 3).shape == (3, 4)
+    assert AOVS["forward_flow"].empty(4, 3).shape == (3, 4, 2)
+    assert AOVS["coverage"].empty(4, 3).shape == (3, 4, RANKS, 2)
+    assert AOVS["semantic"].empty(4, 3).dtype == np.uint16
+    assert AOVS["backward_occlusion"].empty(4, 3).dtype == np.bool_
+
+
+def test_only_occlusion_needs_other_times() -> None:
+    assert times_needed(()) == (CURRENT,)
+    assert times_needed(("rgb", "forward_flow", "scene_flow")) == (CURRENT,)
+    assert times_needed(("forward_occlusion",)) == (CURRENT, NEXT)
+    assert times_needed(("backward_occlusion", "forward_occlusion")) == (PREVIOUS, CURRENT, NEXT)

@@ -1,0 +1,256 @@
+"""Boxes and pixel counts against numbers worked out by hand: a camera of 200 x 200 px and focal length 200 px."""
+
+import copy
+import pickle
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.render.label_scenes import ALL_TIMES, Stage, Thing, crowd, mesh_of, placement_of, plate, pose, still
+from tiscene.camera import Camera
+from tiscene.errors import ObjectNotFound
+from tiscene.frame.object_table import ObjectTable
+from tiscene.render.annotations.amodal_masks import MAX_SAMPLES, PixelCounter
+from tiscene.render.annotations.object_measurements import Measurer
+from tiscene.render.view import View
+
+SIZE = 200
+VIEW = still(Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5), near=0.1), SIZE, SIZE)
+
+
+@dataclass(frozen=True)
+class State:
+    id: int
+    name: str
+    template: str = ""
+    category: str = "thing"
+    category_id: int = 1
+    prim_path: str = ""
+    position: tuple[float, float, float] = (1.0, 2.0, 3.0)
+    rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    velocity: tuple[float, float, float] = (0.5, 0.0, 0.0)
+    first_frame: int = 0
+    last_frame: int | None = None
+    blocked: bool = False
+    parts: tuple[str, ...] = ()
+    asset: str = ""
+
+
+def table(stage: Stage, view: View = VIEW) -> ObjectTable:
+    ids = sorted(set(stage.placement.instance_id.tolist()))
+    return Measurer(stage.scene).table(stage.placement, view, [State(id, f"thing {id}") for id in ids])
+
+
+def test_a_plate_half_out_of_the_picture_and_half_hidden() -> None:
+    # 2 m at 4 m: 100 px square, its centre on the right edge. A nearer plate covers the upper half of what is seen.
+    stage = Stage(
+        [plate(2.0, 2.0), plate(4.0, 0.5)],
+        [Thing(0, [pose((2, 0, -4))]), Thing(1, [pose((0, 0.25, -2))])],
+    )
+    seen = table(stage).by_id(1)
+    assert seen.amodal_box == pytest.approx((150, 50, 250, 150))
+    assert seen.visible_box == (150, 100, 200, 150)
+    assert seen.amodal_pixels == 100 * 100
+    assert seen.visible_pixels == 50 * 50
+    assert seen.percent_in_frame == 0.5
+    assert seen.visibility_in_frame == 0.5
+    assert seen.percent_visible == 0.25
+    image = stage.render(VIEW, "instance")["instance"]
+    x0, y0, x1, y1 = map(int, seen.visible_box)
+    assert (image[y0:y1, x0:x1] == 1).all()
+    assert (image == 1).sum() == seen.visible_pixels
+
+
+def test_out_of_sight() -> None:
+    stage = Stage(
+        [plate(2.0, 2.0), plate(9.0, 9.0)],
+        [
+            Thing(0, [pose((0, 0, -4))]),
+            Thing(0, [pose((0, 0, 4))]),
+            Thing(0, [pose((5, 0, -4))]),
+            Thing(1, [pose((0, 0, -2))]),
+        ],
+    )
+    hidden, behind, aside, _ = table(stage)
+    for row in (hidden, behind, aside):
+        assert row.visible_box is None
+        assert row.visible_pixels == 0
+        assert row.percent_visible == 0.0
+    assert hidden.amodal_box == pytest.approx((50, 50, 150, 150))
+    assert (hidden.percent_in_frame, hidden.visibility_in_frame) == (1.0, 0.0)
+    assert behind.amodal_box is None
+    assert behind.amodal_pixels == 0
+    assert aside.amodal_box == pytest.approx((300, 50, 400, 150))
+    assert (aside.amodal_pixels, aside.percent_in_frame) == (10000, 0.0)
+
+
+def test_an_object_of_several_parts_counts_each_pixel_once() -> None:
+    stage = Stage(
+        [plate(2.0, 2.0)],
+        [
+            Thing(0, [pose((0, 0, -4))], id=7),
+            Thing(0, [pose((0, 0, -4.001))], id=7),
+            Thing(0, [pose((2, 0, -4))], id=7),
+        ],
+    )
+    row = table(stage).by_id(7)
+    assert row.amodal_box == pytest.approx((50, 50, 250, 150), abs=0.02)
+    assert row.amodal_pixels == 200 * 100
+    assert row.visible_pixels == 150 * 100
+    assert row.percent_in_frame == 0.75
+    assert row.visibility_in_frame == 1.0
+    np.testing.assert_allclose(row.world_bounds, [[-1, -1, -4.001], [3, 1, -4]])
+
+
+def test_what_lies_far_out_is_counted_by_samples() -> None:
+    # 40 m at 4 m: 2000 px square, of which the picture shows 200 px square.
+    row = table(Stage([plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -4))])]))[0]
+    assert 10 * MAX_SAMPLES < 2000 * 2000
+    assert row.amodal_pixels == pytest.approx(2000 * 2000, rel=0.01)
+    assert row.percent_in_frame == pytest.approx(0.01, rel=0.01)
+    assert row.visibility_in_frame == 1.0
+
+
+def test_a_floor_that_passes_below_the_camera_is_cut_at_the_near_plane() -> None:
+    turn = (np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0)
+    row = table(Stage([plate(4.0, 20.0)], [Thing(0, [pose((0, -1, 0), turn)])]))[0]
+    # Nearest, at z = 0.1 m, 2 m right and 1 m down are 4000 and 2000 px; farthest, at z = 10 m, 1 m down is 20 px.
+    assert row.amodal_box == pytest.approx((100 - 4000, 120, 100 + 4000, 2100), rel=1e-5)
+    assert row.visible_box == (0, 120, 200, 200)
+    assert 0.0 < row.percent_in_frame < 0.1
+    assert row.visibility_in_frame == 1.0
+
+
+def test_boxes_in_space() -> None:
+    turn = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
+    stage = Stage([mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))], [Thing(0, [pose((1, 2, -5), turn, scale=2.0)])])
+    row = table(stage)[0]
+    box = row.box_3d
+    assert box.centre == pytest.approx((1, 2, -5))
+    assert box.size == pytest.approx((4, 2, 1))
+    assert box.rotation == pytest.approx(turn)
+    corners = box.corners()
+    np.testing.assert_allclose(row.world_bounds, [corners.min(axis=0), corners.max(axis=0)], atol=1e-6)
+    np.testing.assert_allclose(corners[1] - corners[0], [4 * np.cos(0.6), 0, -4 * np.sin(0.6)], atol=1e-6)
+
+
+def test_a_mirrored_object_has_a_proper_rotation() -> None:
+    stage = Stage([mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))], [Thing(0, [pose((0, 0, -5)) * (-1, 1, 1, 1)])])
+    box = table(stage)[0].box_3d
+    assert np.linalg.norm(box.rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(np.sort(box.corners(), axis=0)[[0, -1]], [[-1, -0.5, -5.25], [1, 0.5, -4.75]], atol=1e-6)
+
+
+def test_rows_can_be_looked_at_after_the_stream_has_moved_on() -> None:
+    stage = crowd(30)
+    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    at_once = table(stage, view).columns()
+    late = table(stage, view)
+    elsewhere = [Thing(thing.mesh, [pose((0, 0, -40))]) for thing in stage.things[:5]]
+    stage.scene.place(placement_of(elsewhere, stage.meshes), ALL_TIMES)
+    columns = late.columns()
+    for name, column in at_once.items():
+        np.testing.assert_array_equal(columns[name], column, name)
+    assert (columns["visible_pixels"] > 0).sum() > 20
+    assert (columns["visible_pixels"] <= np.rint(columns["percent_in_frame"] * columns["amodal_pixels"])).all()
+
+
+def test_the_sum_of_visible_pixels_is_the_picture() -> None:
+    stage = crowd(30)
+    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    image = stage.render(view, "instance")["instance"]
+    rows = table(stage, view)
+    assert sum(row.visible_pixels for row in rows) == np.count_nonzero(image)
+    for row in rows:
+        y, x = np.nonzero(image == row.id)
+        expected = (x.min(), y.min(), x.max() + 1, y.max() + 1) if len(x) else None
+        assert row.visible_box == expected
+
+
+def test_the_table() -> None:
+    stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((x, 0, -4))]) for x in (-1, 1)])
+    rows = table(stage)
+    assert len(rows) == 2
+    assert [row.name for row in rows] == ["thing 1", "thing 2"]
+    assert rows.by_name("thing 2") is rows[1] is rows[-1]
+    assert rows[0:1] == (rows[0],)
+    assert repr(rows) == "<2 objects: thing 1, thing 2>"
+    np.testing.assert_array_equal(rows[0].world_from_object[:3, 3], (1, 2, 3))
+    with pytest.raises(ObjectNotFound, match="Did you mean 'thing 1'"):
+        rows.by_name("thing1")
+    with pytest.raises(ObjectNotFound, match="object '9' in this frame"):
+        rows.by_id(9)
+    columns = rows.columns()
+    assert columns["id"].dtype == np.int32
+    assert columns["visible_box"].shape == (2, 4)
+    assert columns["last_frame"].tolist() == [-1, -1]
+
+
+def test_what_stands_still_is_measured_once_and_nobody_can_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = crowd(12)
+    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    measurer = Measurer(stage.scene)
+    states = [State(id, f"thing {id}") for id in range(1, 14)]
+    counted: list[int] = []
+    count = PixelCounter.count
+    monkeypatch.setattr(
+        PixelCounter, "count", lambda self, view, parts: counted.append(len(parts)) or count(self, view, parts)
+    )
+    for frame in range(4):
+        resting = [Thing(thing.mesh, [thing.poses[0]], id=thing.id) for thing in stage.things]
+        resting[3] = Thing(0, [pose((0.3 * frame, 0.0, 1.0))], (True, frame != 2, True))
+        resting.append(Thing(1, [pose((0, 0, 2))]))
+        placement = placement_of(resting[: 12 + (frame > 1)], stage.meshes)
+        present = [state for state in states if state.id in placement.instance_id]
+        kept, fresh = (each.table(placement, view, present) for each in (measurer, Measurer(stage.scene)))
+        columns = kept.columns()
+        for name, column in fresh.columns().items():
+            np.testing.assert_array_equal(columns[name], column, name)
+        for ours, theirs in zip(kept, fresh, strict=True):
+            np.testing.assert_array_equal(ours.amodal_mask, theirs.amodal_mask)
+    assert counted == [12, 12, 1, 12, 2, 13, 1, 13]
+
+
+def test_amodal_masks_are_what_an_object_shows_alone() -> None:
+    stage = crowd(12)
+    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    rows = table(stage, view)
+    image = stage.render(view, "instance")["instance"]
+    for row in rows:
+        stage.scene.place(
+            replace(stage.placement, present=stage.placement.present & (stage.placement.instance_id == row.id))
+        )
+        alone = stage.render(view, "instance")["instance"] == row.id
+        np.testing.assert_array_equal(row.amodal_mask, alone)
+        assert row.amodal_mask[image == row.id].all()
+        assert row.percent_in_frame == pytest.approx(alone.sum() / row.amodal_pixels)
+    hidden = table(Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 4))])]))[0]
+    assert not hidden.amodal_mask.any()
+
+
+def test_an_instance_buffer_at_hand_is_not_traced_again() -> None:
+    stage = Stage([plate(2.0, 2.0)], [Thing(0, [pose((0, 0, -4))])])
+    image = np.zeros((SIZE, SIZE), np.int32)
+    image[10:20, 30:50], image[0, 0] = 1, 9  # 9: somebody who is no row
+    rows = Measurer(stage.scene).table(stage.placement, VIEW, [State(1, "thing")], image)
+    image[...] = 0
+    assert rows[0].visible_pixels == 200
+    assert rows[0].visible_box == (30, 10, 50, 20)
+
+
+def test_an_empty_table() -> None:
+    rows = ObjectTable()
+    assert len(rows) == 0
+    columns = rows.columns()
+    assert columns["position"].shape == (0, 3)
+    assert all(len(column) == 0 for column in columns.values())
+
+
+def test_a_pickled_table_brings_its_numbers() -> None:
+    rows = table(Stage([plate(2.0, 2.0)], [Thing(0, [pose((2, 0, -4))])]))
+    for twin in (pickle.loads(pickle.dumps(rows)), copy.deepcopy(rows)):
+        assert list(twin) == list(rows)
+        for name, column in rows.columns().items():
+            np.testing.assert_array_equal(twin.columns()[name], column, name)

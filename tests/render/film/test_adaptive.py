@@ -1,0 +1,136 @@
+"""Adaptive sampling: the error that was asked for, where it was asked for, at less cost; the same bytes always."""
+
+import hashlib
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from tests.render.path_scenes import described, device_scene, matte, quad, towards
+from tiscene.camera import Camera
+from tiscene.errors import ArgumentError
+from tiscene.render.film.adaptive import DARKEST, FIRST_NET, AdaptiveImage, estimated_error, render_to_error
+from tiscene.render.film.tone_map import LUMINANCE
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.view import View
+from tiscene.scene.description import DomeLight, RectLight
+
+WIDTH, HEIGHT = 48, 32
+CAMERA = Camera.look_at((0.0, 1.0, 3.0), (0.2, 0.6, -1.0))
+VIEW = View(CAMERA, CAMERA, CAMERA, WIDTH, HEIGHT)
+
+
+def paths() -> PathPass:
+    """A floor and a wall under an even sky, which is easy, and a lamp's soft shadow under a roof, which is not."""
+    meshes = [
+        quad((-6, 0, 2), (6, 0, 2), (6, 0, -6), (-6, 0, -6)),
+        quad((-6, 0, -3), (6, 0, -3), (6, 5, -3), (-6, 5, -3)),
+        quad((0.2, 0.6, -2.8), (2.5, 0.6, -2.8), (2.5, 0.6, -0.5), (0.2, 0.6, -0.5)),
+    ]
+    lamp = RectLight("lamp", "/lamp", towards((0.5, 2.0, -0.2), (0.3, -1.0, -0.6)), (30.0, 30.0, 30.0), 0.3, 0.3)
+    sky = DomeLight("sky", "/sky", np.eye(4), (0.6, 0.6, 0.6))
+    return PathPass(device_scene(described(meshes, [matte("white", (0.7, 0.7, 0.7))], [lamp, sky])), WIDTH, HEIGHT)
+
+
+def to_error(passes: PathPass, error: float, most: int = 2048, seed: int = 1) -> AdaptiveImage:
+    return render_to_error(passes, VIEW, frame_index=3, seed=seed, error=error, most=most, max_depth=4)
+
+
+def luminance(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
+    result: NDArray[np.float64] = hdr.astype(np.float64) @ np.array(LUMINANCE)
+    return result
+
+
+def test_the_error_is_met_everywhere_and_costs_less_than_a_fixed_number() -> None:
+    passes = paths()
+    exact = luminance(passes.render(VIEW, frame_index=0, seed=9, spp=8192, max_depth=4).hdr)
+    scale = np.maximum(exact, DARKEST * exact.mean())
+
+    def errors(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Root mean square of the relative error, of blocks of 8 x 8 px."""
+        relative = (luminance(hdr) - exact) / scale
+        blocks: NDArray[np.float64] = np.sqrt((relative.reshape(HEIGHT // 8, 8, WIDTH // 8, 8) ** 2).mean(axis=(1, 3)))
+        return blocks
+
+    image = to_error(passes, 0.05)
+    assert image.samples.max() < 2048  # the cap decided nothing
+    assert image.samples.min() < 0.2 * image.samples.max()
+    assert 0.02 < np.sqrt((errors(image.hdr) ** 2).mean()) < 0.05
+    assert errors(image.hdr).max() < 0.05 * 1.15
+    bias = ((luminance(image.hdr) - exact) / scale).mean()
+    assert abs(bias) < 0.003
+    fixed = passes.render(VIEW, frame_index=3, seed=1, spp=int(1.5 * image.samples.mean()), max_depth=4)
+    assert errors(fixed.hdr).max() > errors(image.hdr).max()  # half as many again, spread evenly, leave more
+
+
+def test_a_cap_and_the_fewest() -> None:
+    passes = paths()
+    capped = to_error(passes, 0.001, most=70)
+    assert (capped.samples == 64).all()  # whole rounds: 16, 16, 32
+    easy = to_error(passes, 0.9)
+    assert (easy.samples == 2 * FIRST_NET).all()
+    assert easy.hdr.tobytes() == to_error(passes, 0.9, most=1).hdr.tobytes()
+
+
+def test_means_are_unbiased_by_when_it_stopped() -> None:
+    """Over many seeds, where the decision varies, the mean is that of all paths."""
+    passes = paths()
+    exact = luminance(passes.render(VIEW, frame_index=0, seed=9, spp=4096, max_depth=4).hdr).mean()
+    means = [luminance(to_error(passes, 0.15, seed=seed).hdr).mean() for seed in range(24)]
+    assert np.mean(means) == pytest.approx(exact, abs=4.0 * np.std(means) / math.sqrt(24) + 2e-4 * exact)
+
+
+def test_the_variance_is_what_it_is_said_to_be() -> None:
+    """Of pictures with different seeds: how far they scatter against what each says of itself."""
+    passes, runs = paths(), 96
+    images = [to_error(passes, 0.001, most=32, seed=seed) for seed in range(runs)]
+    pictures = np.array([luminance(image.hdr) for image in images])
+    scatter = (pictures - pictures.mean(axis=0)) ** 2 * runs / (runs - 1)
+    said = np.array([image.variance for image in images])
+    assert said.sum() == pytest.approx(scatter.sum(), rel=0.03)
+
+    # Of each block of 8 x 8 pixels, Student's test. Šidák: one false alarm in a hundred.
+    difference = (said - scatter).reshape(runs, HEIGHT // 8, 8, WIDTH // 8, 8).mean(axis=(2, 4))
+    p = stats.ttest_1samp(difference, 0.0).pvalue
+    assert p.min() > 1.0 - 0.99 ** (1.0 / p.size)
+    precision = difference.std(axis=0) / math.sqrt(runs) / said.mean()
+    assert precision.max() < 0.2
+
+
+def test_estimates_are_standard_errors() -> None:
+    random = np.random.default_rng(5)
+    nets = 8.0 * random.normal(2.0, 0.3, (6, 2, 24, 32))  # six rounds of two nets of 8 paths
+    light, scatter = nets.sum(axis=(0, 1)), ((nets[:, 0] - nets[:, 1]) ** 2).sum(axis=0)
+    error = estimated_error(light, scatter, np.full((24, 32), 96, np.int32))
+    np.testing.assert_allclose(error, 0.3 / math.sqrt(12.0) / 2.0, rtol=0.3)
+    assert error.mean() > 0.3 / math.sqrt(12.0) / 2.0  # the worst around
+    black, few = np.zeros((8, 8)), np.full((8, 8), 16, np.int32)
+    assert not estimated_error(black, black, few).any()
+    light, scatter = black.copy(), black.copy()
+    light[4, 4], scatter[4, 4] = 1.0, 1.0  # one path in one pixel found light: its neighbours may have missed it
+    assert (estimated_error(light, scatter, few) > 0.5).sum() > 40
+
+
+def digest() -> str:
+    image = to_error(paths(), 0.1, most=64)
+    return hashlib.sha256(image.hdr.tobytes() + image.samples.tobytes() + image.albedo.tobytes()).hexdigest()
+
+
+def test_same_bytes_for_any_number_of_threads() -> None:
+    code = (
+        "from tiscene.device import runtime; runtime.start(threads=1)\n"
+        "from tests.render.film.test_adaptive import digest; print(digest())"
+    )
+    result = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True)
+    assert (result.returncode, result.stderr[-3000:]) == (0, "")
+    assert result.stdout.split() == [digest()]
+
+
+@pytest.mark.parametrize("error", [0.0, -0.1, 1.0, math.nan])
+def test_errors_that_make_no_sense(error: float) -> None:
+    with pytest.raises(ArgumentError, match="must lie between 0 and 1"):
+        to_error(paths(), error)

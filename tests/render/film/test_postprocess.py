@@ -1,0 +1,72 @@
+"""Pictures without their noise: where nothing moved a difference shows its base's best picture, else the movers."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tiscene.device.memory import upload
+from tiscene.render.film.denoise import denoise
+from tiscene.render.film.postprocess import Cleaner
+from tiscene.render.integrators.incremental.base_image import Base
+from tiscene.render.integrators.incremental.incremental_pass import ReplayImage
+
+HEIGHT, WIDTH = 48, 64
+
+
+def noisy_base() -> Base:
+    rng = np.random.default_rng(1)
+    image = np.zeros((HEIGHT, WIDTH, 9), np.float32)
+    image[..., :3] = rng.gamma(4.0, 0.125, (HEIGHT, WIDTH, 3))
+    image[..., 3:6] = 0.5
+    image[..., 8] = 1.0
+    cache = SimpleNamespace(mean=upload(image.reshape(-1, 9)))
+    return Base(SimpleNamespace(groups=1), image, cache, SimpleNamespace())
+
+
+def difference(base: Base, change: float = 0.0) -> ReplayImage:
+    """What came into the right half, if anything."""
+    radiance, albedo, normal = base.parts()
+    unmoved = np.ones((HEIGHT, WIDTH, 1), np.float32)
+    if change:
+        radiance[:, WIDTH // 2 :] += change
+        unmoved[:, WIDTH // 2 :] = 0.0
+    patches = [(slice(0, HEIGHT), slice(16, WIDTH))] if change else []
+    return ReplayImage(radiance, albedo, normal, radiance, base, np.ones((1, 3), np.float32), unmoved, patches)
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_where_nothing_changed_the_base_shows_at_its_best(reduction: int) -> None:
+    base = noisy_base()
+    shown = Cleaner("fast", reduction, True).difference(difference(base))
+    np.testing.assert_allclose(shown, denoise(*base.parts(), "high"), atol=1e-5)
+    assert len(base.kept) == 1
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_movers_show_through_and_leave_the_rest_alone(reduction: int) -> None:
+    base = noisy_base()
+    cleaner = Cleaner("fast", reduction, True)
+    before, after = (cleaner.difference(difference(base, change)) for change in (0.0, 4.0))
+    assert after[:, 40:].mean() == pytest.approx(4.5, rel=0.05)
+    assert np.abs(after - before)[:, :24].mean() < 0.02
+
+
+def test_without_a_denoiser_nothing_is_touched_but_what_overshoots() -> None:
+    base = noisy_base()
+    image = difference(base)
+    image.hdr[0, 0] = -1.0
+    shown = Cleaner(None, 1, True).difference(image)
+    assert (shown[0, 0] == 0.0).all()
+    assert (shown[1:] == image.hdr[1:]).all()
+    assert not base.kept
+
+
+def test_a_wide_lens_is_told_apart() -> None:
+    """Base images serve cameras of one lens, but cleaners of any quality."""
+    base = noisy_base()
+    for quality in ("fast", "balanced"):
+        Cleaner(quality, 1, True).difference(difference(base))
+    assert len(base.kept) == 2

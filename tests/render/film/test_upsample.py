@@ -1,0 +1,95 @@
+"""Light traced in a smaller picture: sizes, what is kept exactly, edges, and how near whole frames come."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tests.stream.test_stream import moving_scenario
+from tiscene.render.film.upsample import FLOOR, light, reduced, upsample
+from tiscene.render.renderer import QUALITIES, Quality
+
+
+@pytest.mark.parametrize(
+    ("size", "reduction", "expected"),
+    [((320, 240), 1, (320, 240)), ((320, 240), 2, (160, 120)), ((33, 25), 2, (18, 13)), ((1, 1), 4, (1, 1))],
+)
+def test_the_smaller_picture_is_as_wide_an_angle_at_least(
+    size: tuple[int, int], reduction: int, expected: tuple[int, int]
+) -> None:
+    width, height = reduced(*size, reduction)
+    assert (width, height) == expected
+    assert width * size[1] >= size[0] * height
+
+
+@pytest.mark.parametrize("size", [(32, 24), (33, 25), (1, 1)])
+def test_even_light_gives_the_texture_back_exactly(size: tuple[int, int]) -> None:
+    width, height = size
+    rng = np.random.default_rng(0)
+    albedo = rng.uniform(size=(height, width, 3)).astype(np.float32)
+    normal = np.zeros_like(albedo)
+    normal[...] = 0.0, 0.6, 0.8
+    low_width, low_height = reduced(width, height, 2)
+    even = np.full((low_height, low_width, 3), 2.0, np.float32)
+    facing = np.broadcast_to(normal[0, 0], even.shape).copy()
+    np.testing.assert_allclose(upsample(even, facing, albedo, normal), 2.0 * (albedo + FLOOR), rtol=1e-5)
+
+
+def test_light_is_radiance_over_albedo_and_radiance_where_there_is_no_surface() -> None:
+    radiance = np.full((1, 2, 3), 3.0, np.float32)
+    albedo = np.full((1, 2, 3), 0.52, np.float32)
+    normal = np.array([[[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]], np.float32)
+    reached, white, same = light(radiance, albedo, normal)
+    np.testing.assert_allclose(reached[0, :, 0], [3.0 / (0.52 + FLOOR), 3.0])
+    assert white[0, :, 0].tolist() == [1.0, 0.0]
+    assert np.array_equal(same, normal)
+
+
+def test_light_does_not_leak_across_an_edge() -> None:
+    """A bright wall beside a dark one that faces elsewhere, and the bright sky above both, whose edges are odd."""
+    width, height = 16, 12
+    normal = np.zeros((height, width, 3), np.float32)
+    normal[5:, :7] = 1.0, 0.0, 0.0
+    normal[5:, 7:] = 0.0, 0.0, 1.0
+    albedo = np.full((height, width, 3), 1.0 - FLOOR, np.float32)
+    albedo[:5] = 0.0
+    low_normal = normal[::2, ::2].copy()
+    low = np.where(low_normal[..., :1] > 0.0, 10.0, np.where(low_normal[..., 2:] > 0.0, 1.0, 100.0))
+    result = upsample(np.repeat(low, 3, axis=-1).astype(np.float32), low_normal, albedo, normal)[..., 0]
+    for region, expected in ((result[5:, :7], 10.0), (result[5:, 7:], 1.0), (result[:5], 100.0)):
+        assert np.abs(region / expected - 1.0).max() < 0.35
+        assert np.median(np.abs(region / expected - 1.0)) < 0.01
+
+
+@pytest.mark.parametrize("size", [(32, 24), (33, 25)])
+def test_a_slope_keeps_its_place_when_it_is_reduced_and_enlarged(size: tuple[int, int]) -> None:
+    width, height = size
+    slope = np.repeat((np.arange(width) + 2.0 * np.arange(height)[:, None])[..., None], 3, axis=-1).astype(np.float32)
+    normal = np.zeros_like(slope)
+    normal[..., 2] = 1.0
+    albedo = np.full_like(slope, 1.0 - FLOOR)
+    small, white, facing = light(slope, albedo, normal, 2)
+    assert small.shape == (-(-height // 2), -(-width // 2), 3)
+    assert (white == 1.0).all()
+    result = upsample(small, facing, albedo, normal, 2)
+    np.testing.assert_allclose(result[3:-3, 3:-3], slope[3:-3, 3:-3], atol=0.3)
+    np.testing.assert_allclose((result - slope)[4:-4, 4:-4].mean(), 0.0, atol=0.01)
+
+
+def test_a_fast_frame_is_near_a_full_one_and_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
+    """64 paths a traced pixel against as many a full one; and a frame is the same bytes whatever came before."""
+    monkeypatch.setitem(QUALITIES, "fast", Quality(64, 3, denoiser="fast", base_spp=64, reduction=2))
+    monkeypatch.setitem(QUALITIES, "full", Quality(16, 3, denoiser="fast", base_spp=64))
+    settings = {"width": 45, "height": 33, "buffers": ("rgb", "hdr", "instance")}
+    for differential in (False, True):
+        fast = ts.Stream(moving_scenario(), quality="fast", differential=differential, **settings)
+        full = ts.Stream(moving_scenario(), quality="full", differential=differential, **settings)
+        frame, expected = fast[3], full[3]
+        assert set(frame.buffers) == {"rgb", "hdr", "instance"}
+        assert frame.rgb.shape == (33, 45, 3)
+        assert frame.hdr.mean() == pytest.approx(expected.hdr.mean(), rel=0.1)
+        assert np.sqrt(np.mean((frame.rgb.astype(float) - expected.rgb) ** 2)) < 16.0
+        fast[1]
+        assert (fast[3].rgb == frame.rgb).all()
+    assert (frame.instance == expected.instance).all()

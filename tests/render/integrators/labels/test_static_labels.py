@@ -1,0 +1,155 @@
+"""What stands still before a camera that does not move is labelled once, and nobody can tell."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from tests.render.label_scenes import ALL_TIMES, Stage, Thing, mesh_of, placement_of, plate, pose, still
+from tiscene.camera import Camera
+from tiscene.frame.buffers import LABELS
+from tiscene.render.integrators.labels.label_pass import LabelPass
+from tiscene.render.view import View
+from tiscene.scene.description import Material, Texture, TextureLookup
+from tiscene.scene.placement import Placement
+
+CAMERA = Camera(position=(0.0, 0.2, 3.0))
+VIEW = still(CAMERA, 64, 48)
+TURNED = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
+
+
+def striped() -> Texture:
+    """Every second of eight columns is a hole."""
+    pixels = np.ones((1, 8, 4), np.float32)
+    pixels[0, ::2, 3] = 0.0
+    return Texture("stripes", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
+
+
+class Room(Stage):
+    """A wall, a mirror, a lattice and a ball that rest, and after them three that move: a box, a lattice, a ball."""
+
+    def __init__(self) -> None:
+        meshes = [
+            plate(9.0, 7.0),
+            plate(1.2, 1.2, material=1),
+            plate(1.0, 1.5, material=2),
+            mesh_of(trimesh.creation.icosphere(subdivisions=2, radius=0.4), smooth=True),
+            mesh_of(trimesh.creation.box((0.4, 0.5, 0.3))),
+        ]
+        lattice = TextureLookup(0, channel="a")
+        materials = [
+            Material("grey", diffuse_color=(0.3, 0.4, 0.5)),
+            Material("mirror", diffuse_color=(0.9, 0.9, 0.9), roughness=0.0, metallic=1.0),
+            Material("lattice", opacity=lattice, opacity_threshold=0.5),
+        ]
+        super().__init__(meshes, [Thing(0, [pose()])], materials, [striped()])
+
+    def at(self, frame: int, mirror: float = 0.0) -> Placement:
+        """mirror: how far it has been moved."""
+        things = [
+            Thing(0, [pose((0, 0, -3))], category=1),
+            Thing(1, [pose((1.0 + mirror, 0.3, -1.5), TURNED)], category=2),
+            Thing(2, [pose((-0.8, 0, -1))], category=3),
+            Thing(3, [pose((-1.0, 0.4, -2))], category=4),
+            Thing(4, [self.box(frame + step) for step in (-1, 0, 1)], category=5),
+            Thing(2, [pose((0.3 * np.sin(frame + step), -0.4, 0.2)) for step in (-1, 0, 1)], category=3),
+            Thing(
+                3,
+                [pose((0.2 * (frame + step), 0.9, -0.5)) for step in (-1, 0, 1)],
+                tuple(frame + step in (3, 4, 5) for step in (-1, 0, 1)),
+            ),
+        ]
+        return placement_of(things, self.meshes)
+
+    def box(self, frame: int) -> NDArray[np.float64]:
+        """Waits until frame 3, goes by close to the camera, and comes around it to where it is behind it."""
+        time = max(frame - 3, 0)
+        return pose((0.7 - 0.35 * time, 0.0, -0.6 + 0.75 * time), TURNED)
+
+
+def count_pixels(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many pixels each pass draws from now on."""
+    drawn: list[int] = []
+    draw = LabelPass._draw
+
+    def counted(self: LabelPass, view: View, queue: object, count: int, *rest: object, **others: object) -> None:
+        drawn.append(count)
+        draw(self, view, queue, count, *rest, **others)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(LabelPass, "_draw", counted)
+    return drawn
+
+
+def compare(room: Room, placements: Callable[[int], Placement], frames: int, views: Callable[[int], View]) -> None:
+    kept = LabelPass(room.scene)
+    for frame in range(frames):
+        room.scene.place(placements(frame), ALL_TIMES)
+        ours, theirs = kept.render(views(frame), LABELS), LabelPass(room.scene).render(views(frame), LABELS)
+        for name in LABELS:
+            assert ours[name].tobytes() == theirs[name].tobytes(), (frame, name)
+        for array in ours.values():
+            array[...] = 0  # the arrays are the caller's
+
+
+def test_the_bytes_are_those_of_a_pass_that_has_seen_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = count_pixels(monkeypatch)
+    room = Room()
+    compare(room, room.at, 9, lambda frame: VIEW)
+    whole = VIEW.width * VIEW.height
+    ours = [count for count in drawn if count < whole]
+    assert len(ours) >= 4  # not the first, not while the box is around the camera
+    assert min(ours) < 0.4 * whole
+
+
+def test_a_frame_without_movers_draws_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    room = Room()
+    labels = LabelPass(room.scene)
+    resting = room.at(0)
+    resting = replace(resting, present=resting.present & (np.arange(7) < 4))
+    drawn = count_pixels(monkeypatch)
+    for _ in range(4):
+        room.scene.place(resting, ALL_TIMES)
+        labels.render(VIEW, LABELS)
+    assert drawn == [VIEW.width * VIEW.height] * 2 + [0] * 3  # whole, what stands still, and then nothing
+
+
+def test_what_stood_still_may_move_and_cameras_may_take_turns() -> None:
+    room = Room()
+    other = still(Camera(position=(0.5, 0.2, 3.0)), 64, 48)
+    compare(room, lambda frame: room.at(0, mirror=0.3 * max(frame - 4, 0)), 8, lambda frame: (VIEW, other)[frame % 2])
+
+
+def test_a_camera_that_moves_has_nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    room = Room()
+    drawn = count_pixels(monkeypatch)
+    labels = LabelPass(room.scene)
+    room.scene.place(room.at(0), ALL_TIMES)
+    moved = View(CAMERA, CAMERA, CAMERA.posed((0.1, 0.2, 3.0), CAMERA.rotation), 64, 48)
+    for _ in range(3):
+        labels.render(moved, ("instance", "forward_flow"))
+    assert drawn == [64 * 48] * 3
+
+
+def test_more_buffers_may_be_asked_for_later() -> None:
+    room = Room()
+    labels = LabelPass(room.scene)
+    for frame, names in enumerate([("instance",), ("instance",), ("depth", "albedo"), LABELS, ("forward_occlusion",)]):
+        room.scene.place(room.at(frame), ALL_TIMES)
+        ours, theirs = labels.render(VIEW, names), LabelPass(room.scene).render(VIEW, names)
+        assert list(ours) == list(names)
+        assert all(ours[name].tobytes() == theirs[name].tobytes() for name in names)
+
+
+def test_things_that_are_added_are_seen() -> None:
+    room = Room()
+    labels = LabelPass(room.scene)
+    before = room.at(0)
+    fewer = Placement(*(getattr(before, name)[:6] for name in ("mesh", "instance_id", "category_id")),
+                      before.world_from_object[:, :6], before.box_from_object[:6], before.present[:, :6])  # fmt: skip
+    for placement in (fewer, fewer, fewer, room.at(4), room.at(4)):
+        room.scene.place(placement, ALL_TIMES)
+        ours, theirs = labels.render(VIEW, LABELS), LabelPass(room.scene).render(VIEW, LABELS)
+        assert all(ours[name].tobytes() == theirs[name].tobytes() for name in LABELS)

@@ -1,0 +1,412 @@
+"""The path pass: furnace, formulas, MIS, determinism, and what must not matter."""
+
+import hashlib
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from tests.render.bsdfs.test_bsdfs import MATERIALS
+from tests.render.path_scenes import (
+    BOX_CAMERA,
+    CORNELL,
+    WHITE,
+    ball,
+    box,
+    described,
+    device_scene,
+    matte,
+    quad,
+    render,
+    towards,
+)
+from tiscene.camera import Camera, matrix_from_quaternion
+from tiscene.errors import ArgumentError
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.view import View
+from tiscene.scene.description import (
+    DistantLight,
+    DomeLight,
+    Material,
+    Mesh,
+    RectLight,
+    SceneDescription,
+    SphereLight,
+    Texture,
+    TextureLookup,
+)
+
+SKY = DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))
+CLOSE = Camera.look_at((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), vertical_fov=math.radians(26.0))
+FLOOR = quad((-50, 0, 50), (50, 0, 50), (50, 0, -50), (-50, 0, -50))
+
+
+def lit_box() -> SceneDescription:
+    meshes, materials = box(CORNELL)
+    lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
+    return described(meshes, materials, [lamp])
+
+
+def onto_the_floor(light: object, material: Material | None = None, textures: tuple[Texture, ...] = ()) -> float:
+    """Radiance of the floor at the origin under one light, direct light alone, per unit of albedo 1 / pi."""
+    scene = described([FLOOR], [material or matte("white", WHITE)], [light], textures)
+    camera = Camera.look_at((3.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), vertical_fov=math.radians(0.1))
+    return float(render(scene, camera, (8, 8), spp=64, max_depth=2).hdr[..., 1].mean())
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_white_furnace(name: str) -> None:
+    """A white ball in white surroundings cannot be seen: every mean is 1 within 1 %."""
+    scene = described([ball((0.0, 0.0, 0.0), 0.8, subdivisions=5)], [MATERIALS[name]], [SKY])
+    image = render(scene, CLOSE, (24, 24), spp=256, max_depth=64).hdr
+    assert image.mean() == pytest.approx(1.0, abs=0.01)
+    assert image[8:16, 8:16].mean() == pytest.approx(1.0, abs=0.01)
+
+
+def test_furnace_with_bounces() -> None:
+    """Albedo a inside a closed box of emission e: radiance e / (1 - a), through Russian roulette."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    faces = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    sides = [quad(*(tuple(corners[k]) for k in face)) for face in faces]
+    scene = described(sides, [matte("wall", (0.6, 0.6, 0.6), emissive_color=(0.4, 0.4, 0.4))])
+    camera = Camera.look_at((0.3, 0.2, 0.1), (1.0, 0.5, 0.0))
+    assert render(scene, camera, spp=64, max_depth=60).hdr.mean() == pytest.approx(1.0, abs=0.01)
+    assert render(scene, camera, spp=64, max_depth=3).hdr.mean() == pytest.approx(0.4 * (1 + 0.6 + 0.36), abs=0.002)
+    assert render(scene, camera, spp=4, max_depth=1).hdr == pytest.approx(0.4, abs=1e-6)
+
+
+def test_a_rect_over_the_floor() -> None:
+    light = RectLight("l", "/l", towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0)), WHITE, 1.0, 1.0)
+    c = 0.5 / 2.0
+    quarter = 2.0 * c / math.sqrt(1 + c * c) * math.atan(c / math.sqrt(1 + c * c)) / 2.0
+    assert onto_the_floor(light) == pytest.approx(4.0 * quarter / math.pi, rel=0.01)
+
+
+def test_a_point_and_a_sun_over_the_floor() -> None:
+    point = SphereLight("l", "/l", towards((0.0, 2.0, 1.0), (0.0, -1.0, 0.0)), (0.0, 7.0, 0.0), 0.0)
+    cosine = 2.0 / math.sqrt(5.0)
+    assert onto_the_floor(point) == pytest.approx(7.0 * cosine / 5.0 / math.pi, rel=1e-3)
+    sun = DistantLight("l", "/l", towards((0.0, 0.0, 0.0), (0.0, -3.0, 4.0)), (0.0, 7.0, 0.0), 0.0)
+    assert onto_the_floor(sun) == pytest.approx(7.0 * 0.6 / math.pi, rel=1e-3)
+
+
+@pytest.mark.parametrize("others", [0, 1])
+def test_a_small_lamp_is_not_in_its_own_way(others: int) -> None:
+    """However many there are: a shadow ray begins beside the point from which its light was sampled."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = 0.0, 0.0, 0.5
+    lamp = SphereLight("lamp", "/lamp", matrix, (1000.0,) * 3, 0.01)
+    far = np.eye(4)
+    far[:3, 3] = 50.0
+    dark = SphereLight("dark", "/dark", far, (0.0,) * 3, 0.01)
+    floor = quad((-4, -4, 0), (4, -4, 0), (4, 4, 0), (-4, 4, 0))
+    camera = Camera.look_at((0.3, 0.0, 0.1), (0.3, 0.001, 0.0), vertical_fov=np.radians(1.0))
+    described_floor = described([floor], [matte("floor", (0.5,) * 3)], [lamp, *[dark] * others])
+    image = render(described_floor, camera, (8, 8), spp=16, max_depth=2)
+    distance2 = 0.3**2 + 0.5**2
+    expected = 0.5 * 1000.0 * 0.01**2 * 0.5 / distance2**1.5
+    assert image.hdr.mean() == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("casts_shadows", [True, False])
+def test_a_light_without_shadows_shines_through(casts_shadows: bool) -> None:
+    black = matte("black", (0.0, 0.0, 0.0))
+    shade = quad((-0.5, 1.0, 0.5), (0.5, 1.0, 0.5), (0.5, 1.0, -0.5), (-0.5, 1.0, -0.5), material=1)
+    above = towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0))
+    light = SphereLight("l", "/l", above, WHITE, 0.2, casts_shadows=casts_shadows)
+    scene = described([FLOOR, shade], [matte("white", WHITE), black], [light])
+    camera = Camera.look_at((3.0, 0.8, 0.0), (0.0, 0.0, 0.0), vertical_fov=0.01)
+    expected = 0.0 if casts_shadows else 0.2**2 / 2.0**2
+    assert render(scene, camera, (8, 8), spp=64, max_depth=3).hdr.mean() == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("depth", [2, 4])
+def test_multipliers_of_diffuse_and_specular_response_add_up(depth: int) -> None:
+    glossy = Material("glossy", diffuse_color=(0.5, 0.5, 0.5), roughness=0.3)
+    camera = Camera.look_at((1.5, 1.0, 0.0), (0.0, 0.0, 0.0), vertical_fov=0.2)
+    above = towards((-1.5, 1.0, 0.0), (0.0, -1.0, 0.0))
+
+    def lit(diffuse: float, specular: float) -> float:
+        light = RectLight("l", "/l", above, WHITE, 1.0, 1.0, diffuse=diffuse, specular=specular)
+        scene = described([FLOOR], [glossy], [light])
+        return float(render(scene, camera, (16, 16), spp=256, max_depth=depth).hdr.mean())
+
+    whole, diffuse, specular = lit(1.0, 1.0), lit(1.0, 0.0), lit(0.0, 1.0)
+    assert diffuse + specular == pytest.approx(whole, rel=0.01)
+    assert min(diffuse, specular) > 0.1 * whole
+    assert lit(2.0, 0.5) == pytest.approx(2.0 * diffuse + 0.5 * specular, rel=0.01)
+
+
+def test_a_textured_dome_over_the_floor() -> None:
+    """Upper half 2, lower half 0, +y up: half of it is bright, and all of that is above the floor."""
+    pixels = np.zeros((64, 128, 4), np.float32)
+    pixels[:32, :, :3] = 2.0
+    sky = DomeLight("sky", "/sky", np.eye(4), WHITE, 0)
+    assert onto_the_floor(sky, textures=(Texture("sky", pixels, "raw"),)) == pytest.approx(2.0, rel=0.01)
+
+
+def test_a_textured_floor_shows_its_texture() -> None:
+    pixels = np.zeros((2, 2, 4), np.uint8)
+    pixels[0, 0], pixels[1, 1] = (255, 0, 0, 255), (0, 0, 255, 255)
+    painted = matte("painted", TextureLookup(0))
+    plate = quad((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0))
+    texture = Texture("t", pixels, wrap_s="clamp", wrap_t="clamp")
+    image = render(described([plate], [painted], [SKY], [texture]), CLOSE, (64, 64), spp=16, max_depth=2)
+    corners = {(0, 0): (1.0, 0.0, 0.0), (1, 1): (0.0, 0.0, 1.0), (0, 1): (0.0, 0.0, 0.0)}  # v = 1 is up
+    for (row, column), color in corners.items():
+        part = slice(2 + 48 * row, 14 + 48 * row), slice(2 + 48 * column, 14 + 48 * column)
+        assert image.hdr[part].mean(axis=(0, 1)) == pytest.approx(color, abs=0.01)
+        assert image.albedo[part].mean(axis=(0, 1)) == pytest.approx(color, abs=1e-4)
+    assert image.normal[32, 32] == pytest.approx([0.0, 0.0, 1.0], abs=1e-5)
+
+
+def test_detail_finer_than_a_pixel_does_not_shimmer() -> None:
+    """A chequered floor seen from afar is grey with one sample a pixel."""
+    pixels = np.zeros((512, 512, 4), np.uint8)
+    pixels[np.indices((512, 512)).sum(axis=0) % 2 == 0] = 255
+    plate = quad((-20.0, 0.0, 20.0), (20.0, 0.0, 20.0), (20.0, 0.0, -20.0), (-20.0, 0.0, -20.0))
+    floor = matte("floor", TextureLookup(0, uv_transform=(8.0, 0.0, 0.0, 0.0, 8.0, 0.0)))
+    camera = Camera.look_at((0.0, 6.0, 0.0), (0.0, 0.0, -9.0), vertical_fov=0.4)
+    scene = described([plate], [floor], [SKY], [Texture("t", pixels, "raw")])
+    albedo = render(scene, camera, (64, 48), spp=1, max_depth=2).albedo[..., 0]
+    assert albedo.mean() == pytest.approx(0.5, abs=0.01)
+    assert albedo.std() < 0.1  # of single pixels of the image it would be 0.5
+
+
+@pytest.mark.parametrize(
+    "partly",
+    [
+        {"opacity": 0.25, "opacity_mode": "presence"},
+        {"opacity": TextureLookup(0, "a")},
+        {"opacity": 0.25, "opacity_threshold": 0.2},
+        {"opacity": 0.25, "opacity_threshold": 0.3},
+    ],
+    ids=["presence", "painted", "above the threshold", "below the threshold"],
+)
+def test_light_passes_what_is_partly_there(partly: dict[str, object]) -> None:
+    """Seen and shadowed through: a screen of coverage c before a lamp dims both by 1 - c."""
+    there = {0.2: 1.0, 0.3: 0.0}.get(partly.get("opacity_threshold"), 0.25)
+    screen = quad((-1, 1, 1), (1, 1, 1), (1, 1, -1), (-1, 1, -1), material=1)
+    black = Material("screen", diffuse_color=(0.0, 0.0, 0.0), use_specular_workflow=True, **partly)
+    pixels = np.full((1, 1, 4), 64, np.uint8)
+    lights = [SphereLight("l", "/l", towards((0.0, 2.0, 0.0), (0, -1, 0)), WHITE, radius) for radius in (0.0, 0.3)]
+    camera = Camera.look_at((3.0, 0.5, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), vertical_fov=math.radians(0.5))
+    up = Camera.look_at((0.0, 0.2, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 1.0), vertical_fov=math.radians(5.0))
+    for light in lights:
+        images = []
+        for meshes in ([FLOOR], [FLOOR, screen]):
+            scene = described(meshes, [matte("white", WHITE), black], [light], [Texture("t", pixels)])
+            images.append(render(scene, camera, (8, 8), spp=64, max_depth=2).hdr.mean())
+        assert images[1] / images[0] == pytest.approx(1.0 - there, abs=0.02)
+    assert render(scene, up, (8, 8), spp=64, max_depth=2).hdr.mean() == pytest.approx(1.0 - there, abs=0.02)
+
+
+def test_mis_changes_the_noise_but_not_the_mean() -> None:
+    description = lit_box()
+    scene = device_scene(description)
+    with_mis, without = (render(scene, BOX_CAMERA, (24, 24), spp=256, mis=mis).hdr for mis in (True, False))
+    # What a path sees of the light itself is the same in both.
+    assert with_mis.mean() == pytest.approx(without.mean(), rel=5e-3)
+
+
+def test_many_lamps_have_the_same_mean_however_they_are_weighed() -> None:
+    """Lamps are chosen by the normal of what they light, which a path that runs into one does not know any more."""
+    random = np.random.default_rng(4)
+    lamps = []
+    for number in range(40):
+        matrix = np.eye(4)
+        matrix[:3, 3] = random.uniform(-0.8, 0.8, 3)
+        lamps.append(SphereLight(f"{number}", f"/{number}", matrix, (2.0,) * 3, 0.08))
+    scene = described(*box(CORNELL), lamps)
+    both, sampled = (render(scene, BOX_CAMERA, (16, 16), spp=256, max_depth=3, mis=mis).hdr for mis in (True, False))
+    seen_from_camera = sampled.max(axis=2) > 1.9
+    difference = (both - sampled)[~seen_from_camera].mean() / sampled[~seen_from_camera].mean()
+    assert abs(difference) < 0.01
+
+
+def test_lights_are_seen_and_hide_what_is_behind() -> None:
+    lamp = RectLight("l", "/l", towards((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), (3.0, 4.0, 5.0), 10.0, 10.0)
+    wall = quad((-9, -9, -1), (9, -9, -1), (9, 9, -1), (-9, 9, -1))
+    image = render(described([wall], [matte("w", WHITE)], [lamp, SKY]), CLOSE, spp=4, max_depth=1)
+    assert image.hdr == pytest.approx(np.broadcast_to([3.0, 4.0, 5.0], image.hdr.shape))
+    assert image.albedo.max() <= 1.0
+
+
+def test_mirrors_pass_the_denoisers_features_on() -> None:
+    mirror = Material("mirror", diffuse_color=WHITE, metallic=1.0, roughness=0.0)
+    front = quad((-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0))
+    back = quad((-50, -50, 9), (-50, 50, 9), (50, 50, 9), (50, -50, 9), material=1)
+    image = render(described([front, back], [mirror, matte("m", (0.2, 0.5, 0.9))], [SKY]), CLOSE, spp=4)
+    assert image.albedo.mean(axis=(0, 1)) == pytest.approx([0.2, 0.5, 0.9], abs=1e-3)
+    assert image.normal.mean(axis=(0, 1)) == pytest.approx([0.0, 0.0, -1.0], abs=1e-3)
+
+
+def test_a_normal_map_tilts_the_light() -> None:
+    """A normal map that leans by 30 degrees towards +u under a sun from +u: as bright as a surface that leans so."""
+    lean = math.radians(30.0)
+    code = (np.array([math.sin(lean), 0.0, math.cos(lean), 1.0]) * 0.5 + 0.5).astype(np.float32)
+    texture = Texture("n", np.tile(code, (2, 2, 1)).astype(np.float32), encoding="raw")
+    lookup = TextureLookup(0, scale=(2.0, 2.0, 2.0, 1.0), bias=(-1.0, -1.0, -1.0, 0.0))
+    sun = DistantLight("sun", "/sun", towards((0, 0, 0), (-1.0, -1.0, 0.0)), (0.0, 1.0, 0.0))
+    floor = matte("bumpy", WHITE, normal=lookup)
+    expected = math.cos(math.radians(45.0 - 30.0)) / math.pi
+    assert onto_the_floor(sun, floor, (texture,)) == pytest.approx(expected, rel=2e-3)
+
+
+def digest(image: np.ndarray) -> str:
+    return hashlib.sha256(image.tobytes()).hexdigest()
+
+
+def fingerprint() -> str:
+    """Of pictures that use much: run by other processes too."""
+    meshes, materials = box(CORNELL)
+    meshes.append(ball((0.3, 0.3, 0.2), 0.4, 3))
+    materials.append(Material("frosted", opacity=0.2, roughness=0.3, clearcoat=0.5))
+    lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
+    image = render(described(meshes, materials, [lamp, SKY]), BOX_CAMERA, (40, 30), spp=6, max_depth=8, frame_index=3)
+    return digest(image.hdr) + digest(image.albedo) + digest(image.normal)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "runtime.start(threads=1)",
+        "runtime.start(threads=2)",
+        pytest.param("PathPass.vector_mode = lambda _: contextlib.nullcontext()", marks=pytest.mark.slow),
+    ],
+)
+def test_same_bytes_in_another_process(change: str) -> None:
+    """For any number of threads, and shaded in scalar instead of vector mode."""
+    code = (
+        "import contextlib\n"
+        "from tiscene.device import runtime\n"
+        "from tiscene.render.integrators.path.path_pass import PathPass\n"
+        f"{change}\n"
+        "from tests.render.integrators.path.test_path_pass import fingerprint; print(fingerprint())"
+    )
+    result = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True)
+    assert (result.returncode, result.stderr[-3000:]) == (0, "")
+    assert result.stdout.split() == [fingerprint()]
+
+
+def test_same_bytes_for_any_size_of_batch() -> None:
+    scene = device_scene(lit_box())
+    whole = render(scene, BOX_CAMERA, (20, 13), spp=5)
+    for batch_size in (128, 1000, 1300):
+        parts = render(scene, BOX_CAMERA, (20, 13), spp=5, batch_size=batch_size)
+        assert digest(parts.hdr) == digest(whole.hdr)
+        assert digest(parts.albedo) == digest(whole.albedo)
+
+
+def test_frames_and_seeds_have_their_own_noise() -> None:
+    scene = device_scene(lit_box())
+    first = render(scene, BOX_CAMERA, spp=4).hdr
+    assert digest(render(scene, BOX_CAMERA, spp=4).hdr) == digest(first)
+    for other in ({"seed": 2}, {"frame_index": 1}):
+        image = render(scene, BOX_CAMERA, spp=4, **other).hdr
+        assert np.abs(image - first).max() > 1e-3
+        assert image.mean() == pytest.approx(first.mean(), rel=0.25)
+
+
+def test_scrambled_sobol_beats_independent_sampling() -> None:
+    """Sixteen samples of one frame against sixteen frames of one sample, which know nothing of each other."""
+    scene = device_scene(lit_box())
+    reference = render(scene, BOX_CAMERA, spp=1024, max_depth=4).hdr
+    together = render(scene, BOX_CAMERA, spp=16, max_depth=4, seed=5).hdr
+    apart = np.mean(
+        [render(scene, BOX_CAMERA, spp=1, max_depth=4, seed=6, frame_index=k).hdr for k in range(16)], axis=0
+    )
+
+    def error(image: np.ndarray) -> float:
+        return float(np.mean((image - reference) ** 2))
+
+    assert error(together) < 0.7 * error(apart)
+
+
+def compiled_kernels() -> int:
+    return sum(len(kernel.compiled_kernels) for kernel in ti.lang.impl.get_runtime().kernels)
+
+
+def test_another_scene_and_another_size_compile_nothing() -> None:
+    render(lit_box(), BOX_CAMERA, (8, 8), spp=2)
+    before = compiled_kernels()
+    pixels = np.full((4, 4, 4), 99, np.uint8)
+    materials = [matte("t", TextureLookup(0)), MATERIALS["milk glass"], MATERIALS["lacquer"]]
+    scene = described(
+        [FLOOR, ball((0, 0, 0), 0.5, 1), ball((1, 1, 0), 0.5, 2)], materials, [SKY], [Texture("t", pixels)]
+    )
+    render(scene, CLOSE, (19, 11), spp=3)
+    assert compiled_kernels() == before
+
+
+def test_an_empty_scene_is_its_surroundings() -> None:
+    assert render(described([], []), CLOSE, spp=1).hdr.max() == 0.0
+    assert render(described([], [], [SKY]), CLOSE, spp=1).hdr == pytest.approx(1.0)
+
+
+def test_far_from_the_origin_there_are_no_speckles() -> None:
+    """Ray offsets follow the rounding of positions: the same ball, 3 km away."""
+    images = []
+    for shift in (0.0, 3000.0):
+        scene = described([ball((shift, 0.0, 0.0), 1.0, subdivisions=5)], [matte("m", (0.5, 0.5, 0.5))], [SKY])
+        camera = Camera.look_at((shift, 0.0, 4.0), (shift, 0.0, 0.0), vertical_fov=math.radians(20.0))
+        images.append(render(scene, camera, (16, 16), spp=16, max_depth=8).hdr)
+    for image in images:
+        assert image.mean() == pytest.approx(0.5, rel=0.01)
+        assert image == pytest.approx(0.5, rel=0.2)
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+@pytest.mark.parametrize("size", [20.0, 2000.0])
+def test_a_floor_is_not_in_its_own_shadow(size: float, tilted: bool) -> None:
+    """However wide it is and whatever else lies in its plane: below a white sky, all of it is white."""
+    near, far = 0.05, 0.5 * size
+    square = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
+    rotation = matrix_from_quaternion((0.9, 0.3, -0.2, math.sqrt(0.06))) if tilted else np.eye(3)
+    corners = np.concatenate([near * square, far * square]) @ rotation.T + (0.3 * size, 0.0, 0.1 * size)
+    around = [[k, 4 + k, 4 + (k + 1) % 4] for k in range(4)] + [[k, 4 + (k + 1) % 4, (k + 1) % 4] for k in range(4)]
+    triangles = np.array([[0, 1, 2], [0, 2, 3], *around], np.int32)
+    floor = Mesh("floor", corners.astype(np.float32), triangles, np.zeros(len(triangles), np.int32))
+    centre = corners[:4].mean(axis=0)
+    camera = Camera.look_at(tuple(centre + rotation @ (0.3, 0.2, 0.1)), tuple(centre), vertical_fov=math.radians(30.0))
+    seen = render(described([floor], [matte("white", WHITE)], [SKY]), camera, (8, 8), spp=64, max_depth=2).hdr
+    assert seen.mean() == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_lens_blurs_what_is_out_of_focus() -> None:
+    plate = quad((-1, -1, 0), (0, -1, 0), (0, 1, 0), (-1, 1, 0))
+    scene = device_scene(described([plate], [matte("w", (0, 0, 0), emissive_color=WHITE)]))
+    sharp = Camera.look_at((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), lens_radius=0.2, focus_distance=4.0)
+    blurred = Camera.look_at((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), lens_radius=0.2, focus_distance=1.0)
+    transition = []
+    for camera in (sharp, blurred):
+        row = render(scene, camera, (64, 64), spp=64, max_depth=1).hdr[32, :, 0]
+        transition.append(np.count_nonzero((row[24:40] > 0.03) & (row[24:40] < 0.97)))
+    assert transition[0] <= 1
+    assert transition[1] >= 6
+
+
+@pytest.mark.parametrize("wrong", [{"spp": 0}, {"max_depth": 0}])
+def test_numbers_out_of_range(wrong: dict[str, int]) -> None:
+    with pytest.raises(ArgumentError, match="at least 1"):
+        render(described([], []), CLOSE, **wrong)
+
+
+def test_sizes_that_do_not_match() -> None:
+    paths = PathPass(device_scene(described([], [])), 8, 8)
+    with pytest.raises(ArgumentError, match="8x8"):
+        paths.render(View(CLOSE, CLOSE, CLOSE, 8, 9), frame_index=0, seed=0, spp=1, max_depth=1)
+    with pytest.raises(ArgumentError, match="0x8"):
+        PathPass(device_scene(described([], [])), 0, 8)
+
+
+def test_samples_that_are_no_numbers_are_counted_and_left_out() -> None:
+    glow = matte("glow", (0.5, 0.5, 0.5), emissive_color=(float("inf"), 0.0, 0.0))
+    plate = quad((-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0))
+    paths = PathPass(device_scene(described([plate], [glow], [SKY])), 8, 8)
+    image = paths.render(View(CLOSE, CLOSE, CLOSE, 8, 8), frame_index=0, seed=0, spp=3, max_depth=3)
+    assert paths.nonfinite == 8 * 8 * 3
+    assert np.isfinite(image.hdr).all()

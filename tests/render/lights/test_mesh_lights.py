@@ -1,0 +1,252 @@
+"""Meshes that give light: sampled without bias, with little noise, wherever they are; and which of their triangles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from tests.benchmarks.room import still
+from tests.reference.chi_square import LEAST, chi_square
+from tests.reference.ray_casting import cast
+from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
+from tiscene.render.bsdfs.material_inputs import Materials
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.intersect.surface_interaction import FLOATS_3D, Geometry
+from tiscene.render.lights import dispatch, emissive_mesh
+from tiscene.render.lights.light_sample import LightNodes, lights_of
+from tiscene.render.texture_lookup import Textures
+from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.lights.light_tree import BACK, ROUND, STRENGTH, members, places
+from tiscene.scene.lights.mesh_lights import glow_of, mesh_light
+
+GLOW = (12.0, 9.0, 6.0)
+
+
+def room(*lamps: Mesh, material: Material | None = None, textures: tuple[Texture, ...] = ()) -> SceneDescription:
+    """A dark room with things that glow."""
+    meshes, materials = box(CORNELL)
+    glow = material or matte("glow", (0.1, 0.1, 0.1), emissive_color=GLOW)
+    return described([*meshes, *lamps], [*materials, glow], [], list(textures))
+
+
+def screen() -> tuple[Mesh, Material, Texture]:
+    """A picture with one bright corner, on a panel that hangs in the room and emits on both sides."""
+    pixels = np.full((8, 8, 4), 0.05, np.float32)
+    pixels[:3, :3, :3] = 8.0
+    panel = quad((-0.4, 0.1, 0.3), (0.3, 0.1, 0.5), (0.3, 0.6, 0.4), (-0.4, 0.6, 0.2), material=3)
+    emission = TextureLookup(0, scale=(2.0, 1.5, 1.0, 1.0))
+    material = Material("screen", diffuse_color=(0.0, 0.0, 0.0), ior=1.0, emissive_color=emission)
+    return panel, material, Texture("picture", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
+
+
+def bulb() -> SceneDescription:
+    return room(ball((0.2, 0.4, 0.3), 0.08, 3, 2))
+
+
+def squashed() -> SceneDescription:
+    """Mirrored, and stretched by different factors."""
+    scene = room(ball((0.0, 0.0, 0.0), 0.1, 3, 2))
+    matrix = np.diag([-0.4, 1.0, 2.5, 1.0])
+    matrix[:3, 3] = (0.2, 0.4, 0.3)
+    *others, lamp = scene.instances
+    return replace(scene, instances=(*others, replace(lamp, world_from_object=matrix)))
+
+
+def lit_screen() -> SceneDescription:
+    panel, material, texture = screen()
+    return room(panel, material=material, textures=(texture,))
+
+
+def lace() -> SceneDescription:
+    """Only a third of it is there."""
+    material = matte("lace", (0.1, 0.1, 0.1), emissive_color=GLOW, opacity=0.3, opacity_mode="presence")
+    return room(ball((0.2, 0.4, 0.3), 0.15, 3, 2), material=material)
+
+
+def globe() -> SceneDescription:
+    """A large one just above the floor, which is lit from as near as rays start off a surface."""
+    return room(ball((0.0, -0.55, 0.6), 0.44, 3, 3))
+
+
+SCENES = {"bulb": bulb, "globe": globe, "squashed": squashed, "screen": lit_screen, "lace": lace}
+
+
+def unsampled(scene: DeviceScene) -> DeviceScene:
+    """The same, but that only paths that run into what glows see it."""
+    scene.lights.place_meshes([], np.zeros((0, 3, 4)))
+    return scene
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_sampling_changes_the_noise_and_not_the_picture(name: str) -> None:
+    description = SCENES[name]()
+    scenes = {"sampled": (device_scene(description), True), "lights alone": (device_scene(description), False)}
+    scenes["unsampled"] = unsampled(device_scene(description)), True
+    runs = {}
+    for kind, (scene, mis) in scenes.items():
+        spp = 256 if kind == "unsampled" else 64
+        images = [render(scene, BOX_CAMERA, spp=spp, max_depth=3, seed=seed, mis=mis).hdr for seed in range(8)]
+        runs[kind] = np.array(images, np.float64)
+    means = {kind: images.mean(axis=(1, 2, 3)) for kind, images in runs.items()}
+    for kind in ("sampled", "lights alone"):
+        error = np.hypot(means[kind].std(ddof=1), means["unsampled"].std(ddof=1)) / np.sqrt(8)
+        assert error < 0.02 * means["unsampled"].mean()
+        assert abs(means[kind].mean() - means["unsampled"].mean()) < 4.0 * error, kind
+    # Where the lamp is not seen itself. The unsampled had four times as many paths.
+    noise = {kind: np.median(images.var(axis=0)) for kind, images in runs.items()}
+    assert noise["sampled"] < (0.6 if name == "globe" else 0.25) * noise["unsampled"]
+
+
+def test_a_lamp_that_moves_is_sampled_where_it_is() -> None:
+    description = bulb()
+    placement = still(description)
+    scene = device_scene(description)
+    before = render(scene, BOX_CAMERA, spp=4).hdr
+    moved = placement.world_from_object.copy()
+    moved[:, -1, :, 3] += (-0.5, -0.3, 0.1)
+    scene.place(replace(placement, world_from_object=moved))
+    *others, lamp = description.instances
+    elsewhere = Instance(lamp.mesh, lamp.object, np.vstack([moved[1, -1], (0.0, 0.0, 0.0, 1.0)]))
+    there = render(scene, BOX_CAMERA, spp=4).hdr
+    assert not np.array_equal(there, before)
+    np.testing.assert_array_equal(
+        there, render(replace(description, instances=(*others, elsewhere)), BOX_CAMERA, spp=4).hdr
+    )
+    scene.place(placement)
+    np.testing.assert_array_equal(render(scene, BOX_CAMERA, spp=4).hdr, before)
+    absent = placement.present.copy()
+    absent[:, -1] = False
+    scene.place(replace(placement, present=absent))
+    assert not render(scene, BOX_CAMERA, spp=4).hdr.any()
+
+
+def test_the_tree_of_a_mesh_has_every_triangle_that_glows() -> None:
+    mesh = ball((0.0, 0.0, 0.0), 0.5, subdivisions=2)
+    glow = np.where(np.arange(len(mesh.triangles)) % 3 == 0, 2.0, 0.0)
+    light = mesh_light(mesh, glow)
+    assert light is not None
+    rows, _ = places(light.nodes)
+    assert sorted(rows) == list(np.flatnonzero(glow))
+    assert members(light.nodes[0])[:, STRENGTH].sum() == pytest.approx(light.whole[STRENGTH], rel=1e-5)
+    assert light.whole[ROUND] > 0.9
+    assert light.whole[BACK] < 0.1  # it is closed: its inside is not seen
+    panel = mesh_light(quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)), np.ones(2))
+    assert panel is not None
+    assert (members(panel.nodes[0])[:, BACK] == 1.0).all()
+    assert panel.whole[STRENGTH] == pytest.approx(1.0)
+    assert mesh_light(mesh, np.zeros(len(mesh.triangles))) is None
+
+
+def test_a_picture_glows_by_its_mean() -> None:
+    _, material, texture = screen()
+    mean = texture.pixels[..., :3].mean()
+    assert glow_of(material, (texture,)) == pytest.approx(mean * (2.0 * 0.2126 + 1.5 * 0.7152 + 0.0722), rel=1e-5)
+    assert glow_of(matte("grey", (0.5, 0.5, 0.5)), ()) == 0.0
+
+
+Floats1, Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.f32, ndim=2)
+Ints1, Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=2)
+
+
+@ti.kernel
+def from_origin(
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    light_values: Floats2,
+    light_nodes: LightNodes,
+    light_distribution: Floats1,
+    energy: Floats1,
+    numbers: Floats2,
+    triangles: Ints1,
+    rays: Floats2,
+):
+    """A direction to the only light from each row of numbers, its distance and its density, to rays [n, 5].
+
+    Where `triangles` is not negative, only the density of the direction and distance in the row, by that triangle.
+    """
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, True))
+    for i in range(rays.shape[0]):
+        origin = ti.math.vec3(0.0)
+        if triangles[i] >= 0:
+            direction = ti.math.vec3(rays[i, 0], rays[i, 1], rays[i, 2])
+            rays[i, 4] = emissive_mesh.pdf(lights, 0, triangles[i], origin, direction, rays[i, 3])
+        else:
+            u = ti.math.vec2(numbers[i, 0], numbers[i, 1])
+            found = dispatch.sample(lights, textures, origin, ti.math.vec3(0.0), u)
+            for c in ti.static(range(3)):
+                rays[i, c] = found.direction[c]
+            rays[i, 3], rays[i, 4] = found.distance, found.pdf
+
+
+@pytest.mark.parametrize("matrix", [np.eye(3), np.diag([-0.6, 1.0, 1.5])], ids=["round", "squashed"])
+def test_directions_to_a_mesh_follow_their_density(matrix: np.ndarray) -> None:
+    """The half of a ball that faces the origin, of bright and dark triangles, so that each direction has one."""
+    whole = ball((0.0, 0.0, 0.0), 0.5, subdivisions=1)
+    place = np.column_stack([matrix, (0.2, 0.1, -1.2)])
+    corners = (whole.positions @ matrix.T + place[:, 3])[whole.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * np.linalg.det(matrix)
+    faces = whole.triangles[(normals * corners[:, 0]).sum(axis=1) < 0.0]
+    half = replace(whole, triangles=faces, materials=(np.arange(len(faces)) % 2).astype(np.int32), normals=None)
+    glow = [matte(str(k), (0.0, 0.0, 0.0), emissive_color=(k, k, k)) for k in (1.0, 4.0)]
+    description = described([half], glow)
+    description = replace(description, instances=(Instance(0, 0, np.vstack([place, (0.0, 0.0, 0.0, 1.0)])),))
+    arrays = PathPass(device_scene(description), 8, 8).scene_arrays().arrays
+    count = 30_000
+    rays = np.zeros((count, 5), np.float32)
+    numbers = np.random.default_rng(1).random((count, 2), np.float32)
+    from_origin(*arrays, numbers, np.full(count, -1, np.int32), rays)
+    assert (rays[:, 4] > 0.0).all()
+
+    def density(directions: np.ndarray) -> np.ndarray:
+        """Of unit vectors."""
+        asked = np.zeros((len(directions), 8), np.float32)
+        asked[:, 4:7], asked[:, 7] = directions, np.inf
+        hits = cast((half,), still(description), asked)
+        met = hits.triangle >= 0
+        result = np.zeros((int(met.sum()), 5), np.float32)
+        result[:, :3], result[:, 3] = directions[met], hits.t[met]
+        from_origin(*arrays, result[:, :3].copy(), hits.triangle[met].astype(np.int32), result)
+        values = np.zeros(len(directions))
+        values[met] = result[:, 4]
+        return values
+
+    again = density(rays[:2000, :3].astype(np.float64))
+    assert np.isclose(again, rays[:2000, 4], rtol=1e-3).mean() > 0.99  # but at edges
+    assert rays[:, 4].max() > 3.0 * rays[:, 4].min()
+    points = rays[:, :2].astype(np.float64) / -rays[:, 2:3]
+
+    def projected(points: np.ndarray) -> np.ndarray:
+        towards = np.concatenate([points, -np.ones((len(points), 1))], axis=1)
+        length = np.linalg.norm(towards, axis=1)
+        return density(towards / length[:, None]) / length**3
+
+    low, high = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
+    assert chi_square(points, projected, tuple(low), tuple(high), (8, 8), 48) > LEAST

@@ -1,0 +1,135 @@
+"""Portals: densities of the dome's light that comes through them, and less noise in a room with a window."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
+from tests.render.lights.test_lights import BRIGHT, SKY, placed
+from tests.render.path_scenes import described, device_scene, matte, quad, render
+from tests.render.shading import Illumination
+from tiscene.camera import Camera
+from tiscene.scene.description import DomeLight, Portal, SceneDescription, Texture
+
+COUNT = 100_000
+ORIGIN = (0.3, -0.2, 0.5)
+LEFT = Portal(placed((-1.5, 0.4, 0.3), (1.0, 0.0, 0.1)), 1.0, 1.4)
+ABOVE = Portal(placed((0.2, 1.6, 0.4), (0.1, -1.0, 0.05)), 1.5, 0.8)
+HIGHER = Portal(placed((0.6, 2.4, 0.4), (0.0, -1.0, 0.0)), 1.6, 1.6)  # seen partly through the one above
+FAR = Portal(placed((0.0, 0.2, 30.0), (0.1, 0.0, -1.0)), 0.9, 1.2)
+BEHIND = Portal(placed((2.0, 0.0, 0.0), (1.0, 0.2, 0.0)), 2.0, 2.0)  # lets light in to the other side
+
+PLAIN = Texture("plain", np.minimum(SKY[0].pixels, 1.5), encoding="raw")  # without the sun
+SETS = {
+    "one": (LEFT,),
+    "two": (LEFT, ABOVE),
+    "overlapping": (ABOVE, HIGHER, LEFT),
+    "one behind": (BEHIND, LEFT),
+}
+
+
+def dome(portals: tuple[Portal, ...], image: Texture = PLAIN) -> Illumination:
+    matrix = placed((0.0, 0.0, 0.0), (0.4, -0.3, 0.8))
+    return Illumination(DomeLight("d", "/d", matrix, BRIGHT, 0, portals), ORIGIN, (image,))
+
+
+def crossed(portal: Portal, directions: np.ndarray) -> np.ndarray:
+    """Which directions from ORIGIN go through a portal against its way in."""
+    matrix = portal.world_from_portal
+    offset = matrix[:3, 3] - ORIGIN
+    cosine = directions @ matrix[:3, 2]
+    with np.errstate(divide="ignore"):
+        q = directions * (offset @ matrix[:3, 2] / cosine)[:, None] - offset
+    inside = (np.abs(q @ matrix[:3, 0]) < portal.width / 2) & (np.abs(q @ matrix[:3, 1]) < portal.height / 2)
+    return inside & (cosine > 0.0) & (offset @ matrix[:3, 2] > 0.0)
+
+
+def numbers(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).random((COUNT, 2), np.float32)
+
+
+@pytest.mark.parametrize("image", [PLAIN, SKY[0]], ids=["plain", "sunny"])
+@pytest.mark.parametrize("name", SETS)
+def test_directions_follow_their_density(name: str, image: Texture) -> None:
+    light = dome(SETS[name], image)
+    directions, _, results = light.sample(numbers(1))
+    assert (results[:, 0] > 0.0).all()
+
+    def density(coordinates: np.ndarray) -> np.ndarray:
+        return light.seen(directions_of(coordinates))[:, 0]
+
+    coordinates = sphere_coordinates(directions.astype(np.float64))
+    assert chi_square(coordinates, density, SPHERE_LOW, SPHERE_HIGH, (12, 24), 96) > LEAST
+
+
+@pytest.mark.parametrize("portals", [*SETS.values(), (FAR,), (FAR, LEFT)])
+def test_a_ray_has_the_density_and_radiance_it_was_sampled_with(portals: tuple[Portal, ...]) -> None:
+    light = dome(portals)
+    directions, radiance, results = light.sample(numbers(2)[:20000])
+    again = light.seen(directions)
+    assert np.isclose(again[:, 0], results[:, 0], rtol=2e-3).mean() > 0.995  # but where it rounds across a rim
+    assert np.isclose(again[:, 2], radiance[:, 1], rtol=1e-4).all()
+    through = np.any([crossed(portal, directions) for portal in portals], axis=0)
+    assert through.mean() > 0.999
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_the_density_is_where_portals_are_and_integrates_to_one(name: str) -> None:
+    portals = SETS[name]
+    directions = np.random.default_rng(3).normal(size=(400_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    count = np.sum([crossed(portal, directions) for portal in portals], axis=0)
+    density = dome(portals).seen(directions.astype(np.float32))[:, 0]
+    assert (density[count == 0] > 0.0).mean() < 1e-3
+    assert (density[count > 0] > 0.0).mean() > 0.999
+    assert 4.0 * math.pi * density.mean() == pytest.approx(1.0, rel=0.02)
+    if name == "one":  # uniform in solid angle
+        assert density[count == 1].std() < 0.01 * density[count == 1].mean()
+
+
+def test_who_faces_no_portal_samples_the_image() -> None:
+    alone, plain = dome((BEHIND,)), dome(())
+    for ours, theirs in zip(alone.sample(numbers(4)), plain.sample(numbers(4)), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+CAMERA = Camera.look_at((0.9, 0.0, 0.0), (-0.2, -0.3, 0.0), vertical_fov=1.4)
+
+
+def room(portals: tuple[Portal, ...], image: Texture) -> SceneDescription:
+    """A white box 2 m wide under the sky: a window of 0.6 by 0.4 m in its -z wall, a hole of 0.2 m in its roof."""
+    a, b, x, y, r = -1.0, 1.0, 0.3, 0.2, 0.1
+    walls = [
+        quad((a, a, b), (a, a, a), (a, b, a), (a, b, b)),
+        quad((b, a, a), (b, a, b), (b, b, b), (b, b, a)),
+        quad((a, a, b), (b, a, b), (b, a, a), (a, a, a)),
+        quad((b, a, b), (a, a, b), (a, b, b), (b, b, b)),
+        *(quad((p, q, a), (s, q, a), (s, t, a), (p, t, a)) for p, q, s, t in _round(a, b, -x, -y, x, y)),
+        *(quad((p, b, q), (s, b, q), (s, b, t), (p, b, t)) for p, q, s, t in _round(a, b, -r, -r, r, r)),
+    ]
+    light = DomeLight("sky", "/sky", placed((0, 0, 0), (0.4, -0.3, 0.8)), (1.0, 1.0, 1.0), 0, portals)
+    return described(walls, [matte("white", (0.6, 0.6, 0.6))], [light], [image])
+
+
+def _round(a: float, b: float, x0: float, y0: float, x1: float, y1: float) -> tuple[tuple[float, ...], ...]:
+    """The four rectangles of a square a..b about a hole."""
+    return (a, a, x0, b), (x1, a, b, b), (x0, a, x1, y0), (x0, y1, x1, b)
+
+
+@pytest.mark.parametrize(("image", "gain"), [(PLAIN, 2.5), (SKY[0], 0.8)], ids=["plain", "sunny"])
+def test_portals_change_the_noise_and_not_the_picture(image: Texture, gain: float) -> None:
+    """Only the window has a portal; what comes through the roof is found by the surfaces' own sampling."""
+    matrix = np.diag((-1.0, 1.0, -1.0, 1.0))
+    matrix[2, 3] = -1.0
+    window = Portal(matrix, 0.6, 0.4)
+    runs = {}
+    for name, portals in (("with", (window,)), ("without", ())):
+        scene = device_scene(room(portals, image))
+        runs[name] = np.array([render(scene, CAMERA, spp=64, max_depth=4, seed=seed).hdr for seed in range(16)])
+    means = {name: images.mean(axis=(1, 2, 3)) for name, images in runs.items()}
+    error = np.hypot(means["with"].std(), means["without"].std()) / 4.0
+    assert error < 0.02 * means["without"].mean()
+    assert abs(means["with"].mean() - means["without"].mean()) < 3.5 * error
+    noise = {name: images.var(axis=0).mean() for name, images in runs.items()}
+    assert noise["without"] > gain * noise["with"]

@@ -1,0 +1,75 @@
+"""Noise of a picture: neighbours' errors cancel, so that what remains behind a blur or a denoiser is less than if every
+pixel knew nothing of the others."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, uniform_filter
+
+from tests.render.path_scenes import described, device_scene, matte, quad, towards
+from tiscene.camera import Camera
+from tiscene.render.film.tone_map import LUMINANCE
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.view import View
+from tiscene.scene.description import RectLight
+
+SIZE, SEEDS = 48, 24
+CAMERA = Camera.look_at((0.0, 1.5, 1.5), (0.0, 0.0, 0.0), vertical_fov=0.7)
+VIEW = View(CAMERA, CAMERA, CAMERA, SIZE, SIZE)
+
+
+@cache
+def floor() -> PathPass:
+    """A matte floor under a square lamp."""
+    lamp = RectLight("lamp", "/lamp", towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0)), (10.0, 10.0, 10.0), 1.0, 1.0)
+    floor = quad((-9, 0, 9), (9, 0, 9), (9, 0, -9), (-9, 0, -9))
+    return PathPass(device_scene(described([floor], [matte("white", (0.7, 0.7, 0.7))], [lamp])), SIZE, SIZE)
+
+
+def luminance(seed: int, spp: int) -> NDArray[np.float64]:
+    hdr = floor().render(VIEW, frame_index=0, seed=seed, spp=spp, max_depth=2).hdr
+    return np.asarray(hdr.astype(np.float64) @ np.array(LUMINANCE))
+
+
+@cache
+def exact() -> NDArray[np.float64]:
+    return luminance(SEEDS, 4096)
+
+
+def errors(spp: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of pictures with different seeds, relative to the mean, [n, h, w]; and of pictures whose every pixel is of a seed
+    of its own."""
+    together = np.array([luminance(seed, spp) / exact() - 1.0 for seed in range(SEEDS)])
+    return together, np.random.default_rng(1).permuted(together, axis=0)
+
+
+@pytest.mark.parametrize(("spp", "most"), [(1, 0.45), (4, 0.5), (16, 0.6)])
+def test_what_a_blur_leaves_is_less_than_of_white_noise(spp: int, most: float) -> None:
+    together, apart = errors(spp)
+    assert (together**2).mean() == pytest.approx((apart**2).mean())
+    for blur in (lambda e: uniform_filter(e, (0, 4, 4)), lambda e: gaussian_filter(e, (0.0, 1.5, 1.5))):
+        a, b = blur(apart)[:, 4:-4, 4:-4], blur(together)[:, 4:-4, 4:-4]
+        assert (b**2).mean() < most * (a**2).mean()
+
+
+def test_it_is_blue_every_way() -> None:
+    """Low frequencies are weak in the spectrum of the error, as much along rows as along columns."""
+    together, apart = (error[:, 8:40, 8:40] for error in errors(1))
+    window = np.outer(np.hanning(32), np.hanning(32))
+    power, white = ((np.abs(np.fft.fft2(e * window)) ** 2).mean(axis=0) for e in (together, apart))
+    frequency = np.abs(np.fft.fftfreq(32))
+    radius = np.hypot(frequency[:, None], frequency)
+    low = (radius > 0.05) & (radius < 0.15)
+    assert power[low].sum() < 0.35 * white[low].sum()
+    assert power[radius > 0.35].sum() > 1.1 * white[radius > 0.35].sum()
+    along, across = frequency[:, None] > 2.0 * frequency, frequency > 2.0 * frequency[:, None]
+    assert power[along].sum() == pytest.approx(power[across].sum(), rel=0.15)
+
+
+def test_a_pixel_is_the_same_in_any_company() -> None:
+    paths = floor()
+    every = paths.sums(VIEW, np.arange(SIZE * SIZE, dtype=np.int32), spp=3, key=5, max_depth=2)
+    some = np.random.default_rng(3).choice(SIZE * SIZE, 100, replace=False).astype(np.int32)
+    np.testing.assert_array_equal(paths.sums(VIEW, some, spp=3, key=5, max_depth=2), every[some])

@@ -1,0 +1,48 @@
+"""Where agents begin in a scene, and the track that they can follow."""
+
+from __future__ import annotations
+
+import itertools
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from tests.world.test_world import UNIT_CUBE
+from tiscene.camera import Camera
+from tiscene.sailenv.scene_profile import CameraTrack, _start
+from tiscene.scene.description import Instance, SceneDescription, SceneObject
+
+DOWN = Camera.look_at((0.0, 3.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), focus_distance=3.0)
+
+
+def stage(*cameras: Camera, up_axis: str = "Y") -> SceneDescription:
+    cube = (UNIT_CUBE,), (Instance(0, 0, np.eye(4)),), (SceneObject("Box", "/Box"),)
+    meshes, instances, objects = cube
+    return SceneDescription("s", meshes, instances=instances, objects=objects, cameras=cameras, up_axis=up_axis)
+
+
+def test_where_agents_begin():
+    first, own = Camera(name="First"), Camera(name="Agent")
+    assert _start(stage(first, own)) is own
+    assert _start(stage(first)) is first
+
+
+@pytest.mark.parametrize(("up_axis", "up"), [("Y", (0, 1, 0)), ("Z", (0, 0, 1))])
+def test_without_a_camera_they_see_everything_upright(up_axis, up):
+    start = _start(stage(up_axis=up_axis))
+    assert start.axes()[:, 1] @ up > 0.8
+    assert abs(start.axes()[:, 0] @ up) < 1e-9
+
+
+@pytest.mark.parametrize("camera", [DOWN, Camera((0.0, 1.0, 3.0), focus_distance=3.0)])
+def test_the_track_about_an_only_camera_looks_at_what_it_looks_at(camera):
+    """Whatever its direction, without a jump."""
+    track = CameraTrack(stage(camera), None)
+    target = camera.position - 3.0 * camera.axes()[:, 2]
+    views = [camera.posed(*track.pose(Fraction(k, 10))) for k in range(60)]
+    np.testing.assert_allclose(views[0].position, camera.position, atol=1e-9)
+    for here, there in itertools.pairwise(views):
+        towards = target - np.array(here.position)
+        assert -here.axes()[:, 2] @ towards / np.linalg.norm(towards) > 0.999
+        assert np.trace(here.axes().T @ there.axes()) > 2.99

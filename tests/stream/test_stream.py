@@ -1,0 +1,279 @@
+"""The stream: any frame by its number, the same bytes however one gets to it."""
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tiscene.errors import (
+    ArgumentError,
+    BufferNotFound,
+    CameraNotFound,
+    MissingFile,
+    SceneNotFound,
+    StageWarning,
+    TemplateNotFound,
+)
+from tiscene.frame.buffers import AOVS
+from tiscene.render.view import View
+
+SETTINGS = {
+    "width": 32,
+    "height": 24,
+    "spp": 2,
+    "max_depth": 3,
+    "seed": 5,
+    "buffers": tuple(AOVS),
+    "differential": True,
+}
+
+DIGESTS = """
+import hashlib, json, sys
+import tiscene as ts
+from tiscene.device import runtime
+from tests.test_stream import SETTINGS, moving_scenario
+runtime.start(threads=int(sys.argv[1]))
+frame = ts.Stream(moving_scenario(), **SETTINGS)[7]
+print(json.dumps({name: hashlib.sha256(array.tobytes()).hexdigest() for name, array in frame.buffers.items()}))
+"""
+
+
+def moving_scenario() -> ts.Scenario:
+    path = [ts.Waypoint((-0.4, 0.0, 0.0)), ts.Waypoint((0.4, 0.2, 0.0), (0, 90, 0)), ts.Waypoint((0.0, -0.2, 0.3))]
+    return ts.Scenario(
+        "object_view",
+        [
+            ts.Object("cube", "Cube", (-0.4, 0.0, 0.0), dynamic=ts.LinearWaypoints(path, total_time=1.0)),
+            ts.Object("dish", "Dish 01", (0, 0, 0), dynamic=ts.CatmullWaypoints(path, total_time=2.0), first_frame=3),
+            ts.Object("ball", "Sphere", (0.5, 0.0, -0.5), last_frame=8),
+        ],
+        timings=ts.AllTogether(0.0),
+        camera=ts.Camera.look_at((0.0, 0.3, 2.0), (0.0, 0.0, 0.0)),
+    )
+
+
+def same(left: ts.Frame, right: ts.Frame) -> bool:
+    return left.index == right.index and all(
+        left.buffers[name].tobytes() == right.buffers[name].tobytes() for name in AOVS
+    )
+
+
+def test_a_stage_without_light_is_told_where_colour_is_wanted(tmp_path):
+    path = tmp_path / "dark.usda"
+    path.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Box"\n{\n}\n')
+    with pytest.warns(StageWarning, match=r"dark\.usda: there is no light.*Add a light") as told:
+        ts.Stream(path)
+    assert [each.filename for each in told] == [__file__]
+    ts.Stream(path, buffers=("depth", "albedo"))
+    lamp = ts.Scenario(str(path), [ts.Object("lamp", "Lamp Floor 01")])
+    ts.Stream(lamp)
+    path.write_text(path.read_text() + 'def DomeLight "Sky"\n{\n}\n')
+    ts.Stream(path)  # warnings are errors here
+
+
+def test_a_frame_by_number_is_the_frame_of_iterating():
+    iterated = list(ts.Stream(moving_scenario(), frames=10, **SETTINGS))
+    assert [frame.index for frame in iterated] == list(range(10))
+    stream = ts.Stream(moving_scenario(), **SETTINGS)
+    for index in (7, 2, 9, 0):
+        assert same(stream[index], iterated[index])
+    assert stream.position == 0
+    assert [same(left, right) for left, right in zip(stream[3:9:2], iterated[3:9:2], strict=True)] == [True] * 3
+    assert same(next(stream.seek(8)), iterated[8])
+    assert stream.position == 9
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_another_process_gives_the_same_bytes_on_any_number_of_threads(threads):
+    here = {name: array.tobytes() for name, array in ts.Stream(moving_scenario(), **SETTINGS)[7].buffers.items()}
+    done = subprocess.run(
+        [sys.executable, "-c", DIGESTS, str(threads)], capture_output=True, text=True, check=True, env=dict(os.environ)
+    )
+    import hashlib
+
+    assert json.loads(done.stdout) == {name: hashlib.sha256(data).hexdigest() for name, data in here.items()}
+
+
+def test_a_stream_resumes_from_its_state():
+    stream = ts.Stream(moving_scenario(), frames=10, **SETTINGS)
+    stream.seek(6)
+    state = json.loads(json.dumps(stream.state_dict()))
+    assert len(json.dumps(state)) < 1000
+    resumed = ts.Stream(moving_scenario(), frames=10, **SETTINGS)
+    resumed.load_state_dict(state)
+    assert [frame.index for frame in resumed] == [6, 7, 8, 9]
+    other = ts.Stream(moving_scenario(), **{**SETTINGS, "seed": 6})
+    with pytest.raises(ArgumentError, match="seed: 5 there, 6 here"):
+        other.load_state_dict(state)
+    with pytest.raises(ArgumentError, match="not a state_dict"):
+        other.load_state_dict({})
+    with pytest.raises(ArgumentError, match="not a state_dict"):
+        other.load_state_dict({"version": 1, "settings": 3, "position": 0})
+
+
+def test_length_and_bounds():
+    finite = ts.Stream(moving_scenario(), frames=4, **SETTINGS)
+    assert len(finite) == 4
+    assert finite[-1].index == 3
+    assert len(finite[1:]) == 3
+    with pytest.raises(IndexError, match=r"frame 4 is outside 0\.\.3"):
+        finite[4]
+    endless = ts.Stream(moving_scenario(), **SETTINGS)
+    with pytest.raises(TypeError, match="no length"):
+        len(endless)
+    with pytest.raises(IndexError, match="negative"):
+        endless[-1]
+    with pytest.raises(IndexError, match="frame 9223372036854775808 is outside"):
+        endless[2**63]
+    with pytest.raises(ArgumentError, match="counted from its end"):
+        endless[-3:]
+    with pytest.raises(ArgumentError, match="counted from its end"):
+        endless[::-1]
+    assert list(endless[2::-1].indices) == [2, 1, 0]
+
+
+def test_objects_live_from_their_first_to_their_last_frame():
+    stream = ts.Stream(moving_scenario(), **SETTINGS)
+    assert [row.name for row in stream[0].objects] == ["cube", "ball"]
+    assert [row.name for row in stream[3].objects] == ["cube", "dish", "ball"]
+    assert [row.name for row in stream[9].objects] == ["cube", "dish"]
+
+
+def test_only_the_buffers_asked_for_are_there():
+    frame = ts.Stream(moving_scenario(), width=16, height=12, buffers=("depth",))[0]
+    assert set(frame.buffers) == {"depth"}
+    with pytest.raises(AttributeError, match="buffers="):
+        frame.rgb  # noqa: B018
+
+
+def test_denoising_changes_rgb_and_never_hdr():
+    noisy = ts.Stream(moving_scenario(), **SETTINGS, denoise=False)[2]
+    clean = ts.Stream(moving_scenario(), **SETTINGS, denoise=True)[2]
+    assert np.array_equal(noisy.hdr, clean.hdr)
+    assert not np.array_equal(noisy.rgb, clean.rgb)
+
+
+def test_paths_until_the_error_is_small_enough():
+    settings = {**SETTINGS, "buffers": ("hdr", "depth"), "differential": None, "spp": 48, "error": 0.1}
+    stream = ts.Stream(moving_scenario(), **settings)
+    assert not stream.differential  # though it is endless
+    frame = stream[4]
+    assert 16 < frame.spp < 48
+    again = ts.Stream(moving_scenario(), **settings)[4]
+    assert (again.hdr.tobytes(), again.spp) == (frame.hdr.tobytes(), frame.spp)
+    assert ts.Stream(moving_scenario(), **{**settings, "spp": None}).quality.spp == 1024
+    assert ts.Stream(moving_scenario(), **{**settings, "buffers": ("depth",)})[4].spp == 0.0
+
+
+def test_no_error_is_promised_while_a_shutter_is_open():
+    settings = {**SETTINGS, "buffers": ("hdr",), "differential": None, "error": 0.1, "spp": 16}
+    with pytest.raises(ArgumentError, match=r"error=0.1: not while the camera's shutter is open; ask for spp="):
+        ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))[4]
+    assert ts.Stream(moving_scenario(), **settings, shutter=(0, 0))[4].spp == 16
+
+
+def test_clamps_and_filters_change_colour_alone():
+    settings = {**SETTINGS, "buffers": ("hdr", "depth", "coverage"), "differential": False}
+    plain = ts.Stream(moving_scenario(), **settings)[4]
+    assert plain.spp == 2
+    brightest = float(plain.hdr.max())
+    for option in ({"clamp": 0.3 * brightest}, {"pixel_filter": "mitchell"}, {"pixel_filter": "gaussian"}):
+        other = ts.Stream(moving_scenario(), **settings, **option)[4]
+        assert not np.array_equal(other.hdr, plain.hdr)
+        assert np.array_equal(other.coverage, plain.coverage)
+        assert np.array_equal(other.depth, plain.depth)
+        if "clamp" in option:
+            assert other.hdr.max() <= 0.3 * brightest * 1.0001
+            assert (other.hdr <= plain.hdr * 1.0001).all()
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "source", "arguments"),
+    [
+        (SceneNotFound, "Did you mean 'room_02'", "room_2", {}),
+        (MissingFile, "nowhere.usda", "nowhere.usda", {}),
+        (BufferNotFound, "Did you mean 'depth'", "object_view", {"buffers": ("dept",)}),
+        (ArgumentError, "sequence of names", "object_view", {"buffers": "rgb"}),
+        (ArgumentError, "width=0: must be from 1", "object_view", {"width": 0}),
+        (ArgumentError, "height=1.5: must be a whole number", "object_view", {"height": 1.5}),
+        (ArgumentError, "fps=-1", "object_view", {"fps": -1}),
+        (ArgumentError, "fps='fast'", "object_view", {"fps": "fast"}),
+        (ArgumentError, "variants=3 must be a mapping", "object_view", {"variants": 3}),
+        (ArgumentError, "time_code='noon': must be a finite number", "object_view", {"time_code": "noon"}),
+        (ArgumentError, "frames=0", "object_view", {"frames": 0}),
+        (ArgumentError, "quality='best'", "object_view", {"quality": "best"}),
+        (ArgumentError, r"quality=\[\]", "object_view", {"quality": []}),
+        (ArgumentError, r"pixel_filter=\[\]", "object_view", {"pixel_filter": []}),
+        (ArgumentError, "source=3: must be a Scenario, a scene's name or a file", 3, {}),
+        (ArgumentError, "root=3: must be a folder", "object_view", {"root": 3}),
+        (ArgumentError, "spp=0", "object_view", {"spp": 0}),
+        (ArgumentError, "max_depth=1000000: must be from 1 to 1024", "object_view", {"max_depth": 1_000_000}),
+        (ArgumentError, "error=2.0: must lie between 0 and 1", "object_view", {"error": 2.0}),
+        (ArgumentError, "clamp=-1.0: must be greater than 0", "object_view", {"clamp": -1.0}),
+        (ArgumentError, "pixel_filter='sinc': must be one of box", "object_view", {"pixel_filter": "sinc"}),
+        (ArgumentError, "differential=True: not with error=", "object_view", {"differential": True, "error": 0.1}),
+        (ArgumentError, "arch='metal'", "object_view", {"arch": "metal"}),
+        (CameraNotFound, "no camera 'Nobody'", "object_view", {"camera": "Nobody"}),
+        (TemplateNotFound, "Did you mean 'Chair 01'", ts.Scenario("object_view", [ts.Object("c", "Chair 1")]), {}),
+    ],
+)
+def test_bad_arguments_say_what_to_do(error, message, source, arguments):
+    with pytest.raises(error, match=message):
+        ts.Stream(source, **arguments)
+
+
+def test_an_edited_stream_replays_exactly(tmp_path):
+    """Spawned, moved and gone while it runs: seeking, the saved scenario and another stream give the same bytes."""
+    stream = ts.Stream(moving_scenario(), **SETTINGS)
+    before = stream.state_dict()
+    seen = []
+    for index in range(8):
+        if index == 3:
+            number = stream.world.spawn("Cube", (0.0, 0.1, 0.4), dynamic=ts.UniformMovementRandomBounce(0.5, seed=1))
+        if index == 5:
+            stream.world.move("ball", (-0.3, 0.2, 0.2))
+        if index == 7:
+            stream.world.despawn(number)
+        seen.append(next(stream))
+    shown = [number in frame.instance for frame in seen]
+    assert shown == [False] * 3 + [True] * 4 + [False]
+    assert [event.kind for event in seen[3].events if event.object == number] == ["spawn", "enter"]
+    assert [event.kind for event in seen[7].events if event.object == number][:1] == ["despawn"]
+    # Not anticipated: the frame before the move knows nothing of it.
+    assert [row.velocity for row in seen[4].objects if row.name == "ball"] == [(0.0, 0.0, 0.0)]
+    stream.scenario.save(tmp_path / "edited.json")
+    replay = ts.Stream(tmp_path / "edited.json", **SETTINGS)
+    assert replay.scenario == stream.scenario
+    for index in (7, 3, 4, 2, 6):
+        assert same(replay[index], seen[index])
+        assert same(stream[index], seen[index])
+    assert stream.state_dict()["settings"] == replay.settings()
+    with pytest.raises(ArgumentError, match="this one with other edits"):
+        stream.load_state_dict(before)
+    assert repr(replay.seek(3)) == f"<Stream of {replay.scenario.scene} at frame 3: {', '.join(replay.buffers)}>"
+
+
+def test_many_sizes_are_rendered_and_few_are_kept():
+    stream = ts.Stream("object_view", buffers=("instance",), width=8, height=8)
+    camera = stream[0].camera.camera
+    for width in (8, 9, 10, 11, 12, 13, 8):
+        frame = stream.look(0, View(camera, camera, camera, width, 8), ("instance",))
+        assert frame.instance.shape == (8, width)
+    assert list(stream._renderers) == [(11, 8), (12, 8), (13, 8), (8, 8)]
+
+
+def test_a_stream_can_be_sent_to_another_process():
+    """As it is: edits, place and settings; so can its frames."""
+    stream = ts.Stream(moving_scenario(), **SETTINGS, report=lambda doing, done: None)
+    stream.seek(2).world.spawn("Cube", (0.0, 0.1, 0.4))
+    sent = pickle.loads(pickle.dumps(stream))
+    assert sent.state_dict() == stream.state_dict()
+    frame = next(stream)
+    assert same(next(sent), frame)
+    assert same(pickle.loads(pickle.dumps(frame)), frame)
+    assert [row.name for row in pickle.loads(pickle.dumps(frame)).objects] == [row.name for row in frame.objects]

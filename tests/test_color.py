@@ -1,0 +1,19 @@
+"""sRGB's curve, against values of the standard, there and back."""
+
+import numpy as np
+import pytest
+
+from tiscene.color import decode_srgb, encode_srgb
+
+
+def test_known_values():
+    np.testing.assert_allclose(encode_srgb(np.array([0.0, 0.18, 0.5, 1.0])), [0.0, 0.461356, 0.735357, 1.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_there_and_back(dtype):
+    values = np.linspace(-0.5, 2.0, 1001, dtype=dtype)
+    for there, back in ((encode_srgb, decode_srgb), (decode_srgb, encode_srgb)):
+        assert there(values).dtype == dtype
+        assert (np.diff(there(values)) > 0.0).all()
+        np.testing.assert_allclose(back(there(values)), values, atol=2e-5)  # the standard's two pieces almost meet

@@ -1,0 +1,70 @@
+"""Which files a stage is made of."""
+
+import hashlib
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Sdf, Usd, UsdUtils
+
+from tiscene.usd.core.layers import layer_digests
+
+
+@pytest.fixture
+def room(tmp_path):
+    """room/scene.usda refers to chair.usda, which has a texture; and, in a variant not chosen, to lamp.usda."""
+    folder = tmp_path / "room"
+    folder.mkdir()
+    Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(folder / "wood.png")
+    for name in ("chair", "lamp"):
+        stage = Usd.Stage.CreateNew(str(folder / f"{name}.usda"))
+        prim = stage.DefinePrim("/Thing", "Xform")
+        stage.SetDefaultPrim(prim)
+        if name == "chair":
+            prim.CreateAttribute("file", Sdf.ValueTypeNames.Asset).Set("./wood.png")
+        stage.Save()
+    stage = Usd.Stage.CreateNew(str(folder / "scene.usda"))
+    stage.DefinePrim("/Chair").GetReferences().AddReference("./chair.usda")
+    variants = stage.DefinePrim("/Lamp").GetVariantSets().AddVariantSet("lighting")
+    variants.AddVariant("none")
+    variants.AddVariant("lamp")
+    variants.SetVariantSelection("lamp")
+    with variants.GetVariantEditContext():
+        stage.GetPrimAtPath("/Lamp").GetReferences().AddReference("./lamp.usda")
+    variants.SetVariantSelection("none")
+    stage.Save()
+    return folder / "scene.usda"
+
+
+def test_every_layer_and_texture_is_named_relative_to_the_scene(room):
+    digests = layer_digests(room)
+    assert sorted(digests) == ["chair.usda", "lamp.usda", "scene.usda", "wood.png"]
+    assert digests["wood.png"] == hashlib.sha256((room.parent / "wood.png").read_bytes()).hexdigest()
+
+
+def test_only_the_changed_file_changes_and_the_place_does_not_matter(room, tmp_path):
+    before = layer_digests(room)
+    shutil.copytree(room.parent, tmp_path / "elsewhere")
+    copy = tmp_path / "elsewhere" / "scene.usda"
+    assert layer_digests(copy) == before
+    (tmp_path / "elsewhere" / "wood.png").write_bytes(b"another")
+    after = layer_digests(copy)
+    assert {name for name in before if after[name] != before[name]} == {"wood.png"}
+
+
+def test_a_missing_texture_is_left_out(room):
+    (room.parent / "wood.png").unlink()
+    assert sorted(layer_digests(room)) == ["chair.usda", "lamp.usda", "scene.usda"]
+
+
+def test_folders_may_have_brackets(room, tmp_path):
+    """Which in a path are what leads into a package."""
+    shutil.copytree(room.parent, tmp_path / "room [2]")
+    assert layer_digests(tmp_path / "room [2]" / "scene.usda") == layer_digests(room)
+
+
+def test_a_package_is_one_file(room, tmp_path):
+    package = tmp_path / "room.usdz"
+    assert UsdUtils.CreateNewUsdzPackage(str(room), str(package))
+    assert list(layer_digests(package)) == ["room.usdz"]

@@ -1,0 +1,73 @@
+"""The schema: known to USD without environment variables, in step with the Python classes, shipped in the package."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+
+import pytest
+from pxr import Sdf
+
+import dynamics
+from tiscene.usd.core import schema
+from tiscene.usd.scenario.motion_schema import _CLASSES, _KEYS, _PARAMETERS, STEPPED
+
+
+def test_usd_knows_the_schema_as_soon_as_the_reader_is_imported():
+    code = (
+        "import tiscene.usd.core.schema\nfrom pxr import Usd\nregistry = Usd.SchemaRegistry()\n"
+        "for name in ('Scenario', 'Object', 'Motion', 'Camera'):\n"
+        "    print(len(registry.FindAppliedAPIPrimDefinition(f'Tiscene{name}API').GetPropertyNames()))\n"
+        "stage = Usd.Stage.CreateInMemory()\nprim = stage.DefinePrim('/Thing', 'Xform')\n"
+        "prim.AddAppliedSchema('TisceneMotionAPI')\n"
+        "print(prim.GetAppliedSchemas(), prim.GetAttribute('tiscene:motion:totalTime').Get())"
+    )
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    *counts, applied = output.stdout.splitlines()
+    assert sum(map(int, counts)) == len(schema.properties())
+    assert applied == "['TisceneMotionAPI'] 10.0"
+    assert not output.stderr
+
+
+def test_both_files_name_the_same_schemas():
+    types = json.loads((schema.FOLDER / "plugInfo.json").read_text())["Plugins"][0]["Info"]["Types"]
+    layer = Sdf.Layer.OpenAsAnonymous(str(schema.FOLDER / "generatedSchema.usda"))
+    assert set(types) == set(schema.NAMESPACES) == {prim.name for prim in layer.rootPrims}
+    for name, namespace in schema.NAMESPACES.items():
+        prim = layer.GetPrimAtPath(f"/{name}")
+        assert prim.documentation
+        for each in prim.properties:
+            assert each.name.startswith(namespace + ":")
+            assert each.documentation, each.path
+
+
+def test_every_dynamic_and_each_of_its_fields_has_its_attributes():
+    layer = Sdf.Layer.OpenAsAnonymous(str(schema.FOLDER / "generatedSchema.usda"))
+    prim = layer.GetPrimAtPath(f"/{schema.MOTION}")
+    kinds = prim.attributes["tiscene:motion:type"].allowedTokens
+    assert set(kinds) == {"none", *_CLASSES, STEPPED}
+    for name, keys in _KEYS.items():
+        cls = getattr(dynamics, name)
+        assert {field.name for field in dataclasses.fields(cls)} == set(keys)
+        for field in dataclasses.fields(cls):
+            if field.name not in _PARAMETERS:
+                continue
+            parameter = _PARAMETERS[field.name]
+            attribute = prim.attributes[f"tiscene:motion:{parameter.attribute}"]
+            assert attribute.typeName == parameter.type
+            # What is not authored has the class's default: the schema must not promise another.
+            if field.default is not dataclasses.MISSING and attribute.default is not None:
+                default = attribute.default
+                assert (
+                    tuple(default) if hasattr(default, "__len__") and not isinstance(default, str) else default
+                ) == (field.default)
+
+
+@pytest.mark.parametrize("name", ["generatedSchema.usda", "plugInfo.json"])
+def test_the_package_ships_it(name):
+    import tiscene.usd.core
+
+    assert schema.FOLDER.parent == type(schema.FOLDER)(tiscene.usd.core.__file__).parent
+    assert (schema.FOLDER / name).is_file()

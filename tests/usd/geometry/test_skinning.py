@@ -1,0 +1,166 @@
+"""Meshes that skeletons pose."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import STAGES, write
+from tiscene.errors import StageWarning
+from tiscene.usd.read.stage_reader import read_stage
+from tiscene.usd.read.template import read_template
+
+BENT = [(0, 0, 0), (1, 0, 0), (-1, 2, 0), (-1, 1, 0)]  # the upper joint, at (0, 1), turned by a quarter about z
+
+
+def posed(path, **options):
+    """The only mesh's points in the world."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)
+        description = read_stage(path, **options)
+    (instance,) = description.instances
+    points = description.meshes[instance.mesh].positions
+    return points @ instance.world_from_object[:3, :3].T + instance.world_from_object[:3, 3]
+
+
+@pytest.mark.parametrize(
+    ("time", "expected"),
+    [
+        (10.0, BENT),
+        (0.0, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)]),
+        (None, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)]),
+    ],
+)
+def test_linear_blend_skinning(time, expected):
+    """A mesh that stands 5 to the right of its skeleton follows it all the same: it is bound in its space."""
+    np.testing.assert_allclose(posed(STAGES / "skinned.usda", time_code=time), expected, atol=1e-6)
+
+
+def test_halfway_between_poses():
+    """The joint turned by 45 degrees; USD interpolates quaternions on the sphere."""
+    root = np.sqrt(0.5)
+    expected = [(0, 0, 0), (1, 0, 0), (0, 1 + 2 * root, 0), (-root, 1 + root, 0)]
+    np.testing.assert_allclose(posed(STAGES / "skinned.usda", time_code=5.0), expected, atol=1e-6)
+
+
+def test_a_moment_is_posed_once():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (mesh,) = read_stage(STAGES / "skinned.usda", time_code=10.0).meshes
+        assert mesh.deformation is None
+
+
+def test_instances_are_posed(tmp_path):
+    body = f"""
+def "A" (instanceable = true
+    prepend references = @{STAGES / "skinned.usda"}@</Arm>)
+{{
+}}
+def "B" (instanceable = true
+    prepend references = @{STAGES / "skinned.usda"}@</Arm>)
+{{
+    double3 xformOp:translate = (0, 0, 7)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+"""
+    path = write(
+        tmp_path, body.replace("(instanceable = true\n", "(\n    instanceable = true\n").replace("</Arm>)", "</Arm>\n)")
+    )
+    a, b = (each for each in read_stage(path, time_code=10.0).instances)
+    np.testing.assert_allclose(b.world_from_object[:3, 3] - a.world_from_object[:3, 3], (0, 0, 7))
+    assert a.mesh == b.mesh
+
+
+def test_templates_are_posed(tmp_path):
+    text = (STAGES / "skinned.usda").read_text().replace("startTimeCode = 0", "startTimeCode = 10")
+    (tmp_path / "arm.usda").write_text(text)
+    template = read_template(tmp_path / "arm.usda")
+    (mesh,), (instance,) = template.description.meshes, template.description.instances
+    points = mesh.positions + instance.world_from_object[:3, 3]
+    np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [(-1, 0, 0), (1, 2, 0)], atol=1e-6)
+
+
+def test_no_file_is_changed():
+    before = (STAGES / "skinned.usda").read_bytes()
+    posed(STAGES / "skinned.usda", time_code=10.0)
+    assert (STAGES / "skinned.usda").read_bytes() == before
+
+
+FACE = """
+def SkelRoot "Face" (
+    prepend apiSchemas = ["SkelBindingAPI"]
+)
+{
+    rel skel:skeleton = </Face/Skel>
+    rel skel:animationSource = </Face/Skel/Anim>
+    def Skeleton "Skel"
+    {
+        uniform token[] joints = ["head"]
+        uniform matrix4d[] bindTransforms = [((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))]
+        uniform matrix4d[] restTransforms = [((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))]
+        def SkelAnimation "Anim"
+        {
+            uniform token[] blendShapes = ["smile"]
+            float[] blendShapeWeights.timeSamples = { 0: [0], 10: [1] }
+        }
+    }
+    def Mesh "Skin" (
+        prepend apiSchemas = ["SkelBindingAPI"]
+    )
+    {
+        uniform token subdivisionScheme = "none"
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+        uniform token[] skel:blendShapes = ["smile"]
+        rel skel:blendShapeTargets = </Face/Skin/smile>
+        def BlendShape "smile"
+        {
+            uniform vector3f[] offsets = [(2, 0, 0), (0, 4, 0)]
+            uniform int[] pointIndices = [1, 2]
+            uniform vector3f[] inbetweens:half:offsets = [(3, 0, 0), (0, 0, 0)] (
+                weight = 0.5
+            )
+        }
+    }
+}
+"""
+
+
+def test_blend_shapes_play(tmp_path):
+    """Weights grow from 0 to 1 over ten time codes, by way of a shape between: at 5 a point is 3 to the right."""
+    path = write(tmp_path, FACE, more="startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10")
+    (mesh,) = read_stage(path).meshes
+    for seconds, right, up in ((0.0, 1.0, 1.0), (0.2, 2.2, 1.0), (0.5, 4.0, 1.0), (1.0, 3.0, 5.0)):
+        positions, _ = mesh.deformation.at(seconds)
+        np.testing.assert_allclose(positions, [(0, 0, 0), (right, 0, 0), (0, up, 0)], atol=1e-6)
+    assert mesh.deformation.at(0.6)[0][1, 0] == pytest.approx(3.8)  # on the way from 4 to 3
+
+
+def test_any_frame_is_the_one_that_iterating_gives(tmp_path):
+    """A skin that is asked for out of order, seen by a camera, labels and light."""
+    import tiscene as ts
+
+    light = 'def DistantLight "Sun"\n{\n float inputs:intensity = 3\n}\n'
+    path = write(tmp_path, light + FACE, more="startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10")
+    camera = ts.Camera(position=(1, 1, 4), exposure=0.0)
+    options = {"width": 24, "height": 18, "fps": 10.0, "frames": 6, "camera": camera, "spp": 1, "denoise": False}
+    buffers = ("hdr", "depth", "forward_flow", "backward_flow", "forward_occlusion", "normal")
+    one, other = (ts.Stream(path, buffers=buffers, **options) for _ in range(2))
+    frames = list(one)
+    for k in (5, 0, 3, 3):
+        for name in buffers:
+            assert other[k].buffers[name].tobytes() == frames[k].buffers[name].tobytes(), (k, name)
+    assert frames[3].depth.tobytes() != frames[4].depth.tobytes()
+
+
+def test_a_stage_of_ages_is_drawn_unposed(tmp_path):
+    """USD would count through all its time codes."""
+    path = tmp_path / "ages.usda"
+    text = (STAGES / "skinned.usda").read_text()
+    path.write_text(text.replace("endTimeCode = 10", "endTimeCode = 1e12"))
+    with pytest.warns(StageWarning, match="a SkelRoot of a stage of 1e\\+12 time codes is drawn unposed: </Arm>"):
+        (mesh,) = read_stage(path).meshes
+    np.testing.assert_allclose(mesh.positions, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)])

@@ -1,0 +1,418 @@
+"""Models of other formats as templates."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import warnings
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+from pxr import Sdf, Usd, UsdPhysics, UsdValidation
+
+from tests.usd.helpers import QUAD, facing, write
+from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError, StageWarning
+from tiscene.scene.description import TextureLookup
+from tiscene.usd.importers.import_template import import_asset
+from tiscene.usd.importers.materials import phong
+from tiscene.usd.importers.mesh_file import corner_normals
+from tiscene.usd.importers.sweet_home_3d import Catalogue, label_of, parse_properties
+from tiscene.usd.read.template import read_template
+
+BOX = """
+mtllib box.mtl
+v 0 0 0
+v 2 0 0
+v 2 1 0
+v 0 1 0
+v 0 0 -4
+vt 0 0
+vt 1 0
+vt 1 1
+usemtl oak_wood
+f 1/1 2/2 3/3
+f 1/1 3/3 4/1
+usemtl steel
+f 1/1 5/2 2/3
+"""
+MTL = "newmtl oak_wood\nKd 0.5 0.5 0.5\nNs 10\nmap_Kd Maps\\Oak.PNG\nnewmtl steel\nKd 0.8 0.8 0.8\n"
+
+
+@pytest.fixture
+def box(tmp_path):
+    (tmp_path / "in" / "maps").mkdir(parents=True)
+    (tmp_path / "in" / "box.obj").write_text(BOX)
+    (tmp_path / "in" / "box.mtl").write_text(MTL)
+    (tmp_path / "in" / "LICENSE.txt").write_text("Do as you like.")
+    Image.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "in" / "maps" / "oak.png")
+    return tmp_path / "in" / "box.obj"
+
+
+def assert_valid(path) -> None:
+    """No validator of USD has anything to say."""
+    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
+        Usd.Stage.Open(str(path))
+    )
+    assert not errors, [error.GetMessage() for error in errors]
+
+
+def test_obj(box, tmp_path):
+    path = import_asset(box, tmp_path / "out", name="Chair 03", label="chair", author="Ann")
+    assert path == tmp_path / "out" / "template.usda"
+    assert_valid(path)
+    template = read_template(path)
+    assert (template.name, template.category) == ("Chair 03", "chair")
+    np.testing.assert_allclose(template.description.bounds(), [(-1, -0.5, -2), (1, 0.5, 2)], atol=1e-6)
+    looks = {material.name: material for material in template.description.materials}
+    assert isinstance(looks["oak_wood"].diffuse_color, TextureLookup)
+    assert (looks["oak_wood"].metallic, looks["steel"].metallic) == (0.0, 1.0)
+    (image,) = template.description.textures
+    assert tuple(image.pixels[0, 0]) == (200, 100, 50, 255)
+    stage = Usd.Stage.Open(str(path))
+    kept = stage.GetRootLayer().customLayerData["import"]
+    assert kept == {"source": "box.obj", "licence": "Do as you like.", "author": "Ann"}
+    root = stage.GetDefaultPrim()
+    assert UsdPhysics.RigidBodyAPI(root).GetKinematicEnabledAttr().Get()
+    meshes = [prim for prim in Usd.PrimRange(root, Usd.TraverseInstanceProxies()) if prim.GetTypeName() == "Mesh"]
+    assert len(meshes) == 2
+    assert all(prim.HasAPI(UsdPhysics.CollisionAPI) for prim in meshes)
+
+
+def test_what_a_material_file_says_of_physical_materials_counts(box, tmp_path):
+    library = box.parent / "box.mtl"
+    lamp = "newmtl lamp metal\nKd 0.5 0.5 0.5\nNs 20\nPr 0.75\nPm 0.25\nKe 4 2 1\n"
+    library.write_text(lamp)
+    box.write_text("mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl lamp metal\nf 1 2 3\n")
+    (read,) = read_template(import_asset(box, tmp_path / "out")).description.materials
+    assert (read.roughness, read.metallic, read.emissive_color) == (0.75, 0.25, (4.0, 2.0, 1.0))
+
+
+def test_units_axes_and_origin(box, tmp_path):
+    path = import_asset(box, tmp_path / "out", unit=0.01, up_axis="Z", centred=False)
+    bounds = read_template(path).description.bounds()
+    np.testing.assert_allclose(bounds, [(0, -0.04, -0.01), (0.02, 0, 0)], atol=1e-7)
+
+
+def test_stl_is_in_millimetres_and_stands_on_z(tmp_path):
+    trimesh.creation.box((1000, 2000, 3000)).export(tmp_path / "a.stl")
+    template = read_template(import_asset(tmp_path / "a.stl", tmp_path / "out"))
+    np.testing.assert_allclose(np.ptp(template.description.bounds(), axis=0), (1, 3, 2), rtol=1e-6)
+    (mesh,) = template.description.meshes
+    outward = np.einsum("ij,ij->i", facing(mesh.positions, mesh.triangles), mesh.positions[mesh.triangles].mean(axis=1))
+    assert (outward > 0.0).all()
+    np.testing.assert_allclose(np.abs(mesh.normals).max(axis=1), 1.0)  # edges of a box stay sharp
+
+
+def test_ply_with_colours(tmp_path):
+    mesh = trimesh.creation.box()
+    mesh.visual.vertex_colors = np.tile([255, 0, 0, 255], (8, 1)).astype(np.uint8)
+    mesh.export(tmp_path / "a.ply")
+    (material,) = read_template(import_asset(tmp_path / "a.ply", tmp_path / "out")).description.materials
+    assert material.diffuse_color == (1.0, 0.0, 0.0)
+
+
+def test_gltf(tmp_path):
+    image = Image.new("RGBA", (2, 2), (255, 255, 255, 0))
+    material = trimesh.visual.material.PBRMaterial(
+        name="leaf",
+        baseColorTexture=image,
+        baseColorFactor=[255, 128, 0, 255],
+        metallicFactor=0.25,
+        roughnessFactor=0.75,
+        emissiveFactor=[0.5, 0, 0],
+        alphaMode="MASK",
+        alphaCutoff=0.4,
+    )
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    mesh = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2]], process=False)
+    mesh.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    scene = trimesh.Scene()
+    scene.add_geometry(mesh, transform=trimesh.transformations.translation_matrix((5, 0, 0)))
+    scene.export(tmp_path / "a.glb")
+    description = read_template(import_asset(tmp_path / "a.glb", tmp_path / "out", centred=False)).description
+    np.testing.assert_allclose(description.bounds(), [(5, 0, 0), (6, 1, 0)])
+    (read,) = description.materials
+    assert (read.metallic, read.roughness, read.emissive_color) == (0.25, 0.75, (0.5, 0.0, 0.0))
+    assert read.diffuse_color.scale[:3] == pytest.approx((1.0, 128 / 255, 0.0), abs=1e-3)
+    assert (read.opacity.channel, read.opacity_threshold, read.opacity_mode) == (
+        "a",
+        pytest.approx(0.4),
+        "presence",
+    )
+    (found,) = description.meshes
+    np.testing.assert_allclose(found.uv[found.positions[:, 1].argmax()], (1, 1))
+
+
+def gltf_file(path, **parts):
+    """A glTF file of one triangle, and what else it is to say."""
+    points = np.eye(3, dtype="<f4").tobytes()
+    content = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(points)}],
+        "buffers": [
+            {
+                "uri": f"data:application/octet-stream;base64,{base64.b64encode(points).decode()}",
+                "byteLength": len(points),
+            }
+        ],
+    }
+    path.write_text(json.dumps(content | parts))
+    return path
+
+
+def test_extensions_of_gltf_materials(tmp_path):
+    extensions = {
+        "KHR_materials_emissive_strength": {"emissiveStrength": 20.0},
+        "KHR_materials_transmission": {"transmissionFactor": 0.75},
+        "KHR_materials_ior": {"ior": 1.33},
+        "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25},
+    }
+    material = {"name": "Lamp", "emissiveFactor": [1.0, 0.5, 0.25], "extensions": extensions}
+    path = gltf_file(tmp_path / "a.gltf", materials=[material], extensionsUsed=[*extensions])
+    (read,) = read_template(import_asset(path, tmp_path / "out")).description.materials
+    assert read.emissive_color == (20.0, 10.0, 5.0)
+    assert (read.opacity, read.opacity_mode, read.ior) == (0.25, "transparent", pytest.approx(1.33))
+    assert (read.clearcoat, read.clearcoat_roughness) == (0.5, 0.25)
+
+
+def test_what_of_a_gltf_file_is_left_out_is_named(tmp_path):
+    path = gltf_file(
+        tmp_path / "a.gltf",
+        materials=[{"name": "Velvet", "extensions": {"KHR_materials_sheen": {}}}],
+        extensionsUsed=["KHR_materials_sheen"],
+        skins=[{"joints": [0]}],
+    )
+    with pytest.warns(StageWarning, match=r"of a\.gltf is left out: KHR_materials_sheen, skins"):
+        import_asset(path, tmp_path / "out")
+    path = gltf_file(tmp_path / "b.gltf", materials=[{}], extensionsRequired=["EXT_meshopt_compression"])
+    with pytest.raises(StageError, match="compressed by EXT_meshopt_compression: export it without"):
+        import_asset(path, tmp_path / "out")
+    for damaged in ({"extensionsUsed": 3}, {"extensionsRequired": 3, "materials": [3]}, {"materials": 3}):
+        with pytest.raises(StageError, match=r"c\.gltf has 1 problem"):
+            import_asset(gltf_file(tmp_path / "c.gltf", **{"materials": [{}], **damaged}), tmp_path / "out")
+
+
+def test_usd_in_centimetres_with_z_up(tmp_path):
+    body = 'def Xform "Part"\n{\n    def Cube "Box"\n    {\n        double size = 100\n'
+    body += "        double3 xformOp:translate = (0, 0, 50)\n"
+    body += '        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n}\n'
+    (tmp_path / "in").mkdir()
+    source = write(tmp_path / "in", body, meters=0.01, up="Z", more='defaultPrim = "Part"', name="part.usda")
+    path = import_asset(source, tmp_path / "out", label="crate")
+    template = read_template(path)
+    assert template.category == "crate"
+    np.testing.assert_allclose(template.description.bounds(), [(-0.5,) * 3, (0.5,) * 3], atol=1e-6)
+    standing = read_template(import_asset(source, tmp_path / "out", centred=False)).description.bounds()
+    np.testing.assert_allclose(standing, [(-0.5, 0, -0.5), (0.5, 1, 0.5)], atol=1e-6)
+    assert (tmp_path / "out" / "source" / "part.usda").is_file()  # what is referred to goes with it
+
+
+def test_variants_of_an_imported_usd_file_can_be_chosen(tmp_path):
+    (tmp_path / "in").mkdir()
+    variants = "".join(f'"{name}" {{\ndouble size = {size}\n}}\n' for name, size in (("small", 0.2), ("large", 0.4)))
+    body = f'def Cube "Box" (\n    prepend variantSets = "size"\n)\n{{\n    variantSet "size" = {{\n{variants}}}\n}}\n'
+    source = write(tmp_path / "in", body, meters=1.0, more='defaultPrim = "Box"', name="box.usda")
+    path = import_asset(source, tmp_path / "out", name="Crate 01")
+    for variant, width in (("small", 0.2), ("large", 0.4)):
+        low, high = read_template(path, variants={"size": variant}).description.bounds()
+        np.testing.assert_allclose(high - low, [width] * 3)
+    assert Usd.Stage.Open(str(path)).GetDefaultPrim().GetVariantSet("size").GetVariantSelection() == ""
+
+
+def test_missing_maps_are_named(box, tmp_path):
+    (box.parent / "maps" / "oak.png").unlink()
+    with pytest.warns(StageWarning, match=r"box.obj refers to files that are not there: Maps\\Oak.PNG"):
+        path = import_asset(box, tmp_path / "out")
+    assert not read_template(path).description.textures
+
+
+def test_what_cannot_be_imported(box, tmp_path):
+    with pytest.raises(MissingFile, match="no file"):
+        import_asset(tmp_path / "gone.obj", tmp_path / "out")
+    with pytest.raises(ArgumentError, match=r"a .mtl file cannot be imported; .obj"):
+        import_asset(box.with_suffix(".mtl"), tmp_path / "out")
+    with pytest.raises(ArgumentError, match="unit=0"):
+        import_asset(box, tmp_path / "out", unit=0.0)
+    with pytest.raises(ArgumentError, match="up_axis='X'"):
+        import_asset(box, tmp_path / "out", up_axis="X")
+    (tmp_path / "bad.glb").write_bytes(b"garbage")
+    with pytest.raises(StageError, match=r"bad\.glb"):
+        import_asset(tmp_path / "bad.glb", tmp_path / "out")
+    (tmp_path / "empty.obj").write_text("v 0 0 0\n")
+    with pytest.raises(StageError, match=r"empty\.obj"):
+        import_asset(tmp_path / "empty.obj", tmp_path / "out")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExportError, match="cannot be written"):
+        import_asset(box, tmp_path / "file" / "out")
+    usd = write(tmp_path, f'def Mesh "A"\n{{{QUAD}}}')
+    with pytest.raises(ArgumentError, match="says its unit"):
+        import_asset(usd, tmp_path / "out", unit=1.0)
+
+
+def test_corner_normals_are_smooth_up_to_edges():
+    """Two faces that meet at 20 degrees share a normal; two at 90 do not."""
+    for degrees, smooth in ((20.0, True), (90.0, False)):
+        turn = np.radians(degrees)
+        points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -np.cos(turn), -np.sin(turn)]], float)
+        normals = corner_normals(points, np.array([[0, 1, 2], [0, 3, 1]]))
+        assert np.allclose(normals[0, 0], normals[1, 0]) == smooth
+        np.testing.assert_allclose(normals[0, 2], (0, 0, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("ChromeLeg", {"metallic": 1.0, "roughness": 0.08}),
+        ("chrome_plastic", {"roughness": 0.4}),
+        ("Seat_Fabric.002", {"roughness": 0.9}),
+        ("mirror", {"metallic": 1.0, "roughness": 0.0}),
+        ("window glass", {"opacity": 0.1, "opacityMode": "presence"}),
+    ],
+)
+def test_names_say_what_phong_materials_are(name, expected):
+    inputs = phong(name, (0.5, 0.5, 0.5)).inputs
+    assert {key: inputs[key] for key in expected} == expected
+
+
+def test_shininess_counts_where_the_name_says_nothing():
+    dull, shiny = (phong("x", (1.0, 1.0, 1.0), shininess=s).inputs for s in (1.0, 500.0))
+    assert dull["roughness"] > 0.8 > 0.3 > shiny["roughness"]
+    assert dull["diffuseColor"] == (0.85, 0.85, 0.85)
+
+
+CATALOGUE = """
+# comment
+name=Test
+license=CC0
+id#1=a
+name#1=Oak chair
+category#1=Living \\
+   room
+model#1=/models/chair/box.obj
+width#1=50
+height#1=90
+depth#1=40
+movable#1=true
+creator#1=Bj\\u00f6rn
+name#2=Wall
+model#2=/models/gone.obj
+width#2=1
+height#2=1
+depth#2=1
+name#3=Bad
+width#3=x
+name#4=Turned
+model#4=/models/chair/box.obj
+modelRotation#4=0 0 1 0 1 0 -1 0 0
+width#4=100
+height#4=100
+depth#4=100
+movable#4=false
+"""
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    file = tmp_path / "test.sh3f"
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("PluginFurnitureCatalog.properties", CATALOGUE)
+        archive.writestr("LICENSE.TXT", "All of it.")
+        archive.writestr("models/chair/box.obj", BOX)
+        archive.writestr("models/chair/box.mtl", MTL)
+        archive.writestr("models/chair/license.txt", "This one.")
+        picture = io.BytesIO()
+        Image.new("RGB", (1, 1)).save(picture, "PNG")
+        archive.writestr("models/chair/oak.png", picture.getvalue())
+    return file
+
+
+def test_catalogues_of_furniture(catalogue, tmp_path):
+    with pytest.warns(StageWarning, match=r"entry 3 \(Bad\) is left out"):
+        opened = Catalogue(catalogue)
+    assert [entry.name for entry in opened.entries] == ["Oak chair", "Wall", "Turned"]
+    with pytest.warns(StageWarning, match=r"(?s)Wall is left out.*no model 'models/gone.obj'"):
+        made = dict(opened.import_into(lambda entry: tmp_path / entry.name))
+    paths = {entry.name: path for entry, path in made.items()}
+    assert paths["Wall"] is None
+    chair = read_template(paths["Oak chair"])
+    assert chair.category == "oak chair"
+    np.testing.assert_allclose(np.ptp(chair.description.bounds(), axis=0), (0.5, 0.9, 0.4), rtol=1e-6)
+    assert len(chair.description.textures) == 1
+    layer = Sdf.Layer.FindOrOpen(str(paths["Oak chair"]))
+    kept = layer.customLayerData["import"]
+    assert kept["author"] == "Björn"
+    assert kept["licence"] == "CC0\n\nAll of it.\n\nThis one."
+    stage = Usd.Stage.Open(str(paths["Turned"]))
+    turned = stage.GetDefaultPrim()
+    assert not turned.HasAPI(UsdPhysics.RigidBodyAPI)
+    assert_valid(paths["Turned"])
+
+
+def test_files_that_are_no_catalogue(tmp_path):
+    with pytest.raises(MissingFile):
+        Catalogue(tmp_path / "gone.sh3f")
+    (tmp_path / "bad.sh3f").write_bytes(b"garbage")
+    with pytest.raises(StageError, match="no catalogue of furniture"):
+        Catalogue(tmp_path / "bad.sh3f")
+
+
+def test_folders_beside_a_model_that_cannot_be_listed_do_no_harm(box, tmp_path, monkeypatch):
+    """As there are in /tmp."""
+    (box.parent / "private").mkdir()
+    listed = Path.iterdir
+
+    def iterdir(folder):
+        if folder.name == "private":
+            raise PermissionError(13, "Permission denied", str(folder))
+        return listed(folder)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    (image,) = read_template(import_asset(box, tmp_path / "out")).description.textures
+    assert tuple(image.pixels[0, 0]) == (200, 100, 50, 255)
+
+
+def test_a_model_is_imported_again_from_where_it_was_copied_to(tmp_path):
+    """And what cannot be imported leaves what was there."""
+    quad = f'def Mesh "Quad"\n{{{QUAD}}}'
+    out = tmp_path / "out"
+    import_asset(write(tmp_path, quad, name="quad.usda", more='defaultPrim = "Quad"'), out)
+    copy = out / "source" / "quad.usda"
+    path = import_asset(copy, out, name="Again")
+    assert len(read_template(path).description.meshes) == 1
+    assert copy.is_file()
+    broken = write(tmp_path, 'def "A" (references = @gone.usda@</A>)\n{\n}', name="b.usda", more='defaultPrim = "A"')
+    with pytest.raises(StageError):
+        import_asset(broken, out)
+    assert read_template(path).name == "Again"
+    assert sorted(each.name for each in out.iterdir()) == ["source", "template.usda"]
+
+
+@pytest.mark.parametrize("blocked", ["template.usda", "geometry.usdc", "textures"])
+def test_what_cannot_be_written_is_told(box, tmp_path, blocked):
+    (tmp_path / "out").mkdir()
+    if blocked == "textures":
+        (tmp_path / "out" / blocked).write_text("a file where the folder should be")
+    else:
+        (tmp_path / "out" / blocked).mkdir()
+    with pytest.raises(ExportError, match="out cannot be written"):
+        import_asset(box, tmp_path / "out")
+
+
+def test_labels_and_properties():
+    assert label_of("Office chair_2 (b)") == "office chair b"
+    assert parse_properties("a = b\n! no\n\nc=d\\\n   e") == {"a": "b", "c": "de"}
+
+
+def test_nothing_is_said_of_a_model_that_is_complete(box, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        import_asset(box, tmp_path / "out")

@@ -1,0 +1,183 @@
+"""ShapingAPI, ShadowAPI, multipliers, and meshes that are lights."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import QUAD, problems_of, read_with_warning, write
+from tests.usd.lights.test_ies import ies
+from tiscene.scene.description import Light, Shaping, TextureLookup
+from tiscene.usd.read.stage_reader import read_stage
+
+
+def shaped(folder, kind: str, lines: str, apis: str = '"ShapingAPI", "ShadowAPI"') -> Light:
+    body = f'def {kind} "L" (prepend apiSchemas = [{apis}])\n{{\n{lines}\n}}\n'
+    (light,) = read_stage(write(folder, body)).lights
+    return light
+
+
+CONE = "float inputs:shaping:cone:angle = 30\nfloat inputs:shaping:cone:softness = 0.25"
+FOCUS = "float inputs:shaping:focus = 4\ncolor3f inputs:shaping:focusTint = (1, 0.5, 0)"
+
+
+@pytest.mark.parametrize("kind", ["RectLight", "DiskLight", "SphereLight"])
+def test_cones_and_focus(tmp_path, kind):
+    shaping = shaped(tmp_path, kind, CONE + "\n" + FOCUS).shaping
+    assert shaping == Shaping(pytest.approx(math.radians(30.0)), 0.25, 4.0, (1.0, 0.5, 0.0))
+
+
+def test_shaping_of_defaults(tmp_path):
+    """Half the directions are dark for what emits all around; what is flat emits no further anyway."""
+    assert shaped(tmp_path, "SphereLight", "").shaping == Shaping(pytest.approx(math.pi / 2))
+    assert shaped(tmp_path, "RectLight", "").shaping is None
+    assert shaped(tmp_path, "DistantLight", CONE).shaping is None
+    assert shaped(tmp_path, "RectLight", CONE, '"ShadowAPI"').shaping is None  # the API is not applied
+
+
+def test_numbers_out_of_range(tmp_path):
+    lines = "float inputs:shaping:cone:angle = 60\nfloat inputs:shaping:cone:softness = 7"
+    assert shaped(tmp_path, "RectLight", lines).shaping == Shaping(pytest.approx(math.pi / 3), 1.0)
+    body = 'def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])\n{\nfloat inputs:shaping:focus = nan\n}\n'
+    assert problems_of(tmp_path, body) == ("</L> light: its shaping holds numbers that are not finite",)
+
+
+def test_ies_profiles(tmp_path):
+    (tmp_path / "lamp.ies").write_bytes(ies([0, 90], [0], [[3, 3]]))
+    body = """
+def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])
+{
+    asset inputs:shaping:ies:file = @lamp.ies@
+}
+def SphereLight "M" (prepend apiSchemas = ["ShapingAPI"])
+{
+    asset inputs:shaping:ies:file = @lamp.ies@
+    float inputs:shaping:cone:angle = 180
+    bool inputs:shaping:ies:normalize = 1
+}
+"""
+    description = read_stage(write(tmp_path, body))
+    rect, sphere = (light.shaping for light in description.lights)
+    plain, normalized = (description.textures[each.profile].pixels for each in (rect, sphere))
+    assert (plain[:179] == 3.0).all()
+    assert not plain[181:].any()
+    np.testing.assert_allclose(normalized, plain / (2.0 * math.pi * 3.0), rtol=1e-2)  # half a sphere of 3 cd
+
+
+def test_a_profile_that_cannot_be_read_is_named(tmp_path):
+    (tmp_path / "bad.ies").write_bytes(b"nothing")
+    for name, expected in (("bad", "no line TILT="), ("gone", "there is no such file")):
+        body = f"""
+def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])
+{{
+    asset inputs:shaping:ies:file = @{name}.ies@
+}}
+"""
+        description = read_with_warning(tmp_path, body, f"IES profile @{name}.ies@ cannot be read .*{expected}.*</L>")
+        assert description.lights[0].shaping is None
+
+
+def test_multipliers_and_shadows(tmp_path):
+    light = shaped(tmp_path, "DiskLight", "float inputs:diffuse = 0.5\nfloat inputs:specular = 0")
+    assert (light.diffuse, light.specular, light.casts_shadows) == (0.5, 0.0, True)
+    assert not shaped(tmp_path, "DomeLight", "bool inputs:shadow:enable = 0").casts_shadows
+    body = 'def DiskLight "L"\n{\nfloat inputs:diffuse = -1\n}\n'
+    (problem,) = problems_of(tmp_path, body)
+    assert problem == "</L> light: diffuse -1.0 and specular 1.0 must be finite, and not below 0"
+
+
+UNRENDERED = [
+    ("float inputs:shadow:distance = 2", "shadow:distance is not applied"),
+    ("color3f inputs:shadow:color = (1, 0, 0)", "shadow:color is not applied"),
+    (
+        'uniform opaque collection:lightLink\nuniform pathExpression collection:lightLink:membershipExpression = "//A"',
+        "lightLink",
+    ),
+    (
+        "float inputs:intensity.connect = </N.outputs:out>",
+        "what a light's inputs:intensity is connected to is not read",
+    ),
+]
+
+
+@pytest.mark.parametrize(("lines", "expected"), UNRENDERED)
+def test_what_is_not_rendered_is_named(tmp_path, lines, expected):
+    body = f'def RectLight "L" (prepend apiSchemas = ["ShadowAPI"])\n{{\n{lines}\n}}\n'
+    read_with_warning(tmp_path, body, f"{expected}.*</L>")
+
+
+def test_a_dark_light_that_is_to_shine_stays(tmp_path):
+    lines = "float inputs:intensity = 0\nfloat inputs:intensity.timeSamples = { 0: 0, 10: 5 }"
+    assert shaped(tmp_path, "RectLight", lines).radiance == (0.0, 0.0, 0.0)
+
+
+GLOWING = """
+def Mesh "M" (prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"])
+{
+    %s
+    float inputs:intensity = 2
+    color3f inputs:color = (1, 0.5, 0)
+    %s
+    rel material:binding = </Look>
+}
+def Material "Look"
+{
+    token outputs:surface.connect = </Look/Surface.outputs:surface>
+    def Shader "Surface"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor = (0.1, 0.2, 0.3)
+        color3f inputs:emissiveColor%s
+        token outputs:surface
+    }
+    def Shader "Image"
+    {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @glow.png@
+        float4 inputs:bias = (1, 1, 1, 0)
+        float3 outputs:rgb
+    }
+}
+"""
+
+
+def glowing(folder, mode: str = "", glow: str = " = (3, 3, 3)"):
+    from PIL import Image
+
+    Image.new("RGB", (1, 1)).save(folder / "glow.png")
+    line = f'uniform token light:materialSyncMode = "{mode}"' if mode else ""
+    description = read_stage(write(folder, GLOWING % (QUAD, line, glow)))
+    (mesh,) = description.meshes
+    return description.materials[mesh.materials[0]]
+
+
+def test_the_glow_of_a_material_is_tinted_by_its_mesh_light(tmp_path):
+    material = glowing(tmp_path)
+    assert material.emissive_color == (6.0, 3.0, 0.0)
+    assert material.diffuse_color == pytest.approx((0.1, 0.2, 0.3))
+    textured = glowing(tmp_path, glow=".connect = </Look/Image.outputs:rgb>").emissive_color
+    assert isinstance(textured, TextureLookup)
+    assert textured.scale[:3] == textured.bias[:3] == (2.0, 1.0, 0.0)
+
+
+def test_a_mesh_light_may_add_to_its_material_or_replace_it(tmp_path):
+    assert glowing(tmp_path, "independent").emissive_color == (5.0, 4.0, 3.0)
+    black = glowing(tmp_path, "noMaterialResponse")
+    assert (black.emissive_color, black.diffuse_color) == ((2.0, 1.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_a_mesh_light_whose_material_does_not_glow(tmp_path):
+    body = GLOWING % (QUAD, "", " = (0, 0, 0)")
+    description = read_with_warning(tmp_path, body, "does not glow, and so does not tint its light: </M>")
+    assert description.materials[description.meshes[0].materials[0]].emissive_color == (2.0, 1.0, 0.0)
+
+
+def test_a_normalized_mesh_light_divides_by_its_area(tmp_path):
+    lines = (
+        'bool inputs:normalize = 1\nfloat3 xformOp:scale = (2, 3, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    )
+    body = f'def Mesh "M" (prepend apiSchemas = ["MeshLightAPI"])\n{{\n{QUAD}\nfloat inputs:intensity = 12\n{lines}\n}}'
+    (material,) = read_stage(write(tmp_path, body, meters=0.01)).materials
+    assert material.emissive_color == (2.0, 2.0, 2.0)

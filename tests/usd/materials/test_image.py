@@ -1,0 +1,213 @@
+"""Image files of every kind as arrays."""
+
+from __future__ import annotations
+
+import zipfile
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from tests.usd.helpers import write
+from tiscene.usd.materials.image import read_picture, read_radiance
+from tiscene.usd.read.stage_reader import read_stage
+
+RGB = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [10, 20, 30]], [[1, 2, 3], [4, 5, 6]]], dtype=np.uint8)
+
+
+def opaque(rgb: np.ndarray) -> np.ndarray:
+    return np.concatenate([rgb, np.full((*rgb.shape[:2], 1), 255, np.uint8)], axis=-1)
+
+
+@pytest.mark.parametrize("suffix", ["png", "bmp", "tga", "tif"])
+def test_color(tmp_path, suffix):
+    Image.fromarray(RGB).save(tmp_path / f"a.{suffix}")
+    picture = read_picture(str(tmp_path / f"a.{suffix}"))
+    np.testing.assert_array_equal(picture.pixels, opaque(RGB))
+    assert picture.pixels.dtype == np.uint8
+    assert picture.srgb
+
+
+def test_alpha(tmp_path):
+    rgba = opaque(RGB)
+    rgba[..., 3] = 7
+    Image.fromarray(rgba).save(tmp_path / "a.png")
+    np.testing.assert_array_equal(read_picture(str(tmp_path / "a.png")).pixels, rgba)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "CMYK", "L"])
+def test_jpeg(tmp_path, mode):
+    flat = Image.new("RGB", (16, 8), (200, 100, 50)).convert(mode)
+    flat.save(tmp_path / "a.jpg", quality=95)
+    picture = read_picture(str(tmp_path / "a.jpg"))
+    assert picture.pixels.shape == (8, 16, 4)
+    expected = np.asarray(flat.convert("RGB"))[0, 0].astype(int)
+    assert np.abs(picture.pixels[..., :3].astype(int) - expected).max() <= 4
+    assert picture.srgb == (mode != "L")  # one channel of 8 bits is raw
+
+
+def test_grey_is_repeated_and_raw(tmp_path):
+    grey = np.array([[0, 100, 255]], dtype=np.uint8)
+    Image.fromarray(grey).save(tmp_path / "a.png")
+    picture = read_picture(str(tmp_path / "a.png"))
+    np.testing.assert_array_equal(picture.pixels[0, :, :3], np.repeat(grey[0][:, None], 3, axis=1))
+    assert (picture.pixels[..., 3] == 255).all()
+    assert not picture.srgb
+
+
+def test_grey_with_alpha(tmp_path):
+    channels = [Image.fromarray(np.array([values], dtype=np.uint8)) for values in ([10, 30], [20, 40])]
+    Image.merge("LA", channels).save(tmp_path / "a.png")
+    picture = read_picture(str(tmp_path / "a.png"))
+    np.testing.assert_array_equal(picture.pixels[0], [[10, 10, 10, 20], [30, 30, 30, 40]])
+    assert not picture.srgb
+
+
+def test_palettes(tmp_path):
+    Image.fromarray(RGB).quantize(6).save(tmp_path / "a.png")
+    picture = read_picture(str(tmp_path / "a.png"))
+    assert picture.pixels.shape == (3, 2, 4)
+    assert picture.srgb
+
+
+def test_sixteen_bit_grey_is_float_and_raw(tmp_path):
+    values = np.array([[0, 1000, 65535]], dtype=np.uint16)
+    Image.fromarray(values).save(tmp_path / "a.png")
+    picture = read_picture(str(tmp_path / "a.png"))
+    assert picture.pixels.dtype == np.float32
+    np.testing.assert_allclose(picture.pixels[0, :, 1], values[0] / 65535.0, atol=1e-6)
+    assert not picture.srgb
+
+
+def test_a_file_that_says_srgb_is(tmp_path):
+    from PIL.PngImagePlugin import PngInfo
+
+    info = PngInfo()
+    info.add(b"sRGB", b"\0")
+    Image.fromarray(np.array([[5]], dtype=np.uint8)).save(tmp_path / "a.png", pnginfo=info)
+    assert read_picture(str(tmp_path / "a.png")).srgb
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_exr(tmp_path, dtype, channels):
+    values = (np.arange(2 * 3 * channels, dtype=dtype).reshape(2, 3, channels) * 1.5).astype(dtype)
+    named = {"RGBA": values} if channels == 4 else {"RGB": values} if channels == 3 else {"Y": values[..., 0].copy()}
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, named) as file:
+        file.write(str(tmp_path / "a.exr"))
+    picture = read_picture(str(tmp_path / "a.exr"))
+    assert picture.pixels.dtype == np.float32
+    assert not picture.srgb
+    np.testing.assert_array_equal(picture.pixels[..., :3], np.broadcast_to(values[..., :3], (2, 3, 3)))
+    np.testing.assert_array_equal(picture.pixels[..., 3], values[..., 3] if channels == 4 else np.ones((2, 3)))
+
+
+def radiance(width: int, height: int, body: bytes, size: bytes | None = None) -> bytes:
+    size = size or f"-Y {height} +X {width}".encode()
+    return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n" + size + b"\n" + body
+
+
+def test_radiance_without_runs():
+    pixels = bytes([128, 64, 0, 129, 255, 0, 0, 136])  # exponents 2^1 and 2^8, over 256
+    np.testing.assert_allclose(read_radiance(radiance(2, 1, pixels)), [[[1.0, 0.5, 0.0], [255.0, 0.0, 0.0]]])
+    assert not read_radiance(radiance(1, 1, bytes(4))).any()
+
+
+def test_radiance_with_runs():
+    line = bytes([2, 2, 0, 9])
+    red = bytes([128 + 9, 128])  # nine times the same
+    green = bytes([9, *range(9)])  # nine as they are
+    blue = bytes([128 + 4, 7, 5, 1, 2, 3, 4, 5])
+    exponent = bytes([128 + 9, 136])
+    values = read_radiance(radiance(9, 2, (line + red + green + blue + exponent) * 2))
+    assert values.shape == (2, 9, 3)
+    np.testing.assert_array_equal(values[1, :, 0], np.full(9, 128.0))
+    np.testing.assert_array_equal(values[0, :, 1], np.arange(9.0))
+    np.testing.assert_array_equal(values[0, :, 2], [7, 7, 7, 7, 1, 2, 3, 4, 5])
+
+
+def test_radiance_with_runs_of_the_first_kind():
+    pixel, run = [9, 0, 0, 136], [1, 1, 1]
+    body = bytes([*pixel, *run, 4, 7, 0, 0, 136, *run, 2, *run, 1])  # 1 + 4, then 1 + 2 + 256 times
+    values = read_radiance(radiance(264, 1, body))
+    np.testing.assert_array_equal(values[0, :, 0], [9.0] * 5 + [7.0] * 259)
+
+
+def test_radiance_upside_down_and_mirrored():
+    body = bytes([1, 0, 0, 136, 2, 0, 0, 136, 3, 0, 0, 136, 4, 0, 0, 136])
+    assert read_radiance(radiance(2, 2, body))[..., 0].tolist() == [[1, 2], [3, 4]]
+    assert read_radiance(radiance(2, 2, body, b"+Y 2 +X 2"))[..., 0].tolist() == [[3, 4], [1, 2]]
+    assert read_radiance(radiance(2, 2, body, b"-Y 2 -X 2"))[..., 0].tolist() == [[2, 1], [4, 3]]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"#?RADIANCE\n\n-Y 1 +X 1\n",
+        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n+X 1 +Y 1\n1234",
+        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 9999999 +X 1\n1234",
+        radiance(2, 2, b"123"),
+        radiance(2, 2, bytes([1, 1, 1, 4, 5, 5, 5, 5])),
+        radiance(2, 2, bytes([5, 5, 5, 5, 1, 1, 1, 2])),
+        radiance(9, 1, bytes([2, 2, 0, 9, 137])),
+        radiance(9, 1, bytes([2, 2, 0, 9, 0, 0, 0, 0])),
+        radiance(9, 1, bytes([2, 2, 0, 9, 200, 5])),
+        radiance(9, 2, bytes([2, 2, 0, 9, *([137, 1] * 4), 2, 2, 0, 8])),
+    ],
+)
+def test_damaged_radiance_files(data):
+    with pytest.raises(ValueError, match="Radiance"):
+        read_radiance(data)
+
+
+def test_damaged_files_give_ordinary_errors(tmp_path):
+    for name, data in {
+        "a.exr": b"\x76\x2f\x31\x01 and nothing after it",
+        "b.png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
+        "c.jpg": b"\xff\xd8\xff\xe0",
+        "d.txt": b"hello",
+        "e.tif": b"II*\0\xff\xff\xff\xff",
+        "f.png": b"",
+    }.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises((OSError, ValueError)):
+            read_picture(str(tmp_path / name))
+
+
+@pytest.mark.parametrize("folder", ["plain", "take [2], café"])
+def test_images_in_a_package(tmp_path, folder):
+    tmp_path = tmp_path / folder
+    tmp_path.mkdir()
+    Image.fromarray(RGB).save(tmp_path / "color.png")
+    body = """
+def Cube "C" (prepend apiSchemas = ["MaterialBindingAPI"])
+{
+    rel material:binding = </M>
+}
+def Material "M"
+{
+    token outputs:surface.connect = </M/S.outputs:surface>
+    def Shader "S"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>
+        token outputs:surface
+    }
+    def Shader "T"
+    {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @color.png@
+        float3 outputs:rgb
+    }
+}
+"""
+    stage = write(tmp_path, body)
+    from pxr import UsdUtils
+
+    package = tmp_path / "packed.usdz"
+    assert UsdUtils.CreateNewUsdzPackage(str(stage), str(package))
+    assert zipfile.is_zipfile(package)
+    (texture,) = read_stage(package, root=tmp_path).textures
+    np.testing.assert_array_equal(texture.pixels, opaque(RGB))
+    assert texture.name == "color.png"

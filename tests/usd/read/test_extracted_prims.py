@@ -1,0 +1,80 @@
+"""Prims of a stage taken out of what stands still."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import write
+from tiscene.errors import StageError, TemplateNotFound
+from tiscene.usd.read.stage_reader import read_stage
+
+HOUSE = """
+def Xform "House" (
+    prepend apiSchemas = ["SemanticsLabelsAPI:class"]
+)
+{
+    token[] semantics:labels:class = ["building"]
+    double3 xformOp:translate = (0, 0, 10)
+    float xformOp:rotateY = 90
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
+    def Xform "Lamp" (
+        kind = "component"
+    )
+    {
+        token visibility = "invisible"
+        float3 xformOp:scale = (1, 2, 1)
+        double3 xformOp:translate = (1, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+        def Cube "Foot"
+        {
+        }
+        def Sphere "Shade"
+        {
+            double3 xformOp:translate = (0, 3, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }
+    }
+    def Cube "Wall"
+    {
+    }
+    def Xform "Nothing"
+    {
+    }
+}
+"""
+
+
+def test_a_prim_becomes_a_template_and_stands_nowhere(tmp_path):
+    path = write(tmp_path, HOUSE, meters=0.5)
+    stage = read_stage(path, lifted=["/House/Lamp"])
+    assert [each.name for each in stage.objects] == ["Wall"]
+    (lamp,) = stage.templates
+    assert (lamp.name, lamp.category) == ("/House/Lamp", "building")
+    foot, shade = lamp.description.instances
+    # In its own axes: its own scale stays, its place and its ancestors' do not. Though hidden, it is all there.
+    np.testing.assert_allclose(foot.world_from_object, np.diag([1, 2, 1, 1]), atol=1e-12)
+    np.testing.assert_allclose(shade.world_from_object[:3, 3], (0, 3, 0), atol=1e-12)
+
+
+def test_a_gprim_can_be_lifted_alone(tmp_path):
+    stage = read_stage(write(tmp_path, HOUSE), lifted=["/House/Wall"])
+    assert [each.name for each in stage.objects] == []
+    assert [each.name for each in stage.templates] == ["/House/Wall"]
+
+
+def test_without_lifting_nothing_changes(tmp_path):
+    path = write(tmp_path, HOUSE)
+    assert [each.name for each in read_stage(path).objects] == ["Wall"]
+    assert read_stage(path).templates == ()
+
+
+@pytest.mark.parametrize("name", ["/House/Lmap", "/", "no path", "/House/Lamp.visibility"])
+def test_what_is_not_there_cannot_be_lifted(tmp_path, name):
+    with pytest.raises(TemplateNotFound, match="on the stage"):
+        read_stage(write(tmp_path, HOUSE), lifted=[name])
+
+
+def test_what_holds_no_geometry_is_a_problem(tmp_path):
+    with pytest.raises(StageError, match="</House/Nothing> template: it holds no geometry"):
+        read_stage(write(tmp_path, HOUSE), lifted=["/House/Nothing"])

@@ -1,0 +1,442 @@
+"""Opening stages: what cannot be opened, variants, units, axes, time, purpose, visibility, transforms."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+from tests.usd.helpers import QUAD, problems_of, read, read_with_warning, write
+from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning, UnknownName
+from tiscene.usd.read.stage_reader import read_stage
+
+
+def places(description) -> dict[str, np.ndarray]:
+    """World matrix by object name."""
+    return {description.objects[i.object].name: i.world_from_object for i in description.instances}
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(MissingFile, match=r"nowhere\.usda does not exist"):
+        read_stage(tmp_path / "nowhere.usda")
+    with pytest.raises(FileNotFoundError, match="is not a file"):
+        read_stage(tmp_path)
+
+
+def test_a_file_that_is_no_usd(tmp_path):
+    path = tmp_path / "text.usda"
+    path.write_text("#usda 1.0\ndef Mesh 'M' { int x = }")
+    with pytest.raises(StageError, match=r"has 1 problem:\n  cannot be read: .*text\.usda:2:16: Expected }"):
+        read_stage(path)
+    path = tmp_path / "noise.usdc"
+    path.write_bytes(bytes(range(256)) * 8)
+    with pytest.raises(StageError, match="cannot be read"):
+        read_stage(path)
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"\x89PNG")
+    with pytest.raises(StageError, match="cannot be read"):
+        read_stage(path)
+    path = tmp_path / "empty.usdz"
+    path.write_bytes(b"PK\x05\x06")
+    with pytest.raises(StageError):
+        read_stage(path)
+
+
+def test_bytes_that_are_no_utf8(tmp_path):
+    path = tmp_path / "latin.usda"
+    path.write_bytes(b'#usda 1.0\ndef Mesh "M\xe9\xff" { int x = \xfe }')
+    with pytest.raises(StageError):
+        read_stage(path)
+
+
+COMPOSITION = [
+    'def "A" (references = @./missing.usda@)\n{\n}',
+    'def "A" (payload = @./missing.usda@)\n{\n}',
+    'def "A" (references = </Nowhere>)\n{\n}',
+    'def "A" (references = </B>)\n{\n}\ndef "B" (references = </A>)\n{\n}',
+    'def "A" (inherits = </A/B>)\n{\n    def "B"\n    {\n    }\n}',
+]
+
+
+@pytest.mark.parametrize("body", COMPOSITION)
+def test_what_does_not_compose_is_a_failure(tmp_path, body):
+    problems = problems_of(tmp_path, body)
+    assert problems
+    assert all("> composition: " in problem for problem in problems)
+
+
+def test_a_missing_sublayer_is_a_failure(tmp_path):
+    path = write(tmp_path, "", more="subLayers = [@./missing.usda@]")
+    with pytest.raises(StageError, match=r"missing\.usda"):
+        read_stage(path)
+
+
+def test_usd_is_silent(tmp_path):
+    write(
+        tmp_path,
+        'def "A" (references = @./missing.usda@)\n{\n}\ndef Mesh "M"\n{\n    int bogus = 3\n}',
+        name="bad.usda",
+    )
+    write(tmp_path, f'def Mesh "M"\n{{\n{QUAD}\n}}', name="good.usda")
+    code = (
+        "import sys\nfrom tiscene.usd.read.stage_reader import read_stage\n"
+        "for name in ('bad.usda', 'good.usda'):\n"
+        "    try:\n        read_stage(sys.argv[1] + '/' + name)\n    except ValueError:\n        pass\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_a_file_is_read_again_after_it_has_changed(tmp_path):
+    assert len(read(tmp_path, 'def Cube "A"\n{\n}').objects) == 1
+    first = read(tmp_path, 'def Cube "A"\n{\n}')
+    assert len(read(tmp_path, 'def Cube "A"\n{\n}\ndef Cube "B"\n{\n}').objects) == 2
+    assert first.name == "stage"
+
+
+VARIANTS = """
+def Xform "Room" (
+    variants = { string lighting = "day" }
+    prepend variantSets = ["lighting", "style"]
+)
+{
+    variantSet "lighting" = {
+        "day" {
+            def Cube "Sun"
+            {
+            }
+        }
+        "night" {
+            def Cube "Moon"
+            {
+            }
+        }
+    }
+    variantSet "style" = {
+        "plain" {
+        }
+    }
+}
+"""
+
+
+def test_a_variant_that_is_missing_because_its_file_is(tmp_path):
+    path = write(tmp_path, 'def "A" (references = @./missing.usda@)\n{\n}')
+    with pytest.raises(StageError, match=r"</A> composition: .*missing\.usda"):
+        read_stage(path, variants={"/A{color}": "red"})
+
+
+def test_variants(tmp_path):
+    path = write(tmp_path, VARIANTS)
+    before = path.read_bytes()
+
+    def names(variants):
+        return [thing.name for thing in read_stage(path, variants=variants).objects]
+
+    assert names(None) == ["Sun"]
+    assert names({"/Room{lighting}": "night"}) == ["Moon"]
+    assert names({"/Room": {"lighting": "night", "style": "plain"}}) == ["Moon"]
+    assert names({}) == ["Sun"]  # the selection lives in its stage alone
+    assert path.read_bytes() == before
+
+
+WRONG_VARIANTS = [
+    ({"/Room{lightning}": "night"}, UnknownName, "no variant set 'lightning' on </Room>. Did you mean 'lighting'?"),
+    ({"/Room{lighting}": "x"}, UnknownName, "no variant 'x' in </Room>{lighting}. There are: day, night."),
+    ({"/Hall{lighting}": "night"}, UnknownName, "no prim '/Hall'"),
+    ({"/Room": "night"}, ArgumentError, "'/Room' must name a variant set"),
+    ({"Room!{lighting}": "night"}, ArgumentError, "'Room!' is not the path of a prim"),
+    (["night"], ArgumentError, "must be a mapping"),
+    ({"/Room": 3}, ArgumentError, "'/Room': 3 must be the name of a variant"),
+    ({"/Room": {"lighting": 3}}, ArgumentError, "must be the name of a variant"),
+    ({3: "night"}, ArgumentError, "3 must be the path of a prim"),
+]
+
+
+@pytest.mark.parametrize(("variants", "error", "text"), WRONG_VARIANTS)
+def test_wrong_variants(tmp_path, variants, error, text):
+    path = write(tmp_path, VARIANTS)
+    with pytest.raises(error) as caught:
+        read_stage(path, variants=variants)
+    assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("meters", [1000.0, 1.0, 0.01])
+def test_everything_becomes_metres(tmp_path, meters):
+    body = """
+    def Xform "X"
+    {
+        double3 xformOp:translate = (1, 2, 3)
+        float3 xformOp:scale = (2, 2, 2)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+        def Cube "C"
+        {
+            double size = 4
+        }
+    }
+    """
+    description = read(tmp_path, body, meters=meters)
+    (instance,) = description.instances
+    np.testing.assert_allclose(instance.world_from_object[:3, 3], np.array([1, 2, 3]) * meters)
+    np.testing.assert_allclose(instance.world_from_object[:3, :3], 2 * np.eye(3))
+    np.testing.assert_allclose(description.meshes[0].positions.max(axis=0), np.full(3, 2 * meters), rtol=1e-6)
+
+
+def test_metres_per_unit_is_a_centimetre_unless_authored(tmp_path):
+    path = tmp_path / "bare.usda"
+    path.write_text('#usda 1.0\ndef Cube "C"\n{\n}\n')
+    np.testing.assert_allclose(read_stage(path).meshes[0].positions.max(), 0.01)
+
+
+def test_a_wrong_unit_is_a_problem(tmp_path):
+    path = write(tmp_path, 'def Cube "C"\n{\n}', meters=-1.0)
+    with pytest.raises(StageError, match="metersPerUnit is -1"):
+        read_stage(path)
+
+
+def test_the_world_keeps_its_axes(tmp_path):
+    assert read(tmp_path, 'def Cube "C"\n{\n}', up="Y").up_axis == "Y"
+    description = read(tmp_path, 'def Cube "C"\n{\n}', up="Z", name="z.usda")
+    assert description.up_axis == "Z"
+    np.testing.assert_array_equal(description.instances[0].world_from_object, np.eye(4))
+
+
+def test_transforms_nest_and_reset(tmp_path):
+    body = """
+    def Xform "A"
+    {
+        double3 xformOp:translate = (10, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def Xform "B"
+        {
+            float xformOp:rotateZ = 90
+            uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+            def Cube "Nested"
+            {
+                double3 xformOp:translate = (1, 0, 0)
+                double3 xformOp:translate:p = (0, 0, 5)
+                uniform token[] xformOpOrder = [
+                    "xformOp:translate", "xformOp:translate:p", "!invert!xformOp:translate:p"
+                ]
+            }
+            def Cube "Reset"
+            {
+                double3 xformOp:translate = (1, 0, 0)
+                uniform token[] xformOpOrder = ["!resetXformStack!", "xformOp:translate"]
+            }
+        }
+    }
+    """
+    at = places(read(tmp_path, body))
+    # A point (1, 0, 0) of the cube: +(1, 0, 0), then a quarter turn about z, then +(10, 0, 0).
+    np.testing.assert_allclose(at["Nested"] @ (1, 0, 0, 1), (10, 2, 0, 1), atol=1e-9)
+    np.testing.assert_allclose(at["Reset"][:3, 3], (1, 0, 0))
+
+
+SCALED = 'def Cube "C"\n{\nfloat3 xformOp:scale = %s\nuniform token[] xformOpOrder = ["xformOp:scale"]\n}'
+
+
+def test_impossible_transforms(tmp_path):
+    (problem,) = problems_of(tmp_path, SCALED % "(1, nan, 1)")
+    assert problem.startswith("</C> transform: its transform holds numbers that are not finite")
+    (problem,) = problems_of(tmp_path, SCALED % "(1, 1e30, 1)")
+    assert problem == "</C> transform: its transform holds numbers above 1e+18"
+
+
+def test_what_is_squashed_flat_is_named(tmp_path):
+    """A scale of 0 is how some programs hide things."""
+    text = "what its transform squashes flat is not drawn: </C>"
+    assert not read_with_warning(tmp_path, SCALED % "(1, 0, 1)", text).instances
+
+
+@pytest.mark.parametrize(
+    ("body", "meters"),
+    [
+        (f'def Mesh "C"\n{{{QUAD.replace("(1, 1, 0)", "(1, 1e38, 0)")}}}', 100.0),
+        ('def Sphere "C"\n{\ndouble radius = 1e300\n}', 1.0),
+    ],
+)
+def test_what_is_too_large_for_single_precision_is_a_problem(tmp_path, body, meters):
+    path = write(tmp_path, body, meters=meters)
+    with pytest.raises(
+        StageError, match=r"</C> (geometry: its points reach farther than 1e|sphere: radius is 1e\+300)"
+    ):
+        read_stage(path)
+
+
+def test_mirrored_transforms_are_kept(tmp_path):
+    body = 'def Cube "C"\n{\nfloat3 xformOp:scale = (-1, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]\n}'
+    assert np.linalg.det(read(tmp_path, body).instances[0].world_from_object[:3, :3]) == pytest.approx(-1.0)
+
+
+ANIMATED = """
+def Cube "C"
+{
+    double3 xformOp:translate.timeSamples = { 10: (1, 0, 0), 20: (3, 0, 0) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    token visibility.timeSamples = { 10: "inherited", 30: "invisible" }
+}
+"""
+
+
+@pytest.mark.parametrize(("time_code", "x"), [(10, 1.0), (15, 2.0), (20, 3.0), (25.5, 3.0), (None, 1.0)])
+def test_time_codes(tmp_path, time_code, x):
+    path = write(tmp_path, ANIMATED)
+    (instance,) = read_stage(path, time_code=time_code).instances
+    assert instance.world_from_object[0, 3] == x
+
+
+@pytest.mark.parametrize("time_code", [float("nan"), float("inf"), 10**400, "12", [1.0]])
+def test_what_is_no_time_code(tmp_path, time_code):
+    with pytest.raises(ArgumentError, match=r"time_code=.*: must be a finite number"):
+        read_stage(write(tmp_path, ANIMATED), time_code=time_code)
+
+
+def test_a_time_code_may_be_a_number_of_numpy(tmp_path):
+    assert read_stage(write(tmp_path, ANIMATED), time_code=np.float32(15)).instances[0].world_from_object[0, 3] == 2.0
+
+
+def test_the_start_of_the_range_is_read_unless_told(tmp_path):
+    path = write(tmp_path, ANIMATED, more="startTimeCode = 20\n endTimeCode = 40")
+    assert read_stage(path).instances[0].world_from_object[0, 3] == 3.0
+    assert not read_stage(path, time_code=30).instances
+
+
+def test_visibility_is_inherited(tmp_path):
+    body = """
+    def Xform "Off"
+    {
+        token visibility = "invisible"
+        def Cube "A"
+        {
+            token visibility = "inherited"
+        }
+        def SphereLight "L"
+        {
+        }
+        def Camera "Eye"
+        {
+        }
+    }
+    def Cube "B"
+    {
+    }
+    """
+    description = read(tmp_path, body)
+    assert [thing.name for thing in description.objects] == ["B"]
+    assert not description.lights
+    assert [camera.name for camera in description.cameras] == ["Eye"]  # one can look through what is not seen
+
+
+def test_purposes(tmp_path):
+    body = "".join(
+        f'def Xform "{p}"\n{{\nuniform token purpose = "{p}"\ndef Cube "{p}_cube"\n{{\n}}\n}}\n'
+        for p in ("default", "render", "proxy", "guide")
+    )
+    description = read(tmp_path, body)
+    assert [thing.name for thing in description.objects] == ["default_cube", "render_cube"]
+
+
+def test_only_active_defined_prims_are_drawn(tmp_path):
+    body = """
+    def Cube "Off" (active = false)
+    {
+    }
+    over "Over"
+    {
+        def Cube "A"
+        {
+        }
+    }
+    class "Class"
+    {
+        def Cube "B"
+        {
+        }
+    }
+    def Cube "On"
+    {
+    }
+    """
+    assert [thing.name for thing in read(tmp_path, body).objects] == ["On"]
+
+
+def test_what_is_not_drawn_is_named_once(tmp_path):
+    body = """
+    def NurbsCurves "Hair"
+    {
+    }
+    def NurbsCurves "Fur"
+    {
+    }
+    def HermiteCurves "Dust"
+    {
+    }
+    def NurbsPatch "Patch"
+    {
+    }
+    def TetMesh "Jelly"
+    {
+    }
+    def Volume "Smoke"
+    {
+    }
+    def MyFancyGprim "Fancy"
+    {
+    }
+    def Scope "Fine"
+    {
+    }
+    def "Typeless"
+    {
+    }
+    """
+    path = write(tmp_path, body)
+    with pytest.warns(StageWarning) as caught:
+        read_stage(path)
+    (warning,) = caught
+    assert str(warning.message) == (
+        f"{path} is not drawn quite as authored:\n"
+        "  prims of type NurbsCurves are not drawn: </Hair>, </Fur>\n"
+        "  prims of type HermiteCurves are not drawn: </Dust>\n"
+        "  prims of type NurbsPatch are not drawn: </Patch>\n"
+        "  prims of type TetMesh are not drawn: </Jelly>\n"
+        "  prims of type Volume are not drawn: </Smoke>\n"
+        "  prims of the unknown type MyFancyGprim are not drawn: </Fancy>"
+    )
+
+
+def test_long_lists_are_cut(tmp_path):
+    body = "".join(f'def Volume "P{i}"\n{{\n}}\n' for i in range(9))
+    read_with_warning(tmp_path, body, r"<\/P4> and 4 more$")
+
+
+def test_skinned_meshes_are_named(tmp_path):
+    lines = 'int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex")'
+    body = f'def Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"])\n{{\n{QUAD}\n{lines}\n}}'
+    assert len(read_with_warning(tmp_path, body, "without its skinning: </M>").instances) == 1
+
+
+def test_an_empty_stage_is_no_error(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not read(tmp_path, "").instances
+
+
+def test_payloads_references_and_sublayers_compose(tmp_path):
+    write(tmp_path, 'def Xform "Box"\n{\ndef Cube "C"\n{\n}\n}', name="box.usda", more='defaultPrim = "Box"')
+    write(tmp_path, 'def Sphere "Ball"\n{\n}', name="under.usda")
+    body = 'def "A" (references = @./box.usda@)\n{\n}\ndef "B" (payload = @./box.usda@)\n{\n}'
+    description = read(tmp_path, body, more="subLayers = [@./under.usda@]")
+    assert [thing.prim_path for thing in description.objects] == ["/Ball", "/A/C", "/B/C"]
+    assert description.instances[1].mesh == description.instances[2].mesh
+
+
+def test_the_name_of_a_description(tmp_path):
+    assert read(tmp_path, "", name="kitchen.usda").name == "kitchen"
+    folder = tmp_path / "room_07"
+    folder.mkdir()
+    assert read(folder, "", name="scene.usda").name == "room_07"

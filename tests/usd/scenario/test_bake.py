@@ -1,0 +1,199 @@
+"""Motion written as time samples, read back at every time code."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom, UsdValidation
+
+import tiscene as ts
+from tests.usd.helpers import write
+from tiscene.errors import ArgumentError
+from tiscene.scene.description import Mesh
+from tiscene.usd.read.stage_reader import read_stage
+
+SCENE = """
+def Xform "Room"
+{
+    def Camera "Door"
+    {
+        double3 xformOp:translate = (0, 1, 5)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Cube "Floor"
+    {
+        double3 xformOp:translate = (0, -100, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Cube "Mover" (
+        kind = "component"
+    )
+    {
+        double3 xformOp:translate = (50, 0, 0)
+        float3 xformOp:scale = (1, 20, 1)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    }
+}
+"""
+BLOCK = """
+def Xform "Block" (
+    kind = "component"
+)
+{
+    float3 xformOp:rotateXYZ = (0, 0, 45)
+    uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+    def Cube "Cube"
+    {
+        float3 xformOp:scale = (0.1, 0.2, 0.3)
+        uniform token[] xformOpOrder = ["xformOp:scale"]
+    }
+}
+"""
+FRAMES = 12
+
+
+@pytest.fixture(params=[1.0, 0.01], ids=["metres", "centimetres"])
+def stream(request, tmp_path) -> ts.Stream:
+    room = write(tmp_path, SCENE, name="room.usda", meters=request.param, more='defaultPrim = "Room"')
+    block = str(write(tmp_path, BLOCK, name="block.usda", up="Z", more='defaultPrim = "Block"'))
+    way = [ts.Waypoint((0, 0, 0)), ts.Waypoint((1, 0, 0), (0, 170, 0)), ts.Waypoint((0, 1, -1), (80, 0, 300))]
+    scenario = ts.Scenario(
+        str(room),
+        [
+            ts.Object("smooth", block, dynamic=ts.CatmullWaypoints(way, total_time=1), collide=False, scale=(1, 2, 1)),
+            ts.Object("short", block, (1, 0, 1), (1, 2, 3), first_frame=3, last_frame=6, collide=False),
+            ts.Object("late", block, dynamic=ts.Orbit((1, 2, 3), 2), first_frame=9, collide=False),
+            ts.Object("never", block, first_frame=100, collide=False),
+            ts.Object("mover", "/Room/Mover", dynamic=ts.LinearWaypoints(way, total_time=2), collide=False),
+        ],
+        camera=ts.Camera.look_at((0, 1, 6), (0, 0, 0), dynamic=ts.LookAt((0, 0, 0), ts.Orbit(period=3))),
+    )
+    return ts.Stream(scenario, fps=10, width=24, height=18, frames=FRAMES, buffers=("instance", "depth"))
+
+
+def moving(stream: ts.Stream, path: object, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices of everything that the scenario added, in the world, as the file and as the world have them."""
+    stage = read_stage(path, time_code=frame)
+    rows = [each for each in stage.instances if "/Motion" in stage.objects[each.object].prim_path]
+    have = [vertices(stage.meshes[each.mesh], each.world_from_object) for each in rows]
+    placement = stream.world.placement(frame)
+    meshes = [mesh for description in stream.world.descriptions for mesh in description.meshes]
+    added = placement.present[1] & (placement.instance_id > len(stream.world.stage.objects))
+    want = [vertices(meshes[placement.mesh[k]], placement.world_from_object[1, k]) for k in np.flatnonzero(added)]
+    assert len(stage.instances) - len(have) == len(stream.world.stage.objects)
+    return np.array(have), np.array(want)
+
+
+def vertices(mesh: Mesh, matrix: np.ndarray) -> np.ndarray:
+    return mesh.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def test_every_time_code_has_the_poses_of_its_frame(stream, tmp_path):
+    stream.to_usd(tmp_path / "motion.usda")
+    counts = set()
+    scaled = stream.world.stage.meshes[0].positions.max() < 0.5  # m: there float32 vertices are rounded otherwise
+    for frame in range(FRAMES):
+        have, want = moving(stream, tmp_path / "motion.usda", frame)
+        np.testing.assert_allclose(have, want, rtol=0, atol=1e-6 if scaled else 1e-12)
+        counts.add(len(have))
+        camera = read_stage(tmp_path / "motion.usda", time_code=frame).cameras[-1]
+        expected = stream.world.view(frame)[1]
+        np.testing.assert_allclose(camera.position, expected.position, atol=1e-12)
+        assert abs(np.dot(camera.rotation, expected.rotation)) == pytest.approx(1, abs=1e-12)
+        assert camera.vertical_fov == pytest.approx(expected.vertical_fov, rel=1e-6)
+    assert counts == {2, 3}
+
+
+def test_the_file_plays_as_the_stream_does(stream, tmp_path):
+    stream.to_usd(tmp_path / "motion.usda")
+    again = ts.Stream(tmp_path / "motion.usda", fps=10, width=24, height=18, buffers=("instance", "depth"))
+    assert {each.id for each in again.scenario.objects} >= {"smooth", "short", "late", "mover"}
+    for frame in (0, 3, 6, 7, 11):
+        np.testing.assert_array_equal(again[frame].instance > 1, stream[frame].instance > 1)
+        ours, theirs = np.minimum(stream[frame].depth, 1e3), np.minimum(again[frame].depth, 1e3)
+        assert np.mean(np.abs(ours - theirs) < 1e-4) > 0.99
+
+
+def test_any_program_can_play_it(stream, tmp_path):
+    stream.to_usd(tmp_path / "motion.usdc", range(2, 9))
+    stage = Usd.Stage.Open(str(tmp_path / "motion.usdc"))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (2, 8, 10)
+    assert stage.GetDefaultPrim().GetName() == "Room"
+    assert UsdGeom.GetStageMetersPerUnit(stage) in (1.0, 0.01)
+    assert UsdGeom.GetStageUpAxis(stage) == "Y"
+    short = UsdGeom.Xformable(stage.GetPrimAtPath("/Motion/Objects/short"))
+    assert short.GetVisibilityAttr().GetTimeSamples() == [2, 3, 7]
+    assert not short.GetTimeSamples()  # what stands has one value
+    smooth = UsdGeom.Xformable(stage.GetPrimAtPath("/Motion/Objects/smooth"))
+    assert smooth.GetTimeSamples() == [float(frame) for frame in range(2, 9)]
+    orientations = [smooth.GetOrderedXformOps()[1].Get(frame) for frame in range(2, 9)]
+    for before, after in itertools.pairwise(orientations):
+        assert before.real * after.real + before.imaginary * after.imaginary > 0
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert not [error.GetMessage() for error in errors]
+
+
+def test_the_same_motion_is_the_same_file(stream, tmp_path):
+    for name in ("a.usda", "b.usda"):
+        stream.to_usd(tmp_path / name)
+    assert (tmp_path / "a.usda").read_bytes() == (tmp_path / "b.usda").read_bytes()
+
+
+def test_a_camera_of_the_stage_that_stands_is_not_written_again(tmp_path):
+    room = write(tmp_path, SCENE, name="room.usda")
+    ts.Stream(str(room), width=8, height=6, buffers=("depth",)).to_usd(tmp_path / "motion.usda", 2)
+    assert [each.name for each in read_stage(tmp_path / "motion.usda").cameras] == ["Door"]
+
+
+@pytest.mark.parametrize("frames", [0, -1, [], [3, 2], [-1, 2], 1.5, "abc"])
+def test_frames_must_be_frames(tmp_path, frames):
+    room = write(tmp_path, SCENE, name="room.usda")
+    stream = ts.Stream(str(room), width=8, height=6, buffers=("depth",))
+    with pytest.raises(ArgumentError, match="frames="):
+        stream.to_usd(tmp_path / "motion.usda", frames)
+
+
+def test_an_endless_stream_needs_a_number(tmp_path):
+    room = write(tmp_path, SCENE, name="room.usda")
+    stream = ts.Stream(str(room), width=8, height=6, buffers=("depth",))
+    with pytest.raises(ArgumentError, match="endless"):
+        stream.to_usd(tmp_path / "motion.usda")
+
+
+def test_a_scene_whose_author_moves_things_is_written_as_it_played(tmp_path):
+    motion = (
+        '{ uniform token tiscene:motion:type = "orbit"\n uniform double tiscene:motion:period = 2\n'
+        "uniform bool tiscene:object:collide = 0\n uniform int64 tiscene:object:firstFrame = 2\n"
+        'double3 xformOp:translate = (3, 0, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"]\n}'
+    )
+    apis = 'prepend apiSchemas = ["TisceneMotionAPI", "TisceneObjectAPI"]'
+    path = write(
+        tmp_path, SCENE + f'def Sphere "Ball" ({apis})\n{motion}', name="room.usda", more='defaultPrim = "Room"'
+    )
+    stream = ts.Stream(path, fps=10, width=8, height=6, frames=FRAMES, buffers=("instance",))
+    stream.to_usd(tmp_path / "motion.usda")
+    again = ts.Stream(tmp_path / "motion.usda", fps=10, width=8, height=6, frames=FRAMES, buffers=("instance",))
+    for frame in range(FRAMES):
+        have = {each.name: each.position for each in again.world.objects(frame)}
+        want = {each.name: each.position for each in stream.world.objects(frame)}
+        assert have.keys() == want.keys()
+        assert ("Ball" in have) == (frame >= 2)
+        for name in have:
+            assert have[name] == pytest.approx(want[name], abs=1e-12)
+
+
+def test_the_variants_of_a_template_are_chosen_in_the_file_too(tmp_path):
+    objects = [ts.Object(color, f"Cube{{color={color}}}", (0, 1, -2)) for color in ("teal", "white")]
+    stream = ts.Stream(ts.Scenario("object_view", objects), width=16, height=12, frames=1)
+    stream.to_usd(tmp_path / "motion.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "motion.usda"))
+    chosen = {
+        prim.GetName(): prim.GetVariantSet("color").GetVariantSelection()
+        for prim in stage.Traverse()
+        if prim.HasVariantSets() and prim.GetName() in ("teal", "white")
+    }
+    assert chosen == {"teal": "teal", "white": "white"}
+    assert sorted(stream.world.templates) == ["Cube{color=teal}", "Cube{color=white}"]

@@ -1,0 +1,381 @@
+"""Edits of a running world: from the next frame on, kept, replayed to the bit."""
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from dynamics import SteppedSimulation
+from tests.world.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
+from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError, TemplateNotFound
+from tiscene.frame.events import Event
+from tiscene.scenario.edits import Despawn, Enclose, Move, Spawn
+from tiscene.scene.placement import Placement
+from tiscene.world.world import World
+
+
+def load(name):
+    if name != "Cube":
+        raise TemplateNotFound("template", name, ["Cube"])
+    return TEMPLATE
+
+
+def world(scenario, stage=STAGE):
+    return World(scenario, stage, load, 25.0)
+
+
+def same(a: Placement, b: Placement) -> bool:
+    return all(
+        getattr(a, name).tobytes() == getattr(b, name).tobytes()
+        for name in ("mesh", "instance_id", "category_id", "world_from_object", "box_from_object")
+    )
+
+
+WAY = path((-1, 0, 0), (0, 0, 1))
+SCENARIOS = {
+    "still": (ts.Scenario("room", [ts.Object("a", "Cube", (-1, 0, 0))]), STAGE),
+    "path": (ts.Scenario("room", [ts.Object("a", "Cube", dynamic=WAY)]), EMPTY),
+    "blocked path": (ts.Scenario("room", [ts.Object("a", "Cube", dynamic=path((-1, 0, 0), (1.6, 0, 0.1)))]), STAGE),
+    "bouncing": (ts.Scenario("room", [bouncer("a")], timings=ts.AllTogether(0.2)), STAGE),
+    "walls": (ts.Scenario("room", [bouncer("a", position=(0, 0, -2))], camera=ts.Camera((0, 0, 2)),
+                          frustum=ts.Frustum(6.0)), STAGE),
+}  # fmt: skip
+
+
+def played(made: World) -> dict[int, Placement]:
+    """A stream's way through an edited world: what it has seen, by frame."""
+    seen = {}
+    for frame in range(60):
+        made.next_frame = frame
+        if frame == 10:
+            made.spawn("Cube", (-1.0, 1.0, 1.0), dynamic=ts.UniformMovementRandomBounce(1.0, seed=3), id="b")
+        if frame == 20:
+            made.move("a", (0.0, 1.0, -1.0), (0, 45, 0))
+            made.spawn("Cube", (0.0, -1.0, -1.0), (0, 30, 0), WAY, scale=0.5)
+        if frame == 40:
+            made.despawn("a")
+            made.move("b", (-2.0, 0.0, 0.0))
+        seen[frame] = made.placement(frame)
+    return seen
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_replay_shows_what_was_seen(name, tmp_path):
+    scenario, stage = SCENARIOS[name]
+    made = world(scenario, stage)
+    seen = played(made)
+    made.scenario.save(tmp_path / "edited.json")
+    replay = world(ts.Scenario.load(tmp_path / "edited.json"), stage)
+    for frame in (59, 9, 10, 19, 20, 21, 39, 40, 0, 30):
+        for shown in (replay.placement(frame), made.placement(frame)):
+            rows = len(seen[frame].mesh)
+            # Objects that come later are there as rows, but not present.
+            assert not shown.present[:, rows:].any()
+            cut = Placement(
+                shown.mesh[:rows],
+                shown.instance_id[:rows],
+                shown.category_id[:rows],
+                shown.world_from_object[:, :rows],
+                shown.box_from_object[:rows],
+                shown.present[:, :rows],
+            )
+            assert same(cut, seen[frame]), f"frame {frame}"
+            np.testing.assert_array_equal(cut.present, seen[frame].present)
+
+
+def test_edits_are_effective_on_the_next_frame_and_not_anticipated():
+    made = world(*SCENARIOS["still"])
+    made.next_frame = 10
+    number = made.spawn("Cube", (0, 0, 0), id="new")
+    assert number == 4
+    made.next_frame = 20
+    made.despawn(number)
+    made.move("a", (0.0, 1.0, 0.0))
+    rows = {k: [(row.id, row.name) for row in made.objects(k) if row.template] for k in (9, 10, 19, 20)}
+    old, new = (3, "a"), (4, "new")
+    assert rows == {9: [old], 10: [old, new], 19: [old, new], 20: [old]}
+    # Columns: frames before, at and after; rows: a, new.
+    present = {k: made.placement(k).present[:, -2:].T.tolist() for k in (9, 10, 19, 20)}
+    assert present[9] == [[True] * 3, [False] * 3], "the spawn at 10 is not known at 9"
+    assert present[10] == [[True] * 3, [False, True, True]]
+    assert present[19] == [[True] * 3, [True] * 3], "nor the despawn at 20 at 19"
+    assert present[20] == [[True] * 3, [True, False, False]]
+    x = {k: made.placement(k).world_from_object[:, -2, :, 3].tolist() for k in (19, 20)}
+    assert x[19] == [[-1, 0, 0]] * 3
+    assert x[20] == [[-1, 0, 0], [0, 1, 0], [0, 1, 0]]
+    assert [row.velocity for row in made.objects(19) if row.name == "a"] == [(0, 0, 0)]
+    assert made.events(10) == [Event("spawn", 4), Event("enter", 4)]
+    assert made.events(20) == [Event("despawn", 4), Event("leave", 4)]
+
+
+def test_ids_are_never_reused():
+    made = world(*SCENARIOS["still"])
+    first = made.spawn("Cube")
+    made.next_frame = 5
+    made.despawn(first)
+    second = made.spawn("Cube")
+    made.next_frame = 2
+    third = made.spawn("Cube")
+    assert (first, second, third) == (4, 5, 6)
+    assert [edit.object.id for edit in made.scenario.edits if isinstance(edit, Spawn)] == [
+        "spawned_1",
+        "spawned_2",
+        "spawned_3",
+    ]
+
+
+def test_names_that_are_made_are_new():
+    made = world(*SCENARIOS["still"])
+    made.spawn("Cube", id="spawned_2")
+    made.spawn("Cube")
+    made.spawn("Cube")
+    assert [life.planned.id for life in made.scenario.lives()] == ["a", "spawned_2", "spawned_3", "spawned_4"]
+
+
+def test_what_appears_and_vanishes_at_one_frame_was_never_there():
+    made = world(*SCENARIOS["still"])
+    made.next_frame = 10
+    made.despawn(made.spawn("Cube", (0, 0, 0)))
+    for frame in (9, 10, 11):
+        assert made.events(frame) == []
+        assert [row.name for row in made.objects(frame) if row.template] == ["a"]
+        assert not made.placement(frame).present[:, -1].any()
+
+
+def test_a_spawn_changes_nothing_before_it_and_nothing_far_away():
+    scenario, stage = SCENARIOS["bouncing"]
+    plain, edited = world(scenario, stage), world(scenario, stage)
+    before = [plain.placement(k) for k in range(40)]
+    edited.next_frame = 20
+    edited.spawn("Cube", (50.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(2.0))
+    for k in range(40):
+        shown = edited.placement(k).world_from_object[:, : len(before[k].mesh)]
+        assert shown.tobytes() == before[k].world_from_object.tobytes()
+
+
+def test_a_path_stays_a_formula_while_edits_leave_it_free():
+    made = world(*SCENARIOS["path"])
+    made.next_frame = 1000
+    made.spawn("Cube", (5, 5, 5), dynamic=path((5, 5, 5), (6, 6, 6)))
+    made.placement(10**6)
+    assert made._motion._stepped is None
+    made.next_frame = 5000
+    made.spawn("Cube", (-0.5, 0.0, 0.9))
+    made.placement(5001)
+    assert made._motion._stepped is not None
+    assert min(made._motion._stepped._checkpoints) == 4999, "what was free is not stepped again"
+
+
+@pytest.mark.parametrize(
+    ("edit", "error", "match"),
+    [
+        (lambda made: made.despawn("nobody"), ObjectNotFound, "no object 'nobody'"),
+        (lambda made: made.despawn("/Nothing"), ObjectNotFound, "no object '/Nothing'"),
+        (lambda made: made.despawn(99), ObjectNotFound, "no object '99'"),
+        (lambda made: made.despawn(True), ObjectNotFound, "no object 'True'"),
+        (lambda made: made.despawn([3]), ArgumentError, r"object=\[3\]: must be an id, a name or a prim path"),
+        (lambda made: made.enclose("walls"), ScenarioError, "frustum='walls': must be a Frustum or None"),
+        (lambda made: made.enclose(ts.Frustum(), "Main"), ScenarioError, "camera='Main': must be a Camera or None"),
+        (lambda made: made.move("a", (0, float("nan"), 0)), ScenarioError, "position"),
+        (lambda made: made.move(99, (0, 0, 0)), ObjectNotFound, "'99'"),
+        (lambda made: made.spawn("Cub"), TemplateNotFound, "Did you mean 'Cube'"),
+        (lambda made: made.spawn("Cube", id="a"), ScenarioError, "never reused"),
+        (lambda made: made.spawn("Cube", scale=-1), ScenarioError, "scale"),
+        (lambda made: made.spawn("Cube", dynamic="fast"), ScenarioError, "dynamic"),
+    ],
+)
+def test_what_cannot_be_done_changes_nothing(edit, error, match):
+    made = world(*SCENARIOS["still"])
+    before = made.scenario, made.placement(3)
+    with pytest.raises(error, match=match):
+        edit(made)
+    assert made.scenario == before[0]
+    assert same(made.placement(3), before[1])
+
+
+@pytest.mark.parametrize(
+    ("edits", "match"),
+    [
+        ([Despawn(3, "x")], r"edits\[0\]: no object 'x' was there before it"),
+        ([Despawn(3, "a"), Move(3, "a", (0, 0, 0))], r"edits\[1\]: the object 'a' is not there at frame 3"),
+        ([Spawn(2, ts.Object("a", "Cube", first_frame=2))], "never reused"),
+        (["spawn"], "must be a Spawn, a Despawn, a Move or an Enclose"),
+        (3, "edits=3"),
+    ],
+)
+def test_logs_that_contradict_themselves(edits, match):
+    with pytest.raises(ScenarioError, match=match):
+        ts.Scenario("room", [ts.Object("a", "Cube")], edits=edits)
+
+
+def test_frames_may_be_numbers_of_numpy():
+    """And are written to a file all the same."""
+    edits = [Move(np.int64(3), "a", (0, 0, 0)), Despawn(np.uint8(4), "a")]
+    scenario = ts.Scenario("room", [ts.Object("a", "Cube", scale=np.float32(2))], edits=edits)
+    assert [edit["frame"] for edit in scenario.to_json()["edits"]] == [3, 4]
+    assert scenario.objects[0].scale == (2.0, 2.0, 2.0)
+    assert ts.Scenario.from_json(json.loads(json.dumps(scenario.to_json()))) == scenario
+
+
+def test_edits_check_their_values():
+    with pytest.raises(ScenarioError, match="first_frame is 3"):
+        Spawn(3, ts.Object("a", "Cube"))
+    with pytest.raises(ScenarioError, match="frame=-1"):
+        Despawn(-1, "a")
+    with pytest.raises(ScenarioError, match=r"frame=1\.0"):
+        Move(1.0, "a", (0, 0, 0))
+    for edit in (Despawn, lambda frame, id: Move(frame, id, (0, 0, 0))):
+        for id in (5, "", None):
+            with pytest.raises(ScenarioError, match=f"id={id!r}: must be a text"):
+                edit(3, id)
+    with pytest.raises(ScenarioError, match="aspect=0: must be greater"):
+        Enclose(3, None, ts.Camera(), 0)
+    with pytest.raises(ScenarioError, match=r"edits\[0\].object"):
+        ts.Scenario("room", edits=[Spawn(3, type("Fake", (), {"first_frame": 3})())])
+
+
+def test_a_thing_that_is_not_there_has_a_nearest_one():
+    books = tuple(replace(STAGE.objects[0], prim_path=f"/Room/Book{number}") for number in range(30))
+    instances = tuple(replace(STAGE.instances[0], object=number) for number in range(30))
+    made = world(ts.Scenario("room"), replace(STAGE, objects=books, instances=instances))
+    with pytest.raises(ObjectNotFound, match=r"no object '/Room/Bok7' at frame 0\. Did you mean '/Room/Book7'\?"):
+        made.despawn("/Room/Bok7")
+
+
+STILL_STAGE = SCENARIOS["still"][1]
+
+
+def test_things_of_the_stage_are_moved_and_taken_away():
+    scenario, stage = SCENARIOS["still"]
+    made = world(scenario, stage)
+    thing = stage.objects[0]
+    before = [made.placement(k) for k in range(12)]
+    made.next_frame = 5
+    made.move(thing.prim_path, (1.0, 2.0, 3.0), (0, 90, 0))
+    made.next_frame = 8
+    made.despawn(1)
+    assert made.scenario.edits == (Move(5, thing.prim_path, (1, 2, 3), (0, 90, 0)), Despawn(8, thing.prim_path))
+    for k in range(5):
+        assert same(made.placement(k), before[k]), "what was shown stays what it was, edits are not anticipated"
+    rows = {k: {row.id: row for row in made.objects(k)} for k in (4, 5, 7, 8)}
+    assert rows[5][1].position == rows[7][1].position == (1, 2, 3)
+    assert 1 not in rows[8]
+    part = 0  # those of the first thing come first
+    moved = made.placement(5).world_from_object[:, part]
+    np.testing.assert_array_equal(moved[0], np.eye(4)[:3])
+    np.testing.assert_allclose(moved[1, :, 3], (1, 2, 3), atol=1e-12)
+    np.testing.assert_array_equal(moved[1], moved[2])
+    assert made.placement(8).present[:, part].tolist() == [True, False, False]
+    assert Event("despawn", 1) in made.events(8)
+    replayed = world(made.scenario, stage)
+    for k in (9, 2, 7, 5, 4, 8):
+        assert same(replayed.placement(k), made.placement(k))
+        assert replayed.objects(k) == made.objects(k)
+        assert replayed.events(k) == made.events(k)
+    assert made.moving(7)[part]
+    assert not made.moving(4)[part]
+    with pytest.raises(ObjectNotFound, match=thing.prim_path):
+        made.move(thing.prim_path, (0, 0, 0))
+    with pytest.raises(ScenarioError, match=r"no thing '/Pilar'.*did you mean '/Pillar'"):
+        world(ts.Scenario("room", edits=[Despawn(0, "/Pilar")]), stage)
+
+
+def test_what_bounces_meets_a_thing_where_it_was_put(tmp_path):
+    """The pillar stands in its way from frame 10 on, and is gone at frame 80."""
+    flying = ts.Object("b", "Cube", (-2.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0, 0.0, (1, 0, 0)))
+    scenario = ts.Scenario("room", [flying])
+    made, plain = world(scenario, STILL_STAGE), world(scenario, STILL_STAGE)
+    made.next_frame = 10
+    made.move("/Pillar", (-2.0, 0.0, 0.0))
+    made.next_frame = 30
+    made.spawn("Cube", (0.0, 1.0, 2.0))
+    made.next_frame = 80
+    made.despawn("/Pillar")
+    first = next((k, event) for k in range(80) for event in made.events(k) if event.kind == "contact")
+    assert first[1] == Event("contact", 3, 1)
+    assert 20 < first[0] < 40, "it met the pillar at its new place"
+    for k in (9, 10, 11):
+        assert (
+            made.placement(k).world_from_object[1, 2].tobytes() == plain.placement(k).world_from_object[1, 2].tobytes()
+        )
+    made.scenario.save(tmp_path / "run.json")
+    again = world(ts.Scenario.load(tmp_path / "run.json"), STILL_STAGE)
+    for k in (120, 35, 79, 81, 29):
+        assert same(again.placement(k), made.placement(k)), f"frame {k}"
+
+
+def test_walls_of_another_view():
+    flying = ts.Object("b", "Cube", (0.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0, 0.0, (1, 0, 0)))
+    made = world(ts.Scenario("room", [flying]), EMPTY)
+    made.next_frame = 10
+    made.enclose(ts.Frustum(6.0), ts.Camera((0, 0, 3), vertical_fov=0.6), 1.0)
+    made.next_frame = 100
+    made.enclose(None)
+    inside = [made.objects(k)[0].position for k in range(100)]
+    assert max(abs(x) for x, _, _ in inside) < 3.0
+    walls = {event.wall for k in range(100) for event in made.events(k) if event.kind == "contact"}
+    assert walls
+    away = [np.linalg.norm(made.objects(k)[0].position) for k in (100, 300)]
+    assert away[1] > away[0] + 5.0, "nothing holds it any more"
+    again = world(made.scenario, EMPTY)
+    assert same(again.placement(99), made.placement(99))
+    with pytest.raises(ScenarioError, match="aspect"):
+        made.enclose(None, aspect=0.0)
+
+
+def test_what_was_put_into_another_comes_out():
+    """Two cubes in exactly one place: the one that flies leaves the other."""
+    objects = [
+        ts.Object("a", "Cube", (-2.0, 0.0, 0.0)),
+        ts.Object("b", "Cube", (-2.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0)),
+    ]
+    made = world(ts.Scenario("room", objects), STILL_STAGE)
+    places = np.array([made.objects(k)[-1].position for k in range(60)])
+    assert np.isfinite(places).all()
+    assert np.linalg.norm(places - (-2.0, 0.0, 0.0), axis=1).max() > 0.6
+
+
+def test_an_edit_of_every_frame_costs_no_frame_twice(monkeypatch):
+    """As of an agent whose walls go where it goes."""
+    advanced = []
+    advance = SteppedSimulation._advance
+
+    def counted(self, device, frame):
+        advanced.append(frame)
+        return advance(self, device, frame)
+
+    monkeypatch.setattr(SteppedSimulation, "_advance", counted)
+    scenario, stage = SCENARIOS["bouncing"]
+    made, seen = world(scenario, stage), []
+    for frame in range(80):
+        made.next_frame = frame
+        if frame >= 10:
+            made.enclose(ts.Frustum(4.0), ts.Camera((0, 0, 2 - 0.01 * frame)))
+        if frame % 9 == 0:
+            made.move("a", (0.0, 0.5, -0.01 * frame), (0, frame, 0))
+        seen.append(made.placement(frame).world_from_object)
+    assert len(made.scenario.edits) == 79
+    # Each frame has been computed as the next of the one before it, and again once that is edited.
+    assert len(advanced) <= 2 * 80
+    replay = world(made.scenario, stage)
+    for frame in (79, 9, 10, 30, 63):
+        np.testing.assert_array_equal(replay.placement(frame).world_from_object, seen[frame])
+    plain = world(scenario, stage)
+    assert not (plain.placement(30).world_from_object == seen[30]).all(), "the walls hold what had none before"
+
+
+def test_walls_set_up_later_but_at_an_earlier_frame_win():
+    scenario, stage = SCENARIOS["walls"]
+    made = world(scenario, stage)
+    for frame, far in ((20, 5.0), (40, 2.5), (30, 4.0)):
+        made.next_frame = frame
+        made.enclose(ts.Frustum(far), ts.Camera((0, 0, 2)))
+    planes = {frame: made._motion._walls(Fraction(frame, 25)) for frame in (20, 21, 30, 31, 41)}
+    far = {frame: round(float(plane[5, 3]), 6) for frame, plane in planes.items()}
+    assert far[20] != far[21] == far[30] != far[31] == far[41]
+    replay = world(made.scenario, stage)
+    for frame in (50, 25, 35):
+        assert same(replay.placement(frame), made.placement(frame))

@@ -1,0 +1,363 @@
+"""The world: placements, cameras and rows of objects, on a stage small enough to work them out by hand."""
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from dynamics import Body, Dynamic, LookAt, Orbit, Simulation
+from dynamics.rotation import matrix_from_quaternion, quaternion
+from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, TemplateNotFound
+from tiscene.scene.animation import Track
+from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
+from tiscene.world.world import World
+
+
+def mesh(*corners: tuple[float, float, float]) -> Mesh:
+    return Mesh("m", np.array(corners, np.float32), np.zeros((1, 3), np.int32), np.zeros(1, np.int32))
+
+
+def at(x: float, y: float, z: float, rotation: tuple[float, ...] = (0, 0, 0), scale: float = 1.0) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = matrix_from_quaternion(quaternion(rotation)) * scale
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+UNIT_CUBE = mesh((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5), (0, 0, 0))
+FLOOR = mesh((-2, 0, -2), (2, 0, 2), (2, 0, -2))
+CHAIR = Template(
+    "Chair 01",
+    "chair",
+    SceneDescription(
+        "Chair 01",
+        (UNIT_CUBE, FLOOR),
+        instances=(Instance(0, 0, at(0, 1, 0)), Instance(0, 0, at(0, 0.5, 0, scale=2.0)), Instance(1, 0, at(0, 0, 0))),
+        objects=(SceneObject("chair", "/Chair", "ignored"),),
+    ),
+)
+BALL = Template("Ball", "ball", SceneDescription("Ball", (UNIT_CUBE,), instances=(Instance(0, 0, np.eye(4)),)))
+STAGE_BALL = Template("Ball", "toy", BALL.description)
+EMPTY = Template("Empty", "nothing", SceneDescription("Empty"))
+CATALOG = {"Chair 01": CHAIR, "Ball": BALL, "Empty": EMPTY}
+STAGE = SceneDescription(
+    "room",
+    (FLOOR, UNIT_CUBE),
+    # The lamp's two parts do not stand together; the cup has no mesh.
+    instances=(
+        Instance(1, 1, at(1, 2, 3, (0, 90, 0), 0.5)),
+        Instance(0, 0, at(0, 0, 0)),
+        Instance(1, 1, at(1, 3, 3)),
+    ),
+    objects=(SceneObject("Floor", "/Floor", "floor"), SceneObject("Lamp", "/Lamp", "lamp"), SceneObject("Cup", "/Cup")),
+    cameras=(ts.Camera(name="Door"), ts.Camera(name="Window", position=(1, 2, 3))),
+)
+GO = ts.LinearWaypoints([ts.Waypoint((0, 0, 0)), ts.Waypoint((4, 0, 0), (0, 90, 0))], total_time=8.0)
+
+
+def load(name: str) -> Template:
+    if name not in CATALOG:
+        raise TemplateNotFound("template", name, CATALOG)
+    return CATALOG[name]
+
+
+def world(*objects: ts.Object, stage: SceneDescription = STAGE, fps: float = 10.0, **others: object) -> World:
+    """Nothing collides in it, so that every pose is the path's; tests/world/test_collisions.py is about the others."""
+    passing = [replace(each, collide=False) for each in objects]
+    return World(ts.Scenario("room", passing, **others), stage, load, fps)
+
+
+def test_descriptions_are_the_stage_and_each_template_once_in_the_order_of_need():
+    made = world(ts.Object("a", "Ball"), ts.Object("b", "Chair 01"), ts.Object("c", "Ball"))
+    assert made.descriptions == [STAGE, BALL.description, CHAIR.description]
+    assert made.templates == ["Ball", "Chair 01"]
+    assert made.placement(0).mesh.tolist() == [0, 1, 1, 2, 3, 3, 4, 2]
+
+
+def test_a_template_of_the_stage_wins_over_the_catalog():
+    stage = SceneDescription("room", (FLOOR,), templates=(STAGE_BALL,))
+    made = world(ts.Object("a", "Ball"), stage=stage)
+    assert made.descriptions[1] is STAGE_BALL.description
+    assert made.objects(0)[0].category == "toy"
+    assert made.templates == ["Ball"]
+
+
+def test_rows_are_in_the_order_of_ids_and_parts_share_one():
+    placement = world(ts.Object("a", "Chair 01"), ts.Object("b", "Ball")).placement(0)
+    assert placement.instance_id.tolist() == [1, 2, 2, 4, 4, 4, 5]
+    assert placement.category_id.tolist() == [1, 2, 2, 3, 3, 3, 4]
+    assert placement.instance_id.dtype == placement.category_id.dtype == placement.mesh.dtype == np.int32
+    assert placement.world_from_object.shape == (3, 7, 3, 4)
+    assert placement.present.all()
+
+
+def test_categories_are_numbered_as_they_first_appear():
+    assert world().categories == {0: "", 1: "floor", 2: "lamp"}
+    assert world(ts.Object("a", "Ball"), ts.Object("b", "Chair 01")).categories == {
+        **world().categories,
+        3: "ball",
+        4: "chair",
+    }
+    stage = SceneDescription("room", objects=(SceneObject("a", "/A", "ball"),), templates=(STAGE_BALL, CHAIR))
+    assert world(stage=stage).categories == {0: "", 1: "ball", 2: "toy", 3: "chair"}
+
+
+def test_things_of_the_stage_stand_where_the_stage_puts_them():
+    placement = world(ts.Object("a", "Ball", dynamic=GO)).placement(3)
+    for time in range(3):
+        for row, instance in enumerate((1, 0, 2)):
+            assert (placement.world_from_object[time, row] == STAGE.instances[instance].world_from_object[:3]).all()
+
+
+def test_an_object_is_placed_by_position_rotation_and_scale():
+    made = world(ts.Object("a", "Chair 01", (1, 2, 3), (0, 90, 0), scale=(1, 2, 4)))
+    expected = at(1, 2, 3, (0, 90, 0)) @ np.diag([1, 2, 4, 1.0]) @ at(0, 1, 0)
+    matrices = made.placement(5).world_from_object
+    np.testing.assert_allclose(matrices[:, 3], np.tile(expected[:3], (3, 1, 1)), atol=1e-15)
+    # What stands still does not move by a single bit.
+    assert matrices[0].tobytes() == matrices[1].tobytes() == matrices[2].tobytes()
+    row = made.objects(5)[-1]
+    assert (row.position, row.velocity) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
+    np.testing.assert_allclose(row.rotation, quaternion((0, 90, 0)))
+
+
+def test_a_mover_is_where_its_path_is_before_at_and_after_the_frame():
+    made = world(ts.Object("a", "Ball", (9, 9, 9), dynamic=GO, scale=2.0))
+    poses = Simulation([Body(GO)]).poses
+    for frame in (1, 7, 55, 12345):
+        placement = made.placement(frame)
+        for time, step in enumerate((-1, 0, 1)):
+            pose = poses(Fraction(frame + step, 10))[0]
+            assert placement.world_from_object[time, -1, :, 3].tolist() == pose[:3].tolist()
+            axes = matrix_from_quaternion(pose[3:]) * 2.0
+            np.testing.assert_allclose(placement.world_from_object[time, -1, :, :3], axes, atol=1e-15)
+
+
+def test_before_frame_0_the_world_stands_as_at_frame_0():
+    late = ts.Object("b", "Ball", dynamic=GO, first_frame=1)
+    placement = world(ts.Object("a", "Ball", dynamic=GO), late).placement(0)
+    previous, current, following = placement.world_from_object
+    assert previous.tobytes() == current.tobytes()
+    assert following[-2, 0, 3] > 0.0
+    assert placement.present[:, -2:].tolist() == [[True, False], [True, False], [True, True]]
+
+
+def test_life_spans_are_inclusive_and_absent_objects_have_their_planned_pose():
+    made = world(ts.Object("a", "Ball", dynamic=GO, first_frame=10, last_frame=12))
+    present = {frame: made.placement(frame).present[:, -1].tolist() for frame in range(8, 15)}
+    assert present == {
+        8: [False, False, False],
+        9: [False, False, True],
+        10: [False, True, True],
+        11: [True, True, True],
+        12: [True, True, False],
+        13: [True, False, False],
+        14: [False, False, False],
+    }
+    # Born at waypoint 0, where it is already before; a tenth of a second is 0.1 m; it goes on after its end.
+    x = {frame: made.placement(frame).world_from_object[1, -1, 0, 3] for frame in (0, 9, 10, 11, 12, 13, 30)}
+    np.testing.assert_allclose(list(x.values()), [0, 0, 0, 0.1, 0.2, 0.3, 2.0], atol=1e-15)
+    assert [row.name for row in made.objects(9)] == ["Floor", "Lamp", "Cup"]
+    assert (
+        [row.name for row in made.objects(10)]
+        == [row.name for row in made.objects(12)]
+        == ["Floor", "Lamp", "Cup", "a"]
+    )
+    assert made.objects(12)[-1].first_frame == 10
+    assert made.objects(12)[-1].last_frame == 12
+    np.testing.assert_allclose(made.objects(12)[-1].velocity, (1, 0, 0), atol=1e-12)
+
+
+def test_timings_hold_objects_but_not_the_camera():
+    camera = ts.Camera(dynamic=GO)
+    made = world(ts.Object("a", "Ball", dynamic=GO), timings=ts.AllTogether(1.0), camera=camera)
+    assert made.placement(15).world_from_object[1, -1, 0, 3] == 0.5
+    assert made.view(15)[1].position == (1.5, 0.0, 0.0)
+
+
+def test_boxes_are_around_all_parts_in_the_objects_own_axes():
+    made = world(ts.Object("a", "Chair 01", (5, 5, 5), (10, 20, 30), scale=2.0), ts.Object("b", "Ball"))
+    rows = made.objects(0)
+    assert rows[0].box == ((-2, 0, -2), (2, 0, 2))
+    # The lamp's axes are its first part's, turned by 90 degrees: scaled by a half, and 1 m above the other part.
+    np.testing.assert_allclose(rows[1].box, ((-0.5, -0.25, -0.5), (0.5, 1.5, 0.5)), atol=1e-12)
+    np.testing.assert_allclose(rows[1].rotation, quaternion((0, 90, 0)), atol=1e-15)
+    assert rows[1].position == (1, 2, 3)
+    assert rows[2].box == ((0, 0, 0), (0, 0, 0))
+    assert rows[3].box == ((-4, -1, -4), (4, 3, 4))
+    assert rows[4].box == ((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
+
+
+@pytest.mark.parametrize("row", range(6))
+def test_box_coordinates_lead_back_to_the_objects_own_box(row):
+    """Corner 0..1 of the box -> object axes -> world, and mesh -> world, must meet."""
+    made = world(ts.Object("a", "Chair 01", (5, 5, 5), (10, 20, 30), scale=(2, 1, 1)))
+    placement = made.placement(0)
+    owner = made.objects(0)[int(placement.instance_id[row]) - 1]
+    points = np.array([(-0.5, 0.2, 0.1), (0.3, -0.4, 0.5)])
+    world_points = points @ placement.world_from_object[1, row, :, :3].T + placement.world_from_object[1, row, :, 3]
+    own = (world_points - owner.position) @ matrix_from_quaternion(owner.rotation)
+    low, high = np.array(owner.box)
+    found = points @ placement.box_from_object[row, :, :3].T + placement.box_from_object[row, :, 3]
+    solid = high - low > 1e-3
+    np.testing.assert_allclose(found[:, solid], ((own - low) / np.where(solid, high - low, 1))[:, solid], atol=1e-12)
+    assert np.linalg.matrix_rank(placement.box_from_object[row, :, :3]) == 3
+
+
+def test_a_flat_object_lies_at_half_of_its_box():
+    matrix = world().placement(0).box_from_object[0]
+    np.testing.assert_allclose(matrix @ (0.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
+
+
+def test_rows_say_who_is_who():
+    rows = world(ts.Object("a", "Chair 01")).objects(0)
+    assert [(row.id, row.name, row.template, row.category, row.category_id, row.prim_path) for row in rows] == [
+        (1, "Floor", "", "floor", 1, "/Floor"),
+        (2, "Lamp", "", "lamp", 2, "/Lamp"),
+        (3, "Cup", "", "", 0, "/Cup"),
+        (4, "a", "Chair 01", "chair", 3, ""),
+    ]
+
+
+def test_mirrored_things_of_the_stage_have_a_proper_rotation():
+    mirror = at(0, 0, 0, (20, 30, 40)) @ np.diag([1, 1, -2, 1.0])
+    stage = SceneDescription(
+        "room", (UNIT_CUBE,), instances=(Instance(0, 0, mirror),), objects=(SceneObject("a", "/A"),)
+    )
+    row = world(stage=stage).objects(0)[0]
+    np.testing.assert_allclose(np.linalg.norm(row.rotation), 1.0)
+    assert math.prod(np.subtract(row.box[1], row.box[0])) == pytest.approx(2.0)
+
+
+def test_the_camera_moves_by_its_dynamic():
+    still = world().view(7)
+    assert still[0] is still[1] is still[2]
+    assert still[1].name == "Door"
+    moving = ts.Camera((3, 1, 0), vertical_fov=0.5, dynamic=LookAt((0, 1, 0), Orbit((0, 0, 0), period=4.0)))
+    before, now, after = world(fps=1.0, camera=moving).view(1)
+    np.testing.assert_allclose(
+        [before.position, now.position, after.position], [(3, 1, 0), (0, 1, -3), (-3, 1, 0)], atol=1e-14
+    )
+    np.testing.assert_allclose(-now.axes()[:, 2], (0, 0, 1), atol=1e-14)
+    assert now.vertical_fov == 0.5
+    start = world(fps=1.0, camera=moving).view(0)
+    assert start[0] == start[1]
+
+
+def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
+    """The cup, which comes first, has none."""
+    moved = np.tile(np.eye(4)[:3], (2, 1, 1, 1))
+    moved[1, 0, :, 3] = (1, 2, 3)
+    track = Track(np.array([1], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
+    stage = SceneDescription(
+        "room",
+        (FLOOR, UNIT_CUBE),
+        instances=(Instance(0, 1, at(5, 5, 5)), Instance(1, 2, np.eye(4))),
+        objects=(SceneObject("Cup", "/Cup"), SceneObject("Floor", "/Floor"), SceneObject("Lift", "/Lift")),
+        tracks=(track,),
+    )
+    rows = {row.name: row.position for row in world(stage=stage).objects(5)}
+    assert rows == {"Cup": (0.0, 0.0, 0.0), "Floor": (5.0, 5.0, 5.0), "Lift": (0.5, 1.0, 1.5)}
+
+
+def test_which_camera():
+    assert world(camera="Window").camera is STAGE.cameras[1]
+    blind = SceneDescription("room", (UNIT_CUBE,), instances=(Instance(0, 0, np.eye(4)),), objects=STAGE.objects[:1])
+    assert world(stage=blind).camera == ts.Camera.seeing((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
+    own = ts.Camera(name="own")
+    assert world(camera=own).camera is own
+    with pytest.raises(CameraNotFound, match=r"no camera 'Windw' in scene 'room'\. Did you mean 'Window'"):
+        world(camera="Windw")
+
+
+def test_what_is_handed_out_may_be_changed():
+    made = world(ts.Object("a", "Ball", dynamic=GO))
+    first = made.placement(3)
+    before = first.world_from_object.tobytes()
+    for array in vars(first).values():
+        if array is not None:
+            array[...] = 0
+    again = made.placement(3)
+    assert again.world_from_object.tobytes() == before
+    assert again.mesh.tolist() == [0, 1, 1, 2]
+    assert again.present.all()
+    made.objects(3).clear()
+    assert len(made.objects(3)) == 4
+
+
+def test_an_empty_world():
+    made = world(stage=SceneDescription("empty"))
+    placement = made.placement(0)
+    assert placement.world_from_object.shape == (3, 0, 3, 4)
+    assert made.objects(0) == []
+
+
+def test_adding_an_object_changes_no_bit_of_the_others():
+    one, other = (
+        ts.Object("a", "Ball", dynamic=GO),
+        ts.Object("b", "Chair 01", dynamic=ts.CatmullWaypoints(GO.waypoints, 3.3)),
+    )
+    alone, together = world(one), world(one, other)
+    for frame in (0, 3, 77, 10**6):
+        matrices = together.placement(frame).world_from_object[:, :4]
+        assert np.ascontiguousarray(matrices).tobytes() == alone.placement(frame).world_from_object.tobytes()
+
+
+def digest() -> str:
+    paths = [ts.CatmullWaypoints(GO.waypoints, 1.0 + 0.1 * row, pacing="arc_length") for row in range(6)]
+    made = world(
+        *(ts.Object(f"o{row}", "Chair 01", dynamic=path, first_frame=row) for row, path in enumerate(paths)),
+        camera=ts.Camera(dynamic=LookAt((0, 0, 0), GO)),
+        fps=29.97,
+    )
+    result = hashlib.sha256()
+    for frame in (0, 1, 2, 17, 5, 99999):
+        for array in vars(made.placement(frame)).values():
+            result.update(b"" if array is None else array.tobytes())
+        result.update(repr((made.view(frame), made.objects(frame))).encode())
+    return result.hexdigest()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_another_process_and_any_number_of_threads_give_the_same_bits(threads):
+    code = (
+        f"from tiscene.device import runtime; runtime.start(threads={threads})\n"
+        "from tests.world.test_world import digest\nprint(digest())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=dict(os.environ)
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == digest()
+
+
+class OwnDynamic(Dynamic):
+    loop_time = 0.0
+
+
+def test_impossible_worlds_are_refused():
+    with pytest.raises(TemplateNotFound, match="Did you mean 'Chair 01'"):
+        world(ts.Object("a", "Chair 1"))
+    with pytest.raises(ScenarioError, match="object 'a': the template 'Empty' holds no mesh"):
+        world(ts.Object("a", "Empty"))
+    with pytest.raises(ScenarioError, match=r"\('a'\): dynamic=.* must be a dynamic in closed form"):
+        world(ts.Object("a", "Ball", dynamic=OwnDynamic()))
+    with pytest.raises(ScenarioError, match=r"\('Camera'\): dynamic=.* must be a dynamic in closed form"):
+        world(camera=ts.Camera(dynamic=OwnDynamic()))
+    for fps in (0, -1, math.inf, math.nan, True):
+        with pytest.raises(ArgumentError, match="fps="):
+            world(fps=fps)
+    with pytest.raises(ArgumentError, match="frame=-1: must be 0 or more"):
+        world().placement(-1)
+    with pytest.raises(TypeError):
+        world().objects(1.5)
+    things = tuple(SceneObject(f"t{i}", f"/t{i}", f"label {i}") for i in range(65536))
+    with pytest.raises(ScenarioError, match="'label 65535': one category too many"):
+        World(ts.Scenario("many"), SceneDescription("many", objects=things), CATALOG.__getitem__, 25.0)

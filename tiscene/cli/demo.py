@@ -1,0 +1,111 @@
+"""`tiscene demo`: a short scenario, from nothing to pictures."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import AllTogether, CatmullWaypoints, Waypoint
+from tiscene.camera import Camera
+from tiscene.cli.terminal import note, progress
+from tiscene.errors import ArgumentError, ExportError
+from tiscene.export.animated_image import write_animation
+from tiscene.export.contact_sheet import contact_sheet
+from tiscene.export.png import write_png
+from tiscene.export.visualize import Limits, limits_of
+from tiscene.frame.buffers import AOVS
+from tiscene.frame.frame import Frame
+from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stream import Stream
+
+SCENE = "room_02"
+FPS = 8.0
+SECONDS = 3.0  # for one round of everything
+ANIMATED = ("rgb", "instance", "depth", "forward_flow")
+
+
+def scenario() -> Scenario:
+    """Four things on closed curves through the free middle of the living room."""
+
+    def loop(*stations: tuple[tuple[float, float, float], tuple[float, float, float]]) -> CatmullWaypoints:
+        return CatmullWaypoints([Waypoint(position, rotation) for position, rotation in stations], total_time=SECONDS)
+
+    chair = loop(
+        ((-1.22, 1.0, -2.09), (0, 0, 0)), ((-0.06, 1.35, -2.22), (25, 120, 0)), ((-0.41, 0.8, -1.6), (0, 240, 15))
+    )
+    racket = loop(
+        ((0.3, 1.5, -1.51), (0, 0, 40)), ((-0.1, 1.75, -1.42), (60, 90, 0)), ((0.39, 1.8, -2.0), (0, 180, 80))
+    )
+    ball = loop(((-1.21, 0.5, -0.97), (0, 0, 0)), ((-1.75, 1.6, -1.59), (90, 0, 0)), ((-1.22, 1.9, -2.75), (180, 0, 0)))
+    pillow = loop(
+        ((-0.42, 1.5, -3.38), (20, 0, 0)), ((0.21, 1.1, -3.03), (90, 60, 0)), ((-0.15, 1.8, -3.96), (150, 120, 40))
+    )
+    return Scenario(
+        SCENE,
+        [
+            Object("chair", "Chair 01", dynamic=chair, collide=False),
+            Object("racket", "Tennis Racket 01", dynamic=racket, collide=False),
+            Object("ball", "Ball 01", dynamic=ball, collide=False),
+            Object("pillow", "Pillow 01", dynamic=pillow, collide=False),
+        ],
+        timings=AllTogether(0.0),
+        camera=Camera.look_at(
+            (0.75, 1.32, 0.72), (-1.72, 0.88, -4.2), vertical_fov=math.radians(46.0), exposure=2.5, name="Demo"
+        ),
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the pictures and print where they are."""
+    if args.frames < 1:
+        raise ArgumentError(f"--frames {args.frames}: must be at least 1")
+    folder = Path(args.output)
+    what = scenario()
+    with progress(f"reading {what.scene}", args.frames) as step:
+        stream = Stream(
+            what,
+            width=args.width,
+            height=args.height,
+            fps=FPS,
+            frames=args.frames,
+            buffers=tuple(AOVS),
+            quality=args.quality,
+            arch=args.arch,
+            report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
+        )
+        _make(folder)
+        what.save(folder / "scenario.json")
+        step(0, doing="compiling, the first time only")
+        frames, middle = [], args.frames // 2
+        for index in range(args.frames):
+            frame = stream[index]
+            if index == 0:
+                write_png(folder / "first_frame.png", frame.rgb)
+                note(f"First frame: {folder / 'first_frame.png'}")
+            if index == middle:
+                write_png(folder / "contact_sheet.png", contact_sheet(frame))
+            frames.append(replace(frame, buffers={name: frame.buffers[name] for name in ANIMATED}))
+            step(doing="rendering")
+    write_animation(folder / "animation.webp", animated(frames), FPS)
+    print(f"Every buffer of frame {middle}: {folder / 'contact_sheet.png'}")
+    print(f"The stream in motion:      {folder / 'animation.webp'}")
+    print(f"Render it as you like:     tiscene render {folder / 'scenario.json'} --frames 0:100 -o frames")
+
+
+def animated(frames: list[Frame]) -> list[NDArray[np.uint8]]:
+    """Four buffers side by side for each frame, in colours that mean the same in all of them."""
+    limits: dict[str, Limits] = {name: limits_of(name, [frame.buffers[name] for frame in frames]) for name in ANIMATED}
+    return [contact_sheet(frame, ANIMATED, columns=2, limits=limits) for frame in frames]
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error

@@ -1,0 +1,97 @@
+"""`tiscene import`: other people's models as templates on the search path."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from tiscene import catalog
+from tiscene.cli.terminal import progress
+from tiscene.errors import ArgumentError
+from tiscene.usd.importers.import_template import import_asset
+from tiscene.usd.importers.sweet_home_3d import Catalogue
+from tiscene.usd.read.template import read_template
+
+_USUAL = (0.005, 20.0)  # m, of the longest side of something in a room
+
+
+def run(args: argparse.Namespace) -> None:
+    """Import a model, or a whole catalogue of furniture."""
+    library = Path(args.output or next(iter(catalog.search_path()[:-1]), "tiscene-assets"))
+    if Path(args.file).suffix.lower() == ".sh3f":
+        given = [f"--{key}" for key in ("name", "label", "unit", "up", "author", "licence") if getattr(args, key)]
+        if given or args.keep_origin:
+            raise ArgumentError(f"a catalogue says that of each of its models: leave {', '.join(given) or 'it'} out")
+        _import_catalogue(Path(args.file), library)
+    else:
+        _import_model(args, library)
+    if library.resolve() not in [folder.resolve() for folder in catalog.search_path()]:
+        print(f"To use them by name: export TISCENE_PATH={shlex.quote(str(library.resolve()))}")
+
+
+def _import_model(args: argparse.Namespace, library: Path) -> None:
+    name = args.name or _title(Path(args.file).stem)
+    licence = ""
+    if args.licence:
+        try:
+            licence = Path(args.licence).read_text("utf-8") if Path(args.licence).is_file() else args.licence
+        except (OSError, UnicodeDecodeError) as error:
+            raise ArgumentError(f"--licence {args.licence}: cannot be read as text ({error})") from error
+    path = import_asset(
+        args.file,
+        _folder(library, name),
+        name=name,
+        label=args.label,
+        unit=args.unit,
+        up_axis=args.up,
+        centred=not args.keep_origin,
+        licence=licence,
+        author=args.author,
+    )
+    _tell(path)
+
+
+def _import_catalogue(file: Path, library: Path) -> None:
+    used: dict[str, int] = {}
+
+    def folder_of(name: str) -> Path:
+        used[name] = used.get(name, 0) + 1
+        return _folder(library, f"{name} {used[name]:02d}")
+
+    catalogue = Catalogue(file)
+    done = 0
+    with progress(f"importing {file.name}", len(catalogue.entries)) as step:
+        for _, path in catalogue.import_into(lambda entry: folder_of(_title(entry.name))):
+            done += path is not None
+            step()
+    print(f"{done} of {len(catalogue.entries)} models of {file.name} are in {library / 'templates'}")
+
+
+def _tell(path: Path) -> None:
+    """One line about a template, which is read to see that it can be."""
+    description = read_template(path).description
+    low, high = description.bounds()
+    triangles = sum(len(mesh.triangles) for mesh in description.meshes)
+    sides = " x ".join(f"{side:.3g}" for side in high - low)
+    print(f"{catalog.template_name(path.parent.name)}: {sides} m, {triangles:,} triangle{'s' * (triangles != 1)}")
+    print(f"  {path}")
+    longest = float(np.max(high - low))
+    if not _USUAL[0] <= longest <= _USUAL[1]:
+        print(f"  {longest:.3g} m is unusual for something in a room: is --unit right?")
+
+
+def _folder(library: Path, name: str) -> Path:
+    """Where the catalog finds a template of that name: "Chair 03" in templates/chair_03."""
+    folder = re.sub(r"\W+", "_", name.strip().lower()).strip("_")
+    if not folder:
+        raise ArgumentError(f"name={name!r}: needs a letter or a digit")
+    return library / "templates" / folder
+
+
+def _title(name: str) -> str:
+    return " ".join(re.sub(r"[\W_]+", " ", os.path.basename(name)).split())

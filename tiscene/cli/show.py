@@ -1,0 +1,78 @@
+"""`tiscene show`: what a scene holds."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+
+from tiscene import catalog
+from tiscene.camera import Camera
+from tiscene.scenario.scenario import Scenario
+from tiscene.scene.description import DistantLight, Light, SceneDescription
+from tiscene.usd.read.stage_reader import read_stage
+
+SHOWN = 8  # names of objects in a line
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print it."""
+    path = stage_file(args.scene)
+    stage = read_stage(path)
+    templates = sorted({template.name for template in stage.templates} | set(catalog.templates()))
+    low, high = stage.bounds()
+    size = " x ".join(f"{length:.2f}" for length in np.subtract(high, low))
+    print(f"{stage.name}  {path}")
+    print(f"Size: {size} m (x, y, z), {stage.up_axis} up; {triangle_count(stage):,} triangles")
+    _section("Cameras", [_camera(camera) for camera in stage.cameras])
+    _section("Lights", [_light(light) for light in stage.lights])
+    _section("Objects", _objects(stage), len(stage.objects))
+    _section("Templates", templates)
+
+
+def stage_file(source: str) -> Path:
+    """The USD file of a scene, or of the scene of a scenario (.json)."""
+    path = catalog.find_scene(source)
+    return catalog.find_scene(Scenario.load(path).scene) if path.suffix.lower() == ".json" else path
+
+
+def triangle_count(stage: SceneDescription) -> int:
+    """Triangles as placed: those of a mesh count once for each of its instances."""
+    return sum(len(stage.meshes[instance.mesh].triangles) for instance in stage.instances)
+
+
+def _section(title: str, lines: list[str], count: int | None = None) -> None:
+    print(f"{title} ({len(lines) if count is None else count}):")
+    for line in lines:
+        print(f"  {line}")
+
+
+def _camera(camera: Camera) -> str:
+    place = ", ".join(f"{component:.2f}" for component in camera.position)
+    if camera.view_height is not None:
+        return f"{camera.name}: at ({place}), orthographic, {camera.view_height:.3g} m high"
+    return f"{camera.name}: at ({place}), {math.degrees(camera.vertical_fov):.0f} degrees high"
+
+
+def _light(light: Light) -> str:
+    kind = type(light).__name__.removesuffix("Light").lower()
+    if isinstance(light, DistantLight):
+        return f"{light.name}: {kind}, {max(light.irradiance):.3g} W/m²"
+    radiance = getattr(light, "radiance", (0.0, 0.0, 0.0))
+    textured = ", textured" if getattr(light, "texture", None) is not None else ""
+    return f"{light.name}: {kind}{textured}, {max(radiance):.3g} W/m²/sr"
+
+
+def _objects(stage: SceneDescription) -> list[str]:
+    """Categories with the names of what has them, the first few."""
+    names: dict[str, list[str]] = {}
+    for item in stage.objects:
+        names.setdefault(item.category or "(no category)", []).append(item.name)
+    lines = []
+    for category in sorted(names):
+        shown = sorted(names[category])
+        more = [f"and {len(shown) - SHOWN} more"] if len(shown) > SHOWN else []
+        lines.append(f"{category}: {', '.join(shown[:SHOWN] + more)}")
+    return lines

@@ -1,0 +1,339 @@
+"""The objects of a frame: who they are, where they are, and how much of them is seen.
+
+Boxes in the picture are float (x0, y0, x1, y1) with x0 <= x < x1: pixel column i spans i .. i + 1, so that a box of
+whole numbers slices an array, ``depth[y0:y1, x0:x1]``, and is COCO's (x0, y0, x1 - x0, y1 - y0). (Same origin as
+`FrameCamera.K_at(0.5)`.) Only what a row is asked for is computed, for all rows at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from operator import attrgetter
+from typing import Any, Protocol, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Quaternion, Vector3, matrix_from_quaternion
+from tiscene.errors import ObjectNotFound
+
+Box = tuple[float, float, float, float]
+
+
+class ObjectState(Protocol):
+    """What a world knows of a live object at a frame."""
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def template(self) -> str: ...
+    @property
+    def category(self) -> str: ...
+    @property
+    def category_id(self) -> int: ...
+    @property
+    def prim_path(self) -> str: ...
+    @property
+    def position(self) -> Vector3: ...
+    @property
+    def rotation(self) -> Quaternion: ...
+    @property
+    def velocity(self) -> Vector3: ...
+    @property
+    def first_frame(self) -> int: ...
+    @property
+    def last_frame(self) -> int | None: ...
+    @property
+    def blocked(self) -> bool: ...
+    @property
+    def parts(self) -> tuple[str, ...]: ...
+    @property
+    def asset(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class OrientedBox:
+    """A box turned with its object. centre: m, world. size: m, along its axes. rotation: (w, x, y, z), to the world."""
+
+    centre: Vector3
+    size: Vector3
+    rotation: Quaternion
+
+    def corners(self) -> NDArray[np.float64]:
+        """Its corners [8, 3], m, world; corner i is at the high end of axis a where bit a of i is set."""
+        signs = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
+        axes = matrix_from_quaternion(self.rotation)
+        corners: NDArray[np.float64] = np.asarray(self.centre) + (signs * self.size) @ axes.T
+        return corners
+
+
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """The pixels that an object would have alone: how many in the picture, how many outside of it, and which.
+
+    shape: of the picture. window: the lowest x and y of those in the picture, and the size of the box around them.
+    bits: their mask, row after row of the window.
+    """
+
+    inside: int
+    outside: int
+    shape: tuple[int, int]
+    window: tuple[int, int, int, int]
+    bits: NDArray[np.uint8]
+
+    def mask(self) -> NDArray[np.bool_]:
+        """bool [h, w]: those in the picture; a new array."""
+        x, y, width, height = self.window
+        mask = np.zeros(self.shape, bool)
+        mask[y : y + height, x : x + width] = np.unpackbits(self.bits, count=width * height).reshape(height, width)
+        return mask
+
+
+class Measures(Protocol):
+    """Numbers that take work, for all objects of a frame, in the order of its rows (tiscene.render.annotations.object_measurements)."""
+
+    @property
+    def visible_pixels(self) -> NDArray[np.int64]: ...
+    @property
+    def visible_box(self) -> NDArray[np.float64]: ...
+    @property
+    def amodal_box(self) -> NDArray[np.float64]: ...
+    @property
+    def world_bounds(self) -> NDArray[np.float64]: ...
+    @property
+    def box_3d(self) -> list[OrientedBox]: ...
+    @property
+    def amodal_pixels(self) -> NDArray[np.int64]: ...
+    @property
+    def pixels_in_frame(self) -> NDArray[np.int64]: ...
+    def amodal_mask(self, row: int) -> NDArray[np.bool_]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Measures that have been taken: what is in a pickle."""
+
+    visible_pixels: NDArray[np.int64]
+    visible_box: NDArray[np.float64]
+    amodal_box: NDArray[np.float64]
+    world_bounds: NDArray[np.float64]
+    box_3d: list[OrientedBox]
+    amodal_pixels: NDArray[np.int64]
+    pixels_in_frame: NDArray[np.int64]
+    alone: list[Alone]
+
+    def amodal_mask(self, row: int) -> NDArray[np.bool_]:
+        """bool [h, w]: the pixels in the picture that an object would have alone."""
+        return self.alone[row].mask()
+
+
+@dataclass(frozen=True)
+class ObjectRow:
+    """One live object at one frame.
+
+    id: its label in the `instance` buffer. template: what it was spawned from, "" for a part of the stage.
+    category, category_id: its label, "" and 0 for none; the id is that of the `semantic` buffer.
+    prim_path: on the stage, "" for what was spawned. position: m, world. rotation: unit quaternion (w, x, y, z).
+    velocity: m/s. first_frame, last_frame: its life, both inclusive; last_frame None: it has no end.
+    blocked: something has kept it from its way since the frame before.
+    parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
+    asset: what it is a copy of, "" for nothing known: USD's assetInfo, the file referred to, or its template.
+    """
+
+    id: int
+    name: str
+    template: str
+    category: str
+    category_id: int
+    prim_path: str
+    position: Vector3
+    rotation: Quaternion
+    velocity: Vector3
+    first_frame: int
+    last_frame: int | None
+    blocked: bool
+    parts: tuple[str, ...]
+    asset: str
+    _measures: Measures = field(repr=False, compare=False)
+    _row: int = field(repr=False, compare=False)
+
+    @property
+    def world_from_object(self) -> NDArray[np.float64]:
+        """The pose as a rigid 4x4 matrix."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = matrix_from_quaternion(self.rotation)
+        matrix[:3, 3] = self.position
+        return matrix
+
+    @property
+    def visible_box(self) -> Box | None:
+        """The tight box around its visible pixels; None if there are none."""
+        return _box(self._measures.visible_box[self._row])
+
+    @property
+    def amodal_box(self) -> Box | None:
+        """The box around the projection of all its geometry, hidden or out of the picture too.
+
+        What lies behind the camera's near plane is cut off; None if nothing is left.
+        """
+        return _box(self._measures.amodal_box[self._row])
+
+    @property
+    def box_3d(self) -> OrientedBox:
+        """Its bounding box in its own axes."""
+        return self._measures.box_3d[self._row]
+
+    @property
+    def world_bounds(self) -> NDArray[np.float64]:
+        """[2, 3]: the lowest and highest corner of the box along the world's axes, m."""
+        bounds: NDArray[np.float64] = self._measures.world_bounds[self._row].copy()
+        return bounds
+
+    @property
+    def visible_pixels(self) -> int:
+        """How many pixels of the `instance` buffer are its."""
+        return int(self._measures.visible_pixels[self._row])
+
+    @property
+    def amodal_pixels(self) -> int:
+        """How many pixels it would have alone, on a picture without edges.
+
+        Outside of the picture a large object is counted at every s-th pixel in both axes, at most 16,384 of them.
+        """
+        return int(self._measures.amodal_pixels[self._row])
+
+    @property
+    def amodal_mask(self) -> NDArray[np.bool_]:
+        """[height, width], True at the pixels of the picture that it would have alone. (frame.instance == id has those
+        that it does have.)"""
+        return self._measures.amodal_mask(self._row)
+
+    @property
+    def percent_in_frame(self) -> float:
+        """The part of its amodal pixels that lies in the picture, 0..1."""
+        return _ratio(self._measures.pixels_in_frame[self._row], self._measures.amodal_pixels[self._row])
+
+    @property
+    def visibility_in_frame(self) -> float:
+        """The part of its amodal pixels in the picture that nothing hides, 0..1."""
+        return _ratio(self._measures.visible_pixels[self._row], self._measures.pixels_in_frame[self._row])
+
+    @property
+    def percent_visible(self) -> float:
+        """percent_in_frame * visibility_in_frame: the part of the object that is seen, 0..1."""
+        return self.percent_in_frame * self.visibility_in_frame
+
+
+_values_of = attrgetter(*(each.name for each in fields(ObjectRow) if not each.name.startswith("_")))
+
+
+class ObjectTable(Sequence[ObjectRow]):
+    """The live objects of a frame, in the order of their ids."""
+
+    def __init__(self, states: Sequence[ObjectState] = (), measures: Measures | None = None) -> None:
+        """measures: of the same objects in the same order; needed unless there are none."""
+        self._states = states
+        self._measures: Measures = measures or _OF_NOTHING
+
+    @cached_property
+    def _rows(self) -> tuple[ObjectRow, ...]:
+        return tuple(ObjectRow(*(*_values_of(state), self._measures, row)) for row, state in enumerate(self._states))
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def __iter__(self) -> Iterator[ObjectRow]:
+        return iter(self._rows)
+
+    @overload
+    def __getitem__(self, index: int) -> ObjectRow: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[ObjectRow, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> ObjectRow | tuple[ObjectRow, ...]:
+        return self._rows[index]
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} objects: {', '.join(row.name for row in self._rows)}>"
+
+    def by_id(self, id: int) -> ObjectRow:
+        """The object that the `instance` buffer calls `id`. Raises ObjectNotFound."""
+        for row in self._rows:
+            if row.id == id:
+                return row
+        raise ObjectNotFound("object", str(id), [str(row.id) for row in self._rows], " in this frame")
+
+    def by_name(self, name: str) -> ObjectRow:
+        """The object of that name. Raises ObjectNotFound."""
+        for row in self._rows:
+            if row.name == name:
+                return row
+        raise ObjectNotFound("object", name, [row.name for row in self._rows], " in this frame")
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Every column as an array with one entry for each row, computing all of them.
+
+        Text columns are str; where a row says None a float column has nan, and `last_frame` -1.
+        """
+        states, measures = self._states, self._measures
+        boxes = measures.box_3d
+        visible, amodal, inside = measures.visible_pixels, measures.amodal_pixels, measures.pixels_in_frame
+        in_frame, in_sight = _ratios(inside, amodal), _ratios(visible, inside)
+        return {
+            "id": np.array([state.id for state in states], np.int32),
+            "name": np.array([state.name for state in states], np.str_),
+            "template": np.array([state.template for state in states], np.str_),
+            "category": np.array([state.category for state in states], np.str_),
+            "category_id": np.array([state.category_id for state in states], np.int32),
+            "prim_path": np.array([state.prim_path for state in states], np.str_),
+            "asset": np.array([state.asset for state in states], np.str_),
+            "position": _floats([state.position for state in states], 3),
+            "rotation": _floats([state.rotation for state in states], 4),
+            "velocity": _floats([state.velocity for state in states], 3),
+            "first_frame": np.array([state.first_frame for state in states], np.int64),
+            "last_frame": np.array(
+                [-1 if state.last_frame is None else state.last_frame for state in states], np.int64
+            ),
+            "blocked": np.array([state.blocked for state in states], np.bool_),
+            "visible_box": measures.visible_box.copy(),
+            "amodal_box": measures.amodal_box.copy(),
+            "box_3d_centre": _floats([box.centre for box in boxes], 3),
+            "box_3d_size": _floats([box.size for box in boxes], 3),
+            "box_3d_rotation": _floats([box.rotation for box in boxes], 4),
+            "world_bounds": _floats(measures.world_bounds, 6),
+            "visible_pixels": visible.copy(),
+            "amodal_pixels": amodal.copy(),
+            "percent_in_frame": in_frame,
+            "visibility_in_frame": in_sight,
+            "percent_visible": in_frame * in_sight,
+        }
+
+
+_NO_COUNTS: NDArray[np.int64] = np.zeros(0, np.int64)
+_OF_NOTHING = Measured(
+    _NO_COUNTS, np.zeros((0, 4)), np.zeros((0, 4)), np.zeros((0, 2, 3)), [], _NO_COUNTS, _NO_COUNTS, []
+)
+
+
+def _floats(values: Any, columns: int) -> NDArray[np.float64]:
+    return np.array(values, np.float64).reshape(len(values), columns)
+
+
+def _ratios(parts: NDArray[np.int64], wholes: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.where(wholes > 0, parts / np.maximum(wholes, 1), 0.0)
+
+
+def _box(corners: NDArray[np.float64]) -> Box | None:
+    if np.isnan(corners).any():
+        return None
+    x0, y0, x1, y1 = corners.tolist()
+    return x0, y0, x1, y1
+
+
+def _ratio(part: int, whole: int) -> float:
+    return float(part / whole) if whole else 0.0

@@ -1,0 +1,146 @@
+"""Where in a camera's view there is room: what the camera sees in front of everything, and boxes around the rest.
+
+One depth image of the scene says how far each line of sight is free; a ball nearer than all that is seen around it
+meets nothing. Elsewhere, behind things or out of view, a ball must keep clear of the box of every mesh of the scene.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera
+from tiscene.device import runtime
+from tiscene.render.integrators.labels.label_pass import LabelPass
+from tiscene.render.view import View
+from tiscene.scene.assembly import bounding_box
+from tiscene.scene.description import SceneDescription
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, Placement
+
+Array = NDArray[np.float64]
+ROWS = 96  # of the depth image
+
+
+class FreeSpace:
+    """The room that a still scene leaves before a camera that stands still."""
+
+    def __init__(self, stage: SceneDescription, camera: Camera, aspect: float) -> None:
+        """aspect: width / height of the view. Starts Taichi unless it runs."""
+        self.camera = camera
+        self.aspect = aspect
+        self._depth = _depth_image(stage, camera, max(1, round(ROWS * aspect)), ROWS)
+        self.bounds = stage.bounds()
+        # What nobody sees is in the way too.
+        self._reach = self._depth
+        if stage.colliders:
+            solid = replace(stage, instances=(*stage.instances, *stage.colliders))
+            self._reach = _depth_image(solid, camera, max(1, round(ROWS * aspect)), ROWS)
+        boxes = _mesh_boxes(stage)
+        # A mesh around the camera, such as a room in one piece, is hollow.
+        around = np.all((boxes[:, 0] < camera.position) & (camera.position < boxes[:, 1]), axis=1)
+        self._boxes = boxes[~around]
+
+    @property
+    def empty(self) -> bool:
+        """Whether the scene holds nothing at all: a place for objects alone."""
+        return not np.any(self.bounds[1] > self.bounds[0])
+
+    def points(self, x: Array, y: Array, depth: Array) -> Array:
+        """Points [n, 3] of the world at places of the image (0..1 from the left and from the top) and depths, m."""
+        half = self._half_height(depth)
+        local = [(2.0 * x - 1.0) * self.aspect * half, (1.0 - 2.0 * y) * half, -depth]
+        places: Array = np.stack(local, axis=1) @ self.camera.axes().T + self.camera.position
+        return places
+
+    def project(self, points: Array) -> tuple[Array, Array, Array]:
+        """x and y (0..1 in the image, from the left and from the top) and depth (m) of points [n, 3]."""
+        local = (points - self.camera.position) @ self.camera.axes()
+        depth = -local[:, 2]
+        half = self._half_height(np.where(depth > 1e-9, depth, np.nan))
+        x = 0.5 + 0.5 * local[:, 0] / (half * self.aspect)
+        y = 0.5 - 0.5 * local[:, 1] / half
+        return x, y, depth
+
+    def _half_height(self, depth: Array) -> Array:
+        """Half of what is seen from below to above at some depths, m."""
+        half = self.camera.half_height(1.0)
+        return half * (depth if self.camera.view_height is None else np.where(np.isnan(depth), np.nan, 1.0))
+
+    def in_view(self, points: Array) -> NDArray[np.bool_]:
+        """Which of the points [n, 3] lie within the four sides of the view."""
+        x, y, depth = self.project(points)
+        return (depth > self.camera.near) & (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
+
+    def hidden(self, points: Array) -> NDArray[np.bool_]:
+        """Which of the points [n, 3] are in view, but behind something of the scene."""
+        x, y, depth = self.project(points)
+        seen = self.in_view(points)
+        column, row = self._pixels(np.where(seen, x, 0.0), np.where(seen, y, 0.0))
+        result: NDArray[np.bool_] = seen & (self._depth[row, column] < depth)
+        return result
+
+    def is_free(self, points: Array, radius: float) -> NDArray[np.bool_]:
+        """At which of the points [n, 3] a ball has room."""
+        return self._in_front(points, radius) | self.is_clear(points, radius)
+
+    def _in_front(self, points: Array, radius: float) -> NDArray[np.bool_]:
+        """Whether all that is seen in the directions of a ball lies behind it. Beyond the image nothing is known."""
+        x, y, depth = self.project(points)
+        result = np.zeros(len(points), np.bool_)
+        for row in np.flatnonzero(depth > radius + self.camera.near):
+            reach = radius / (2.0 * self.camera.half_height(float(depth[row]) - radius))  # of the image's height
+            left, right = x[row] - reach / self.aspect, x[row] + reach / self.aspect
+            top, bottom = y[row] - reach, y[row] + reach
+            if left >= 0.0 and right <= 1.0 and top >= 0.0 and bottom <= 1.0:
+                (a, b), (c, d) = self._pixels(np.array([left, right]), np.array([top, bottom]))
+                result[row] = self._reach[c : d + 1, a : b + 1].min() > depth[row] + radius
+        return result
+
+    def is_clear(self, points: Array, radius: float) -> NDArray[np.bool_]:
+        """At which of the points [n, 3] a ball is within the scene's bounds and meets no mesh's box."""
+        if self.empty:
+            return np.ones(len(points), np.bool_)
+        inside = np.all((points > self.bounds[0] + radius) & (points < self.bounds[1] - radius), axis=1)
+        nearest = np.clip(points[:, None], self._boxes[None, :, 0], self._boxes[None, :, 1])
+        distance = np.linalg.norm(points[:, None] - nearest, axis=2)
+        result: NDArray[np.bool_] = inside & np.all(distance > radius, axis=1)
+        return result
+
+    def _pixels(self, x: Array, y: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        height, width = self._depth.shape
+        column = np.clip((x * width).astype(np.intp), 0, width - 1)
+        return column, np.clip((y * height).astype(np.intp), 0, height - 1)
+
+
+def _depth_image(stage: SceneDescription, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
+    """Depth of the scene, +inf where there is nothing."""
+    count = len(stage.instances)
+    if not count:
+        return np.full((height, width), np.inf, np.float32)
+    runtime.start()
+    scene = DeviceScene()
+    scene.add(stage)
+    world = np.array([each.world_from_object[:3] for each in stage.instances])
+    placement = Placement(
+        mesh=np.array([each.mesh for each in stage.instances], np.int32),
+        instance_id=np.array([each.object + 1 for each in stage.instances], np.int32),
+        category_id=np.zeros(count, np.int32),
+        world_from_object=np.broadcast_to(world, (3, count, 3, 4)).copy(),
+        box_from_object=np.broadcast_to(np.eye(4)[:3], (count, 3, 4)).copy(),
+        present=np.ones((3, count), np.bool_),
+    )
+    scene.place(placement, (CURRENT,))
+    depth: NDArray[np.float32] = LabelPass(scene).render(View(camera, camera, camera, width, height), ("depth",))[
+        "depth"
+    ]
+    return depth
+
+
+def _mesh_boxes(stage: SceneDescription) -> Array:
+    """[n, 2, 3]: lowest and highest corner of every placed mesh."""
+    placed = (*stage.instances, *stage.colliders)
+    boxes = [bounding_box(stage, [each.mesh], [each.world_from_object]) for each in placed]
+    return np.array(boxes).reshape(-1, 2, 3)

@@ -1,0 +1,122 @@
+"""The ranges that `Scenario.sample` draws from: the knobs of a stream's visual complexity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError
+
+DYNAMICS = ("still", "linear", "catmull", "bounce")
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """What `Scenario.sample` draws from. Ranges are (low, high), both included; one number stands for both.
+
+    objects: how many. templates: names to draw from; None: all of the catalog.
+    dynamics: kinds to draw from: "still", "linear", "catmull" (closed loops through waypoints), "bounce".
+    speed: m/s, along the whole loop. angular_speed: rad/s, about an axis of the object's own drawn at random.
+    waypoints: of a loop. scale: of the object.
+    depth: m from the camera along its axis. region: left, top, right and bottom of the part of the image (0..1) in
+    which waypoints lie.
+    in_view: share of the way during which the object's centre is in view.
+    occlusion: share of the way in view during which its centre is hidden by the scene.
+    frames: length of the stream. life: for how many of them an object is there, from one drawn at random on; None: all.
+    wait_time: s until all start. aspect: width / height of the view.
+    Raises ArgumentError for what is no range, or can never be met.
+    """
+
+    objects: tuple[int, int] = (1, 3)
+    templates: Sequence[str] | None = None
+    dynamics: Sequence[str] = ("catmull",)
+    speed: tuple[float, float] = (0.2, 0.8)
+    angular_speed: tuple[float, float] = (0.0, 0.8)
+    waypoints: tuple[int, int] = (3, 5)
+    scale: tuple[float, float] = (1.0, 1.0)
+    depth: tuple[float, float] = (1.0, 5.0)
+    region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
+    in_view: tuple[float, float] = (1.0, 1.0)
+    occlusion: tuple[float, float] = (0.0, 0.0)
+    frames: int | None = None
+    life: tuple[int, int] | None = None
+    wait_time: float = 0.0
+    aspect: float = 4.0 / 3.0
+
+    def __post_init__(self) -> None:
+        for name, least, most in (("objects", 0, math.inf), ("waypoints", 2, 64), ("life", 1, math.inf)):
+            if getattr(self, name) is not None:
+                self._set(name, _whole_range(getattr(self, name), name, least, most))
+        for name, most in (("speed", math.inf), ("angular_speed", math.inf), ("in_view", 1.0), ("occlusion", 1.0)):
+            self._set(name, _range(getattr(self, name), name, most))
+        for name in ("scale", "depth"):
+            self._set(name, _range(getattr(self, name), name, math.inf))
+            if getattr(self, name)[0] <= 0.0:
+                raise ArgumentError(f"{name}={getattr(self, name)}: must be greater than 0")
+        self._set("dynamics", _words(self.dynamics, "dynamics"))
+        for word in self.dynamics:
+            if word not in DYNAMICS:
+                raise ArgumentError(f"dynamics: {word!r} is not one of {', '.join(map(repr, DYNAMICS))}")
+        if self.templates is not None:
+            self._set("templates", _words(self.templates, "templates"))
+        moving = set(self.dynamics) - {"still"}
+        if moving and self.speed[0] <= 0.0:
+            raise ArgumentError(f"speed={self.speed}: what moves must be faster than 0; use dynamics=('still',)")
+        left, top, right, bottom = _numbers(self.region, "region", 4)
+        if not (0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0):
+            raise ArgumentError(f"region={self.region}: must be left < right and top < bottom, within 0..1")
+        if self.occlusion[0] > 0.0 and self.in_view[1] == 0.0:
+            raise ArgumentError("occlusion is a share of the way in view, but in_view=0 leaves none")
+        if self.life is not None and (self.frames is None or self.life[1] > self.frames):
+            raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
+        if self.frames is not None:
+            self._set("frames", _whole_range(self.frames, "frames", 1, math.inf)[0])
+        aspect = _numbers((self.aspect,), "aspect", 1)[0]
+        if aspect <= 0.0:
+            raise ArgumentError(f"aspect={self.aspect!r}: must be greater than 0")
+        self._set("aspect", aspect)
+        wait_time = _numbers((self.wait_time,), "wait_time", 1)[0]
+        if wait_time < 0.0:
+            raise ArgumentError(f"wait_time={self.wait_time!r}: must be 0 or more")
+        self._set("wait_time", wait_time)
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+
+def _range(value: Any, name: str, most: float) -> tuple[float, float]:
+    """`value` as (low, high) within 0..most."""
+    values = (value, value) if isinstance(value, Real) else value
+    low, high = _numbers(values, name, 2)
+    if not 0.0 <= low <= high <= most:
+        limits = "must be 0 or more" if most == math.inf else f"must lie within 0..{most:g}"
+        raise ArgumentError(f"{name}={value!r}: {limits}, low before high")
+    return (low, high)
+
+
+def _whole_range(value: Any, name: str, least: int, most: float) -> tuple[int, int]:
+    """`value` as whole (low, high) within least..most."""
+    low, high = _range(value, name, math.inf)
+    if low != int(low) or high != int(high) or low < least or high > most:
+        limits = f"{least} or more" if most == math.inf else f"from {least} to {most:g}"
+        raise ArgumentError(f"{name}={value!r}: must be whole numbers, {limits}")
+    return (int(low), int(high))
+
+
+def _numbers(value: Any, name: str, count: int) -> tuple[float, ...]:
+    try:
+        return argument_checks.numbers(value, name, count)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(str(error)) from None
+
+
+def _words(value: Any, name: str) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(each, str) for each in value):
+        raise ArgumentError(f"{name}={value!r}: must be a sequence of names")
+    if not value:
+        raise ArgumentError(f"{name}: name one at least")
+    return tuple(value)

@@ -1,0 +1,100 @@
+"""The kernels that measuring objects needs beside those of the label pass."""
+
+import taichi as ti
+
+from tiscene.render.intersect.ray_queue import Rays, write_ray
+from tiscene.render.intersect.surface_interaction import FLOATS_2D, INTS_1D, INTS_2D
+from tiscene.render.view import camera_ray
+from tiscene.scene.placement import CURRENT
+
+DOUBLES_1D = ti.types.ndarray(dtype=ti.f64, ndim=1)
+DOUBLES_2D = ti.types.ndarray(dtype=ti.f64, ndim=2)
+INSTANCE, OWNER, LEFT, TOP, COLUMNS, ROWS, STRIDE, OUTSIDE = range(8)  # columns of `windows`
+X, Y, WINDOW = range(3)  # columns of `samples`
+EXTENT_COLUMNS = 12
+WORLD, BOX, IN_FRONT, BEHIND = 0, 6, 10, 11  # columns of `extents`
+
+
+@ti.kernel
+def pixel_rays(
+    view: FLOATS_2D,
+    windows: INTS_2D,
+    firsts: INTS_1D,
+    width: ti.i32,
+    height: ti.i32,
+    samples: INTS_2D,
+    rays: Rays,
+    targets: INTS_1D,
+):
+    """Rays through the centres of pixels, in the picture or not, and what they ask about.
+
+    windows: i32 [w, 8], the rows below. firsts: i32 [w + 1], its first sample. samples: i32 [n, 3], x, y and window.
+    """
+    for i in range(firsts[windows.shape[0]]):
+        window, end = 0, windows.shape[0]
+        while end - window > 1:
+            middle = (window + end) // 2
+            if firsts[middle] <= i:
+                window = middle
+            else:
+                end = middle
+        at = i - firsts[window]
+        stride = windows[window, STRIDE]
+        x = windows[window, LEFT] + at % windows[window, COLUMNS] * stride
+        y = windows[window, TOP] + at // windows[window, COLUMNS] * stride
+        samples[i, X], samples[i, Y], samples[i, WINDOW] = x, y, window
+        origin, direction = camera_ray(view, CURRENT, ti.cast(x, ti.f32), ti.cast(y, ti.f32), width, height)
+        reach = ti.math.inf
+        if windows[window, OUTSIDE] != 0 and 0 <= x < width and 0 <= y < height:
+            reach = 0.0  # another window has this pixel
+        write_ray(rays, i, origin, direction, reach)
+        targets[i] = windows[window, INSTANCE]
+
+
+@ti.kernel
+def measure_extents(
+    vertex_position: FLOATS_2D,
+    vertices: INTS_2D,
+    world_from_object: DOUBLES_2D,
+    camera_from_world: DOUBLES_1D,
+    near: ti.f64,
+    focal: ti.f64,
+    orthographic: ti.i32,
+    half_width: ti.f64,
+    half_height: ti.f64,
+    extents: DOUBLES_2D,
+):
+    """Of instances with rows of vertices [begin, end): the box in the world, m; that of what is beyond the near plane
+    in the picture, px, whole numbers being corners of pixels; how many vertices are beyond it, and how many are not.
+    """
+    for row in range(vertices.shape[0]):
+        low, high = ti.Vector([ti.f64(1e300)] * 3), ti.Vector([ti.f64(-1e300)] * 3)
+        box_low, box_high = ti.Vector([ti.f64(1e300)] * 2), ti.Vector([ti.f64(-1e300)] * 2)
+        behind = 0
+        for vertex in range(vertices[row, 0], vertices[row, 1]):
+            point, seen = ti.Vector([ti.f64(0.0)] * 3), ti.Vector([ti.f64(0.0)] * 3)
+            for a in ti.static(range(3)):
+                point[a] = world_from_object[row, 4 * a + 3]
+                for c in ti.static(range(3)):
+                    point[a] += world_from_object[row, 4 * a + c] * ti.cast(vertex_position[vertex, c], ti.f64)
+            for a in ti.static(range(3)):
+                seen[a] = camera_from_world[4 * a + 3]
+                for c in ti.static(range(3)):
+                    seen[a] += camera_from_world[4 * a + c] * point[c]
+            low, high = ti.min(low, point), ti.max(high, point)
+            if seen[2] >= near:
+                scale = focal
+                if orthographic == 0:
+                    scale = focal / seen[2]
+                pixel = ti.Vector([seen[0], seen[1]]) * scale + ti.Vector([half_width, half_height])
+                box_low, box_high = ti.min(box_low, pixel), ti.max(box_high, pixel)
+            else:
+                behind += 1
+        for a in ti.static(range(3)):
+            extents[row, WORLD + a] = low[a]
+            extents[row, WORLD + 3 + a] = high[a]
+        for a in ti.static(range(2)):
+            extents[row, BOX + a] = box_low[a]
+            extents[row, BOX + 2 + a] = box_high[a]
+        extents[row, IN_FRONT] = vertices[row, 1] - vertices[row, 0] - behind
+        extents[row, BEHIND] = behind

@@ -1,0 +1,311 @@
+"""Boxes and pixel counts of a frame's objects, each computed when it is first asked for.
+
+A frame may be looked at long after the stream has moved on: what is needed of that moment (placement and cameras) is
+kept, and the scene is placed anew for the measurement. Every render places the scene first, so no other frame notices.
+
+What depends on the camera and the object alone, not on what hides it, is remembered: things that stand still before a
+camera that does not move are measured once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Camera, quaternion_from_matrix
+from tiscene.frame.object_table import Alone, Measured, ObjectState, ObjectTable, OrientedBox
+from tiscene.render.annotations.amodal_masks import PartInView, PixelCounter
+from tiscene.render.annotations.measurement_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT, WORLD, measure_extents
+from tiscene.render.integrators.labels.label_pass import LabelPass
+from tiscene.render.view import View
+from tiscene.scene.animation import polar
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, Placement
+
+KEPT_VIEWS = 4  # those not asked about for longest go first
+_FARTHEST = 1e7  # px; where the projection of a point on the near plane may end up
+
+
+@dataclass(eq=False)
+class _Known:
+    """What was measured of one object in one view. alone: None as long as nobody has asked."""
+
+    signature: bytes
+    world_bounds: NDArray[np.float64]
+    box_3d: OrientedBox
+    parts: list[PartInView]
+    alone: Alone | None = None
+
+    @property
+    def amodal_box(self) -> NDArray[np.float64]:
+        every = np.array([part.box for part in self.parts]).reshape(-1, 4)
+        return np.concatenate([every[:, :2].min(axis=0), every[:, 2:].max(axis=0)])
+
+
+class Measurer:
+    """Measures the objects of a scene's frames."""
+
+    def __init__(self, scene: DeviceScene) -> None:
+        self.scene = scene
+        self.labels = LabelPass(scene)
+        self.pixels = PixelCounter(scene)
+        self._known: dict[tuple[Camera, int, int], dict[int, _Known]] = {}
+
+    def table(
+        self,
+        placement: Placement,
+        view: View,
+        states: Sequence[ObjectState],
+        instance: NDArray[np.int32] | None = None,
+    ) -> ObjectTable:
+        """The rows of `frame.objects`. states: the objects alive at the frame, as its world tells.
+
+        placement: what the frame showed. instance: the frame's buffer of that name, if it has one.
+        """
+        ids = np.array([state.id for state in states], np.int32)
+        # A copy: the buffers handed out may be written to.
+        return ObjectTable(
+            states, SceneMeasures(self, placement, view, ids, None if instance is None else instance.copy())
+        )
+
+    def known(self, view: View) -> dict[int, _Known]:
+        """What was measured in a view lately, by the object's id; to be added to."""
+        key = view.current, view.width, view.height
+        found = self._known.pop(key, {})
+        if len(self._known) >= KEPT_VIEWS:
+            del self._known[next(iter(self._known))]
+        self._known[key] = found
+        return found
+
+
+class SceneMeasures:
+    """Measures (see tiscene.frame.object_table) of what a scene showed in a view."""
+
+    def __init__(
+        self,
+        measurer: Measurer,
+        placement: Placement,
+        view: View,
+        ids: NDArray[np.int32],
+        instance: NDArray[np.int32] | None,
+    ) -> None:
+        """ids: the objects to measure, one row each. placement: what the frame showed. instance: if it is at hand."""
+        self._measurer = measurer
+        self._scene = measurer.scene
+        self._placement = placement
+        self._view = view
+        self._ids = ids
+        self._instance = instance
+
+    def __reduce__(self) -> tuple[type[Measured], tuple[object, ...]]:
+        """Device arrays cannot leave the process: a copy or pickle takes the measures and forgets the scene."""
+        return Measured, tuple(getattr(self, field.name) for field in fields(Measured))
+
+    @cached_property
+    def _seen(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Visible pixels [n] and the boxes around them [n, 4]."""
+        image = self._instance
+        if image is None:
+            self._scene.place(self._placement, (CURRENT,))
+            image = self._measurer.labels.render(self._view, ("instance",))["instance"]
+        height, width = image.shape
+        order = np.argsort(self._ids)
+        # Runs of pixels of one object in one line.
+        begins = np.ones((height, width), bool)
+        begins[:, 1:] = image[:, 1:] != image[:, :-1]
+        first = np.flatnonzero(begins)
+        length = np.diff(np.append(first, height * width))
+        ids = image.ravel()[first]
+        rows = np.searchsorted(self._ids[order], ids)
+        mine = (ids > 0) & (rows < len(order))
+        mine[mine] = self._ids[order[rows[mine]]] == ids[mine]
+        rows, first, length = order[rows[mine]], first[mine], length[mine]
+        y, x = np.divmod(first, width)
+        count = len(order)
+        boxes = np.empty((4, count))
+        boxes[:2], boxes[2:] = np.inf, -np.inf
+        for corner, value, extreme in (
+            (0, x, np.minimum),
+            (1, y, np.minimum),
+            (2, x + length, np.maximum),
+            (3, y + 1, np.maximum),
+        ):
+            extreme.at(boxes[corner], rows, value.astype(np.float64))
+        pixels = np.bincount(rows, length, count).astype(np.int64)
+        return pixels, np.where(pixels[:, None] > 0, boxes.T, np.nan)
+
+    @property
+    def visible_pixels(self) -> NDArray[np.int64]:
+        """int64 [n]."""
+        return self._seen[0]
+
+    @property
+    def visible_box(self) -> NDArray[np.float64]:
+        """float64 [n, 4], px; nan where nothing is visible."""
+        return self._seen[1]
+
+    @cached_property
+    def _parts(self) -> list[NDArray[np.int64]]:
+        """For each object the rows of its instances."""
+        placed = self._placement
+        there = np.flatnonzero(placed.present[CURRENT])
+        there = there[np.argsort(placed.instance_id[there], kind="stable")]
+        ids = placed.instance_id[there]
+        first, last = np.searchsorted(ids, self._ids), np.searchsorted(ids, self._ids, side="right")
+        return [there[a:b] for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+
+    def _signature(self, parts: NDArray[np.int64]) -> bytes:
+        """All that the measures of an object in a view depend on."""
+        placed = self._placement
+        meshes = placed.mesh[parts]
+        signature: bytes = meshes.tobytes() + placed.world_from_object[CURRENT, parts].tobytes()
+        signature += placed.box_from_object[parts[:1]].tobytes()
+        if self._scene.deforms and any(self._scene.meshes[mesh].deformation is not None for mesh in meshes):
+            signature += repr(placed.seconds[CURRENT]).encode()
+        return signature
+
+    @cached_property
+    def _objects(self) -> list[_Known]:
+        """What is known of each object, measured now where it was not."""
+        known = self._measurer.known(self._view)
+        signatures = [self._signature(parts) for parts in self._parts]
+        ids = self._ids.tolist()
+        new = [
+            row
+            for row, (id, signature) in enumerate(zip(ids, signatures, strict=True))
+            if id not in known or known[id].signature != signature
+        ]
+        measured = {ids[row]: each for row, each in zip(new, self._measure(new, signatures), strict=True)}
+        kept = {id: measured.get(id) or known[id] for id in ids}
+        known.clear()
+        known.update(kept)
+        return list(kept.values())
+
+    def _measure(self, rows: Sequence[int], signatures: Sequence[bytes]) -> list[_Known]:
+        """Measure the objects in those rows."""
+        parts = [self._parts[row] for row in rows]
+        extents = self._extents(np.concatenate([np.zeros(0, np.int64), *parts]))
+        ends = np.cumsum([0, *(len(each) for each in parts)])
+        result = []
+        for number, (row, box) in enumerate(zip(rows, self._boxes_3d(parts), strict=True)):
+            mine = extents[ends[number] : ends[number + 1]]
+            corners = mine[:, WORLD : WORLD + 6].reshape(-1, 2, 3)
+            bounds = np.full((2, 3), np.nan)
+            if (corners[:, 0] <= corners[:, 1]).any():
+                bounds = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+            in_view = []
+            for place, (instance, extent) in enumerate(zip(parts[number].tolist(), mine, strict=True)):
+                cut = bool(extent[BEHIND])
+                if extent[IN_FRONT]:
+                    window = self._box_in_front(instance) if cut else extent[BOX : BOX + 4]
+                    in_view.append(PartInView(place, np.clip(window, -_FARTHEST, _FARTHEST), cut))
+            result.append(_Known(signatures[row], bounds, box, in_view))
+        return result
+
+    def _extents(self, instances: NDArray[np.int64]) -> NDArray[np.float64]:
+        """float64 [i, 12], what `measure_extents` says of each of the instances."""
+        scene, placed, view = self._scene, self._placement, self._view
+        found = np.zeros((len(instances), EXTENT_COLUMNS))
+        if not len(instances):
+            return found
+        if scene.deforms:
+            scene.place(placed, (CURRENT,))
+        rows = [scene.vertex_rows(mesh) for mesh in placed.mesh[instances].tolist()]
+        measure_extents(
+            scene.vertex_position, np.array([[each.start, each.stop] for each in rows], np.int32),
+            placed.world_from_object[CURRENT, instances].reshape(-1, 12),
+            view.camera_from_world()[CURRENT].ravel(), view.current.near, float(view.focal_lengths()[CURRENT]),
+            int(view.orthographic), 0.5 * view.width, 0.5 * view.height, found,
+        )  # fmt: skip
+        return found
+
+    def _boxes_3d(self, objects: Sequence[NDArray[np.int64]]) -> list[OrientedBox]:
+        """The boxes that `object_coordinates` are measured in, of objects with those instances."""
+        # All parts share one box; that of the first leads from 0..1 to its mesh and on to the world.
+        firsts = np.array([parts[0] if len(parts) else -1 for parts in objects], np.int64)
+        some = firsts[firsts >= 0]
+        box_from_mesh, world_from_mesh = np.zeros((2, len(some), 4, 4))
+        box_from_mesh[:, :3] = self._placement.box_from_object[some]
+        world_from_mesh[:, :3] = self._placement.world_from_object[CURRENT, some]
+        box_from_mesh[:, 3, 3] = world_from_mesh[:, 3, 3] = 1.0
+        world_from_box = world_from_mesh @ np.linalg.inv(box_from_mesh)
+        edges = world_from_box[:, :3, :3]
+        sizes = np.linalg.norm(edges, axis=1)
+        centres = world_from_box[:, :3] @ (0.5, 0.5, 0.5, 1.0)
+        rotations = _rotations_of(edges)
+        nothing = (np.nan,) * 3
+        boxes = [OrientedBox(nothing, nothing, (1.0, 0.0, 0.0, 0.0))] * len(firsts)
+        for row, centre, size, rotation in zip(np.flatnonzero(firsts >= 0), centres, sizes, rotations, strict=True):
+            boxes[row] = OrientedBox(tuple(centre.tolist()), tuple(size.tolist()), quaternion_from_matrix(rotation))
+        return boxes
+
+    def _box_in_front(self, instance: int) -> NDArray[np.float64]:
+        """The box in the picture, px, of what an instance shows beyond the near plane, which goes through it."""
+        placed, camera = self._placement, self._view.camera_from_world()[CURRENT]
+        mesh = self._scene.meshes[placed.mesh[instance]]
+        positions = mesh.positions
+        if mesh.deformation is not None:
+            positions = mesh.deformation.at(placed.seconds[CURRENT])[0]
+        matrix = placed.world_from_object[CURRENT, instance]
+        points = (positions @ matrix[:, :3].T + matrix[:, 3]) @ camera[:, :3].T + camera[:, 3]
+        near = self._view.current.near
+        inside = points[:, 2] >= near
+        edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
+        edges = edges[inside[edges[:, 0]] != inside[edges[:, 1]]]
+        a, b = points[edges[:, 0]], points[edges[:, 1]]
+        share = (near - a[:, 2]) / (b[:, 2] - a[:, 2])
+        points = np.concatenate([points[inside], a + share[:, None] * (b - a)])
+        centre = 0.5 * self._view.width, 0.5 * self._view.height
+        depths = np.ones((len(points), 1)) if self._view.orthographic else points[:, 2:]
+        pixels = points[:, :2] / depths * self._view.focal_lengths()[CURRENT] + centre
+        return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+
+    @cached_property
+    def world_bounds(self) -> NDArray[np.float64]:
+        """float64 [n, 2, 3], m; nan for an object without geometry."""
+        return np.array([each.world_bounds for each in self._objects]).reshape(-1, 2, 3)
+
+    @property
+    def box_3d(self) -> list[OrientedBox]:
+        """The boxes that `object_coordinates` are measured in."""
+        return [each.box_3d for each in self._objects]
+
+    @cached_property
+    def amodal_box(self) -> NDArray[np.float64]:
+        """float64 [n, 4], px; nan where nothing is in front of the near plane."""
+        boxes = [each.amodal_box if each.parts else (np.nan,) * 4 for each in self._objects]
+        return np.array(boxes, np.float64).reshape(-1, 4)
+
+    @cached_property
+    def alone(self) -> list[Alone]:
+        """The pixels that each object would have alone."""
+        new = [row for row, each in enumerate(self._objects) if each.alone is None]
+        if new:
+            self._scene.place(self._placement, (CURRENT,))
+            parts = [[part.of(self._parts[row]) for part in self._objects[row].parts] for row in new]
+            for row, alone in zip(new, self._measurer.pixels.count(self._view, parts), strict=True):
+                self._objects[row].alone = alone
+        return [each.alone for each in self._objects if each.alone is not None]
+
+    @cached_property
+    def pixels_in_frame(self) -> NDArray[np.int64]:
+        """int64 [n]: pixels in the picture if the object were alone."""
+        return np.array([each.inside for each in self.alone], np.int64)
+
+    @cached_property
+    def amodal_pixels(self) -> NDArray[np.int64]:
+        """int64 [n]: pixels if the object were alone on a picture without edges."""
+        return np.array([each.inside + each.outside for each in self.alone], np.int64)
+
+    def amodal_mask(self, row: int) -> NDArray[np.bool_]:
+        """bool [h, w]: the pixels in the picture that an object would have alone."""
+        return self.alone[row].mask()
+
+
+def _rotations_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotations whose axes are nearest to the columns of matrices [n, 3, 3], never mirrored."""
+    return polar(edges / np.maximum(np.linalg.norm(edges, axis=1, keepdims=True), 1e-30))[0]

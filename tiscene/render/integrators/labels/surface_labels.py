@@ -1,0 +1,283 @@
+"""The labels of surfaces: what each ray met, where that moves, what it is made of; mirrors show what is behind them.
+
+One loop turn is one pixel of a queue; nothing is summed over pixels.
+"""
+
+import taichi as ti
+
+from tiscene.render.bsdfs.material_inputs import (
+    Footprint,
+    Materials,
+    footprint_at,
+    is_mirror_like,
+    material_at,
+    shading_normal,
+)
+from tiscene.render.integrators.labels.label_kernels import (
+    DISPLACEMENT,
+    FOCAL_LENGTH,
+    ORTHOGRAPHIC,
+    affine,
+    from_principal_point,
+    point_then,
+    seen_from,
+)
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
+from tiscene.render.intersect.surface_interaction import (
+    FLOATS_1D,
+    FLOATS_2D,
+    FLOATS_3D,
+    INFO_CATEGORY_ID,
+    INFO_INSTANCE_ID,
+    INFO_MOVED,
+    INFO_PART,
+    INTS_1D,
+    INTS_2D,
+    Geometry,
+    object_point_at,
+    offset_origin,
+    surface_at,
+    transform_vector,
+    vec2,
+    vec3,
+)
+from tiscene.render.texture_lookup import Textures
+from tiscene.render.view import FORWARD, HALF_HEIGHT, RIGHT, TANGENT, UP, view_vector
+from tiscene.scene.material_table import DIFFUSE, FLAGS, MAY_MIRROR, METALLIC, NORMAL, ROUGHNESS, SPECULAR
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+
+# The buffers that `surface_labels` writes, in the order of its arguments; a buffer's number is its place in `wanted`.
+FILTERED_ALBEDO = "filtered_albedo"  # the mean over a pixel, nearly: for whoever shows it and does not label
+MATERIAL_BUFFERS = ("albedo", "roughness", "metallic", FILTERED_ALBEDO)  # of the first surface that is not a mirror
+SURFACE_BUFFERS = (
+    "depth",
+    "distance",
+    "position",
+    "normal",
+    "geometric_normal",
+    "normal_camera",
+    "semantic",
+    "instance",
+    "part",
+    "forward_flow",
+    "backward_flow",
+    "scene_flow",
+    "uv",
+    "object_coordinates",
+    *MATERIAL_BUFFERS,
+)
+OF_DEPTH, OF_DISTANCE, OF_POSITION, OF_NORMAL, OF_GEOMETRIC_NORMAL, OF_NORMAL_CAMERA = range(6)
+OF_SEMANTIC, OF_INSTANCE, OF_PART, OF_FORWARD_FLOW, OF_BACKWARD_FLOW, OF_SCENE_FLOW = range(6, 12)
+OF_UV, OF_OBJECT_COORDINATES, OF_ALBEDO, OF_ROUGHNESS, OF_METALLIC, OF_FILTERED_ALBEDO = range(12, 18)
+
+_OF_MIRRORS = 1 << ROUGHNESS | 1 << METALLIC | 1 << SPECULAR | 1 << NORMAL  # inputs that tell what one sees in them
+
+IDS = ti.types.ndarray(dtype=ti.u16, ndim=2)
+
+
+@ti.func
+def write2(array: ti.template(), y: ti.i32, x: ti.i32, value: vec2):
+    for c in ti.static(range(2)):
+        array[y, x, c] = value[c]
+
+
+@ti.func
+def write3(array: ti.template(), y: ti.i32, x: ti.i32, value: vec3):
+    for c in ti.static(range(3)):
+        array[y, x, c] = value[c]
+
+
+@ti.func
+def reflection(surface: ti.template(), point: ti.template(), direction: vec3) -> vec3:
+    """The direction in which a ray leaves a mirror: on the side from which it came, whatever the bumps are."""
+    n = shading_normal(surface, point, -direction)
+    reflected = direction - 2.0 * direction.dot(n) * n
+    if reflected.dot(surface.geometric_normal) <= 0.0:
+        n = surface.geometric_normal
+        reflected = direction - 2.0 * direction.dot(n) * n
+    return reflected.normalized()
+
+
+@ti.kernel
+def surface_labels(
+    queue: INTS_1D,
+    count: ti.i32,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
+    vertex_position: FLOATS_2D,
+    vertex_normal: FLOATS_2D,
+    vertex_uv: FLOATS_2D,
+    triangle_vertices: INTS_2D,
+    triangle_material: INTS_1D,
+    instance_info: INTS_2D,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    material_values: FLOATS_2D,
+    material_info: INTS_2D,
+    material_lookups: FLOATS_2D,
+    texture_info: INTS_2D,
+    texture_words: INTS_1D,
+    texture_floats: FLOATS_1D,
+    box_from_instance: FLOATS_2D,
+    triangle_part: INTS_1D,
+    instance_motion: FLOATS_2D,
+    camera_motion: FLOATS_2D,
+    view: FLOATS_2D,
+    width: ti.i32,
+    height: ti.i32,
+    follow: ti.i32,
+    mirrored: INTS_1D,
+    mirrored_count: INTS_1D,
+    wanted: INTS_1D,
+    depth: FLOATS_2D,
+    distance: FLOATS_2D,
+    position: FLOATS_3D,
+    normal: FLOATS_3D,
+    geometric_normal: FLOATS_3D,
+    normal_camera: FLOATS_3D,
+    semantic: IDS,
+    instance: INTS_2D,
+    part: INTS_2D,
+    forward_flow: FLOATS_3D,
+    backward_flow: FLOATS_3D,
+    scene_flow: FLOATS_3D,
+    uv: FLOATS_3D,
+    object_coordinates: FLOATS_3D,
+    albedo: FLOATS_3D,
+    roughness: FLOATS_2D,
+    metallic: FLOATS_2D,
+    filtered_albedo: FLOATS_3D,
+):
+    """Write what each ray of the queue met. Where `follow` is set and a material is wanted of a mirror, the ray becomes
+    its reflection instead, in the queue `mirrored`."""
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    for i in range(count):
+        pixel = queue[i]
+        x, y = pixel % width, pixel // width
+        row = hit_ids[pixel][0]
+        focal = camera_motion[CURRENT, FOCAL_LENGTH]
+        # Before an orthographic camera the background has no direction of its own: it turns as the picture does.
+        ahead = 1.0 - camera_motion[CURRENT, ORTHOGRAPHIC]
+        towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, ahead)
+        object_point = vec3(0.0)
+        if row >= 0:
+            object_point = object_point_at(
+                vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], 0
+            )
+        triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
+        now = seen_from(CURRENT, row, object_point, towards, instance_motion, camera_motion)
+        here = from_principal_point(now, camera_motion, CURRENT)
+
+        if wanted[OF_DEPTH]:
+            depth[y, x] = now.z if row >= 0 else ti.math.inf
+        if wanted[OF_DISTANCE]:
+            length = now.norm() if ahead > 0.0 else now.z
+            distance[y, x] = length if row >= 0 else ti.math.inf
+        if wanted[OF_SEMANTIC]:
+            category = instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
+            semantic[y, x] = ti.cast(category, ti.u16)
+        if wanted[OF_INSTANCE]:
+            instance[y, x] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
+        if wanted[OF_PART]:
+            part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel][1]] if row >= 0 else 0
+        if wanted[OF_FORWARD_FLOW]:
+            then = point_then(
+                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
+            )
+            after = seen_from(NEXT, row, then, towards, instance_motion, camera_motion)
+            write2(forward_flow, y, x, from_principal_point(after, camera_motion, NEXT) - here)
+        if wanted[OF_BACKWARD_FLOW]:
+            then = point_then(
+                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, PREVIOUS
+            )
+            before = seen_from(PREVIOUS, row, then, towards, instance_motion, camera_motion)
+            write2(backward_flow, y, x, from_principal_point(before, camera_motion, PREVIOUS) - here)
+        if wanted[OF_SCENE_FLOW]:
+            displacement = vec3(0.0)
+            if row >= 0:
+                then = point_then(
+                    vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
+                )
+                displacement = affine(instance_motion, row, DISPLACEMENT, then)
+                if instance_info[row, INFO_MOVED] > 0:
+                    displacement += transform_vector(world_from_instance, CURRENT, row, then - object_point)
+            write3(scene_flow, y, x, displacement)
+        if wanted[OF_OBJECT_COORDINATES]:
+            place = vec3(0.0)
+            if row >= 0:
+                place = ti.math.clamp(affine(box_from_instance, row, 0, object_point), 0.0, 1.0)
+            write3(object_coordinates, y, x, place)
+
+        exactly = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC]
+        of_material = exactly | wanted[OF_FILTERED_ALBEDO]
+        of_normals = wanted[OF_NORMAL] | wanted[OF_GEOMETRIC_NORMAL] | wanted[OF_NORMAL_CAMERA]
+        if wanted[OF_POSITION] | of_normals | wanted[OF_UV] | of_material:
+            point = vec3(ti.math.nan)
+            shading, flat = vec3(0.0), vec3(0.0)
+            texture = vec2(0.0)
+            color, rough, metal, filtered_color = vec3(0.0), 0.0, 0.0, vec3(0.0)
+            is_mirror = False
+            if row >= 0:
+                direction = ray_direction(rays, pixel)
+                s = surface_at(geometry, row, triangle, b1, b2, CURRENT, direction)
+                point, shading, flat, texture = s.position, s.normal, s.geometric_normal, s.uv
+                if of_material:
+                    inputs = wanted[OF_ALBEDO] << DIFFUSE
+                    inputs |= wanted[OF_ROUGHNESS] << ROUGHNESS | wanted[OF_METALLIC] << METALLIC
+                    may_mirror = follow != 0 and (material_info[s.material, FLAGS] & MAY_MIRROR) != 0
+                    if may_mirror:
+                        inputs |= _OF_MIRRORS
+                    for filtered in range(2):  # not unrolled: reading textures is much code
+                        is_needed, reads, footprint = exactly != 0 or may_mirror, inputs, Footprint()
+                        if filtered == 1:
+                            is_needed, reads = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror, 1 << DIFFUSE
+                            wide = 2.0 * (view[CURRENT, TANGENT] + view[CURRENT, HALF_HEIGHT]) / height
+                            if ahead > 0.0:
+                                wide *= hits[pixel][0]
+                            footprint = footprint_at(s, direction, wide, ti.u32(0))
+                        if is_needed:
+                            material = material_at(materials, textures, s, reads, footprint)
+                            if filtered == 1:
+                                filtered_color = material.diffuse_color
+                            else:
+                                color, rough, metal = material.diffuse_color, material.roughness, material.metallic
+                                is_mirror = may_mirror and is_mirror_like(material) != 0
+                                if is_mirror:
+                                    reflected = reflection(s, material, direction)
+                                    write_ray(rays, pixel, offset_origin(s, reflected), reflected, ti.math.inf)
+                                    mirrored[ti.atomic_add(mirrored_count[0], 1)] = pixel
+            if wanted[OF_POSITION]:
+                write3(position, y, x, point)
+            if wanted[OF_NORMAL]:
+                write3(normal, y, x, shading)
+            if wanted[OF_GEOMETRIC_NORMAL]:
+                write3(geometric_normal, y, x, flat)
+            if wanted[OF_NORMAL_CAMERA]:
+                right, up = view_vector(view, CURRENT, RIGHT), view_vector(view, CURRENT, UP)
+                forward = view_vector(view, CURRENT, FORWARD)
+                write3(normal_camera, y, x, vec3(shading.dot(right), -shading.dot(up), shading.dot(forward)))
+            if wanted[OF_UV]:
+                write2(uv, y, x, texture)
+            if not is_mirror:
+                if wanted[OF_ALBEDO]:
+                    write3(albedo, y, x, color)
+                if wanted[OF_ROUGHNESS]:
+                    roughness[y, x] = rough
+                if wanted[OF_METALLIC]:
+                    metallic[y, x] = metal
+                if wanted[OF_FILTERED_ALBEDO]:
+                    write3(filtered_albedo, y, x, filtered_color)

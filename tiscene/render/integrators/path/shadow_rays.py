@@ -1,0 +1,100 @@
+"""Shadow rays through surfaces that are only partly there."""
+
+import taichi as ti
+
+from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
+from tiscene.render.integrators.path.wavefront_kernels import Floats1, Floats2, Ints1, Ints2
+from tiscene.render.intersect.ray_queue import PLACE, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
+from tiscene.render.intersect.surface_interaction import FLOATS_3D, Geometry, offset_origin, surface_at
+from tiscene.render.lights.light_sample import LightNodes
+from tiscene.render.sampling.sobol import combine, set_key, uniform
+from tiscene.render.texture_lookup import Textures
+from tiscene.scene.material_table import COVERAGE, OPACITY
+from tiscene.scene.placement import CURRENT
+
+vec3 = ti.math.vec3
+
+_SHADOW_SETS = 1 << 20  # the keys of these numbers begin beyond those of any path's dimensions
+# A ray that has its answer meets nothing more, and still is a ray (t_max > 0).
+_DONE = 1e-30
+
+
+@ti.kernel
+def pass_shadows(
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: FLOATS_3D,
+    instance_from_world: FLOATS_3D,
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    light_values: Floats2,
+    light_nodes: LightNodes,
+    light_distribution: Floats1,
+    energy: Floats1,
+    pixels: Pixels,
+    first: ti.i32,
+    spp: ti.i32,
+    frame_key: ti.i32,
+    step: ti.i32,
+    layer: ti.i32,
+    queue: Ints1,
+    count: ti.i32,
+    shadow_rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
+    occluded: Ints1,
+    first_sample: ti.i32,
+) -> ti.i32:
+    """Let the rays that met a surface through it, each with the chance that the surface is not there.
+
+    Sets occluded[ray]; for a ray that goes on, to 1, which stands if it is never traced again. Returns how many go on.
+    """
+    geometry = ti.static(
+        Geometry(
+            vertex_position,
+            vertex_normal,
+            vertex_uv,
+            triangle_vertices,
+            triangle_material,
+            instance_info,
+            world_from_instance,
+            instance_from_world,
+        )
+    )
+    materials = ti.static(Materials(material_values, material_info, material_lookups))
+    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
+    going_on = 0
+    shadow_key = set_key(frame_key, _SHADOW_SETS + (step << 8) + layer)
+    for k in range(count):
+        i = queue[k]
+        t_max = shadow_rays[i][7]
+        if t_max > _DONE:
+            instance = hit_ids[i][0]
+            through = False
+            if instance < 0:
+                occluded[i] = 0
+            else:
+                occluded[i] = 1
+                direction = ray_direction(shadow_rays, i)
+                surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
+                point = material_at(materials, textures, surface, 1 << OPACITY, Footprint())
+                if point.flags & COVERAGE:
+                    key = combine(shadow_key, ti.cast(pixels[(first + i) // spp][PLACE], ti.u32))
+                    if uniform(combine(key, ti.cast(first_sample + (first + i) % spp, ti.u32))) >= point.opacity:
+                        start = offset_origin(surface, direction)
+                        travelled = (start - ray_origin(shadow_rays, i)).dot(direction)
+                        through = t_max > travelled
+                        write_ray(shadow_rays, i, start, direction, t_max - travelled)
+            if through:
+                going_on += 1  # an integer: any order gives the same sum
+            else:
+                shadow_rays[i][7] = _DONE
+    return going_on

@@ -1,0 +1,229 @@
+"""Traversal of the binary layout: two boxes, one triangle at a time, all scalar; for a GPU. The method is wide.py's."""
+
+import taichi as ti
+
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id, ray_direction, ray_origin
+
+Table = ti.types.ndarray(ti.f32, 2)
+Matrices = ti.types.ndarray(ti.f32, 3)
+Ids = ti.types.ndarray(ti.i32, 2)
+Queue = ti.types.ndarray(ti.i32, 1)
+vec3 = ti.math.vec3
+
+STACK = 72  # a BLAS needs 48 entries at most, a TLAS 24 (scene/bvh.py)
+SLACK = 1.000002
+INFINITY = ti.math.inf
+LARGEST = 3e38
+
+
+@ti.func
+def reciprocal(d: ti.template()):
+    """1 / d by component, finite also for 0, so that 0 * infinity does not arise."""
+    return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
+
+
+@ti.func
+def enter_box(nodes: ti.template(), node: ti.i32, at: ti.template(), origin, inverse, best: ti.f32) -> ti.f32:
+    """Distance at which a ray enters the box at column `at` of a node, infinity if it does not."""
+    low = (vec3(nodes[node, at], nodes[node, at + 1], nodes[node, at + 2]) - origin) * inverse
+    high = (vec3(nodes[node, at + 3], nodes[node, at + 4], nodes[node, at + 5]) - origin) * inverse
+    near = ti.max(ti.min(low, high).max(), 0.0)
+    far = ti.min(ti.max(low, high).min(), best)
+    return ti.select(near <= far * SLACK, near, INFINITY)
+
+
+@ti.func
+def hit_triangle(rows: ti.template(), at: ti.i32, o, k, sheared):
+    """Distance (infinity for a miss) and barycentrics b1, b2; operation for operation what wide.hit_pack does."""
+    ax = rows[at, k[0]] - o.x
+    ay = rows[at, k[1]] - o.y
+    az = rows[at, k[2]] - o.z
+    bz = rows[at, 4 + k[2]] - o.z
+    cz = rows[at, 8 + k[2]] - o.z
+    ex = ax - sheared.x * az
+    ey = ay - sheared.y * az
+    fx = rows[at, 4 + k[0]] - o.x - sheared.x * bz
+    fy = rows[at, 4 + k[1]] - o.y - sheared.y * bz
+    gx = rows[at, 8 + k[0]] - o.x - sheared.x * cz
+    gy = rows[at, 8 + k[1]] - o.y - sheared.y * cz
+    u = gx * fy - gy * fx
+    v = ex * gy - ey * gx
+    w = fx * ey - fy * ex
+    determinant = u + v + w
+    scale = 1.0 / determinant
+    z = (u * az + v * bz + w * cz) * scale
+    within = INFINITY
+    if determinant != 0.0 and (ti.min(u, v, w) >= 0.0 or ti.max(u, v, w) <= 0.0):
+        within = z * sheared.z
+    return ti.select(within > 0.0, within, INFINITY), v * scale, w * scale
+
+
+@ti.func
+def shear(o, d):
+    """Origin with the axes in cyclic order and the direction's largest last, which axes these are, and the shear."""
+    k = ti.Vector([0, 1, 2])
+    if ti.abs(d.x) > ti.max(ti.abs(d.y), ti.abs(d.z)):
+        k = ti.Vector([1, 2, 0])
+    elif ti.abs(d.y) > ti.abs(d.z):
+        k = ti.Vector([2, 0, 1])
+    scale = reciprocal(vec3(d[k[0]], d[k[1]], d[k[2]])).z
+    return vec3(o[k[0]], o[k[1]], o[k[2]]), k, vec3(d[k[0]] * scale, d[k[1]] * scale, scale)
+
+
+@ti.func
+def affine(transforms: ti.template(), time: ti.i32, row: ti.i32, v, w: ti.f32):
+    """A transformed point (w = 1) or direction (w = 0)."""
+    result = vec3(0.0)
+    for i in ti.static(range(3)):
+        at = ti.static(4 * i)
+        x = transforms[time, row, at] * v.x + transforms[time, row, at + 1] * v.y + transforms[time, row, at + 2] * v.z
+        result[i] = x + transforms[time, row, at + 3] * w
+    return result
+
+
+@ti.func
+def trace(
+    nodes: ti.template(),
+    packs: ti.template(),
+    transforms: ti.template(),
+    instances: ti.template(),
+    time: ti.i32,
+    root: ti.i32,
+    only: ti.i32,
+    rays: ti.template(),
+    ray: ti.i32,
+    any_hit: ti.template(),
+):
+    """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
+
+    only: the row of the one instance to test, -1 for all. any_hit (static): stop at the first hit found.
+    """
+    world_origin = ray_origin(rays, ray)
+    world_direction = ray_direction(rays, ray)
+    best = ti.min(rays[ray][7], LARGEST)  # below infinity, which is a miss
+    b1 = 0.0
+    b2 = 0.0
+    hit_instance = -1
+    hit_row = -1
+    origin = world_origin
+    direction = world_direction
+    inverse = reciprocal(direction)
+    cyclic, axes, sheared = origin, ti.Vector([0, 1, 2]), direction  # set on entering an instance
+    references = ti.Vector([0] * STACK)
+    distances = ti.Vector([0.0] * STACK)
+    waiting = 0
+    floor = -1  # waiting entries below it belong to the TLAS; -1 while in the TLAS
+    instance = -1
+    current = root
+    if only >= 0:
+        current = -1 - 4 * only
+    searching = True
+    while searching:
+        pop = False
+        while current >= 0 and not pop:
+            left = enter_box(nodes, current, 0, origin, inverse, best)
+            right = enter_box(nodes, current, 6, origin, inverse, best)
+            near = ti.bit_cast(nodes[current, 12], ti.i32)
+            far = ti.bit_cast(nodes[current, 13], ti.i32)
+            if right < left:
+                near, far = far, near
+                left, right = right, left
+            if right < INFINITY:
+                references[waiting] = far
+                distances[waiting] = right
+                waiting += 1
+            current = near
+            pop = left == INFINITY
+        if not pop:
+            if floor < 0:
+                instance = (-1 - current) // 4
+                origin = affine(transforms, time, instance, world_origin, 1.0)
+                direction = affine(transforms, time, instance, world_direction, 0.0)
+                inverse = reciprocal(direction)
+                cyclic, axes, sheared = shear(origin, direction)
+                floor = waiting
+                current = instances[instance, 0]
+            else:
+                code = -1 - current
+                for row in range(code // 4, code // 4 + code % 4 + 1):
+                    t, u, v = hit_triangle(packs, row, cyclic, axes, sheared)
+                    if t <= best:
+                        triangle = ti.bit_cast(packs[row, 3], ti.i32)
+                        wins = t < best
+                        if not wins:
+                            wins = instance < hit_instance
+                            if instance == hit_instance:
+                                wins = triangle < hit_row
+                        if wins:
+                            best = t
+                            b1 = u
+                            b2 = v
+                            hit_instance = instance
+                            hit_row = triangle
+                if ti.static(any_hit):
+                    searching = hit_instance < 0
+                pop = True
+        while pop and searching:
+            if waiting == floor:
+                floor = -1
+                origin = world_origin
+                direction = world_direction
+                inverse = reciprocal(direction)
+            if waiting == 0:
+                searching = False
+            else:
+                waiting -= 1
+                current = references[waiting]
+                pop = distances[waiting] > best * SLACK
+    return best, b1, b2, hit_instance, hit_row
+
+
+@ti.kernel
+def closest(
+    nodes: Table,
+    packs: Table,
+    transforms: Matrices,
+    instances: Ids,
+    time: ti.i32,
+    root: ti.i32,
+    rays: Rays,
+    queue: Queue,
+    count: ti.i32,
+    hits: Hits,
+    hit_ids: HitIds,
+):
+    ti.loop_config(block_dim=256)
+    for i in range(count):
+        ray = queue[i]
+        t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, -1, rays, ray, False)
+        if instance < 0:
+            t = INFINITY
+        hits[ray] = hit(t, b1, b2, 0.0)
+        hit_ids[ray] = hit_id(instance, triangle)
+
+
+@ti.kernel
+def occluded(
+    nodes: Table,
+    packs: Table,
+    transforms: Matrices,
+    instances: Ids,
+    time: ti.i32,
+    root: ti.i32,
+    rays: Rays,
+    queue: Queue,
+    count: ti.i32,
+    targets: Queue,
+    targeted: ti.i32,
+    result: Queue,
+):
+    ti.loop_config(block_dim=256)
+    for i in range(count):
+        ray = queue[i]
+        only = -1
+        if targeted > 0:
+            only = targets[ray]
+        _t, _b1, _b2, instance, _triangle = trace(
+            nodes, packs, transforms, instances, time, root, only, rays, ray, True
+        )
+        result[ray] = ti.select(instance >= 0, 1, 0)

@@ -1,0 +1,299 @@
+"""Traversal of the wide layout: a ray against eight boxes, or four triangles, at once. Compiled in vector mode only.
+
+Boxes are tested by slabs as (plane - origin) / direction, whose relative error is bounded, and the far side is moved
+out by more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles are tested watertight
+(Woop, Benthin and Wald 2013): two triangles with a common edge compute the same about it, so no ray is between them.
+"""
+
+import taichi as ti
+
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
+from tiscene.scene.bvh.rebraid import INFO_PARTS, ROW_BITS, ROW_MASK
+
+vec8 = ti.types.vector(8, ti.f32)
+ivec8 = ti.types.vector(8, ti.i32)
+vec4 = ti.types.vector(4, ti.f32)
+Wide = ti.types.ndarray(vec8, 1)
+Packs = ti.types.ndarray(vec4, 1)
+Matrices = ti.types.ndarray(ti.f32, 3)
+Ids = ti.types.ndarray(ti.i32, 2)
+Queue = ti.types.ndarray(ti.i32, 1)
+
+BLOCK = 32  # rays of one thread that share a stack: Taichi clears it where it is made
+MANY = 1 << 11  # Taichi gives a thread 512 turns of a loop at least
+STACK = 112  # a BLAS and a TLAS need 56 entries each at most (scene/bvh.py)
+SLACK = 1.000002  # far planes and t_max are moved out by this
+INFINITY = ti.math.inf
+LARGEST = 3e38
+
+
+@ti.func
+def larger(a, b):
+    """One instruction; `ti.max` takes two more for what it promises about undefined numbers."""
+    return ti.select(a > b, a, b)
+
+
+@ti.func
+def smaller(a, b):
+    return ti.select(a < b, a, b)
+
+
+@ti.func
+def bits_of(condition) -> ti.i32:
+    """A bit for each of eight numbers for which a comparison holds, the first the lowest."""
+    bits = ti.select(condition, ivec8([1, 2, 4, 8, 16, 32, 64, 128]), ivec8(0))
+    return bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]
+
+
+@ti.func
+def entry_column(entered: ti.i32) -> ti.i32:
+    """Which column of an instance's row says where to enter what a leaf of the tree over instances names."""
+    part = entered >> ROW_BITS
+    return ti.select(part > 0, INFO_PARTS - 1 + part, 0)
+
+
+@ti.func
+def reciprocal(d: ti.f32) -> ti.f32:
+    """1 / d, finite also for d = 0, so that 0 * infinity does not arise."""
+    return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
+
+
+@ti.func
+def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz):
+    """Distances (infinity for a miss) and barycentrics b1, b2 of the four triangles of a pack.
+
+    Vertices are sheared so that the ray is the z axis; ox, oy, oz, kx, ky, kz, shx, shy, shz as `shear` says. Without
+    an area, seen along the ray, the determinant is 0 and t undefined: a miss.
+    """
+    ax = packs[at + kx] - ox
+    ay = packs[at + ky] - oy
+    az = packs[at + kz] - oz
+    bz = packs[at + 3 + kz] - oz
+    cz = packs[at + 6 + kz] - oz
+    ex = ax - shx * az
+    ey = ay - shy * az
+    fx = packs[at + 3 + kx] - ox - shx * bz
+    fy = packs[at + 3 + ky] - oy - shy * bz
+    gx = packs[at + 6 + kx] - ox - shx * cz
+    gy = packs[at + 6 + ky] - oy - shy * cz
+    u = gx * fy - gy * fx
+    v = ex * gy - ey * gx
+    w = fx * ey - fy * ex
+    determinant = u + v + w
+    scale = 1.0 / determinant
+    # Of the vertices' distances, so that rounding keeps it between them. That to the plane is no more exact where a
+    # triangle is wide, and dearer: that rays start far enough off a wide surface is what `reach` in surface.py is for.
+    z = (u * az + v * bz + w * cz) * scale
+    t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, vec4(INFINITY))
+    within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, vec4(INFINITY))
+    within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
+    return ti.select(within > 0.0, within, vec4(INFINITY)), v * scale, w * scale
+
+
+@ti.func
+def slabs(dx: ti.f32, dy: ti.f32, dz: ti.f32):
+    """What a box test needs of a direction: reciprocals for the near and the far planes, rows of the near planes."""
+    ix = reciprocal(dx)
+    iy = reciprocal(dy)
+    iz = reciprocal(dz)
+    near_x = ti.select(ix < 0.0, 3, 0)
+    near_y = ti.select(iy < 0.0, 4, 1)
+    near_z = ti.select(iz < 0.0, 5, 2)
+    return ix, iy, iz, ix * SLACK, iy * SLACK, iz * SLACK, near_x, near_y, near_z
+
+
+@ti.func
+def shear(ox: ti.f32, oy: ti.f32, oz: ti.f32, dx: ti.f32, dy: ti.f32, dz: ti.f32):
+    """What a triangle test needs of a ray: its origin with the axes in cyclic order and the direction's largest last,
+    which axes these are, and the shear: x and y of the direction over its z, and 1 over its z."""
+    px, py, pz, qx, qy, qz = ox, oy, oz, dx, dy, dz
+    kx, ky, kz = 0, 1, 2
+    if ti.abs(dx) > ti.max(ti.abs(dy), ti.abs(dz)):
+        px, py, pz, qx, qy, qz = oy, oz, ox, dy, dz, dx
+        kx, ky, kz = 1, 2, 0
+    elif ti.abs(dy) > ti.abs(dz):
+        px, py, pz, qx, qy, qz = oz, ox, oy, dz, dx, dy
+        kx, ky, kz = 2, 0, 1
+    scale = reciprocal(qz)
+    return px, py, pz, kx, ky, kz, qx * scale, qy * scale, scale
+
+
+@ti.func
+def into_instance(transforms: ti.template(), time: ti.i32, row: ti.i32, ox, oy, oz, dx, dy, dz):
+    """Origin and direction in the space of an instance; t stays what it is."""
+    m0 = transforms[time, row, 0]
+    m1 = transforms[time, row, 1]
+    m2 = transforms[time, row, 2]
+    m3 = transforms[time, row, 3]
+    m4 = transforms[time, row, 4]
+    m5 = transforms[time, row, 5]
+    m6 = transforms[time, row, 6]
+    m7 = transforms[time, row, 7]
+    m8 = transforms[time, row, 8]
+    m9 = transforms[time, row, 9]
+    m10 = transforms[time, row, 10]
+    m11 = transforms[time, row, 11]
+    return (
+        m0 * ox + m1 * oy + m2 * oz + m3,
+        m4 * ox + m5 * oy + m6 * oz + m7,
+        m8 * ox + m9 * oy + m10 * oz + m11,
+        m0 * dx + m1 * dy + m2 * dz,
+        m4 * dx + m5 * dy + m6 * dz,
+        m8 * dx + m9 * dy + m10 * dz,
+    )
+
+
+@ti.func
+def trace(
+    nodes: ti.template(),
+    packs: ti.template(),
+    transforms: ti.template(),
+    instances: ti.template(),
+    time: ti.i32,
+    root: ti.i32,
+    rays: ti.template(),
+    ray: ti.i32,
+    references: ti.template(),
+    distances: ti.template(),
+):
+    """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
+
+    references, distances: room for the STACK of what waits; whatever is in it.
+    """
+    wox = rays[ray][0]
+    woy = rays[ray][1]
+    woz = rays[ray][2]
+    wdx = rays[ray][4]
+    wdy = rays[ray][5]
+    wdz = rays[ray][6]
+    best = ti.min(rays[ray][7], LARGEST)  # below infinity, which is a miss
+    bound = best * SLACK
+    b1 = 0.0
+    b2 = 0.0
+    hit_instance = -1
+    hit_triangle = -1
+    ox = wox
+    oy = woy
+    oz = woz
+    dx = wdx
+    dy = wdy
+    dz = wdz
+    ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
+    px, py, pz, kx, ky, kz, shx, shy, shz = ox, oy, oz, 0, 1, 2, dx, dy, dz  # set on entering an instance
+    waiting = 0
+    floor = -1  # waiting entries below it belong to the TLAS; -1 while in the TLAS
+    instance = -1
+    current = root
+    searching = True
+    while searching:
+        pop = False
+        while current >= 0 and not pop:
+            node = current
+            near = larger(
+                larger((nodes[node + near_x] - ox) * ix, (nodes[node + near_y] - oy) * iy),
+                larger((nodes[node + near_z] - oz) * iz, vec8(0.0)),
+            )
+            far = smaller(
+                smaller((nodes[node + 3 - near_x] - ox) * fx, (nodes[node + 5 - near_y] - oy) * fy),
+                smaller((nodes[node + 7 - near_z] - oz) * fz, vec8(bound)),
+            )
+            entry = ti.select(near <= far, near, vec8(INFINITY))
+            nearest = INFINITY
+            found = False
+            for k in ti.static(range(8)):
+                distance = entry[k]
+                if distance < INFINITY:
+                    child = ti.bit_cast(nodes[node + 6][k], ti.i32)
+                    if found:
+                        closer = distance < nearest
+                        other = ti.select(closer, current, child)
+                        current = ti.select(closer, child, current)
+                        distances[waiting] = ti.select(closer, nearest, distance)
+                        nearest = ti.select(closer, distance, nearest)
+                        references[waiting] = other  # last: LLVM makes camera rays 7 % slower of it else
+                        waiting += 1
+                    else:
+                        current = child
+                        nearest = distance
+                        found = True
+            pop = not found
+        if not pop:
+            if floor < 0:
+                entered = -1 - current
+                instance = entered & ROW_MASK
+                ox, oy, oz, dx, dy, dz = into_instance(transforms, time, instance, wox, woy, woz, wdx, wdy, wdz)
+                ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
+                px, py, pz, kx, ky, kz, shx, shy, shz = shear(ox, oy, oz, dx, dy, dz)
+                floor = waiting
+                current = instances[instance, entry_column(entered)]
+            else:
+                at = -1 - current
+                t, u, v = hit_pack(packs, at, px, py, pz, kx, ky, kz, shx, shy, shz)
+                least = smaller(smaller(t[0], t[1]), smaller(t[2], t[3]))
+                if least <= best:
+                    number, u_hit, v_hit = packs[at + 9][3], u[3], v[3]
+                    for k in ti.static((2, 1, 0)):  # the first of equals stays
+                        number = ti.select(t[k] == least, packs[at + 9][k], number)
+                        u_hit = ti.select(t[k] == least, u[k], u_hit)
+                        v_hit = ti.select(t[k] == least, v[k], v_hit)
+                    triangle = ti.bit_cast(number, ti.i32)
+                    wins = least < best
+                    if not wins:
+                        wins = instance < hit_instance
+                        if instance == hit_instance:
+                            wins = triangle < hit_triangle
+                    if wins:
+                        best = least
+                        bound = best * SLACK
+                        b1 = u_hit
+                        b2 = v_hit
+                        hit_instance = instance
+                        hit_triangle = triangle
+                pop = True
+        while pop and searching:
+            if waiting == floor:
+                floor = -1
+                ox = wox
+                oy = woy
+                oz = woz
+                dx = wdx
+                dy = wdy
+                dz = wdz
+                ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
+            if waiting == 0:
+                searching = False
+            else:
+                waiting -= 1
+                if distances[waiting] <= bound:
+                    current = references[waiting]
+                    pop = False
+    return best, b1, b2, hit_instance, hit_triangle
+
+
+@ti.kernel
+def closest(
+    nodes: Wide,
+    packs: Packs,
+    transforms: Matrices,
+    instances: Ids,
+    time: ti.i32,
+    root: ti.i32,
+    rays: Rays,
+    queue: Queue,
+    count: ti.i32,
+    hits: Hits,
+    hit_ids: HitIds,
+):
+    size = ti.math.clamp(count // MANY, 1, BLOCK)
+    for block in range((count + size - 1) // size):
+        references = ti.Vector([0] * STACK)
+        distances = ti.Vector([0.0] * STACK)
+        for i in range(block * size, ti.min(count, (block + 1) * size)):
+            ray = queue[i]
+            t, b1, b2, instance, triangle = trace(
+                nodes, packs, transforms, instances, time, root, rays, ray, references, distances
+            )
+            if instance < 0:
+                t = INFINITY
+            hits[ray] = hit(t, b1, b2, 0.0)
+            hit_ids[ray] = hit_id(instance, triangle)

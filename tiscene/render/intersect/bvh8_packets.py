@@ -1,0 +1,298 @@
+"""Sixteen neighbouring camera rays at once: the same hits as wide.closest, bit for bit. Compiled in vector mode only.
+
+Boxes are tested against all directions of a bundle together, by intervals; triangles against the sixteen rays, one a
+lane (a packet in the sense of Wald et al., "Interactive Rendering with Coherent Ray Tracing", 2001). What is no bundle,
+whose rays disagree about their largest axis in the space of an instance, or what meets many triangles, is traced ray by
+ray.
+"""
+
+import taichi as ti
+
+from tiscene.render.intersect.bvh8 import (
+    INFINITY,
+    LARGEST,
+    STACK,
+    Ids,
+    Matrices,
+    Packs,
+    Queue,
+    Wide,
+    entry_column,
+    larger,
+    smaller,
+    trace,
+    vec8,
+)
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
+from tiscene.scene.bvh.rebraid import ROW_MASK
+
+LANES = 16
+lanes = ti.types.vector(LANES, ti.f32)
+int_lanes = ti.types.vector(LANES, ti.i32)
+
+WIDEST = 0.01  # directions of a bundle are no further apart along an axis, about two pixels: else one by one is faster
+MOST_PACKS = 16  # where triangles are so small that each ray meets its own ones, one by one is faster too
+MARGIN = 1e-6  # by this part of what they are computed from, intervals are wider: more than rounding can do
+LOOSE = 1.00001  # far planes are moved out by this
+
+
+@ti.func
+def interval(center: ti.f32, radius: ti.f32):
+    """Of a direction's coordinate within `radius` of `center`: least and greatest reciprocal, what to add to the far
+    distance, the row of the near planes. Where it can be 0, the axis says nothing."""
+    low = center - radius
+    high = center + radius
+    least, greatest, beyond, near = 0.0, 0.0, LARGEST, 0
+    if low > 1e-18 or high < -1e-18:
+        least = 1.0 / high
+        greatest = 1.0 / low
+        beyond = 0.0
+        near = ti.select(high < 0.0, 3, 0)
+    return least, greatest, beyond, near
+
+
+@ti.func
+def matrix_row(transforms: ti.template(), time: ti.i32, instance: ti.i32, first: ti.template()):
+    return (
+        transforms[time, instance, first],
+        transforms[time, instance, first + 1],
+        transforms[time, instance, first + 2],
+        transforms[time, instance, first + 3],
+    )
+
+
+@ti.func
+def greatest_of(v):
+    """The largest lane."""
+    a = larger(larger(v[0], v[1]), larger(v[2], v[3]))
+    b = larger(larger(v[4], v[5]), larger(v[6], v[7]))
+    c = larger(larger(v[8], v[9]), larger(v[10], v[11]))
+    d = larger(larger(v[12], v[13]), larger(v[14], v[15]))
+    return larger(larger(a, b), larger(c, d))
+
+
+@ti.kernel
+def closest(
+    nodes: Wide,
+    packs: Packs,
+    transforms: Matrices,
+    instances: Ids,
+    time: ti.i32,
+    root: ti.i32,
+    rays: Rays,
+    queue: Queue,
+    count: ti.i32,
+    hits: Hits,
+    hit_ids: HitIds,
+):
+    # Of directions (c the middle, r the radius) per axis: l and m least and greatest reciprocal, j what is added.
+    ti.loop_config(block_dim=16)
+    for bundle in range((count + LANES - 1) // LANES):
+        references = ti.Vector([0] * STACK)
+        distances = ti.Vector([0.0] * STACK)
+        first = bundle * LANES
+        last = ti.min(count, first + LANES)
+        low = rays[queue[first]]
+        high = low
+        for i in range(first + 1, last):
+            low = smaller(low, rays[queue[i]])
+            high = larger(high, rays[queue[i]])
+        extent = high - low
+        together = last - first == LANES and extent[0] == 0.0 and extent[1] == 0.0 and extent[2] == 0.0
+        together = together and larger(larger(extent[4], extent[5]), extent[6]) < WIDEST
+        if together:
+            rows = int_lanes([queue[first + k] for k in range(LANES)])
+            dx = lanes([rays[rows[k]][4] for k in range(LANES)])
+            dy = lanes([rays[rows[k]][5] for k in range(LANES)])
+            dz = lanes([rays[rows[k]][6] for k in range(LANES)])
+            best = smaller(lanes([rays[rows[k]][7] for k in range(LANES)]), lanes(LARGEST))
+            bound = greatest_of(best) * LOOSE
+            b1 = lanes(0.0)
+            b2 = lanes(0.0)
+            hit_instance = int_lanes(-1)
+            hit_triangle = int_lanes(-1)
+            wox, woy, woz = low[0], low[1], low[2]
+            cx, cy, cz = 0.5 * (low[4] + high[4]), 0.5 * (low[5] + high[5]), 0.5 * (low[6] + high[6])
+            rx = 0.5 * extent[4] + MARGIN * ti.abs(cx)
+            ry = 0.5 * extent[5] + MARGIN * ti.abs(cy)
+            rz = 0.5 * extent[6] + MARGIN * ti.abs(cz)
+            wlx, wmx, wjx, wnear_x = interval(cx, rx)
+            wly, wmy, wjy, wnear_y = interval(cy, ry)
+            wlz, wmz, wjz, wnear_z = interval(cz, rz)
+            ox, oy, oz = wox, woy, woz
+            lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
+            ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
+            lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
+            px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2  # set on entering an instance
+            shx, shy, shz = dx, dy, dz
+            waiting = 0
+            tested = 0
+            floor = -1
+            instance = -1
+            current = root
+            searching = True
+            while searching:
+                pop = False
+                while current >= 0 and not pop:
+                    node = current
+                    a = nodes[node + near_x] - ox
+                    b = nodes[node + near_y] - oy
+                    c = nodes[node + near_z] - oz
+                    near = larger(
+                        larger(smaller(a * lx, a * mx), smaller(b * ly, b * my)),
+                        larger(smaller(c * lz, c * mz), vec8(0.0)),
+                    )
+                    a = nodes[node + 3 - near_x] - ox
+                    b = nodes[node + 5 - near_y] - oy
+                    c = nodes[node + 7 - near_z] - oz
+                    far = smaller(
+                        smaller(larger(a * lx, a * mx) * LOOSE + jx, larger(b * ly, b * my) * LOOSE + jy),
+                        smaller(larger(c * lz, c * mz) * LOOSE + jz, vec8(bound)),
+                    )
+                    entry = ti.select(near <= far, near, vec8(INFINITY))
+                    nearest = INFINITY
+                    found = False
+                    for k in ti.static(range(8)):
+                        distance = entry[k]
+                        if distance < INFINITY:
+                            child = ti.bit_cast(nodes[node + 6][k], ti.i32)
+                            if found:
+                                closer = distance < nearest
+                                references[waiting] = ti.select(closer, current, child)
+                                current = ti.select(closer, child, current)
+                                distances[waiting] = ti.select(closer, nearest, distance)
+                                nearest = ti.select(closer, distance, nearest)
+                                waiting += 1
+                            else:
+                                current = child
+                                nearest = distance
+                                found = True
+                    pop = not found
+                if not pop:
+                    if floor < 0:
+                        entered = -1 - current
+                        instance = entered & ROW_MASK
+                        m0, m1, m2, m3 = matrix_row(transforms, time, instance, 0)
+                        m4, m5, m6, m7 = matrix_row(transforms, time, instance, 4)
+                        m8, m9, m10, m11 = matrix_row(transforms, time, instance, 8)
+                        ox = m0 * wox + m1 * woy + m2 * woz + m3
+                        oy = m4 * wox + m5 * woy + m6 * woz + m7
+                        oz = m8 * wox + m9 * woy + m10 * woz + m11
+                        x0, x1, x2 = m0 * cx, m1 * cy, m2 * cz
+                        y0, y1, y2 = m4 * cx, m5 * cy, m6 * cz
+                        z0, z1, z2 = m8 * cx, m9 * cy, m10 * cz
+                        ex, ey, ez = x0 + x1 + x2, y0 + y1 + y2, z0 + z1 + z2
+                        sx = ti.abs(m0) * rx + ti.abs(m1) * ry + ti.abs(m2) * rz
+                        sy = ti.abs(m4) * rx + ti.abs(m5) * ry + ti.abs(m6) * rz
+                        sz = ti.abs(m8) * rx + ti.abs(m9) * ry + ti.abs(m10) * rz
+                        sx += MARGIN * (ti.abs(x0) + ti.abs(x1) + ti.abs(x2))
+                        sy += MARGIN * (ti.abs(y0) + ti.abs(y1) + ti.abs(y2))
+                        sz += MARGIN * (ti.abs(z0) + ti.abs(z1) + ti.abs(z2))
+                        lx, mx, jx, near_x = interval(ex, sx)
+                        ly, my, jy, near_y = interval(ey, sy)
+                        lz, mz, jz, near_z = interval(ez, sz)
+                        near_y += 1
+                        near_z += 2
+                        qx = m0 * dx + m1 * dy + m2 * dz
+                        qy = m4 * dx + m5 * dy + m6 * dz
+                        qz = m8 * dx + m9 * dy + m10 * dz
+                        tx, ty, tz = ti.abs(ex), ti.abs(ey), ti.abs(ez)
+                        px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2
+                        scale = lanes(0.0)
+                        if tx - sx > larger(ty + sy, tz + sz):
+                            px, py, pz, kx, ky, kz = oy, oz, ox, 1, 2, 0
+                            scale = 1.0 / qx
+                            shx = qy * scale
+                            shy = qz * scale
+                        elif ty - sy > larger(tx + sx, tz + sz):
+                            px, py, pz, kx, ky, kz = oz, ox, oy, 2, 0, 1
+                            scale = 1.0 / qy
+                            shx = qz * scale
+                            shy = qx * scale
+                        elif tz - sz > larger(tx + sx, ty + sy):
+                            scale = 1.0 / qz
+                            shx = qx * scale
+                            shy = qy * scale
+                        else:
+                            together = False
+                            searching = False
+                        shz = scale
+                        floor = waiting
+                        current = instances[instance, entry_column(entered)]
+                    else:
+                        at = -1 - current
+                        ax = packs[at + kx] - px
+                        ay = packs[at + ky] - py
+                        az = packs[at + kz] - pz
+                        bx = packs[at + 3 + kx] - px
+                        by = packs[at + 3 + ky] - py
+                        bz = packs[at + 3 + kz] - pz
+                        vx = packs[at + 6 + kx] - px
+                        vy = packs[at + 6 + ky] - py
+                        vz = packs[at + 6 + kz] - pz
+                        for k in range(4):
+                            triangle = ti.bit_cast(packs[at + 9][k], ti.i32)
+                            if triangle >= 0:
+                                e_x = ax[k] - shx * az[k]
+                                e_y = ay[k] - shy * az[k]
+                                f_x = bx[k] - shx * bz[k]
+                                f_y = by[k] - shy * bz[k]
+                                g_x = vx[k] - shx * vz[k]
+                                g_y = vy[k] - shy * vz[k]
+                                u = g_x * f_y - g_y * f_x
+                                v = e_x * g_y - e_y * g_x
+                                w = f_x * e_y - f_y * e_x
+                                determinant = u + v + w
+                                scale = 1.0 / determinant
+                                z = (u * az[k] + v * bz[k] + w * vz[k]) * scale
+                                t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY))
+                                within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, lanes(INFINITY))
+                                within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
+                                t = ti.select(within > 0.0, within, lanes(INFINITY))
+                                lower = ti.select(hit_triangle > triangle, int_lanes(1), int_lanes(0))
+                                lower = ti.select(hit_instance == instance, lower, int_lanes(0))
+                                lower = ti.select(hit_instance > instance, int_lanes(1), lower)
+                                wins = ti.select(t == best, lower, int_lanes(0))
+                                wins = ti.select(t < best, int_lanes(1), wins)
+                                best = ti.select(wins > 0, t, best)
+                                b1 = ti.select(wins > 0, v * scale, b1)
+                                b2 = ti.select(wins > 0, w * scale, b2)
+                                hit_instance = ti.select(wins > 0, int_lanes(instance), hit_instance)
+                                hit_triangle = ti.select(wins > 0, int_lanes(triangle), hit_triangle)
+                        bound = greatest_of(best) * LOOSE
+                        pop = True
+                        tested += 1
+                        if tested > MOST_PACKS:
+                            together = False
+                            searching = False
+                while pop and searching:
+                    if waiting == floor:
+                        floor = -1
+                        ox, oy, oz = wox, woy, woz
+                        lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
+                        ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
+                        lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
+                    if waiting == 0:
+                        searching = False
+                    else:
+                        waiting -= 1
+                        if distances[waiting] <= bound:
+                            current = references[waiting]
+                            pop = False
+            if together:
+                for k in ti.static(range(LANES)):
+                    t = best[k]
+                    if hit_instance[k] < 0:
+                        t = INFINITY
+                    hits[rows[k]] = hit(t, b1[k], b2[k], 0.0)
+                    hit_ids[rows[k]] = hit_id(hit_instance[k], hit_triangle[k])
+        if not together:
+            for i in range(first, last):
+                ray = queue[i]
+                t, u, v, instance, triangle = trace(
+                    nodes, packs, transforms, instances, time, root, rays, ray, references, distances
+                )
+                if instance < 0:
+                    t = INFINITY
+                hits[ray] = hit(t, u, v, 0.0)
+                hit_ids[ray] = hit_id(instance, triangle)

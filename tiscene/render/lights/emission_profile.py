@@ -1,0 +1,76 @@
+"""UsdLux's shaping: how much of a light goes where, by a cone, by a focus about the surface's normal, by a profile."""
+
+import math
+
+import taichi as ti
+
+from tiscene.render.lights import cylinder
+from tiscene.render.lights.light_sample import axis, to_light
+from tiscene.render.sampling import warp
+from tiscene.render.texture_lookup import CLAMP, REPEAT, lookup_wrapped
+from tiscene.scene.lights.light_table import (
+    CONE_COSINE,
+    CONE_EDGE,
+    CYLINDER,
+    DISK,
+    FOCUS,
+    FOCUS_TINT,
+    KIND,
+    PROFILE,
+    SHAPED,
+    SPHERE,
+)
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+
+
+@ti.func
+def in_cone(values: ti.template(), row: ti.i32, cosine: ti.f32) -> ti.f32:
+    """1 within the cone, 0 outside, and the soft edge between. cosine: of the angle with the light's -z."""
+    result = 1.0
+    if cosine < values[row, CONE_EDGE + 2]:
+        result = 0.0
+        if cosine > values[row, CONE_COSINE]:
+            c = ti.math.clamp(cosine, -1.0, 1.0)
+            angle = warp.angle_of(vec2(c, ti.sqrt(1.0 - c * c)))
+            inner, outer = values[row, CONE_EDGE], values[row, CONE_EDGE + 1]
+            t = ti.math.clamp((angle - inner) / ti.max(outer - inner, 1e-6), 0.0, 1.0)
+            result = 1.0 - t * t * (3.0 - 2.0 * t)
+    return result
+
+
+@ti.func
+def normal_at(values: ti.template(), row: ti.i32, point: vec3, direction: vec3) -> vec3:
+    """The normal of the light's surface. A point emits every way from a surface that faces that way."""
+    kind = ti.cast(values[row, KIND], ti.i32)
+    result = direction
+    if kind <= DISK:
+        result = -1.0 * axis(values, row, 2)
+    elif kind == SPHERE:
+        result = (point - axis(values, row, 3)).normalized()
+    elif kind == CYLINDER:
+        result = cylinder.normal_at(values, row, point)
+    return result
+
+
+@ti.func
+def scale(values: ti.template(), textures: ti.template(), row: ti.i32, point: vec3, direction: vec3) -> vec3:
+    """By how much the shaping scales what a point of the light emits in a direction."""
+    result = vec3(1.0)
+    if values[row, SHAPED] > 0.0:
+        result *= in_cone(values, row, -direction.dot(axis(values, row, 2)))
+        focus = values[row, FOCUS]
+        if focus > 0.0:
+            tint = vec3(values[row, FOCUS_TINT], values[row, FOCUS_TINT + 1], values[row, FOCUS_TINT + 2])
+            cosine = ti.min(ti.abs(direction.dot(normal_at(values, row, point, direction))), 1.0)
+            result *= tint + (1.0 - tint) * ti.pow(ti.max(cosine, 1e-6), focus)
+        profile = ti.cast(values[row, PROFILE], ti.i32)
+        if profile >= 0:
+            w = to_light(values, row, direction)
+            level = ti.sqrt(w.x * w.x + w.y * w.y)
+            around = warp.angle_of(vec2(w.x, w.y) / ti.max(level, 1e-20))
+            below = warp.angle_of(vec2(-w.z, level))
+            uv = vec2(around * (0.5 / math.pi), 1.0 - below / math.pi)
+            result *= lookup_wrapped(textures, profile, uv, REPEAT, CLAMP).xyz
+    return result

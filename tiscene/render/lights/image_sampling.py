@@ -1,0 +1,65 @@
+"""The image of a light, sampled by its brightness: cells of a grid, with an even chance within each."""
+
+import taichi as ti
+
+from tiscene.render.lights.light_sample import integer
+from tiscene.scene.lights.light_table import DISTRIBUTION, GRID
+
+vec2 = ti.math.vec2
+
+
+@ti.dataclass
+class ImagePoint:
+    """A point of an image in cells from its top left. density: of `sample`, over the unit square."""
+
+    x: ti.f32
+    y: ti.f32
+    density: ti.f32
+
+
+@ti.func
+def interval(distribution: ti.template(), start: ti.i32, count: ti.i32, u: ti.f32) -> ti.i32:
+    """The i with cumulative[i] <= u < cumulative[i + 1], of `count` intervals whose cumulative begins at `start`."""
+    low, high = 0, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if distribution[start + middle] <= u:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@ti.func
+def within(distribution: ti.template(), at: ti.i32, u: ti.f32) -> ti.f32:
+    """How far u is from one cumulative value to the next, 0..1."""
+    low = distribution[at]
+    return ti.math.clamp((u - low) / ti.max(distribution[at + 1] - low, 1e-30), 0.0, 1.0)
+
+
+@ti.func
+def density(lights: ti.template(), light: ti.i32, column: ti.i32, row: ti.i32) -> ti.f32:
+    """Of `sample` in a cell, over the unit square."""
+    distribution = ti.static(lights.distribution)
+    start = integer(lights.values, light, DISTRIBUTION)
+    columns, rows = integer(lights.values, light, GRID), integer(lights.values, light, GRID + 1)
+    i, j = ti.math.clamp(column, 0, columns - 1), ti.math.clamp(row, 0, rows - 1)
+    at = start + rows + 1 + j * (columns + 1) + i
+    chance = (distribution[start + j + 1] - distribution[start + j]) * (distribution[at + 1] - distribution[at])
+    return chance * columns * rows
+
+
+@ti.func
+def sample(lights: ti.template(), light: ti.i32, u: vec2):
+    """An ImagePoint."""
+    distribution = ti.static(lights.distribution)
+    start = integer(lights.values, light, DISTRIBUTION)
+    columns, rows = integer(lights.values, light, GRID), integer(lights.values, light, GRID + 1)
+    j = interval(distribution, start, rows, u.y)
+    at = start + rows + 1 + j * (columns + 1)
+    i = interval(distribution, at, columns, u.x)
+    return ImagePoint(
+        x=i + within(distribution, at + i, u.x),
+        y=j + within(distribution, start + j, u.y),
+        density=density(lights, light, i, j),
+    )

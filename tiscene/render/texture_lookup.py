@@ -1,0 +1,147 @@
+"""Lookups in the texture atlas: interpolated, or one pixel at random whose mean is that."""
+
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from tiscene.scene.textures.atlas import (
+    COARSER,
+    HEIGHT,
+    IS_FLOAT,
+    IS_SRGB,
+    LEVELS,
+    OFFSET,
+    WIDTH,
+    WRAP_S,
+    WRAP_T,
+    WRAPS,
+)
+
+vec2 = ti.math.vec2
+vec3 = ti.math.vec3
+vec4 = ti.math.vec4
+
+REPEAT, CLAMP, MIRROR, BLACK = range(len(WRAPS))
+_DECODING_LENGTH = 256
+
+
+class Textures(NamedTuple):
+    """The arrays of a TextureAtlas, bundled inside a kernel."""
+
+    info: Any
+    words: Any
+    floats: Any
+
+
+@ti.func
+def wrapped(index: ti.i32, size: ti.i32, wrap: ti.i32) -> ti.i32:
+    """The pixel that an index outside 0..size-1 stands for; -1 for black."""
+    result = index
+    if index < 0 or index >= size:
+        if wrap == REPEAT:
+            result = index - size * ti.cast(ti.floor(index / size), ti.i32)
+        elif wrap == CLAMP:
+            result = ti.math.clamp(index, 0, size - 1)
+        elif wrap == MIRROR:
+            period = index - 2 * size * ti.cast(ti.floor(index / (2 * size)), ti.i32)
+            result = period
+            if period >= size:
+                result = 2 * size - 1 - period
+        else:
+            result = -1
+        result = ti.math.clamp(result, -1, size - 1)
+    return result
+
+
+@ti.func
+def decoded(textures: ti.template(), word: ti.u32, is_srgb: ti.i32) -> vec4:
+    """One 8-bit pixel as linear RGBA."""
+    code = ti.Vector([ti.cast((word >> (8 * channel)) & ti.u32(255), ti.i32) for channel in range(4)])
+    result = code * (1.0 / 255.0)
+    if is_srgb != 0:
+        for channel in ti.static(range(3)):
+            result[channel] = textures.floats[code[channel]]
+    return result
+
+
+@ti.func
+def pixel_coordinates(uv: vec2, width: ti.i32, height: ti.i32, wrap_s: ti.i32, wrap_t: ti.i32) -> vec2:
+    """uv in pixels from the top left. Far outside, whole periods are taken off first: two, for the mirror's sake."""
+    u = uv.x - 2.0 * ti.floor(0.5 * uv.x) if wrap_s == REPEAT or wrap_s == MIRROR else ti.math.clamp(uv.x, -2.0, 3.0)
+    v = uv.y - 2.0 * ti.floor(0.5 * uv.y) if wrap_t == REPEAT or wrap_t == MIRROR else ti.math.clamp(uv.y, -2.0, 3.0)
+    return vec2(u * width, (1.0 - v) * height)
+
+
+@ti.func
+def lookup_wrapped(textures: ti.template(), row: ti.i32, uv: vec2, wrap_s: ti.i32, wrap_t: ti.i32) -> vec4:
+    """`lookup` with other wraps than the image's own."""
+    info = ti.static(textures.info)
+    width, height, offset = info[row, WIDTH], info[row, HEIGHT], info[row, OFFSET]
+    is_float, is_srgb = info[row, IS_FLOAT], info[row, IS_SRGB]
+    p = pixel_coordinates(uv, width, height, wrap_s, wrap_t) - 0.5
+    left, top = ti.cast(ti.floor(p.x), ti.i32), ti.cast(ti.floor(p.y), ti.i32)
+    fx, fy = p.x - left, p.y - top
+    x0, x1 = wrapped(left, width, wrap_s), wrapped(left + 1, width, wrap_s)
+    y0, y1 = wrapped(top, height, wrap_t), wrapped(top + 1, height, wrap_t)
+    result = vec4(0.0)
+    for corner in range(4):  # not unrolled: a texel's code is there once
+        right, below = corner & 1, corner >> 1
+        column, line = x1 if right == 1 else x0, y1 if below == 1 else y0
+        if column >= 0 and line >= 0:
+            at = offset + line * width + column
+            weight = (fx if right == 1 else 1.0 - fx) * (fy if below == 1 else 1.0 - fy)
+            if is_float != 0:
+                for channel in ti.static(range(4)):
+                    result[channel] += weight * textures.floats[_DECODING_LENGTH + 4 * at + channel]
+            else:
+                result += weight * decoded(textures, ti.cast(textures.words[at], ti.u32), is_srgb)
+    return result
+
+
+@ti.func
+def lookup(textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
+    """The image's linear RGBA at uv: v = 1 is the top row, pixel centres at half-integers."""
+    return lookup_wrapped(textures, row, uv, textures.info[row, WRAP_S], textures.info[row, WRAP_T])
+
+
+@ti.func
+def level_of(area: ti.f32) -> ti.f32:
+    """Which copy has pixels as large as so many of the image's own: half the logarithm to base 2, to a tenth."""
+    # A float's bits, read as an integer, are its logarithm but for the curve between powers of two.
+    return ti.cast(ti.bit_cast(area, ti.i32) - 0x3F800000, ti.f32) * (0.5 / (1 << 23))
+
+
+@ti.func
+def copy_about(textures: ti.template(), row: ti.i32, area: ti.f32, u: ti.f32) -> ti.i32:
+    """The row of the image's copy whose pixels are as large as `area` of its own; u chooses between two."""
+    copy = row
+    if area > 0.5:
+        level = ti.min(ti.cast(ti.floor(level_of(area) + u), ti.i32), textures.info[row, LEVELS])
+        if level > 0:
+            copy = textures.info[row, COARSER] + level - 1
+    return copy
+
+
+@ti.func
+def lookup_one(textures: ti.template(), row: ti.i32, uv: vec2, area: ti.f32, u: vec3) -> vec4:
+    """One pixel of the image near uv. The mean over u, uniform in [0, 1)^3, is what interpolation between pixels and
+    between copies would give (Pharr et al., "Filtering After Shading with Stochastic Texture Filtering", 2024).
+
+    area: how much of the image is meant, in pixels.
+    """
+    info = ti.static(textures.info)
+    wrap_s, wrap_t = info[row, WRAP_S], info[row, WRAP_T]
+    copy = copy_about(textures, row, area, u.z)
+    width, height = info[copy, WIDTH], info[copy, HEIGHT]
+    p = pixel_coordinates(uv, width, height, wrap_s, wrap_t) + u.xy - 0.5
+    x = wrapped(ti.cast(ti.floor(p.x), ti.i32), width, wrap_s)
+    y = wrapped(ti.cast(ti.floor(p.y), ti.i32), height, wrap_t)
+    result = vec4(0.0)
+    if x >= 0 and y >= 0:
+        at = info[copy, OFFSET] + y * width + x
+        if info[copy, IS_FLOAT] != 0:
+            for channel in ti.static(range(4)):
+                result[channel] = textures.floats[_DECODING_LENGTH + 4 * at + channel]
+        else:
+            result = decoded(textures, ti.cast(textures.words[at], ti.u32), info[copy, IS_SRGB])
+    return result

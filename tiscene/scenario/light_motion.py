@@ -1,0 +1,93 @@
+"""How a light of the stage moves and shines, as plain frozen values."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import Dynamic, argument_checks
+from tiscene.errors import ScenarioError, scenario_errors
+
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LightMotion:
+    """A light of the stage whose pose is given by a dynamic, and its colour and intensity by keyframes.
+
+    light: its prim's path, or its name. dynamic: what moves it from where it stands; None: nothing. Its clock is the
+    stream's time, as a camera's is.
+    times: s, increasing; one for each of the following, where they are given. Values are linear between, and held
+    before the first and after the last. intensity: factors of the light's own. color: factors of red, green and blue.
+    radiance: takes the place of the light's own, linear Rec.709, W/m²/sr (of a distant light W/m²).
+    repeat: start again at 0 after the last time.
+    Raises ScenarioError for anything that cannot be.
+    """
+
+    light: str
+    dynamic: Dynamic | None = None
+    times: Sequence[float] = ()
+    intensity: Sequence[float] = ()
+    color: Sequence[Color] = ()
+    radiance: Sequence[Color] = ()
+    repeat: bool = False
+
+    def __post_init__(self) -> None:
+        with scenario_errors():
+            argument_checks.text(self.light, "light")
+            if not isinstance(self.dynamic, Dynamic | None):
+                raise ScenarioError(f"dynamic={self.dynamic!r}: must be a dynamic, such as Orbit(...), or None")
+            for name in ("times", "intensity"):
+                object.__setattr__(self, name, argument_checks.numbers(getattr(self, name), name))
+            for name in ("color", "radiance"):
+                object.__setattr__(self, name, argument_checks.vectors(getattr(self, name), name))
+            argument_checks.flag(self.repeat, "repeat")
+            self._check_values()
+
+    def _check_values(self) -> None:
+        times = self.times
+        if times and (times[0] < 0.0 or any(b <= a for a, b in itertools.pairwise(times))):
+            raise ScenarioError(f"times={times!r}: must begin at 0 or later and increase")
+        for name in ("intensity", "color", "radiance"):
+            count = len(getattr(self, name))
+            if count not in (0, len(times)):
+                raise ScenarioError(f"{name}: {count} values for {len(times)} times; give one for each")
+        if min(itertools.chain(self.intensity, *self.color, *self.radiance), default=0.0) < 0.0:
+            raise ScenarioError(f"light {self.light!r}: intensity, color and radiance must not be negative")
+        if times and not (self.intensity or self.color or self.radiance):
+            raise ScenarioError("times: give intensity, color or radiance at these times")
+
+    def shines(self, time: float, own: Color) -> Color:
+        """The radiance at a time, s, of a light whose own is `own`."""
+        if not self.times:
+            return own
+        if self.repeat and self.times[-1] > 0.0:
+            time = time % self.times[-1]
+        radiance = np.asarray(own, np.float64)
+        if self.radiance:
+            radiance = self._at(time, self.radiance)
+        if self.color:
+            radiance = radiance * self._at(time, self.color)
+        if self.intensity:
+            radiance = radiance * np.interp(time, self.times, self.intensity)
+        r, g, b = radiance.tolist()
+        return (r, g, b)
+
+    def brightest(self, own: Color) -> Color:
+        """The most that `shines` ever gives of each colour, or more than that."""
+        radiance = np.max(self.radiance, axis=0) if self.radiance else np.asarray(own, np.float64)
+        if self.color:
+            radiance = radiance * np.max(self.color, axis=0)
+        if self.intensity:
+            radiance = radiance * max(self.intensity)
+        r, g, b = radiance.tolist()
+        return (r, g, b)
+
+    def _at(self, time: float, colors: Sequence[Color]) -> NDArray[np.float64]:
+        values: Any = [np.interp(time, self.times, channel) for channel in zip(*colors, strict=True)]
+        return np.array(values)

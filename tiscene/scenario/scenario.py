@@ -1,0 +1,298 @@
+"""Scenario: what happens in a scene, as plain frozen values that can be compared, copied and written to a file.
+
+It is the paper's Θ: a scene, objects with their dynamics and life spans, the timings that tie them together, the view
+frustum that bounds them, and the camera. It holds names, not meshes: `tiscene.world` brings it to life.
+
+Rotations are Euler angles (x, y, z) in degrees, or quaternions (w, x, y, z). Euler angles turn about the fixed z axis,
+then x, then y, each right-handed: x is pitch (positive looks up), y is yaw (positive turns left), z is roll.
+
+Time: frame k shows k / fps seconds. Life spans count frames, both ends included. An object's path clock counts the
+time during which it was both alive and active by the timings: one that appears later starts its path when it appears.
+Before its start a follower of waypoints stands at its waypoint 0; `position` and `rotation` place everything that does
+not name its own poses. The camera's clock is the stream's time: timings order objects only.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import dynamics
+from dynamics import AllTogether, Still, Timing, argument_checks
+from tiscene import catalog
+from tiscene.camera import Camera
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
+from tiscene.scenario import serialization
+from tiscene.scenario.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn, StageLife
+from tiscene.scenario.light_motion import LightMotion
+from tiscene.scenario.objects import Frustum, Object, check_dynamic
+
+FORMAT, VERSION = "tiscene.scenario", 1
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What happens in a scene.
+
+    scene: its name or file. objects: besides what stands in the scene. timings: when the objects move.
+    frustum: walls at the edges of the view, None for none.
+    camera: a Camera (which may have a dynamic), the name of one on the stage, or None for the stage's own; several
+        of them watch the same world, the first is the one that the frustum belongs to.
+    lights: how lights of the stage move and shine.
+    edits: what was done to the stream while it ran, in the order in which it was done; see `tiscene.scenario.edits`.
+    Raises ScenarioError if it contradicts itself, such as by timings that cannot work for a dynamic.
+    """
+
+    scene: str
+    objects: Sequence[Object] = ()
+    timings: Timing = field(default_factory=lambda: AllTogether(0.0))
+    frustum: Frustum | None = None
+    camera: Camera | str | Sequence[Camera | str] | None = None
+    edits: Sequence[Edit] = ()
+    lights: Sequence[LightMotion] = ()
+
+    def __post_init__(self) -> None:
+        scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
+        with scenario_errors():
+            object.__setattr__(self, "scene", argument_checks.text(scene, "scene"))
+            object.__setattr__(self, "objects", _check_objects(self.objects))
+            if not isinstance(self.timings, Timing):
+                raise ScenarioError(f"timings={self.timings!r}: must be a timing, such as AllTogether(0.75)")
+            if not isinstance(self.frustum, Frustum | None):
+                raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
+            object.__setattr__(self, "camera", _check_cameras(self.camera))
+            try:
+                self.timings.windows([(each.id, each.dynamic or Still()) for each in self.objects])
+            except ValueError as error:
+                raise ScenarioError(f"timings: {error}") from error
+            object.__setattr__(self, "edits", _check_edits(self.edits))
+            object.__setattr__(self, "lights", _check_lights(self.lights))
+            self.log()
+
+    def lives(self) -> list[Life]:
+        """All objects that ever are, with what the edits do to them; spawned ones after the others, in their order."""
+        return self.log().lives
+
+    def stage_lives(self) -> dict[str, StageLife]:
+        """What the edits do to things of the stage, by their prim paths."""
+        return self.log().stage
+
+    def log(self) -> EditLog:
+        """What the edits make of the objects and the stage, to go on with."""
+        return EditLog(self.objects, self.edits)
+
+    @property
+    def cameras(self) -> tuple[Camera | str | None, ...]:
+        """The cameras that watch, the main one first; None stands for the stage's own."""
+        return self.camera if isinstance(self.camera, tuple) else (self.camera,)
+
+    @classmethod
+    def sample(
+        cls,
+        scene: str | os.PathLike[str],
+        *,
+        seed: int = 0,
+        camera: Camera | str | None = None,
+        **ranges: Any,
+    ) -> Scenario:
+        """Draw a scenario at random, the same one for the same arguments.
+
+        ranges: what to draw from, each (low, high) or one number: objects, templates, dynamics, speed, angular_speed,
+        waypoints, scale, depth, region, in_view, occlusion, life, frames; `tiscene.randomization.ranges.Difficulty` explains all.
+        camera: what watches; where it stands at the start says what is in view.
+        Raises ArgumentError for ranges that contradict themselves, ScenarioError for what does not fit in the scene.
+        """
+        from tiscene.randomization.sampler import sample
+
+        content = sample(scene, seed=seed, camera=camera, **ranges)
+        return replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
+
+    def to_json(self) -> dict[str, Any]:
+        """The scenario as JSON values; `from_json` gives the same scenario, to the bit."""
+        content: dict[str, Any] = serialization.encode(self, FIELDS, SCENARIOS)
+        return {"format": FORMAT, "version": VERSION} | content
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Scenario:
+        """The scenario of JSON values. Raises ScenarioError that names the place of what is wrong in them."""
+        if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+            raise ScenarioError(f'not a scenario: it should be an object with "format": "{FORMAT}"')
+        if content.get("version") != VERSION:
+            raise ScenarioError(f"version: {content.get('version')!r}, but this tiscene reads version {VERSION}")
+        members = {key: value for key, value in content.items() if key not in ("format", "version")}
+        scenario: Scenario = serialization.decode(members, FIELDS, SCENARIOS)
+        return scenario
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file for people and programs: JSON (.json), or a USD layer over the scene (.usda, .usdc, .usd).
+
+        The layer shows the scenario's start in any USD program, and keeps the scenario by the schema of
+        `tiscene.usd.core.schema`; it refers to the files of the scene and of the templates, which must be there.
+        Raises ArgumentError for another suffix, ScenarioError for what a file cannot hold, ExportError if it cannot be
+        written.
+        """
+        path = Path(path)
+        content = self.to_json()
+        if path.suffix.lower() == ".json":
+            serialization.write(path, content)
+            return
+        if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
+            suffixes = ", ".join((".json", *catalog.LAYER_SUFFIXES))
+            raise ArgumentError(f"path={str(path)!r}: a scenario is saved as a file that ends in {suffixes}")
+        from tiscene.usd.scenario.write import write_scenario
+
+        write_scenario(content, path)
+
+    @classmethod
+    def load(
+        cls, source: str | os.PathLike[str], *, variants: Mapping[str, str] | None = None, still: bool = False
+    ) -> Scenario:
+        """Read what `save` wrote, or what the author of a USD stage means to happen on it.
+
+        source: a scenario (.json), a USD file, or a scene's name. A stage of which nothing moves is a scenario without
+        objects. variants: as of `Stream`, of a stage. still: nothing of a stage is to move, and it is not read for what
+        does. Raises ArgumentError, MissingFile or SceneNotFound, StageError for a stage that cannot be read, or
+        ScenarioError with the file and the place in it.
+        """
+        if not isinstance(source, str | os.PathLike):
+            raise ArgumentError(f"source={source!r}: must be a Scenario, a scene's name or a file")
+        if Path(source).suffix.lower() == ".json":
+            return cls._load_json(Path(source))
+        if still:
+            return cls(os.fspath(source))
+        from tiscene.usd.scenario.read import read_scenario
+
+        file = catalog.find_scene(source)
+        authored = read_scenario(file, variants=variants)
+        content = {"format": FORMAT, "version": VERSION, "scene": os.fspath(source)} | authored.content
+        try:
+            return cls.from_json(content)
+        except ScenarioError as error:
+            row = re.match(r"objects\[(\d+)\]", str(error))
+            prim = f"<{authored.prim_paths[int(row.group(1))]}> " if row else ""
+            raise ScenarioError(f"{file}: {prim}{error}") from error
+
+    @classmethod
+    def _load_json(cls, path: Path) -> Scenario:
+        try:
+            return cls.from_json(serialization.loads(path.read_text(encoding="utf-8-sig")))
+        except FileNotFoundError as error:
+            raise MissingFile(f"no scenario file {str(path)!r} (looked from {str(Path.cwd())!r})") from error
+        except OSError as error:
+            raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+        except UnicodeDecodeError as error:
+            raise ScenarioError(f"{path}: not a text file in UTF-8") from error
+        except ScenarioError as error:
+            raise ScenarioError(f"{path}: {error}") from error
+
+
+def _classes(*classes: type) -> dict[str, type]:
+    return {cls.__name__: cls for cls in classes}
+
+
+class _Dynamics(Mapping[str, type]):
+    """The dynamics by name: those of the library, and every `Stepped` that somebody has defined by now."""
+
+    _OWN = _classes(
+        dynamics.CatmullWaypoints,
+        dynamics.Composite,
+        dynamics.Keyframes,
+        dynamics.LinearWaypoints,
+        dynamics.LookAt,
+        dynamics.Orbit,
+        dynamics.Still,
+        dynamics.UniformMovementRandomBounce,
+    )
+
+    def _all(self) -> dict[str, type]:
+        found, pending = dict[str, type](), [dynamics.Stepped]
+        while pending:
+            below = pending.pop().__subclasses__()
+            found |= {cls.__name__: cls for cls in below if is_dataclass(cls)}
+            pending += below
+        return found | self._OWN
+
+    def __getitem__(self, name: str) -> type:
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+
+_DYNAMICS = _Dynamics()
+SCENARIOS = _classes(Scenario)
+# Which classes a field holds, by its name; see `scenario_json`.
+FIELDS: dict[str, Mapping[str, type]] = {
+    "camera": _classes(Camera),
+    "dynamic": _DYNAMICS,
+    "edits": _classes(Despawn, Enclose, Move, Spawn),
+    "frustum": _classes(Frustum),
+    "lights": _classes(LightMotion),
+    "motion": _DYNAMICS,
+    "object": _classes(Object),
+    "objects": _classes(Object),
+    "parts": _DYNAMICS,
+    "timings": _classes(dynamics.AllTogether, dynamics.DictTimings, dynamics.WaitUntilComplete),
+    "waypoints": _classes(dynamics.Waypoint),
+}
+
+
+def _check_objects(value: Any) -> tuple[Object, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise ScenarioError(f"objects={value!r}: must be a sequence of Object(id, template, ...)")
+    rows: dict[str, int] = {}
+    for row, each in enumerate(value):
+        if not isinstance(each, Object):
+            raise ScenarioError(f"objects[{row}]={each!r}: must be an Object(id, template, ...)")
+        if each.id in rows:
+            raise ScenarioError(f"objects[{row}].id={each.id!r}: objects[{rows[each.id]}] has this id already")
+        rows[each.id] = row
+    return tuple(value)
+
+
+def _check_edits(value: Any) -> tuple[Edit, ...]:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn, Move and Enclose")
+    for row, each in enumerate(value):
+        if not isinstance(each, Edit):
+            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn, a Move or an Enclose")
+        if isinstance(each, Enclose) and not isinstance(each.frustum, Frustum | None):
+            raise ScenarioError(f"edits[{row}].frustum={each.frustum!r}: must be a Frustum or None")
+        if isinstance(each, Spawn) and not isinstance(each.object, Object):
+            raise ScenarioError(f"edits[{row}].object={each.object!r}: must be an Object(id, template, ...)")
+    return tuple(value)
+
+
+def _check_lights(value: Any) -> tuple[LightMotion, ...]:
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise ScenarioError(f"lights={value!r}: must be a sequence of LightMotion")
+    for row, each in enumerate(value):
+        if not isinstance(each, LightMotion):
+            raise ScenarioError(f"lights[{row}]={each!r}: must be a LightMotion")
+        if each.light in [other.light for other in value[:row]]:
+            raise ScenarioError(f"lights[{row}].light={each.light!r}: it has a motion already")
+    return tuple(value)
+
+
+def _check_cameras(value: Any) -> Any:
+    """One camera, as it is, or several as a tuple, whose names differ."""
+    several = isinstance(value, Sequence) and not isinstance(value, str)
+    cameras = tuple(value) if several else (value,)
+    if several and (not cameras or not all(isinstance(each, Camera | str) for each in cameras)):
+        raise ScenarioError(f"camera={value!r}: of several each must be a Camera or the name of one on the stage")
+    names = [each.name if isinstance(each, Camera) else each for each in cameras]
+    for row, each in enumerate(cameras):
+        if not isinstance(each, Camera | str | None):
+            raise ScenarioError(f"camera={each!r}: must be a Camera, the name of one on the stage, or None")
+        if isinstance(each, Camera):
+            check_dynamic(each.dynamic, f"camera[{row}].dynamic" if several else "camera.dynamic")
+        if names[row] in names[:row]:
+            raise ScenarioError(f"camera[{row}]: another one is called {names[row]!r} already")
+    return cameras if several else value

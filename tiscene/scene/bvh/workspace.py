@@ -1,0 +1,85 @@
+"""A build in progress: the shapes that trees have, and the arrays in which they grow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.scene.bvh import build_kernels, layout_kernels
+
+Boxes = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The shape of a tree. Stacks: entries that a traversal needs at most for a BLAS and a TLAS.
+
+    unit: what one node adds to its number to refer to it. node_cost: in units of one block of triangles tested.
+    """
+
+    name: str
+    width: int
+    unit: int
+    block: int
+    leaf_kind: int
+    node_cost: float
+    blas_stack: int
+    tlas_stack: int
+
+
+WIDE = Layout("wide", 8, 8, 4, layout_kernels.PACK, 0.5, 56, 56)
+BINARY = Layout("binary", 2, 1, 1, layout_kernels.ROWS, 1.0, 48, 24)
+LAYOUTS = {layout.name: layout for layout in (WIDE, BINARY)}
+KEPT_WORKSPACE = 1 << 18  # primitives; the memory for building larger trees is given back
+SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
+
+
+class Workspace:
+    """The arrays of a build in progress. Those on the device grow and stay; order and tasks are the host's."""
+
+    def __init__(self) -> None:
+        self._allocate(64)
+        self.children.fill(-1)
+
+    def _allocate(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.node_box = ti.ndarray(ti.f32, (2 * capacity, 6))
+        self.node_link = ti.ndarray(ti.i32, (2 * capacity, 4))
+        self.children = ti.ndarray(ti.i32, (capacity, 8))
+        self.stack = ti.ndarray(ti.i32, (capacity, 2))
+
+    def grow(
+        self,
+        boxes: Boxes,
+        order: NDArray[np.int32],
+        tasks: NDArray[np.int32],
+        sah_depth: int,
+        layout: Layout,
+        leaf_size: int,
+        block: int,
+    ) -> None:
+        """Split primitives into binary trees, one for each task (bvh_build.py)."""
+        count, trees = len(order), len(tasks)
+        if count > self.capacity:
+            self._allocate(max(count, 2 * min(self.capacity, KEPT_WORKSPACE)))
+        serial_until = 0 if count <= SERIAL_BUILD or trees > 1 else max(SERIAL_BUILD // 4, count // 64)
+        boxes, self.order = boxes.copy(), order.copy()  # they are sorted in place
+        self.tasks = np.concatenate([tasks, np.zeros((count + 1 - trees, 4), np.int32)])
+        arrays = boxes, self.order, self.node_box, self.node_link, self.tasks
+
+        def run(first: int, tasks: int, stop: int) -> int:
+            return int(build_kernels.grow(*arrays, first, tasks, stop, sah_depth, leaf_size, block, layout.node_cost))
+
+        subtrees = run(0, trees, serial_until)
+        if subtrees:
+            run(1, subtrees, 0)
+
+    def collapse(self, trees: int, width: int, leaf_kind: int, by_count: bool) -> NDArray[np.int32]:
+        """Merge binary nodes; of each tree the nodes and packs there are so far, and the stack that it needs."""
+        found = np.zeros((trees, 3), np.int32)
+        arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self.tasks, found)
+        layout_kernels.collapse(*arrays, width, leaf_kind, int(by_count))
+        return found

@@ -1,0 +1,96 @@
+"""All images of a scene in three flat arrays, so that a kernel can read any of them by its row.
+
+8-bit images stay 8-bit (one word a pixel); only float images take floats. Kernels read them through
+`tiscene.render.texture_lookup`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.device.memory import upload
+from tiscene.scene.description import Texture
+from tiscene.scene.textures.mipmaps import coarser_copies, srgb_decoding
+
+INFO_COLUMNS = 9
+OFFSET, WIDTH, HEIGHT, IS_FLOAT, IS_SRGB, WRAP_S, WRAP_T, COARSER, LEVELS = range(INFO_COLUMNS)
+WRAPS = ("repeat", "clamp", "mirror", "black")
+
+
+class TextureArrays(NamedTuple):
+    """info: i32 [n + copies, 9], columns as named above; OFFSET counts pixels within the image's own array, COARSER is
+    the row of the copy of half the size, LEVELS says how many copies follow each other there.
+    words: i32 [p], one RGBA pixel each, red in the lowest byte.
+    floats: f32 [256 + 4 q]: first the sRGB decoding table, then RGBA pixels of the float images.
+    """
+
+    info: Any
+    words: Any
+    floats: Any
+
+
+def linear_pixels(texture: Texture) -> NDArray[np.float32]:
+    """float32 [h, w, 4]: the image as the renderer sees it, decoded."""
+    if texture.pixels.dtype != np.uint8:
+        return np.asarray(texture.pixels, np.float32)
+    pixels = texture.pixels.astype(np.float32) / np.float32(255.0)
+    if texture.encoding == "srgb":
+        pixels[..., :3] = srgb_decoding()[texture.pixels[..., :3]]
+    return pixels
+
+
+class TextureAtlas:
+    """Grows by `append`; the device arrays are made anew at the next `arrays` after that."""
+
+    def __init__(self) -> None:
+        self.textures: list[Texture] = []
+        self._arrays: TextureArrays | None = None
+
+    def __len__(self) -> int:
+        return len(self.textures)
+
+    def append(self, textures: Iterable[Texture]) -> int:
+        """Add images; returns the row of the first."""
+        first = len(self.textures)
+        self.textures.extend(textures)
+        self._arrays = None
+        return first
+
+    def arrays(self) -> TextureArrays:
+        """What kernels read."""
+        if self._arrays is None:
+            self._arrays = self._upload()
+        return self._arrays
+
+    def _upload(self) -> TextureArrays:
+        copies = [coarser_copies(texture) if texture.copies is None else texture.copies for texture in self.textures]
+        images = [*self.textures, *(image for chain in copies for image in chain)]
+        info = np.zeros((len(images), INFO_COLUMNS), np.int32)
+        levels = np.array([len(chain) for chain in copies], np.int32)
+        info[: len(copies), LEVELS] = levels
+        info[: len(copies), COARSER] = len(copies) + np.cumsum(levels) - levels
+        words: list[NDArray[np.int32]] = []
+        floats: list[NDArray[np.float32]] = [srgb_decoding()]
+        words_used = floats_used = 0
+        for row, texture in enumerate(images):
+            height, width, _ = texture.pixels.shape
+            is_float = texture.pixels.dtype != np.uint8
+            info[row, OFFSET] = floats_used if is_float else words_used
+            info[row, WIDTH], info[row, HEIGHT] = width, height
+            info[row, IS_FLOAT] = is_float
+            info[row, IS_SRGB] = texture.encoding == "srgb" and not is_float
+            info[row, WRAP_S] = WRAPS.index(texture.wrap_s)
+            info[row, WRAP_T] = WRAPS.index(texture.wrap_t)
+            if is_float:
+                floats.append(np.asarray(texture.pixels, np.float32).reshape(-1))
+                floats_used += width * height
+            else:
+                words.append(np.ascontiguousarray(texture.pixels).view("<i4").reshape(-1))
+                words_used += width * height
+        return TextureArrays(
+            upload(info), upload(np.concatenate([np.zeros(1, np.int32), *words])[1:]), upload(np.concatenate(floats))
+        )

@@ -1,0 +1,39 @@
+"""Some frames of a stream: what `stream[a:b]` is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Protocol, overload
+
+from tiscene.frame.frame import Frame
+
+
+class Frames(Protocol):
+    """Whatever has frames by their number."""
+
+    def __getitem__(self, index: int, /) -> Frame: ...
+
+
+class FrameRange(Sequence[Frame]):
+    """Some frames of a stream, each rendered when it is asked for."""
+
+    def __init__(self, stream: Frames, indices: range) -> None:
+        self.stream = stream
+        self.indices = indices
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self.stream[index] for index in self.indices)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> FrameRange: ...
+
+    def __getitem__(self, index: int | slice) -> Frame | FrameRange:
+        if isinstance(index, slice):
+            return FrameRange(self.stream, self.indices[index])
+        return self.stream[self.indices[index]]

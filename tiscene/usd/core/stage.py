@@ -1,0 +1,166 @@
+"""Opening a stage: composition errors are failures, and USD's own chatter stays off the terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Mapping
+from numbers import Real
+from pathlib import Path
+
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdUtils
+
+from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
+from tiscene.usd.core import schema
+from tiscene.usd.core.report import error_lines, one_line
+
+schema.register()
+
+Variants = Mapping[str, str | Mapping[str, str]]
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep USD's diagnostics from stdout and stderr: what matters of them is raised or warned by the reader."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        delegate.TakeUncoalescedDiagnostics()  # a delegate prints what it still holds when it goes
+        del delegate
+
+
+@contextlib.contextmanager
+def readable(path: str | Path) -> Iterator[None]:
+    """Turn USD's exceptions into StageError."""
+    try:
+        yield
+    except Tf.ErrorException as error:
+        raise StageError(str(path), [f"cannot be read: {line}" for line in error_lines(error)]) from None
+
+
+def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
+    """Open a stage with every payload loaded and the wanted variants selected in its session layer.
+
+    Raises MissingFile, StageError (unreadable, or anything that does not compose), UnknownName (variants).
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MissingFile(f"{path} does not exist")
+    if not path.is_file():
+        raise MissingFile(f"{path} is not a file: name the .usd, .usda, .usdc or .usdz file itself")
+    with readable(path):
+        stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
+        for layer in stage.GetUsedLayers():  # USD shares layers in a process: see to it that they are today's files
+            if not layer.anonymous and not layer.dirty:
+                layer.Reload()
+    try:
+        select_variants(stage, variants or {})
+    except UnknownName:
+        _refuse_errors(stage, path)  # a variant may be missing because its file is
+        raise
+    _refuse_errors(stage, path)
+    _give_range(stage)
+    return stage
+
+
+def _refuse_errors(stage: Usd.Stage, path: Path) -> None:
+    problems = [f"<{_error_path(error)}> composition: {one_line(error)}" for error in stage.GetCompositionErrors()]
+    problems += _faults_of_units(stage)
+    if problems:
+        raise StageError(str(path), list(dict.fromkeys(problems)))
+
+
+def _faults_of_units(stage: Usd.Stage) -> list[str]:
+    """What of a stage's unit of length and of its clock means nothing."""
+    meters, rate = UsdGeom.GetStageMetersPerUnit(stage), stage.GetTimeCodesPerSecond()
+    problems = [
+        f"</> stage: {name} is {value:g}"
+        for name, value in (("metersPerUnit", meters), ("timeCodesPerSecond", rate))
+        if not 0.0 < value < math.inf
+    ]
+    ends = ("startTimeCode", stage.GetStartTimeCode()), ("endTimeCode", stage.GetEndTimeCode())
+    return problems + [f"</> stage: {name} is {value:g}" for name, value in ends if not math.isfinite(value)]
+
+
+def _error_path(error: object) -> str:
+    try:
+        return str(error.rootSite.path)  # type: ignore[attr-defined]
+    except (AttributeError, UnicodeDecodeError):
+        return "/"
+
+
+def _give_range(stage: Usd.Stage) -> None:
+    """Have a stage that changes, and does not say when, begin at the first of all its time samples."""
+    if stage.HasAuthoredTimeCodeRange() or not changes_over_time(stage):
+        return
+    everything = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+    samples = [each.GetTimeSamples() for prim in everything for each in prim.GetAuthoredAttributes()]
+    times = [time for each in samples if each for time in (each[0], each[-1])]
+    if times:
+        session = stage.GetSessionLayer()
+        session.startTimeCode, session.endTimeCode = min(times), max(times)
+
+
+def select_variants(stage: Usd.Stage, variants: Variants) -> None:
+    """Select variants in the session layer, so that no file changes. `{"/Room{lighting}": "night"}` or nested."""
+    if not isinstance(variants, Mapping):
+        raise ArgumentError(f"variants={variants!r} must be a mapping such as {{'/Room{{lighting}}': 'night'}}")
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for prim_path, set_name, choice in _flattened(variants):
+            prim = stage.GetPrimAtPath(prim_path)
+            if not prim:
+                raise UnknownName("prim", prim_path, _paths_with_variants(stage), hint="Variants are selected on it.")
+            sets = prim.GetVariantSets()
+            if set_name not in sets.GetNames():
+                raise UnknownName("variant set", set_name, sets.GetNames(), where=f" on <{prim_path}>")
+            names = sets.GetVariantSet(set_name).GetVariantNames()
+            if choice not in names:
+                raise UnknownName("variant", choice, names, where=f" in <{prim_path}>{{{set_name}}}")
+            sets.GetVariantSet(set_name).SetVariantSelection(choice)
+
+
+def _flattened(variants: Variants) -> Iterator[tuple[str, str, str]]:
+    """(prim path, variant set, variant) for both ways of writing a selection."""
+    for key, value in variants.items():
+        if not isinstance(key, str):
+            raise ArgumentError(f"variants: {key!r} must be the path of a prim, such as '/Room{{lighting}}'")
+        if isinstance(value, str):
+            prim_path, brace, rest = key.partition("{")
+            if not brace or not rest.endswith("}"):
+                raise ArgumentError(f"variants: {key!r} must name a variant set, as in '/Room{{lighting}}'")
+            choices: Mapping[str, str] = {rest[:-1]: value}
+        else:
+            prim_path, choices = key, value
+        if not isinstance(choices, Mapping) or not all(isinstance(each, str) for each in choices.values()):
+            raise ArgumentError(f"variants: {key!r}: {value!r} must be the name of a variant, or such names by set")
+        if not Sdf.Path.IsValidPathString(prim_path) or not Sdf.Path(prim_path).IsAbsoluteRootOrPrimPath():
+            raise ArgumentError(f"variants: {prim_path!r} is not the path of a prim, such as '/Room'")
+        for set_name, choice in choices.items():
+            yield prim_path, set_name, choice
+
+
+def _paths_with_variants(stage: Usd.Stage) -> list[str]:
+    return [str(prim.GetPath()) for prim in stage.TraverseAll() if prim.HasVariantSets()][:30]
+
+
+def reading_time(stage: Usd.Stage, time_code: float | None) -> Usd.TimeCode:
+    """The given time code, else the start of the stage's range; any if nothing changes. Raises ArgumentError."""
+    if time_code is not None:
+        try:
+            code = float(time_code) if isinstance(time_code, Real) else math.nan
+        except OverflowError:
+            code = math.inf
+        if not math.isfinite(code):
+            raise ArgumentError(f"time_code={time_code!r}: must be a finite number")
+        return Usd.TimeCode(code)
+    if stage.HasAuthoredTimeCodeRange():
+        return Usd.TimeCode(stage.GetStartTimeCode())
+    return Usd.TimeCode.EarliestTime()
+
+
+def changes_over_time(stage: Usd.Stage) -> bool:
+    """Whether anything on a stage has time samples, in its layers or in clips."""
+    if any(layer.ListAllTimeSamples() for layer in stage.GetUsedLayers()):
+        return True
+    return any(prim.HasAuthoredMetadata("clips") for prim in stage.TraverseAll())

@@ -1,0 +1,174 @@
+"""UsdGeom's parametric shapes as triangles: cube, sphere, cylinder, cone, capsule, plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd
+
+from tiscene.usd.core.report import Report
+from tiscene.usd.geometry.vertex_weld import Surface
+
+Floats = NDArray[np.float64]
+
+SEGMENTS = 64  # around an axis: a silhouette whose corners turn by less than 6 degrees
+RINGS = 32  # from pole to pole
+_LARGEST = 1e30  # stage units; single precision goes little farther
+_AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # column of a shape about z that becomes x, y, z
+
+
+def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface | None:
+    """The triangles of a shape, with smooth normals and uv; None, with a problem reported, for an impossible size."""
+    kind = str(prim.GetTypeName())
+    sizes = {}
+    for name in ("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"):
+        attribute = prim.GetAttribute(name)
+        if attribute:
+            value = attribute.Get(time)
+            sizes[name] = math.nan if value is None else float(value)
+            if not 0.0 <= sizes[name] <= _LARGEST or (name in ("size", "radius") and not sizes[name]):
+                report.problem(prim.GetPath(), kind.lower(), f"{name} is {sizes[name]}")
+                return None
+    if kind == "Capsule_1" and sizes["radiusTop"] != sizes["radiusBottom"]:
+        report.omission(prim.GetPath(), "a capsule of two radii is drawn with their mean")
+    surface = TYPES[kind](sizes)
+    axis = prim.GetAttribute("axis").Get(time) if prim.HasAttribute("axis") else "Z"
+    order = _AXES.get(str(axis), _AXES["Z"])
+    if kind == "Plane" and str(axis) == "X":
+        order = (2, 1, 0)  # its width lies along z and its length along y
+    if kind == "Plane" and str(axis) == "Y":
+        order = (0, 2, 1)
+    return _turned(surface, order)
+
+
+def _turned(surface: Surface, order: tuple[int, int, int]) -> Surface:
+    positions = np.ascontiguousarray(surface.positions[:, order])
+    normals = None if surface.normals is None else np.ascontiguousarray(surface.normals[:, order])
+    even = order in _AXES.values()  # an odd permutation mirrors
+    triangles = surface.triangles if even else np.ascontiguousarray(surface.triangles[:, ::-1])
+    return Surface(positions, triangles, normals, surface.uv, surface.face)
+
+
+def _cube(size: dict[str, float]) -> Surface:
+    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    positions, normals = [], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            face = np.empty((4, 3))
+            face[:, axis] = side
+            face[:, (axis + 1) % 3] = corner[:, 0] * side
+            face[:, (axis + 2) % 3] = corner[:, 1]
+            positions.append(face)
+            normal = np.zeros((4, 3))
+            normal[:, axis] = side
+            normals.append(normal)
+    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    triangles = (4 * np.arange(6)[:, None, None] + quad).reshape(-1, 3)
+    uv = np.tile((corner + 1.0) / 2.0, (6, 1))
+    return _surface(np.concatenate(positions) * size["size"] / 2.0, triangles, np.concatenate(normals), uv)
+
+
+def _plane(size: dict[str, float]) -> Surface:
+    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    half = np.array([size["width"], size["length"]]) / 2.0
+    positions = np.concatenate([corner * half, np.zeros((4, 1))], axis=1)
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    return _surface(positions, np.array([[0, 1, 2], [0, 2, 3]]), normals, (corner + 1.0) / 2.0)
+
+
+def _sphere(size: dict[str, float]) -> Surface:
+    angle = np.linspace(-math.pi / 2.0, math.pi / 2.0, RINGS + 1)
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return _revolve([(normal * size["radius"], normal)])
+
+
+def _cylinder(size: dict[str, float]) -> Surface:
+    """Also Cylinder_1, whose two ends have radii of their own."""
+    bottom = size.get("radiusBottom", size.get("radius", 0.0))
+    top = size.get("radiusTop", size.get("radius", 0.0))
+    return _frustum(bottom, top, size["height"] / 2.0)
+
+
+def _cone(size: dict[str, float]) -> Surface:
+    return _frustum(size["radius"], 0.0, size["height"] / 2.0)
+
+
+def _frustum(bottom: float, top: float, half: float) -> Surface:
+    slope = np.array([2.0 * half, bottom - top])
+    normal = slope / max(float(np.linalg.norm(slope)), 1e-300)
+    strips = [(np.array([[bottom, -half], [top, half]]), np.tile(normal, (2, 1)))]
+    if bottom > 0.0:
+        strips.append((np.array([[0.0, -half], [bottom, -half]]), np.tile([0.0, -1.0], (2, 1))))
+    if top > 0.0:
+        strips.append((np.array([[top, half], [0.0, half]]), np.tile([0.0, 1.0], (2, 1))))
+    return _revolve(strips)
+
+
+def _capsule(size: dict[str, float]) -> Surface:
+    radius = size["radius"] if "radius" in size else (size["radiusTop"] + size["radiusBottom"]) / 2.0
+    quarter = np.linspace(0.0, math.pi / 2.0, RINGS // 2 + 1)
+    angle = np.concatenate([quarter - math.pi / 2.0, quarter])
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    profile = normal * radius
+    profile[:, 1] += np.repeat([-0.5, 0.5], len(quarter)) * size["height"]
+    return _revolve([(profile, normal)])
+
+
+def _revolve(strips: list[tuple[Floats, Floats]]) -> Surface:
+    """Turn profiles about the z axis. Each strip: points and normals [k, 2] as (distance from the axis, z), going up
+    the outside. u runs around counter-clockwise from +x, v along the profile by its length."""
+    turn = np.linspace(0.0, 2.0 * math.pi, SEGMENTS + 1)
+    around = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    around[-1] = around[0]
+    positions, normals, uvs, triangles = [], [], [], []
+    start = 0
+    for profile, normal in strips:
+        rings = len(profile)
+        positions.append(_swept(profile, around))
+        normals.append(_swept(normal, around))
+        step = np.linalg.norm(np.diff(profile, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(step)]) / max(float(step.sum()), 1e-300)
+        grid = np.meshgrid(turn / (2.0 * math.pi), along)
+        uvs.append(np.stack(grid, axis=-1).reshape(-1, 2))
+        lower = (np.arange(rings - 1)[:, None] * (SEGMENTS + 1) + np.arange(SEGMENTS)).reshape(-1)
+        upper = lower + SEGMENTS + 1
+        first = np.stack([lower, lower + 1, upper + 1], axis=-1)
+        second = np.stack([lower, upper + 1, upper], axis=-1)
+        at_axis = np.repeat(profile[:, 0] <= 1e-9 * profile[:, 0].max(), SEGMENTS)
+        kept = [first[~at_axis[: len(first)]], second[~at_axis[SEGMENTS:]]]  # at a pole one of the two has no area
+        triangles.append(np.concatenate(kept) + start)
+        start += rings * (SEGMENTS + 1)
+    return _surface(*(np.concatenate(part) for part in (positions, triangles, normals, uvs)))
+
+
+def _swept(profile: Floats, around: Floats) -> Floats:
+    grid = np.empty((len(profile), len(around), 3))
+    grid[..., :2] = profile[:, None, :1] * around
+    grid[..., 2] = profile[:, 1:]
+    return grid.reshape(-1, 3)
+
+
+def _surface(positions: Floats, triangles: NDArray[Any], normals: Floats, uv: Floats) -> Surface:
+    return Surface(
+        positions.astype(np.float32),
+        triangles.astype(np.int32),
+        normals.astype(np.float32),
+        uv.astype(np.float32),
+        np.zeros(len(triangles), dtype=np.int32),
+    )
+
+
+TYPES: dict[str, Callable[[dict[str, float]], Surface]] = {
+    "Cube": _cube,
+    "Sphere": _sphere,
+    "Cylinder": _cylinder,
+    "Cylinder_1": _cylinder,
+    "Cone": _cone,
+    "Capsule": _capsule,
+    "Capsule_1": _capsule,
+    "Plane": _plane,
+}

@@ -1,0 +1,211 @@
+"""UsdGeomMesh: n-gons, holes, orientation, normals, texture coordinates, subdivision."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from tiscene.usd.core.report import Report
+from tiscene.usd.geometry.deforming import points_over_time
+from tiscene.usd.geometry.primvar import Primvars, Topology, array_of, read_normals, read_vertex_values
+from tiscene.usd.geometry.subdivision import Creases, subdivide
+from tiscene.usd.geometry.triangulate import triangulate
+from tiscene.usd.geometry.vertex_weld import Attribute, Surface, weld, with_moved
+
+_INFINITE_SHARPNESS = 10.0  # UsdGeomMesh's SHARPNESS_INFINITE
+
+
+def read_mesh(
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    report: Report,
+    wanted: Sequence[Primvars],
+    of_face: NDArray[np.intp] | None,
+    times: Sequence[float] = (),
+) -> Surface | None:
+    """The triangles of a mesh, counter-clockwise from outside. None, with a reason reported, if it has none.
+
+    wanted: what its vertices must have; of_face: [faces] which of it each face uses.
+    times: time codes at which it has another shape.
+    """
+    mesh = UsdGeom.Mesh(prim)
+    checked = _read_topology(mesh, time, report)
+    if checked is None:
+        return None
+    points, topology = checked
+    scheme = mesh.GetSubdivisionSchemeAttr().Get(time) or "catmullClark"
+    if scheme == "loop":
+        report.omission(prim.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
+    smooth = scheme in ("catmullClark", "loop")
+    normals = None if smooth else read_normals(prim, topology, time, report)
+    moved = points_over_time(prim, times, len(points), report)
+    uv = _read_values(prim, topology, time, report, wanted, of_face)
+    drawn = np.ones(len(topology.counts), dtype=bool)
+    holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
+    if len(holes) and (holes.min() < 0 or holes.max() >= len(drawn)):
+        worst, last = holes.max() if holes.max() >= len(drawn) else holes.min(), len(drawn) - 1
+        text = f"holeIndices refer to face {worst}, but there are {len(drawn)} (0-{last})"
+        report.problem(prim.GetPath(), "mesh", text)
+        return None
+    drawn[holes] = False
+    if smooth:
+        creases = _read_creases(mesh, topology, time, report)
+        boundary = mesh.GetInterpolateBoundaryAttr().Get(time) or "edgeAndCorner"
+        uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
+        surface = subdivide(points, topology, creases, drawn, uv, boundary=boundary, uv_rule=uv_rule, moved=moved)
+    else:
+        corners, face = triangulate(points, topology.counts, topology.indices)
+        kept = drawn[face]
+        turned = _normals_over_time(prim, topology, normals, times, report) if moved is not None else None
+        apart = np.arange(len(topology.indices)) if turned and normals is not None and normals.per_corner else None
+        surface = weld(points, topology.indices, corners[kept], face[kept], normals, uv, apart)
+        if moved is not None:
+            surface = with_moved(surface, moved, turned)
+    if len(surface.triangles) == 0:
+        report.omission(prim.GetPath(), "a mesh without a visible face")
+        return None
+    if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
+        surface = _reversed(surface, flip_normals=smooth)
+    return replace(surface, times=times if moved is not None else ())
+
+
+def _normals_over_time(
+    prim: Usd.Prim, topology: Topology, normals: Attribute | None, times: Sequence[float], report: Report
+) -> list[Attribute] | None:
+    """A mesh's normals at other times; None if they do not change."""
+    names = ("primvars:normals", "normals")
+    if normals is None or not any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in names):
+        return None
+    read = [read_normals(prim, topology, Usd.TimeCode(time), report) for time in times]
+    return [normals if each is None or each.per_corner != normals.per_corner else each for each in read]
+
+
+def face_count(prim: Usd.Prim, time: Usd.TimeCode) -> int:
+    """How many faces a mesh prim has."""
+    return len(array_of(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr(), time, np.int32))
+
+
+def _read_topology(
+    mesh: UsdGeom.Mesh, time: Usd.TimeCode, report: Report
+) -> tuple[NDArray[np.float32], Topology] | None:
+    """Points and faces; None and a problem if they contradict each other."""
+    path = mesh.GetPath()
+    points = array_of(mesh.GetPointsAttr(), time, np.float32, width=3)
+    counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)
+    indices = array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32)
+    if len(counts) == 0 and len(indices) == 0:
+        report.omission(path, "a mesh without faces")
+        return None
+    problems = len(points) == 0
+    if problems:
+        report.problem(path, "mesh", f"{len(counts)} faces, but no points")
+    elif not np.isfinite(points).all():
+        report.problem(path, "mesh", f"{int((~np.isfinite(points).all(axis=1)).sum())} points are not finite numbers")
+        problems = True
+    if len(counts) and counts.min() < 0:
+        report.problem(path, "mesh", f"faceVertexCounts holds {counts.min()}")
+        return None
+    total = int(counts.sum(dtype=np.int64))
+    if total != len(indices):
+        text = f"faceVertexCounts add up to {total}, but there are {len(indices)} faceVertexIndices"
+        report.problem(path, "mesh", text)
+        return None
+    if problems:
+        return None
+    topology = Topology(len(points), counts, indices)
+    outside = (indices < 0) | (indices >= len(points))
+    if outside.any():
+        _report_outside(topology, outside, path, report)
+        return None
+    if counts.min() < 3:
+        report.omission(path, "faces of fewer than 3 vertices enclose nothing")
+    return points, topology
+
+
+def _report_outside(topology: Topology, outside: NDArray[np.bool_], path: object, report: Report) -> None:
+    wrong = topology.indices[outside]
+    worst = int(wrong[0])
+    faces = len(np.unique(topology.face_of_corner[outside]))
+    refer = "1 face refers" if faces == 1 else f"{faces} faces refer"
+    others = len(np.unique(wrong)) - 1
+    more = f" and {others} other missing ones" if others else ""
+    last = topology.points - 1
+    report.problem(path, "mesh", f"{refer} to point {worst}{more}, but there are {topology.points} points (0-{last})")
+
+
+def _read_values(
+    prim: Usd.Prim,
+    topology: Topology,
+    time: Usd.TimeCode,
+    report: Report,
+    wanted: Sequence[Primvars],
+    of_face: NDArray[np.intp] | None,
+) -> Attribute | None:
+    """Texture coordinates and colours; where faces use different ones, each corner has those its face uses."""
+    many = any(each.many for each in wanted)
+    read = [read_vertex_values(prim, each, many, topology, time, report) for each in wanted]
+    if len(read) == 1 or of_face is None:
+        return read[0]
+    everything = np.arange(len(topology.indices))
+    per_corner = np.zeros((len(topology.indices), 8 if many else 2), dtype=np.float32)
+    for row, attribute in enumerate(read):
+        if attribute is not None:
+            uses = of_face[topology.face_of_corner] == row
+            per_corner[uses] = attribute.at(topology.indices[uses], everything[uses])
+    return Attribute(per_corner, per_corner=True)
+
+
+def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, report: Report) -> Creases:
+    """Sharp edges and points; those that contradict the mesh are reported and left out."""
+    path = mesh.GetPath()
+    corners = array_of(mesh.GetCornerIndicesAttr(), time, np.int64)
+    corner_sharpness = array_of(mesh.GetCornerSharpnessesAttr(), time, np.float64)
+    indices = array_of(mesh.GetCreaseIndicesAttr(), time, np.int64)
+    lengths = array_of(mesh.GetCreaseLengthsAttr(), time, np.int64)
+    sharpness = array_of(mesh.GetCreaseSharpnessesAttr(), time, np.float64)
+    none = Creases.none()
+    for name, values in (("cornerIndices", corners), ("creaseIndices", indices)):
+        if len(values) and (values.min() < 0 or values.max() >= topology.points):
+            report.problem(path, "mesh", f"{name} refer to points outside 0-{topology.points - 1}")
+            return none
+    if len(corners) != len(corner_sharpness):
+        report.problem(path, "mesh", f"{len(corners)} cornerIndices, but {len(corner_sharpness)} cornerSharpnesses")
+        return none
+    if (len(lengths) and lengths.min() < 2) or lengths.sum() != len(indices):
+        report.problem(path, "mesh", f"creaseLengths must be at least 2 and add up to {len(indices)} creaseIndices")
+        return none
+    edges = int((lengths - 1).sum())
+    if len(sharpness) not in (len(lengths), edges):
+        wanted = f"{len(lengths)} or {edges}"
+        report.problem(path, "mesh", f"{len(sharpness)} creaseSharpnesses, but there must be {wanted}")
+        return none
+    if np.isnan(sharpness).any() or np.isnan(corner_sharpness).any():
+        report.problem(path, "mesh", "a crease or corner sharpness is not a number")
+        return none
+    if len(sharpness) != edges:
+        sharpness = np.repeat(sharpness, lengths - 1)
+    last = np.zeros(len(indices), dtype=bool)
+    last[np.cumsum(lengths) - 1] = True
+    start = np.flatnonzero(~last)
+    return Creases(
+        edges=np.stack([indices[start], indices[start + 1]], axis=-1) if len(start) else np.empty((0, 2), np.int64),
+        edge_sharpness=np.where(sharpness >= _INFINITE_SHARPNESS, np.inf, sharpness),
+        points=corners,
+        point_sharpness=np.where(corner_sharpness >= _INFINITE_SHARPNESS, np.inf, corner_sharpness),
+    )
+
+
+def _reversed(surface: Surface, flip_normals: bool) -> Surface:
+    """The other winding. Authored normals already face outwards; those made from the winding turn with it."""
+    normals = surface.normals
+    if flip_normals and normals is not None:
+        normals = -normals
+    moved_normals = surface.moved_normals
+    if flip_normals and moved_normals is not None:
+        moved_normals = -moved_normals
+    triangles = np.ascontiguousarray(surface.triangles[:, ::-1])
+    return replace(surface, triangles=triangles, normals=normals, moved_normals=moved_normals)

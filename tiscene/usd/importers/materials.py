@@ -1,0 +1,210 @@
+"""Materials of imported models as UsdPreviewSurface: glTF's as they are, Phong's by their names and shininess."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from PIL import Image
+from pxr import Gf, Sdf, Usd, UsdShade
+
+from tiscene.color import decode_srgb
+
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """An image for an input. channel: which of it. scale: a factor. raw: its values are no colours."""
+
+    image: Image.Image
+    channel: Literal["rgb", "r", "g", "b", "a"] = "rgb"
+    scale: Color = (1.0, 1.0, 1.0)
+    raw: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Inputs of UsdPreviewSurface by their names; those that an image gives are in `maps`."""
+
+    name: str
+    inputs: Mapping[str, float | int | Color | str]
+    maps: Mapping[str, Map] = field(default_factory=dict)
+
+
+# By words in a Phong material's name: what its measured kind would have. The first that fits counts.
+_KINDS: tuple[tuple[str, dict[str, float]], ...] = (
+    ("mirror|spiegel|specchio", {"metallic": 1.0, "roughness": 0.0}),
+    ("plastic|vinyl|pvc|polymer", {"roughness": 0.4}),
+    ("chrom|polished|inox", {"metallic": 1.0, "roughness": 0.08}),
+    ("metal|steel|iron|alu|brass|gold|silver|copper|bronze", {"metallic": 1.0, "roughness": 0.3}),
+    ("glass|vidro|crystal|vetro|verre", {"roughness": 0.0, "glass": 1.0}),
+    ("ceramic|porcelain|enamel|sanitary", {"roughness": 0.1}),
+    ("leather|leder|cuir", {"roughness": 0.5}),
+    (
+        "fabric|cloth|textil|cotton|linen|wool|carpet|rug|towel|pillow|cushion|mattress|sheet|curtain|sofa",
+        {"roughness": 0.9},
+    ),
+    ("wood|oak|pine|walnut|madera|legno|bois|holz|parquet", {"roughness": 0.45}),
+    ("rubber|tire|tyre", {"roughness": 0.8}),
+    ("leaf|leaves|plant|grass", {"roughness": 0.55}),
+    ("stone|marble|granite|rock|concrete|brick", {"roughness": 0.6}),
+)
+
+
+def phong(
+    name: str, diffuse: Color, *, shininess: float | None = None, opacity: float = 1.0, image: Image.Image | None = None
+) -> Look:
+    """A Phong material. diffuse: as displayed (sRGB). shininess: the exponent, None if unknown."""
+    words = re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower()
+    kind = next((dict(kind) for pattern, kind in _KINDS if re.search(pattern, words)), {})
+    roughness = 0.6 if shininess is None else min(max(math.sqrt(2.0 / (shininess + 2.0)) ** 0.5, 0.05), 1.0)
+    glass = kind.pop("glass", 0.0) > 0.0 and image is None
+    # What is brighter than fresh snow comes from programs that multiply by a light below 1.
+    color = tuple(np.minimum(decode_srgb(np.clip(diffuse, 0.0, 1.0)), 0.85).tolist())
+    inputs: dict[str, Any] = {"diffuseColor": color, "roughness": roughness} | kind
+    if glass or opacity < 1.0:
+        inputs |= {"opacity": 0.1 if glass and opacity >= 1.0 else max(opacity, 0.0), "opacityMode": "presence"}
+    maps = {} if image is None else {"diffuseColor": Map(image)}
+    if image is not None and has_holes(image):
+        maps["opacity"] = Map(image, "a")
+        inputs |= {"opacityThreshold": 0.5}
+    return Look(name, inputs, maps)
+
+
+def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -> Look:
+    """A glTF material, as trimesh gives it, and its extensions as the file has them."""
+
+    def factor(value: Any, default: float) -> float:
+        return default if value is None else float(value)
+
+    base = _unit_color(material.baseColorFactor)
+    inputs: dict[str, Any] = {
+        "diffuseColor": base[:3],
+        "metallic": factor(material.metallicFactor, 1.0),
+        "roughness": factor(material.roughnessFactor, 1.0),
+    }
+    maps = {}
+    if material.baseColorTexture is not None:
+        maps["diffuseColor"] = Map(material.baseColorTexture, scale=base[:3])
+    if material.metallicRoughnessTexture is not None:
+        image = material.metallicRoughnessTexture
+        maps["metallic"] = Map(image, "b", (inputs["metallic"],) * 3, raw=True)
+        maps["roughness"] = Map(image, "g", (inputs["roughness"],) * 3, raw=True)
+    if material.normalTexture is not None:
+        maps["normal"] = Map(material.normalTexture, raw=True)
+    strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
+    factors = material.emissiveFactor if material.emissiveFactor is not None else (0, 0, 0)
+    emissive = tuple(strength * float(c) for c in factors)
+    if material.emissiveTexture is not None:
+        maps["emissiveColor"] = Map(material.emissiveTexture, scale=(emissive[0], emissive[1], emissive[2]))
+    elif any(emissive):
+        inputs["emissiveColor"] = emissive
+    if material.alphaMode in ("MASK", "BLEND"):
+        inputs |= {"opacity": base[3], "opacityMode": "presence"}
+        if material.alphaMode == "MASK":
+            inputs["opacityThreshold"] = factor(material.alphaCutoff, 0.5)
+        if material.baseColorTexture is not None:
+            maps["opacity"] = Map(material.baseColorTexture, "a", (base[3],) * 3)
+    if "KHR_materials_ior" in extensions:
+        inputs["ior"] = float(extensions["KHR_materials_ior"].get("ior", 1.5))
+    coat = extensions.get("KHR_materials_clearcoat", {})
+    if coat:
+        inputs["clearcoat"] = float(coat.get("clearcoatFactor", 0.0))
+        inputs["clearcoatRoughness"] = float(coat.get("clearcoatRoughnessFactor", 0.0))
+    transmission = float(extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
+    if transmission > 0.0:
+        inputs |= {"opacity": 1.0 - transmission, "opacityMode": "transparent"}
+        maps.pop("opacity", None)
+    return Look(name, inputs, maps)
+
+
+def _unit_color(value: Any) -> tuple[float, float, float, float]:
+    """RGBA, 0..1, from what may be bytes."""
+    if value is None:
+        return (1.0, 1.0, 1.0, 1.0)
+    values = np.asarray(value)
+    numbers = (values / 255.0 if np.issubdtype(values.dtype, np.integer) else values.astype(float)).tolist()
+    r, g, b, a = (*numbers, 1.0)[:4]
+    return (r, g, b, a)
+
+
+def has_holes(image: Image.Image) -> bool:
+    """Whether some of an image is transparent."""
+    if image.mode not in ("RGBA", "LA", "PA") and "transparency" not in image.info:
+        return False
+    return bool((np.asarray(image.convert("RGBA"))[..., 3] < 128).any())
+
+
+def define_look(stage: Usd.Stage, path: Sdf.Path, look: Look, folder: Path) -> UsdShade.Material:
+    """Author a material; its images go to `folder`/textures."""
+    material = UsdShade.Material.Define(stage, path)
+    surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
+    surface.CreateIdAttr("UsdPreviewSurface")
+    for name, value in look.inputs.items():
+        if name not in look.maps:
+            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(_usd(value))
+    if look.maps:
+        reader = UsdShade.Shader.Define(stage, path.AppendChild("Coordinates"))
+        reader.CreateIdAttr("UsdPrimvarReader_float2")
+        reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+        coordinates = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+        for name, source in look.maps.items():
+            texture = UsdShade.Shader.Define(stage, path.AppendChild(name[0].upper() + name[1:]))
+            texture.CreateIdAttr("UsdUVTexture")
+            file = _save(source.image, folder / "textures", path.name, raw=source.raw)
+            texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(f"./textures/{file}"))
+            texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw" if source.raw else "sRGB")
+            texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
+            for axis in ("wrapS", "wrapT"):
+                texture.CreateInput(axis, Sdf.ValueTypeNames.Token).Set("repeat")
+            scale, bias = (*source.scale, source.scale[0] if source.channel == "a" else 1.0), (0.0,) * 4
+            if name == "normal":
+                scale, bias = (2.0, 2.0, 2.0, 1.0), (-1.0, -1.0, -1.0, 0.0)
+            if scale != (1.0,) * 4:
+                texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
+            if any(bias):
+                texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
+            kind = Sdf.ValueTypeNames.Float3 if source.channel == "rgb" else Sdf.ValueTypeNames.Float
+            output = texture.CreateOutput(source.channel, kind)
+            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(output)
+    material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+    return material
+
+
+_TYPES = {
+    "diffuseColor": Sdf.ValueTypeNames.Color3f,
+    "emissiveColor": Sdf.ValueTypeNames.Color3f,
+    "normal": Sdf.ValueTypeNames.Normal3f,
+    "opacityMode": Sdf.ValueTypeNames.Token,
+}
+
+
+def _usd(value: Any) -> Any:
+    return Gf.Vec3f(*value) if isinstance(value, tuple) else value
+
+
+def _save(image: Image.Image, folder: Path, name: str, *, raw: bool) -> str:
+    """Write an image, once for all its uses; a JPEG stays one. Returns the file's name."""
+    folder.mkdir(parents=True, exist_ok=True)
+    jpeg = image.format == "JPEG" and image.mode in ("RGB", "L")
+    file = folder / f"{name}_{'data' if raw else 'color'}{'.jpg' if jpeg else '.png'}"
+    number = 1
+    while file.exists() and file.read_bytes() != _encoded(image, jpeg):
+        number += 1
+        file = file.with_name(f"{file.stem.rstrip('0123456789')}{number}{file.suffix}")
+    file.write_bytes(_encoded(image, jpeg))
+    return file.name
+
+
+def _encoded(image: Image.Image, jpeg: bool) -> bytes:
+    buffer = io.BytesIO()
+    image = image if image.mode in ("RGB", "RGBA", "L", "LA", "I;16") else image.convert("RGBA")
+    image.save(buffer, "JPEG" if jpeg else "PNG", **({"quality": 95} if jpeg else {}))
+    return buffer.getvalue()

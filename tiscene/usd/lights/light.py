@@ -1,0 +1,269 @@
+"""UsdLux lights in the units of its documentation: intensity in nits, exposure in stops, sizes by their transforms."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdLux
+
+from tiscene.scene.description import (
+    Color,
+    CylinderLight,
+    DiskLight,
+    DistantLight,
+    DomeLight,
+    Light,
+    Portal,
+    RectLight,
+    SphereLight,
+)
+from tiscene.usd.core.report import Report
+from tiscene.usd.core.transform import to_matrix, unscaled
+from tiscene.usd.geometry.deforming import varies
+from tiscene.usd.lights.shaping import light_input, read_shaping, report_unrendered
+from tiscene.usd.materials.texture import TextureTable
+
+EMISSION = ("intensity", "exposure", "color", "colorTemperature")  # what may change over time, and plays
+_POINT_RADIUS = 0.001  # m; what stands for a sphere that is treated as a point
+_Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # +y to +z, +z to -y
+
+
+class LightReader:
+    """Turns UsdLux prims into the description's lights."""
+
+    def __init__(
+        self, textures: TextureTable, time: Usd.TimeCode, report: Report, meters_per_unit: float, up_axis: str
+    ) -> None:
+        self.lights: list[Light] = []
+        self._textures = textures
+        self._time = time
+        self._report = report
+        self._meters = meters_per_unit
+        self._up_axis = up_axis
+
+    def add(self, prim: Usd.Prim, world_from_prim: NDArray[np.float64]) -> None:
+        """Read one light. world_from_prim: 4x4 for column vectors, its translation in metres."""
+        path = prim.GetPath()
+        emission = self._emission(prim)
+        if emission is None or not (any(emission) or self._is_animated(prim)):
+            return
+        report_unrendered(prim, self._time, self._report)
+        inputs = (each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:"))
+        frozen = [each.GetBaseName() for each in inputs if each.GetBaseName() not in EMISSION and varies(each)]
+        if frozen:
+            self._report.frozen(path, f"{', '.join(frozen)} of a light")
+        pose = unscaled(world_from_prim)
+        if pose is None:
+            self._report.problem(path, "light", "its transform is singular or not finite")
+            return
+        kind = str(prim.GetTypeName())
+        scale = [float(s) for s in np.linalg.norm(world_from_prim[:3, :3], axis=0)]
+        reader = {
+            "RectLight": self._rect,
+            "DiskLight": self._disk,
+            "SphereLight": self._sphere,
+            "CylinderLight": self._cylinder,
+            "DistantLight": self._distant,
+            "DomeLight": self._dome,
+            "DomeLight_1": self._dome,
+        }.get(kind)
+        if reader is None:
+            self._report.omission(path, f"lights of type {kind or 'LightAPI'} are not supported")
+            return
+        light = reader(prim, pose, emission, scale)
+        if light is not None:
+            self.lights.append(dataclasses.replace(light, **self._controls(prim)))
+
+    def _controls(self, prim: Usd.Prim) -> dict[str, Any]:
+        """What every kind of light may have beside its emission."""
+        diffuse, specular = (self._float(prim, name, 1.0) for name in ("diffuse", "specular"))
+        if not (0.0 <= diffuse < math.inf and 0.0 <= specular < math.inf):
+            text = f"diffuse {diffuse} and specular {specular} must be finite, and not below 0"
+            self._report.problem(prim.GetPath(), "light", text)
+        shadows = not prim.HasAPI(UsdLux.ShadowAPI) or bool(self._input(prim, "shadow:enable", True))
+        shaping = read_shaping(prim, self._time, self._textures, self._report)
+        return {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
+
+    def _is_animated(self, prim: Usd.Prim) -> bool:
+        """Whether its emission changes, so that it may be dark now and shine later."""
+        return any(prim.GetAttribute(f"inputs:{name}").ValueMightBeTimeVarying() for name in EMISSION)
+
+    def mesh_emission(self, prim: Usd.Prim, area: float) -> Color | None:
+        """The radiance of a mesh that is a light, None for none. area: of its triangles, in stage units squared."""
+        report_unrendered(prim, self._time, self._report)
+        for name in ("diffuse", "specular"):
+            if self._float(prim, name, 1.0) != 1.0:
+                self._report.omission(prim.GetPath(), f"a mesh light's {name} multiplier is not applied")
+        emission = self._emission(prim)
+        return None if emission is None else self._per_area(prim, emission, area)
+
+    def _emission(self, prim: Usd.Prim) -> Color | None:
+        """Radiance before `normalize`, W/m²/sr: intensity · 2^exposure · color · colour temperature."""
+        intensity = self._float(prim, "intensity", 50000.0 if prim.GetTypeName() == "DistantLight" else 1.0)
+        exposure = self._float(prim, "exposure", 0.0)
+        color = np.asarray(self._input(prim, "color", (1.0, 1.0, 1.0)), dtype=np.float64)
+        if self._input(prim, "enableColorTemperature", False):
+            kelvin = self._float(prim, "colorTemperature", 6500.0)
+            if math.isfinite(kelvin):
+                color = color * color_of_temperature(kelvin)
+        with np.errstate(over="ignore"):
+            emission = intensity * np.exp2(exposure) * color
+        if emission.shape != (3,) or not np.isfinite(emission).all():
+            text = f"intensity {intensity}, exposure {exposure}, color {color.tolist()} is not a finite emission"
+            self._report.problem(prim.GetPath(), "light", text)
+            return None
+        if (emission < 0.0).any():
+            self._report.omission(prim.GetPath(), "a light's negative emission is taken as none")
+            emission = np.maximum(emission, 0.0)
+        r, g, b = emission.tolist()
+        return (r, g, b)
+
+    def _rect(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
+        width, height = self._size(prim, "width", 1.0) * scale[0], self._size(prim, "height", 1.0) * scale[1]
+        radiance = self._per_area(prim, emission, width * height)
+        if radiance is None:
+            return None
+        texture = self._texture(prim, "clamp", "clamp")
+        size = (width * self._meters, height * self._meters)
+        return RectLight(prim.GetName(), str(prim.GetPath()), pose, radiance, *size, texture)
+
+    def _disk(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
+        radius = self._size(prim, "radius", 0.5) * self._round(prim, scale[:2])
+        radiance = self._per_area(prim, emission, math.pi * radius**2)
+        if radiance is None:
+            return None
+        return DiskLight(prim.GetName(), str(prim.GetPath()), pose, radiance, radius * self._meters)
+
+    def _sphere(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
+        radius = self._size(prim, "radius", 0.5) * self._round(prim, scale)
+        as_point = bool(UsdLux.SphereLight(prim).GetTreatAsPointAttr().Get(self._time))
+        normalize = bool(self._input(prim, "normalize", False))
+        if radius == 0.0 and normalize:  # its power is finite, and that of a small sphere
+            radius = _POINT_RADIUS / self._meters
+        radiance = self._per_area(prim, emission, 4.0 * math.pi * radius**2)
+        if radiance is None:
+            return None
+        meters = radius * self._meters
+        if as_point and meters > _POINT_RADIUS:
+            gain = (meters / _POINT_RADIUS) ** 2
+            radiance = (radiance[0] * gain, radiance[1] * gain, radiance[2] * gain)
+            meters = _POINT_RADIUS
+        return SphereLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters)
+
+    def _cylinder(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
+        radius = self._size(prim, "radius", 0.5) * self._round(prim, scale[1:])
+        length = self._size(prim, "length", 1.0) * scale[0]
+        as_line = bool(UsdLux.CylinderLight(prim).GetTreatAsLineAttr().Get(self._time))
+        if radius == 0.0 and self._input(prim, "normalize", False):  # its power is finite, and that of a thin one
+            radius = _POINT_RADIUS / self._meters
+        radiance = self._per_area(prim, emission, 2.0 * math.pi * radius * length)
+        if radiance is None:
+            return None
+        meters = radius * self._meters
+        if as_line and meters > _POINT_RADIUS:
+            gain = meters / _POINT_RADIUS
+            radiance = (radiance[0] * gain, radiance[1] * gain, radiance[2] * gain)
+            meters = _POINT_RADIUS
+        return CylinderLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters, length * self._meters)
+
+    def _distant(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light:
+        """A cone of radiance L and half angle t gives a surface that faces it the irradiance L · pi · sin² t."""
+        half = math.radians(min(max(self._float(prim, "angle", 0.53), 0.0), 360.0)) / 2.0
+        if half > math.pi / 2.0:
+            self._report.omission(prim.GetPath(), "a DistantLight wider than a hemisphere is cut to one")
+        sine_squared = math.sin(min(half, math.pi / 2.0)) ** 2
+        projected = math.pi * sine_squared if half > 0.0 else 1.0
+        if self._input(prim, "normalize", False) and half > 0.0:
+            projected /= math.pi * (sine_squared if half <= math.pi / 2.0 else 2.0 - math.sin(half) ** 2)
+        irradiance = (emission[0] * projected, emission[1] * projected, emission[2] * projected)
+        return DistantLight(prim.GetName(), str(prim.GetPath()), pose, irradiance, 2.0 * min(half, math.pi / 2.0))
+
+    def _dome(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light:
+        layout = self._input(prim, "texture:format", "automatic")
+        if layout not in ("automatic", "latlong"):
+            self._report.omission(prim.GetPath(), f"a dome texture of format {layout!r} is read as latlong")
+        pose = pose.copy()
+        pose[:3, 3] = 0.0
+        if prim.GetTypeName() == "DomeLight_1":
+            pole = prim.GetAttribute("poleAxis").Get(self._time) or "scene"
+            if pole == "Z" or (pole == "scene" and self._up_axis == "Z"):
+                pose = pose @ _Y_TO_Z
+        texture = self._texture(prim, "repeat", "clamp")
+        return DomeLight(prim.GetName(), str(prim.GetPath()), pose, emission, texture, self._portals(prim))
+
+    def _portals(self, dome: Usd.Prim) -> tuple[Portal, ...]:
+        """The rectangles that the dome's `portals` name, wherever on the stage they are."""
+        portals = []
+        for path in dome.GetRelationship("portals").GetForwardedTargets():
+            prim = dome.GetStage().GetPrimAtPath(path)
+            if not prim or not prim.IsA(UsdLux.PortalLight):
+                self._report.omission(dome.GetPath(), f"its portal <{path}> is no PortalLight")
+                continue
+            world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
+            matrix = to_matrix(world, self._meters)
+            pose = unscaled(matrix)
+            if pose is None:
+                self._report.problem(path, "portal", "its transform is singular or not finite")
+                continue
+            scale = np.linalg.norm(matrix[:3, :3], axis=0) * self._meters
+            width, height = (
+                float(self._size(prim, "width", 1.0) * scale[0]),
+                float(self._size(prim, "height", 1.0) * scale[1]),
+            )
+            if not (0.0 < width * height < math.inf):
+                self._report.problem(path, "portal", f"its size is {width} x {height} m")
+                continue
+            portals.append(Portal(pose, width, height))
+        return tuple(portals)
+
+    def _per_area(self, prim: Usd.Prim, emission: Color, area: float) -> Color | None:
+        """`normalize` divides by the area in the stage's world space, whose unit is the stage's, not the metre."""
+        if not math.isfinite(area) or area < 0.0 or (area == 0.0 and self._input(prim, "normalize", False)):
+            self._report.problem(prim.GetPath(), "light", f"its area is {area}")
+            return None
+        if area == 0.0:
+            self._report.omission(prim.GetPath(), "a light without area gives no light")
+            return None
+        if not self._input(prim, "normalize", False):
+            return emission
+        return (emission[0] / area, emission[1] / area, emission[2] / area)
+
+    def _round(self, prim: Usd.Prim, scale: list[float]) -> float:
+        if max(scale) > 1.01 * min(scale):
+            self._report.omission(prim.GetPath(), "a round light's uneven scale is averaged")
+        return sum(scale) / len(scale)
+
+    def _texture(self, prim: Usd.Prim, wrap_s: str, wrap_t: str) -> int | None:
+        attribute = prim.GetAttribute("inputs:texture:file")
+        if not attribute.HasAuthoredValue():
+            attribute = prim.GetAttribute("texture:file")
+        asset = attribute.Get(self._time) if attribute else None
+        if asset is None or not asset.path:
+            return None
+        return self._textures.add(attribute, asset, "auto", wrap_s, wrap_t, "the light is drawn without it")
+
+    def _input(self, prim: Usd.Prim, name: str, default: Any) -> Any:
+        return light_input(prim, name, self._time, default)
+
+    def _float(self, prim: Usd.Prim, name: str, default: float) -> float:
+        return float(self._input(prim, name, default))
+
+    def _size(self, prim: Usd.Prim, name: str, default: float) -> float:
+        return abs(self._float(prim, name, default))
+
+
+def color_of_temperature(kelvin: float) -> NDArray[np.float64]:
+    """Linear Rec.709 of a black body, of luminance 1 and white at 6500 K, as UsdLux's colorTemperature says."""
+    luminance = np.array([0.2126, 0.7152, 0.0722])
+    clamped = min(max(kelvin, 1000.0), 10000.0)
+    color = np.array(UsdLux.BlackbodyTemperatureAsRgb(clamped)) / np.array(UsdLux.BlackbodyTemperatureAsRgb(6500.0))
+    return np.asarray(color / (color @ luminance))
+
+
+def is_light(prim: Usd.Prim) -> bool:
+    """Whether the prim is one of UsdLux's lights, or has its LightAPI."""
+    return bool(prim.HasAPI(UsdLux.LightAPI)) and not prim.IsA(UsdLux.PortalLight)

@@ -1,0 +1,102 @@
+"""UsdLux's ShapingAPI: cones, focus and IES profiles; and what of a light's other controls is not rendered."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, Usd, UsdLux
+
+from tiscene.scene.description import Shaping
+from tiscene.usd.core.report import Report
+from tiscene.usd.lights.ies import read_ies
+from tiscene.usd.materials.image import read_file
+from tiscene.usd.materials.texture import TextureTable
+
+FLAT = ("RectLight", "DiskLight")  # they emit within 90 degrees of their axis as it is
+FAR = ("DistantLight", "DomeLight", "DomeLight_1", "GeometryLight")
+
+
+def light_input(prim: Usd.Prim, name: str, time: Usd.TimeCode, default: Any) -> Any:
+    """An input's value; files older than USD 21.02 wrote it without its `inputs:`."""
+    attribute = prim.GetAttribute(f"inputs:{name}")
+    if not (attribute and attribute.HasAuthoredValue()):
+        older = prim.GetAttribute(name)
+        if older and older.HasAuthoredValue():
+            attribute = older
+    value = attribute.Get(time) if attribute else None
+    return default if value is None else value
+
+
+def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: Report) -> Shaping | None:
+    """The shaping of a light; None if it changes nothing."""
+    if not prim.HasAPI(UsdLux.ShapingAPI):
+        return None
+    angle, softness, focus = (
+        float(light_input(prim, f"shaping:{name}", time, default))
+        for name, default in (("cone:angle", 90.0), ("cone:softness", 0.0), ("focus", 0.0))
+    )
+    tint = tuple(float(c) for c in light_input(prim, "shaping:focusTint", time, (0.0, 0.0, 0.0)))
+    if not all(math.isfinite(number) for number in (angle, softness, focus, *tint)) or len(tint) != 3:
+        report.problem(prim.GetPath(), "light", "its shaping holds numbers that are not finite")
+        return None
+    profile = _profile(prim, time, textures, report)
+    widest = 90.0 if prim.GetTypeName() in FLAT else 180.0
+    if prim.GetTypeName() in FAR or (
+        profile is None and focus <= 0.0 and angle >= widest and (softness <= 0.0 or angle > 180.0)
+    ):
+        return None
+    return Shaping(
+        math.radians(min(max(angle, 0.0), 180.0)),
+        min(max(softness, 0.0), 1.0),
+        max(focus, 0.0),
+        (tint[0], tint[1], tint[2]),
+        profile,
+    )
+
+
+def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: Report) -> int | None:
+    """The row of the texture that holds a light's IES profile."""
+    asset = light_input(prim, "shaping:ies:file", time, None)
+    if not isinstance(asset, Sdf.AssetPath) or not asset.path:
+        return None
+    if asset.resolvedPath and not report.root.holds(str(asset.resolvedPath)):
+        report.problem(prim.GetPath(), "light", f"@{asset.resolvedPath}@ is outside {report.root.folder}")
+        return None
+    scale = float(light_input(prim, "shaping:ies:angleScale", time, 0.0))
+    normalize = bool(light_input(prim, "shaping:ies:normalize", time, False))
+    try:
+        if not asset.resolvedPath:
+            raise ValueError("there is no such file")
+        profile = read_ies(read_file(str(asset.resolvedPath)))
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        text = f"IES profile @{asset.path}@ cannot be read ({error}); the light is drawn without it"
+        report.omission(prim.GetPath(), text)
+        return None
+    key = f"{asset.resolvedPath} {scale} {normalize}"
+    return textures.add_pixels(key, Path(asset.path).name, profile.image(scale, normalize))
+
+
+def report_unrendered(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> None:
+    """Name the controls of a light that no integrator here knows."""
+    path = prim.GetPath()
+    if prim.HasAPI(UsdLux.ShadowAPI):
+        if light_input(prim, "shadow:distance", time, -1.0) >= 0.0:
+            report.omission(path, "a light's shadow:distance is not applied")
+        if any(light_input(prim, "shadow:color", time, (0.0, 0.0, 0.0))):
+            report.omission(path, "a light's shadow:color is not applied")
+    if UsdLux.LightAPI(prim).GetFiltersRel().GetTargets():
+        report.omission(path, "light filters are not applied")
+    for name in ("lightLink", "shadowLink"):
+        collection = Usd.CollectionAPI(prim, name)
+        if collection and (
+            collection.GetIncludeRootAttr().Get() is False
+            or collection.GetExcludesRel().GetTargets()
+            or collection.GetMembershipExpressionAttr().HasAuthoredValue()
+        ):
+            report.omission(path, f"{name} is not applied: every light lights everything")
+    for attribute in prim.GetAuthoredAttributes():
+        if attribute.GetName().startswith("inputs:") and attribute.GetConnections():
+            report.omission(path, f"what a light's {attribute.GetName()} is connected to is not read")

@@ -1,0 +1,254 @@
+"""UsdPreviewSurface networks: every input as a number, a texture, or what the vertices say."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Literal, cast
+
+import numpy as np
+from pxr import Sdf, Usd, UsdShade
+
+from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Material, TextureLookup
+from tiscene.usd.core.report import Report
+from tiscene.usd.core.shader_network import Connection, Source, connections_of, shader_id
+from tiscene.usd.geometry.display_color import constant_primvar, varies
+from tiscene.usd.geometry.primvar import NO_PRIMVARS, Primvars
+from tiscene.usd.materials.texture import Affine, TextureTable
+
+_DEFAULT = Material("default")
+_IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+class NetworkReader:
+    """Reads one material's network for one gprim.
+
+    constants: the gprim's primvars that inputs come from. primvars: those that its vertices must have.
+    """
+
+    def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: Report) -> None:
+        self.constants: list[str] = []
+        self.primvars = NO_PRIMVARS
+        self._gprim = gprim
+        self._textures = textures
+        self._time = time
+        self._report = report
+
+    def read(self, material: UsdShade.Material) -> Material | None:
+        surface = self._surface(material)
+        if surface is None:
+            return None
+        self._path = surface.GetPath()
+        inputs = connections_of(surface, self._time)
+        default = _DEFAULT
+        displacement = inputs.get("displacement")
+        if displacement is not None and (displacement.source or displacement.value):
+            self._report.omission(self._path, "displacement is not applied")
+        mode = self._token(inputs, "opacityMode", "transparent")
+        bumps = inputs.get("normal")
+        if bumps is not None and bumps.source is not None:  # the first uv is that of the normals: it has the tangents
+            st = connections_of(bumps.source.shader, self._time).get("st")
+            self.primvars = Primvars(uv=self._coordinates(st)[1])
+        return Material(
+            name=material.GetPrim().GetName(),
+            diffuse_color=self._color(inputs, "diffuseColor", default.diffuse_color),
+            emissive_color=self._color(inputs, "emissiveColor", default.emissive_color),
+            use_specular_workflow=bool(self._number(inputs, "useSpecularWorkflow", 0)),
+            specular_color=self._color(inputs, "specularColor", default.specular_color),
+            metallic=self._float(inputs, "metallic", default.metallic),
+            roughness=self._float(inputs, "roughness", default.roughness),
+            clearcoat=self._float(inputs, "clearcoat", default.clearcoat),
+            clearcoat_roughness=self._float(inputs, "clearcoatRoughness", default.clearcoat_roughness),
+            opacity=self._float(inputs, "opacity", default.opacity),
+            opacity_mode=cast(Literal["transparent", "presence"], mode),
+            opacity_threshold=self._number(inputs, "opacityThreshold", default.opacity_threshold),
+            ior=self._number(inputs, "ior", default.ior),
+            normal=self._normal(inputs),
+            prim_path=str(material.GetPath()),
+        )
+
+    def _surface(self, material: UsdShade.Material) -> UsdShade.Shader | None:
+        """The UsdPreviewSurface of a material, from whichever of its surface outputs has one."""
+        unknown: list[str] = []
+        for output in material.GetSurfaceOutputs():
+            for attribute in UsdShade.Utils.GetValueProducingAttributes(output):
+                shader = UsdShade.Shader(attribute.GetPrim())
+                name = shader_id(shader) if shader else ""
+                if name == "UsdPreviewSurface":
+                    if unknown:
+                        self._unsupported(material, unknown[0], "its UsdPreviewSurface is used")
+                    return shader
+                unknown.append(name or str(attribute.GetPrim().GetTypeName()))
+        siblings = [UsdShade.Shader(p) for p in Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)]
+        for shader in siblings:
+            if shader and shader_id(shader) == "UsdPreviewSurface":
+                self._unsupported(material, unknown[0] if unknown else "none", "its UsdPreviewSurface is used")
+                return shader
+        if unknown:
+            self._unsupported(material, unknown[0], "displayColor is used")
+        else:
+            self._report.omission(material.GetPath(), "a material without a surface shader, displayColor is used")
+        return None
+
+    def _unsupported(self, material: UsdShade.Material, name: str, instead: str) -> None:
+        self._report.omission(material.GetPath(), f"shader {name!r} is not supported, {instead}")
+
+    def _color(self, inputs: dict[str, Connection], name: str, default: ColorInput) -> ColorInput:
+        value = self._value(inputs, name)
+        if value is None or isinstance(value, TextureLookup):
+            return default if value is None else value
+        if len(value) == 1:
+            value = value * 3
+        return (value[0], value[1], value[2])
+
+    def _float(self, inputs: dict[str, Connection], name: str, default: FloatInput) -> FloatInput:
+        value = self._value(inputs, name)
+        if value is None:
+            return default
+        if isinstance(value, TextureLookup):
+            return value if value.channel != "rgb" else replace(value, channel="r")
+        return value[0]
+
+    def _number(self, inputs: dict[str, Connection], name: str, default: float) -> float:
+        value = self._value(inputs, name)
+        if isinstance(value, TextureLookup):
+            self._report.omission(self._path, f"{name} cannot come from a texture, {default} is used")
+            return default
+        return default if value is None else value[0]
+
+    def _token(self, inputs: dict[str, Connection], name: str, default: str) -> str:
+        connection = inputs.get(name)
+        return default if connection is None or connection.value is None else str(connection.value)
+
+    def _normal(self, inputs: dict[str, Connection]) -> TextureLookup | None:
+        value = self._value(inputs, "normal")
+        if value is None or isinstance(value, TextureLookup):
+            return value
+        if value[:2] != (0.0, 0.0):
+            self._report.omission(self._path, "a constant normal other than (0, 0, 1) is not applied")
+        return None
+
+    def _value(self, inputs: dict[str, Connection], name: str) -> tuple[float, ...] | TextureLookup | None:
+        """Numbers, a texture, or None for the input's default."""
+        connection = inputs.get(name)
+        if connection is None:
+            return None
+        if connection.source is None:
+            if connection.attribute.ValueMightBeTimeVarying():
+                self._report.frozen(self._path, f"{name} of a material")
+            return self._numbers(connection.value, name)
+        source = connection.source
+        if source.id == "UsdUVTexture":
+            return self._texture(source)
+        if source.id.startswith("UsdPrimvarReader_"):
+            return self._primvar(source)
+        self._report.omission(
+            source.shader.GetPath(), f"shader {source.id!r} is not supported, {name} is left at default"
+        )
+        return None
+
+    def _numbers(self, value: Any, name: str) -> tuple[float, ...] | None:
+        if value is None:
+            return None
+        try:
+            numbers = tuple(float(v) for v in value) if hasattr(value, "__len__") else (float(value),)
+        except (TypeError, ValueError):
+            self._report.problem(self._path, name, f"{value!r} is not a number")
+            return None
+        if not all(math.isfinite(v) for v in numbers) or not numbers:
+            self._report.problem(self._path, name, f"{value} is not a finite number")
+            return None
+        return numbers
+
+    def _primvar(self, source: Source) -> tuple[float, ...] | TextureLookup | None:
+        """A primvar: a number, or the colour or opacity of the vertices if it varies."""
+        inputs = connections_of(source.shader, self._time)
+        name = self._token(inputs, "varname", "")
+        fallback = inputs.get("fallback")
+        if name not in self.constants:
+            self.constants.append(name)
+        width = {"UsdPrimvarReader_float": 1, "UsdPrimvarReader_float2": 2, "UsdPrimvarReader_float4": 4}.get(
+            source.id, 3
+        )
+        if width != 2 and varies(self._gprim, name, self._time):
+            wanted = replace(self.primvars, opacity=name) if width == 1 else replace(self.primvars, color=name)
+            mine, before = (
+                (wanted.opacity, self.primvars.opacity) if width == 1 else (wanted.color, self.primvars.color)
+            )
+            if before in ("", mine):
+                self.primvars = wanted
+                return TextureLookup(VERTEX_COLORS, "a" if width == 1 else "rgb")
+        value = constant_primvar(self._gprim, name, width, self._time, self._report)
+        return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
+
+    def _texture(self, source: Source) -> TextureLookup | tuple[float, ...] | None:
+        inputs = connections_of(source.shader, self._time)
+        fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
+        scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
+        file = inputs.get("file")
+        row, window = None, _IDENTITY
+        if file is not None and isinstance(file.value, Sdf.AssetPath) and file.value.path:
+            space = self._token(inputs, "sourceColorSpace", "auto")
+            wrap_s, wrap_t = (self._token(inputs, wrap, "useMetadata") for wrap in ("wrapS", "wrapT"))
+            if "<UDIM>" in file.value.path:
+                found = self._textures.add_udim(file.attribute, file.value, space, fallback)
+                row, window = found or (None, _IDENTITY)
+            else:
+                row = self._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)
+        channel = source.output if source.output in ("r", "g", "b", "a") else "rgb"
+        if row is None:
+            values = {"r": fallback[:1], "g": fallback[1:2], "b": fallback[2:3], "a": fallback[3:]}
+            return values.get(channel, fallback[:3])
+        matrix, uv = self._coordinates(inputs.get("st"))
+        transform = _rows(np.array([window[:3], window[3:], (0.0, 0.0, 1.0)]) @ matrix)
+        chosen = self._uv_set(uv)
+        return TextureLookup(row, cast(Any, channel), cast(Any, scale), cast(Any, bias), transform, chosen)
+
+    def _uv_set(self, name: str) -> Literal[0, 1]:
+        """Which of the two uv of the vertices is that primvar."""
+        first, second = self.primvars.uv, self.primvars.second_uv
+        if first in ("", name) or not name:
+            self.primvars = replace(self.primvars, uv=name or first)
+            return 0
+        if second not in ("", name):
+            text = f"textures read {first!r}, {second!r} and {name!r}, the first serves for the third"
+            self._report.omission(self._path, text)
+            return 0
+        self.primvars = replace(self.primvars, second_uv=name)
+        return 1
+
+    def _four(self, inputs: dict[str, Connection], name: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        connection = inputs.get(name)
+        value = self._numbers(connection.value, name) if connection and connection.value is not None else None
+        return default if value is None or len(value) != 4 else value
+
+    def _coordinates(self, st: Connection | None) -> tuple[np.ndarray[Any, Any], str]:
+        """The affine map, 3x3, and the primvar that a texture's coordinates come from."""
+        transform, passed = np.eye(3), set()
+        while st is not None and st.source is not None:
+            source, path = st.source, st.source.shader.GetPath()
+            inputs = connections_of(source.shader, self._time)
+            if source.id == "UsdPrimvarReader_float2":
+                return transform, self._token(inputs, "varname", "st")
+            if source.id != "UsdTransform2d" or path in passed:
+                what = "comes from itself" if path in passed else "is not supported"
+                self._report.omission(path, f"shader {source.id!r} {what}, 'st' is read")
+                break
+            passed.add(path)
+            transform = transform @ self._transform2d(inputs)
+            st = inputs.get("in")
+        return transform, ""
+
+    def _transform2d(self, inputs: dict[str, Connection]) -> np.ndarray[Any, Any]:
+        """Scale, then rotate counter-clockwise by degrees, then translate."""
+        angle = math.radians(self._number(inputs, "rotation", 0.0))
+        scale = self._value(inputs, "scale") or (1.0, 1.0)
+        move = self._value(inputs, "translation") or (0.0, 0.0)
+        if isinstance(scale, TextureLookup) or isinstance(move, TextureLookup):
+            return np.eye(3)
+        c, s = math.cos(angle), math.sin(angle)
+        return np.array([[c * scale[0], -s * scale[1], move[0]], [s * scale[0], c * scale[1], move[1]], [0, 0, 1]])
+
+
+def _rows(matrix: np.ndarray[Any, Any]) -> Affine:
+    return cast(Affine, tuple(matrix[:2].reshape(-1).tolist()))

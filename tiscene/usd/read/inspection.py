@@ -1,0 +1,66 @@
+"""What a USD file says of itself, before anything of it is drawn."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from pxr import Usd, UsdGeom
+
+from tiscene.usd.core.limits import Root
+from tiscene.usd.core.semantics import taxonomies_of
+from tiscene.usd.core.stage import Variants, open_stage, quiet, readable
+
+
+@dataclass(frozen=True)
+class StageFacts:
+    """layers: their files. types: how many prims of each type, those in instances counted each time.
+
+    variants: {"/Prim{set}": (what is selected, what there is)}. time_codes: first and last, None if unauthored.
+    animated: how many prims have time samples. unit_is_authored: else `meters_per_unit` is USD's default, 0.01.
+    licence: what `tiscene import` kept of a model's terms.
+    """
+
+    layers: tuple[str, ...]
+    types: dict[str, int]
+    variants: dict[str, tuple[str, tuple[str, ...]]]
+    taxonomies: tuple[str, ...]
+    meters_per_unit: float
+    unit_is_authored: bool
+    up_axis: str
+    time_codes: tuple[float, float] | None
+    time_codes_per_second: float
+    animated: int
+    instances: int
+    licence: dict[str, str]
+
+
+def stage_facts(path: str | Path, variants: Variants | None = None, root: str | Path | None = None) -> StageFacts:
+    """Open a stage and count. Raises MissingFile, StageError and UnknownName (variants)."""
+    with quiet(), readable(path):
+        stage = open_stage(path, variants)
+        Root(root).check(stage, str(path))
+        prims = list(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
+        sets = {}
+        for prim in stage.Traverse():
+            for name in prim.GetVariantSets().GetNames() if prim.HasVariantSets() else ():
+                choice = prim.GetVariantSets().GetVariantSet(name)
+                sets[f"{prim.GetPath()}{{{name}}}"] = (choice.GetVariantSelection(), tuple(choice.GetVariantNames()))
+        root_layer = stage.GetRootLayer()
+        has_range = root_layer.HasStartTimeCode() and root_layer.HasEndTimeCode()
+        kept = root_layer.customLayerData.get("import", {})
+        return StageFacts(
+            layers=tuple(layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous),
+            types=dict(Counter(str(prim.GetTypeName()) or "(no type)" for prim in prims).most_common()),
+            variants=sets,
+            taxonomies=tuple(sorted(taxonomies_of(stage))),
+            meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
+            unit_is_authored=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
+            up_axis=str(UsdGeom.GetStageUpAxis(stage)),
+            time_codes=(stage.GetStartTimeCode(), stage.GetEndTimeCode()) if has_range else None,
+            time_codes_per_second=stage.GetTimeCodesPerSecond(),
+            animated=sum(any(a.GetNumTimeSamples() > 1 for a in prim.GetAuthoredAttributes()) for prim in prims),
+            instances=sum(bool(prim.IsInstance()) for prim in prims),
+            licence={str(key): str(value) for key, value in kept.items()} if isinstance(kept, dict) else {},
+        )

@@ -1,0 +1,182 @@
+"""The table of meshes: each gprim once, however many instances show it, with a material for every triangle."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdShade
+
+from tiscene.scene.description import Matrix, Mesh
+from tiscene.usd.core.report import Report
+from tiscene.usd.core.transform import FARTHEST
+from tiscene.usd.geometry import gprim
+from tiscene.usd.geometry.curves import read_curves, read_points
+from tiscene.usd.geometry.deforming import deformation_of, read_again, shape_times
+from tiscene.usd.geometry.gprim import read_gprim
+from tiscene.usd.geometry.mesh import face_count, read_mesh
+from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of
+from tiscene.usd.geometry.triangulate import cross
+from tiscene.usd.geometry.vertex_weld import Surface
+from tiscene.usd.materials.material import Binding, MaterialTable
+
+Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]
+Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]
+
+_CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+
+
+_READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {"BasisCurves": read_curves, "Points": read_points}
+
+
+def is_drawable(prim: Usd.Prim) -> bool:
+    """Whether a prim is of a type that a MeshTable reads."""
+    return bool(prim.IsA(UsdGeom.Mesh)) or str(prim.GetTypeName()) in _READERS
+
+
+class MeshTable:
+    """Reads gprims and numbers their meshes. Prims of one prototype share a mesh, and so do equal meshes."""
+
+    def __init__(self, materials: MaterialTable, time: Usd.TimeCode, report: Report, meters_per_unit: float) -> None:
+        self.meshes: list[Mesh] = []
+        self._materials = materials
+        self._time = time
+        self._report = report
+        self._meters = meters_per_unit
+        self._partitions: dict[Any, Partition] = {}
+        self._surfaces: dict[Any, Surface | None] = {}
+        self._rows: dict[Any, int | None] = {}
+        self._rows_by_content: dict[bytes, int] = {}
+
+    def row(self, prim: Usd.Prim, emitter: Binding | None = None) -> int | None:
+        """The row of a gprim's mesh; None, with the reason reported, if it has no triangles.
+
+        emitter: the material of a mesh that is a light, in place of what is bound to it.
+        """
+        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        whole = emitter or self._materials.binding(prim, prim)
+        subsets = [] if emitter else self._subsets(prim, whole)
+        bindings = (whole, *(binding for binding, _ in subsets))
+        key = (source, bindings)
+        if key not in self._rows:
+            surface = self._surface(prim, source, bindings, subsets)
+            parts = self._parts(prim, source)
+            self._rows[key] = None if surface is None else self._add(prim, surface, whole, subsets, parts)
+        return self._rows[key]
+
+    def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
+        """The names of a gprim's parts: its subsets, then "" for the faces in none of them."""
+        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        return self._parts(prim, source)[0]
+
+    def _parts(self, prim: Usd.Prim, source: Any) -> Partition:
+        """The parts of a gprim by their names, and the part of each face (None: one part).
+
+        Subsets that bind no materials say more about parts than those that do; of overlapping ones the last counts.
+        """
+        if source not in self._partitions:
+            self._partitions[source] = self._read_parts(prim)
+        return self._partitions[source]
+
+    def _read_parts(self, prim: Usd.Prim) -> Partition:
+        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
+            return ("",), None
+        subsets = [UsdGeom.Subset(child) for child in prim.GetFilteredChildren(_CHILDREN) if child.IsA(UsdGeom.Subset)]
+        subsets = [each for each in subsets if each.GetElementTypeAttr().Get() == UsdGeom.Tokens.face]
+        material = UsdShade.Tokens.materialBind
+        subsets = [each for each in subsets if each.GetFamilyNameAttr().Get() != material] or subsets
+        faces = face_count(prim, self._time)
+        part_of_face = np.full(faces, len(subsets), dtype=np.int32)
+        for number, subset in enumerate(subsets):
+            indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
+            part_of_face[indices[(indices >= 0) & (indices < faces)]] = number
+        if not subsets:
+            return ("",), None
+        names = tuple(each.GetPrim().GetName() for each in subsets)
+        return (*names, "") if (part_of_face == len(subsets)).any() else names, part_of_face
+
+    def area(self, prim: Usd.Prim, matrix: Matrix) -> float:
+        """Of a gprim's triangles, each mapped by a matrix [3, 3] from its own space."""
+        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        surface = self._surface(prim, source, (Binding(-1),), [])
+        if surface is None:
+            return 0.0
+        a, b, c = (surface.positions[surface.triangles[:, corner]].astype(np.float64) @ matrix.T for corner in range(3))
+        return float(np.linalg.norm(cross(b - a, c - a), axis=1).sum() / 2.0)
+
+    def _subsets(self, prim: Usd.Prim, whole: Binding) -> Subsets:
+        """The faces that have a material of their own: by displayColor, or the subsets of the family materialBind."""
+        found: list[tuple[Binding, NDArray[np.int64]]] = []
+        if whole.is_display_color and not whole.primvars.many:
+            found += self._materials.by_element(prim)
+        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
+            return found
+        faces = face_count(prim, self._time)
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
+                self._report.omission(subset.GetPath(), "a material for anything but faces is not applied")
+                continue
+            indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
+            if len(indices) and (indices.min() < 0 or indices.max() >= faces):
+                worst = indices.max() if indices.max() >= faces else indices.min()
+                text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"
+                self._report.problem(subset.GetPath(), "subset", text)
+                continue
+            found.append((self._materials.binding(subset.GetPrim(), prim), indices))
+        return found
+
+    def _surface(self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets) -> Surface | None:
+        """The triangles of a gprim, read once for each prototype and choice of texture coordinates."""
+        wanted = tuple(dict.fromkeys(binding.primvars for binding in bindings))
+        of_face = None
+        key: Any = (source, wanted)
+        if len(wanted) > 1:
+            key = (source, bindings)
+            of_face = np.full(face_count(prim, self._time), wanted.index(bindings[0].primvars))
+            for binding, indices in subsets:
+                of_face[indices] = wanted.index(binding.primvars)
+        if key not in self._surfaces:
+            times = shape_times(prim, self._report)
+            if prim.IsA(UsdGeom.Mesh):
+                surface = read_mesh(prim, self._time, self._report, wanted, of_face, times)
+            else:
+                read = _READERS[str(prim.GetTypeName())]
+                surface = read(prim, self._time, self._report)
+                if times and surface is not None:
+                    surface = read_again(prim, surface, times, self._report, read)
+            self._surfaces[key] = surface
+        return self._surfaces[key]
+
+    def _add(self, prim: Usd.Prim, surface: Surface, whole: Binding, subsets: Subsets, partition: Partition) -> int:
+        self._report.spent.mesh(len(surface.triangles))
+        materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
+        if subsets:
+            of_face = np.full(int(surface.face.max()) + 1, whole.row, dtype=np.int32)
+            for binding, indices in subsets:
+                of_face[indices[indices < len(of_face)]] = binding.row
+            materials = of_face[surface.face]
+        with np.errstate(over="ignore"):
+            positions = surface.positions * np.float32(self._meters)
+        if not np.abs(positions).max(initial=0.0) <= FARTHEST:
+            self._report.problem(prim.GetPath(), "geometry", f"its points reach farther than {FARTHEST:g} m")
+        parts = None if partition[1] is None else partition[1][surface.face]
+        deformation = deformation_of(surface, prim.GetStage(), self._meters)
+        digest = hashlib.blake2b(digest_size=16)
+        uv, second_uv, colors = surface.uv, None, None
+        if uv is not None and uv.shape[1] > 2:
+            uv, second_uv, colors = (np.ascontiguousarray(uv[:, each]) for each in (UV, SECOND_UV, slice(4, 8)))
+        arrays = [positions, surface.triangles, materials, surface.normals, surface.uv, parts]
+        if deformation is not None:
+            arrays += [deformation.times, deformation.positions, deformation.normals]
+        for array in arrays:
+            digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
+            digest.update(b"|")
+        content = digest.digest()
+        if content not in self._rows_by_content:
+            self._rows_by_content[content] = len(self.meshes)
+            faces = surface.triangles, materials, surface.normals, uv, parts
+            self.meshes.append(Mesh(prim.GetName(), positions, *faces, deformation, second_uv, colors))
+        return self._rows_by_content[content]

@@ -1,0 +1,104 @@
+"""UsdGeomCamera: apertures and focal length in tenths of a scene unit, distances in scene units."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pxr import Usd, UsdGeom
+
+from tiscene.camera import Camera, quaternion_from_matrix
+from tiscene.errors import ArgumentError
+from tiscene.scene.description import Matrix
+from tiscene.usd.core.report import Report
+from tiscene.usd.core.transform import unmirrored, unscaled
+from tiscene.usd.geometry.deforming import varies
+
+_EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
+
+_LENS = (
+    *("projection", "focalLength", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
+    *("shutter:open", "shutter:close", *_EXPOSURE_ATTRIBUTES),
+)
+
+
+def read_camera(
+    prim: Usd.Prim, world_from_prim: Matrix, time: Usd.TimeCode, meters_per_unit: float, report: Report
+) -> Camera | None:
+    """A camera; None, with the reason reported, for one that cannot be used.
+
+    Without any exposure attribute its exposure is None: the stream meters it.
+    """
+    path = prim.GetPath()
+    camera = UsdGeom.Camera(prim)
+    changing = [name for name in _LENS if varies(prim.GetAttribute(name))]
+    if changing:
+        report.frozen(path, f"{', '.join(changing)} of a camera")
+
+    def number(name: str) -> float:
+        value = prim.GetAttribute(name).Get(time)
+        return math.nan if value is None else float(value)
+
+    orthographic = camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic
+    upright = unmirrored(world_from_prim)
+    if upright is not world_from_prim:
+        report.omission(path, "what a mirrored camera sees is not mirrored")
+    pose = unscaled(upright)
+    if pose is None:
+        report.problem(path, "camera", "its transform is singular or not finite")
+        return None
+    aperture, focal_length = number("verticalAperture"), number("focalLength")
+    if orthographic:
+        focal_length = 1.0  # it means nothing
+    if not (aperture > 0.0 and focal_length > 0.0 and math.isfinite(aperture) and math.isfinite(focal_length)):
+        text = f"verticalAperture {aperture} and focalLength {focal_length} must be positive numbers"
+        report.problem(path, "camera", text)
+        return None
+    for name in ("horizontalApertureOffset", "verticalApertureOffset"):
+        if number(name):
+            report.omission(path, "a camera's aperture offset is not applied")
+    others: dict[str, Any] = {}
+    f_stop, focus = number("fStop"), number("focusDistance")
+    if orthographic:
+        others["view_height"] = aperture / 10.0 * meters_per_unit
+    elif f_stop > 0.0 and focus > 0.0:
+        others["lens_radius"] = focal_length / 10.0 * meters_per_unit / (2.0 * f_stop)
+    if focus > 0.0:
+        others["focus_distance"] = focus * meters_per_unit
+    clipping = camera.GetClippingRangeAttr()
+    if clipping.HasAuthoredValue():
+        near, far = (float(distance) * meters_per_unit for distance in clipping.Get(time))
+        if 0.0 < near < far:
+            others.update(near=near, far=far)
+        else:
+            report.omission(path, f"a camera's clippingRange of {near:g} to {far:g} m is not used")
+    opens, closes = number("shutter:open"), number("shutter:close")
+    if -1.0 <= opens <= closes <= 1.0:
+        others.update(shutter_open=opens, shutter_close=closes)
+    else:
+        report.omission(path, f"a camera's shutter from {opens:g} to {closes:g} frames is not used: at most -1 to 1")
+    if any(prim.GetAttribute(name).HasAuthoredValue() for name in _EXPOSURE_ATTRIBUTES):
+        scale = exposure_scale(*(number(name) for name in _EXPOSURE_ATTRIBUTES))
+        if not (scale > 0.0 and math.isfinite(scale)):
+            report.problem(path, "camera", f"its exposure attributes scale the image by {scale}")
+            return None
+        others["exposure"] = math.log2(scale)
+    try:
+        return Camera(
+            position=(float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3])),
+            rotation=quaternion_from_matrix(pose[:3, :3]),
+            vertical_fov=Camera.vertical_fov if orthographic else 2.0 * math.atan(aperture / (2.0 * focal_length)),
+            name=prim.GetName(),
+            **others,
+        )
+    except ArgumentError as error:
+        report.problem(path, "camera", str(error))
+        return None
+
+
+def exposure_scale(exposure: float, iso: float, time: float, f_stop: float, responsivity: float) -> float:
+    """UsdGeomCamera's linear exposure scale; 1 for its defaults, no finite number for what has none."""
+    try:
+        return responsivity * time * iso / 100.0 * math.exp2(exposure) / (f_stop * f_stop)
+    except (OverflowError, ZeroDivisionError):
+        return math.nan

@@ -1,0 +1,189 @@
+"""Layers over a scene's: objects by reference to their templates, and cameras, with what places them."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
+
+from tiscene import catalog
+from tiscene.camera import Camera
+from tiscene.errors import ArgumentError, ExportError
+from tiscene.scene.description import Matrix
+from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
+from tiscene.usd.core.semantics import spaced
+from tiscene.usd.core.stage import open_stage, reading_time
+from tiscene.usd.core.transform import to_matrix
+from tiscene.usd.core.units import Units
+from tiscene.usd.read.template import TEMPLATES_PRIM, display_name, root_prim
+
+_APERTURE = 0.024  # m, the height of the film in cameras that are written
+_METADATA = ("timeCodesPerSecond", "framesPerSecond", "startTimeCode", "endTimeCode")
+
+
+class OverLayer:
+    """A new layer on top of a scene's, made in memory. `export` writes it, with relative paths to the files it uses."""
+
+    def __init__(self, scene: str, name: str) -> None:
+        """scene: its name or file. name: of the root prim that holds what is new, unless the scene has one such."""
+        file = catalog.find_scene(scene).resolve()
+        below = open_stage(file)
+        self.layer = Sdf.Layer.CreateAnonymous(".usda")
+        self.layer.subLayerPaths.append(str(file))
+        self.stage = Usd.Stage.Open(self.layer)
+        # These are read from a stage's own layer only.
+        UsdGeom.SetStageMetersPerUnit(self.stage, UsdGeom.GetStageMetersPerUnit(below))
+        UsdGeom.SetStageUpAxis(self.stage, UsdGeom.GetStageUpAxis(below))
+        for key in ("defaultPrim", *_METADATA):
+            if below.GetRootLayer().pseudoRoot.HasInfo(key):
+                self.layer.pseudoRoot.SetInfo(key, below.GetRootLayer().pseudoRoot.GetInfo(key))
+        self.units = Units.of(self.stage)
+        self.up_axis = str(UsdGeom.GetStageUpAxis(self.stage))
+        self.root = self._scope(self.unused_path(Sdf.Path.absoluteRootPath, name))
+        self._templates = {
+            display_name(prim) or spaced(prim.GetName()): prim.GetPath()
+            for folder in [below.GetPrimAtPath(TEMPLATES_PRIM)]
+            if folder and folder.IsAbstract()
+            for prim in folder.GetAllChildren()
+        }
+        self._below = below
+        self._hidden: set[str] = set()
+
+    def set_time(self, first: float, last: float, rate: float) -> None:
+        """The range of time codes, and how many of them make a second."""
+        self.stage.SetStartTimeCode(first)
+        self.stage.SetEndTimeCode(last)
+        self.stage.SetTimeCodesPerSecond(rate)
+        self.stage.SetFramesPerSecond(rate)
+
+    def unused_path(self, folder: Sdf.Path, name: str) -> Sdf.Path:
+        """A path for a new prim that is called `name` as nearly as USD allows."""
+        identifier = name if Sdf.Path.IsValidIdentifier(name) else Tf.MakeValidIdentifier(name)
+        path, number = folder.AppendChild(identifier), 1
+        while self.stage.GetPrimAtPath(path):
+            number += 1
+            path = folder.AppendChild(f"{identifier}_{number}")
+        return path
+
+    def folder(self, name: str) -> Sdf.Path:
+        """A Scope below the root prim."""
+        path = self.root.AppendChild(name)
+        return path if self.stage.GetPrimAtPath(path) else self._scope(path)
+
+    def define_object(
+        self, name: str, template: str, *, euler: bool = False, scale: Sequence[float] = (1.0, 1.0, 1.0)
+    ) -> tuple[Usd.Prim, PoseOperations]:
+        """A prim that refers to a template (a name, a file, or a prim on the stage), and what places it.
+
+        A prim on the stage that serves as a template is hidden, for it is the one that moves.
+        Raises TemplateNotFound, MissingFile and StageError.
+        """
+        prim = self.stage.DefinePrim(self.unused_path(self.folder("Objects"), name))
+        references = prim.GetReferences()
+        stretch = np.eye(4)
+        if catalog.is_prim_path(template):
+            references.AddInternalReference(template)
+            stretch = self._hide(template)
+            prim.CreateAttribute("visibility", Sdf.ValueTypeNames.Token, False).Set(UsdGeom.Tokens.inherited)
+        elif template in self._templates:
+            references.AddInternalReference(self._templates[template])
+            stretch = self._own_stretch(self._below.GetPrimAtPath(self._templates[template]))
+        else:
+            file = catalog.find_template(template).resolve()
+            below = open_stage(file)
+            root = root_prim(below)
+            if root is None:
+                raise ArgumentError(f"template {template!r}: {file.name} has no default prim to refer to")
+            references.AddReference(str(file), root.GetPath())
+            for variant_set, variant in catalog.template_variants(template)[1].items():
+                prim.GetVariantSets().SetSelection(variant_set, variant)
+            stretch = self._own_stretch(root)
+        if not prim.IsA(UsdGeom.Xformable):  # a template may be one mesh, or have no type at all
+            prim.SetTypeName("Xform")
+        if not prim.HasMetadata("kind"):
+            Usd.ModelAPI(prim).SetKind("component")
+        return prim, pose_operations(prim, euler=euler, scale=scale, stretch=stretch)
+
+    def _own_stretch(self, root: Usd.Prim) -> Matrix:
+        """What of a template's own transform stays when it is placed, in this stage's unit and axes."""
+        stage = root.GetStage()
+        stretch = np.eye(4)
+        if root.IsA(UsdGeom.Xformable):
+            local = UsdGeom.Xformable(root).GetLocalTransformation(reading_time(stage, None))
+            stretch[:3, :3] = to_matrix(local, 1.0)[:3, :3]
+        up_axis = str(UsdGeom.GetStageUpAxis(stage))
+        if up_axis != self.up_axis:
+            sign = 1.0 if self.up_axis == "Z" else -1.0
+            stretch = np.array([[1, 0, 0, 0], [0, 0, -sign, 0], [0, sign, 0, 0], [0, 0, 0, 1.0]]) @ stretch
+        stretch[:3, :3] *= Units.of(stage).meters / self.units.meters
+        return stretch
+
+    def _hide(self, path: str) -> Matrix:
+        """Hide a prim of the scene; what of its transform is not a pose."""
+        prim = self._below.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+        pose = read_pose(prim, reading_time(self._below, None), self.units) if prim else "it is not there"
+        if isinstance(pose, str):
+            raise ArgumentError(f"the stage's prim {path!r} cannot serve as a template: {pose}")
+        if path not in self._hidden:
+            UsdGeom.Imageable(self.stage.OverridePrim(path)).CreateVisibilityAttr(UsdGeom.Tokens.invisible)
+            self._hidden.add(path)
+        stretch: Matrix = np.diag([*pose.scale, 1.0]) @ pose.stretch
+        return stretch
+
+    def define_camera(self, camera: Camera) -> tuple[Usd.Prim, PoseOperations]:
+        """A camera with another's lens, and what places it."""
+        path = self.unused_path(self.folder("Cameras"), camera.name)
+        lens = UsdGeom.Camera.Define(self.stage, path)
+        per_meter = 1.0 / self.units.meters
+        height = _APERTURE * per_meter * 10.0  # apertures and focal length are tenths of a stage unit
+        focal_length = height / (2.0 * math.tan(0.5 * camera.vertical_fov))
+        if camera.view_height is not None:
+            lens.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
+            height = camera.view_height * per_meter * 10.0
+        lens.CreateVerticalApertureAttr(height)
+        lens.CreateHorizontalApertureAttr(height * 4.0 / 3.0)
+        lens.CreateFocalLengthAttr(focal_length)
+        lens.CreateFocusDistanceAttr(camera.focus_distance * per_meter)
+        if camera.lens_radius > 0.0:
+            lens.CreateFStopAttr(focal_length / 10.0 / (2.0 * camera.lens_radius * per_meter))
+        lens.CreateClippingRangeAttr(Gf.Vec2f(camera.near * per_meter, camera.far * per_meter))
+        if camera.shutter_open or camera.shutter_close:
+            lens.CreateShutterOpenAttr(camera.shutter_open)
+            lens.CreateShutterCloseAttr(camera.shutter_close)
+        if camera.exposure is not None:
+            lens.CreateExposureAttr(camera.exposure)
+        return lens.GetPrim(), pose_operations(lens.GetPrim(), euler=False)
+
+    def export(self, path: str | os.PathLike[str]) -> None:
+        """Write the layer as a file. Raises ArgumentError (its suffix), ExportError."""
+        path = Path(path)
+        if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
+            raise ArgumentError(
+                f"path={str(path)!r}: a USD layer is a file that ends in {', '.join(catalog.LAYER_SUFFIXES)}"
+            )
+        folder = path.resolve().parent
+        copy = Sdf.Layer.CreateAnonymous(path.suffix)
+        copy.TransferContent(self.layer)
+        UsdUtils.ModifyAssetPaths(copy, lambda asset: _relative(asset, folder))
+        try:
+            written = folder.is_dir() and copy.Export(str(path))
+        except Tf.ErrorException as error:
+            raise ExportError(f"{path} cannot be written") from error
+        if not written:
+            raise ExportError(f"{path} cannot be written: is there a folder {str(folder)!r}, and may it be written to?")
+
+    def _scope(self, path: Sdf.Path) -> Sdf.Path:
+        return self.stage.DefinePrim(path, "Scope").GetPath()
+
+
+def _relative(asset: str, folder: Path) -> str:
+    """An absolute path as one relative to a folder; as it is on another drive."""
+    try:
+        relative = Path(os.path.relpath(asset, folder)).as_posix()
+    except ValueError:
+        return asset
+    return relative if relative.startswith(".") else f"./{relative}"

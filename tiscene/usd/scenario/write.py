@@ -1,0 +1,132 @@
+"""Scenarios written as USD layers over their scenes, by the schema of tiscene. `scenario.py` reads them back."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from pxr import Sdf, Usd, UsdGeom, Vt
+
+from tiscene.camera import Camera
+from tiscene.errors import CameraNotFound
+from tiscene.usd.core import schema
+from tiscene.usd.core.pose import unit_rotation
+from tiscene.usd.core.report import Report
+from tiscene.usd.core.stage import quiet, readable
+from tiscene.usd.scenario.layer import OverLayer
+from tiscene.usd.scenario.motion_schema import write_dynamic
+from tiscene.usd.scenario.read import CAMERA_VALUES
+
+_TYPES = Sdf.ValueTypeNames
+
+
+def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write a scenario, given as its JSON object, as a USD layer (.usda, .usdc, .usd) over its scene.
+
+    Objects stand at their start poses; `read_scenario` gives the same JSON values back. (In a scene whose unit is not
+    the metre, lengths of more than 15 digits may change in the last one.)
+    Raises SceneNotFound, TemplateNotFound, CameraNotFound, StageError, ArgumentError and ExportError.
+    """
+    with quiet(), readable(os.fspath(path)):
+        over = OverLayer(content["scene"], "Scenario")
+        report = Report(os.fspath(path))
+        root = over.stage.GetPrimAtPath(over.root)
+        root.AddAppliedSchema(schema.SCENARIO)
+        _set(root, "tiscene:scenario:scene", _TYPES.String, content["scene"])
+        _write_timings(root, content["timings"])
+        if content["frustum"] is not None:
+            far = content["frustum"]["far"]
+            far = far if far == -1.0 else over.units.to_stage(far, True)
+            _set(root, "tiscene:scenario:frustumFar", _TYPES.Double, far)
+        prims = [_write_object(over, each, report) for each in content["objects"]]
+        root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
+        camera = content["camera"]
+        if camera is not None:
+            cameras = [
+                _camera_named(over, each) if isinstance(each, str) else _write_camera(over, each, report)
+                for each in (camera if isinstance(camera, list) else [camera])
+            ]
+            paths = [prim.GetPath() for prim in cameras]
+            root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
+        for key in ("edits", "lights"):
+            if content[key]:
+                _set(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
+        report.raise_problems()
+        over.export(path)
+
+
+def _write_object(over: OverLayer, content: Mapping[str, Any], report: Report) -> Usd.Prim:
+    rotation = content["rotation"]
+    prim, operations = over.define_object(
+        content["id"], content["template"], euler=len(rotation) == 3, scale=content["scale"]
+    )
+    operations.set(content["position"], unit_rotation(rotation), over.units)
+    prim.AddAppliedSchema(schema.OBJECT)
+    _set(prim, "tiscene:object:id", _TYPES.String, content["id"])
+    _set(prim, "tiscene:object:template", _TYPES.String, content["template"])
+    _set(prim, "tiscene:object:firstFrame", _TYPES.Int64, content["first_frame"])
+    last = content["last_frame"]
+    _set(prim, "tiscene:object:lastFrame", _TYPES.Int64, -1 if last is None else last)
+    _set(prim, "tiscene:object:frustumLimited", _TYPES.Bool, content["frustum_limited"])
+    _set(prim, "tiscene:object:collide", _TYPES.Bool, content["collide"])
+    back = over.units.to_json(over.units.to_stage(content["position"], True), True)
+    if back != list(content["position"]) or unit_rotation(rotation) != tuple(rotation):
+        exact = Vt.DoubleArray([*content["position"], *rotation])
+        _set(prim, "tiscene:object:exactPose", _TYPES.DoubleArray, exact)
+    write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
+    return prim
+
+
+def _part_path(over: OverLayer, prim: Usd.Prim) -> Sdf.Path:
+    """Where the next motion that is a part of a prim's motion is kept."""
+    return over.unused_path(over.folder("Motions"), f"{prim.GetName()}_part")
+
+
+def _write_timings(root: Usd.Prim, content: Mapping[str, Any]) -> None:
+    name = str(content["type"])
+    _set(root, "tiscene:scenario:timing", _TYPES.Token, name[0].lower() + name[1:])
+    if "wait_time" in content:
+        _set(root, "tiscene:scenario:waitTime", _TYPES.Double, content["wait_time"])
+    if "repeat" in content:
+        _set(root, "tiscene:scenario:repeat", _TYPES.Bool, content["repeat"])
+    if "times" in content:
+        keys, times = zip(*content["times"], strict=True)
+        ids = Vt.StringArray([key if isinstance(key, str) else "" for key in keys])
+        _set(root, "tiscene:scenario:turns", _TYPES.StringArray, ids)
+        if not all(ids):
+            numbers = Vt.IntArray([0 if isinstance(key, str) else key for key in keys])
+            _set(root, "tiscene:scenario:turnIndices", _TYPES.IntArray, numbers)
+        _set(root, "tiscene:scenario:turnTimes", _TYPES.DoubleArray, Vt.DoubleArray(times))
+
+
+def _write_camera(over: OverLayer, content: Mapping[str, Any], report: Report) -> Usd.Prim:
+    values = {key: value for key, value in content.items() if key != "dynamic"}
+    prim, operations = over.define_camera(Camera(**values))
+    operations.set(content["position"], content["rotation"], over.units)
+    prim.AddAppliedSchema(schema.CAMERA)
+    _set(prim, "tiscene:camera:name", _TYPES.String, content["name"])
+    for key, name in CAMERA_VALUES.items():
+        if content[key] is not None:
+            attribute = prim.CreateAttribute(f"tiscene:camera:{name}", _TYPES.Double, False, Sdf.VariabilityUniform)
+            attribute.Set(content[key])
+    if content["dynamic"] is not None:
+        write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
+    return prim
+
+
+def _camera_named(over: OverLayer, name: str) -> Usd.Prim:
+    """The scene's first camera of a name, as the world chooses it."""
+    cameras = [prim for prim in over.stage.Traverse() if prim.IsA(UsdGeom.Camera)]
+    for prim in cameras:
+        if prim.GetName() == name:
+            return prim
+    raise CameraNotFound("camera", name, [prim.GetName() for prim in cameras], " on the stage")
+
+
+def _set(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
+    """Author a value, unless it is there already: by default, or in what the prim refers to."""
+    if prim.HasAttribute(name) and prim.GetAttribute(name).Get() == value:
+        return
+    prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)

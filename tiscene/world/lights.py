@@ -1,0 +1,157 @@
+"""Lighting: which lights there are at each frame, where, and how they shine."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import quaternion_from_matrix
+from tiscene.errors import LightNotFound, StageWarning
+from tiscene.scenario.light_motion import Color, LightMotion
+from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.lights.light_groups import LightGroups, shine, shining
+
+Array = NDArray[np.float64]
+# Where the brightness of lights changes in so many ways, there are no groups: a picture of each would have to be made.
+TOO_MANY_GROUPS = 8
+
+
+def warn_if_dark(scene: str, descriptions: Iterable[SceneDescription]) -> None:
+    """Tell whoever makes a stream of them that there is nothing to see by."""
+    if all(each.is_dark for each in descriptions):
+        text = (
+            f"{scene}: there is no light, and colour will be black. Add a light to the stage (a DomeLight does), spawn "
+            "a lamp, or ask for buffers without colour."
+        )
+        warnings.warn(StageWarning(text), stacklevel=3)
+
+
+_NOW, _BRIGHTEST = -1, -2  # instead of an object's row: of a light of the stage
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A light that an object of the scenario carries, since its template has one. object: its row."""
+
+    object: int
+    description: int
+    light: Light
+
+
+class Lighting:
+    """The stage's lights, some with motions, and those that objects carry."""
+
+    def __init__(self, stage: SceneDescription, motions: Sequence[LightMotion]) -> None:
+        """Raises LightNotFound for a motion of a light that the stage has not."""
+        self.stage = stage
+        self.motions = [_row(stage, motion.light) for motion in motions]
+        self._motions = dict(zip(self.motions, motions, strict=True))
+        self._rows = {light.prim_path: row for row, light in enumerate(stage.lights)}
+        self._relit: dict[int, Light] = {}
+        self._known: dict[tuple[int, int, int], tuple[bytes, Light]] = {}
+
+    @property
+    def relit(self) -> bool:
+        """Whether `relight` was called."""
+        return bool(self._relit)
+
+    def relight(self, row: int, light: Light) -> None:
+        """Another light of the same kind takes the place of the stage's in that row."""
+        self._relit[row] = light
+        for key in ((_NOW, 0, row), (_BRIGHTEST, 0, row)):
+            self._known.pop(key, None)
+
+    def poses(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+        """Where the lights that have motions stand on the stage: positions and quaternions."""
+        result: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
+        for row in self.motions:
+            matrix = self.stage.lights[row].world_from_light
+            result.append((tuple(matrix[:3, 3].tolist()), quaternion_from_matrix(matrix[:3, :3])))
+        return result
+
+    def at(
+        self,
+        time: float,
+        matrices: Array,
+        thing: Callable[[str], Array | None],
+        carried: Sequence[Carried],
+        objects: Sequence[Array | None],
+    ) -> tuple[tuple[int, Light], ...]:
+        """All lights at a time, s, each with the row of its description. One that has not changed is the same object.
+
+        matrices: [m, 4, 4], of the lights with motions. thing: by a prim path, how the thing of the stage that the prim
+        is part of has been moved since the beginning, [4, 4]; None if it is gone. objects: by row, where each object of
+        the scenario is, None if it is not there.
+        """
+        result = []
+        moved = dict(zip(self.motions, matrices, strict=True))
+        for row, authored in enumerate(self.stage.lights):
+            light = self._relit.get(row, authored)
+            by = thing(light.prim_path)
+            if by is None:
+                continue
+            motion = self._motions.get(row)
+            pose, shines = by @ light.world_from_light, shine(light)
+            if motion is not None:
+                pose = pose if motion.dynamic is None else moved[row]
+                shines = motion.shines(time, shines)
+            result.append((0, self._settled((_NOW, 0, row), light, pose, shines)))
+        for number, each in enumerate(carried):
+            where = objects[each.object]
+            if where is not None:
+                key = each.object, each.description, number
+                pose = where @ each.light.world_from_light
+                result.append((each.description, self._settled(key, each.light, pose, shine(each.light))))
+        return tuple(result)
+
+    def groups(self, lights: Sequence[tuple[int, Light]]) -> LightGroups:
+        """What `at` gave, in groups that change their brightness together; in one, as it is, if there are too many."""
+        numbers: dict[Any, int] = {}
+        steady, group, factors = [], [], []
+        for description, light in lights:
+            row = self._rows.get(light.prim_path, -1) if description == 0 else -1
+            motion = self._motions.get(row)
+            number, now, most = 0, shine(light), shine(light)
+            if row in self._relit or (motion is not None and motion.times):
+                way: Any = row
+                most = shine(self.stage.lights[row])
+                if motion is not None and motion.times:
+                    most = motion.brightest(most)
+                    if row not in self._relit:
+                        way = motion.times, motion.intensity, motion.color, motion.radiance, motion.repeat
+                r, g, b = (b if b > 0.0 else a for a, b in zip(now, most, strict=True))
+                most = r, g, b
+                number = numbers.setdefault(way, len(numbers) + 1)
+                light = self._settled((_BRIGHTEST, 0, row), light, light.world_from_light, most)
+            steady.append((description, light))
+            group.append(number)
+            factors.append([a / b if b > 0.0 else 0.0 for a, b in zip(now, most, strict=True)])
+        if len(numbers) >= TOO_MANY_GROUPS:
+            return LightGroups(tuple(lights), (0,) * len(lights), np.ones((1, 3), np.float32))
+        of_groups = np.zeros((len(numbers) + 1, 3), np.float32)
+        np.maximum.at(of_groups, np.array(group, np.int32), np.array(factors, np.float32).reshape(-1, 3))
+        of_groups[0] = 1.0
+        return LightGroups(tuple(steady), tuple(group), of_groups)
+
+    def _settled(self, key: tuple[int, int, int], light: Light, pose: Array, shines: Color) -> Light:
+        """The light with a pose and a radiance: the same object as the last time if nothing is new."""
+        if np.array_equal(pose, light.world_from_light) and shines == shine(light):
+            return light
+        state = pose.tobytes() + np.array(shines).tobytes()
+        known = self._known.get(key)
+        if known is None or known[0] != state:
+            known = self._known[key] = state, shining(replace(light, world_from_light=pose), shines)
+        return known[1]
+
+
+def _row(stage: SceneDescription, name: str) -> int:
+    for row, light in enumerate(stage.lights):
+        if name in (light.prim_path, light.name):
+            return row
+    known = [light.prim_path for light in stage.lights]
+    raise LightNotFound("light", name, known, f" in scene {stage.name!r}")

@@ -1,0 +1,273 @@
+"""Inventory: what there is in a world, whether it moves or not: identities, labels, meshes and boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.camera import Quaternion, Vector3
+from tiscene.errors import ScenarioError
+from tiscene.scenario.edits import Life
+from tiscene.scenario.objects import Object
+from tiscene.scene.animation import Track, quaternions
+from tiscene.scene.assembly import Parts, bounding_box, box_matrices, corners, joined, rigid
+from tiscene.scene.description import Light, SceneDescription, Template, mesh_boxes
+from tiscene.world.animation import Tracks, box_over_time, changing, scaled
+from tiscene.world.lights import Carried
+
+Array = NDArray[np.float64]
+MOST_CATEGORIES = 65535  # beside the background: the buffer has 16 bits
+
+
+@dataclass(frozen=True)
+class WorldObject:
+    """A live object at one frame.
+
+    id: the instance label. name: the scenario's id, or the prim's name. template: "" for what stands on the stage.
+    prim_path: "" for objects of the scenario.
+    position: m. rotation: unit quaternion. They place the object's own axes; scale is in the box, not in them.
+    velocity: m/s, of the origin, from this frame to the next along its path.
+    box: lowest and highest corner around the object in its own axes, m.
+    first_frame, last_frame: its life span, both inclusive; None: no end.
+    blocked: something has kept it from its way since the frame before.
+    parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
+    asset: the name of the asset that it is of, "" for none.
+    """
+
+    id: int
+    name: str
+    template: str
+    category: str
+    category_id: int
+    prim_path: str
+    position: Vector3
+    rotation: Quaternion
+    velocity: Vector3
+    box: tuple[Vector3, Vector3]
+    first_frame: int
+    last_frame: int | None
+    blocked: bool = False
+    parts: tuple[str, ...] = ()
+    asset: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """All parts of a world, those of the stage first: `stage` of them.
+
+    mesh, instance_id, category_id: int32 [p]. box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole
+    object. part: int32 [p], number of the first of the object's named parts that it shows.
+    """
+
+    stage: int
+    mesh: NDArray[np.int32]
+    instance_id: NDArray[np.int32]
+    category_id: NDArray[np.int32]
+    box_from_mesh: Array
+    part: NDArray[np.int32]
+
+
+class Inventory:
+    """The things of a stage and the objects of a scenario, as far as no frame changes them.
+
+    descriptions: the stage, then each template's, in the order of need; rows of meshes count on through them.
+    categories: their names by id. templates: by name. stage_rows, object_rows: who is who, posed as placed.
+    columns: what placements say of all parts that no frame changes.
+    stage_owner: of every part of the stage, its thing's row.
+    owner, matrix: of every part of an object, the object's row, and the part's place in the object's own axes.
+    stage_tracks, object_tracks: how the stage's parts, and the objects', move by themselves.
+    changing: of all parts, whether they move by themselves, or deform.
+    carried: the lights of the objects' templates.
+    """
+
+    def __init__(self, stage: SceneDescription, load_template: Callable[[str], Template]) -> None:
+        """load_template: finds what the stage does not hold, or raises TemplateNotFound."""
+        self.stage = stage
+        self.descriptions = [stage]
+        self.categories = {0: ""}
+        self._category_ids = {"": 0}
+        self.templates: dict[str, Template] = {}
+        for template in stage.templates:
+            self.templates.setdefault(template.name, template)
+        self._first_mesh: dict[str, int] = {}
+        self._load_template = load_template
+        for category in (*(thing.category for thing in stage.objects), *(each.category for each in stage.templates)):
+            self._category_id(category)
+        self.stage_rows, self._stage_parts = self._settle_stage()
+        self.stage_owner = self._stage_parts.owner
+        self._stage_changing = changing(stage)[self._stage_order]
+        self.carried: list[Carried] = []
+        self.object_rows: list[WorldObject] = []
+        self._planned: list[Object] = []
+        self._object_parts: list[Parts] = []
+        self.settle([])
+
+    def surface(self, number: int) -> Array:
+        """The triangles [m, 3, 3] by which an object of the scenario collides, in its own axes, m.
+
+        Those of its template's colliders; all that is drawn of it if it has none.
+        """
+        planned = self._planned[number]
+        description = self.template(planned).description
+        solid = (*(each for each in description.instances if each.collides), *description.colliders)
+        scale = np.diag([*np.broadcast_to(planned.scale, 3), 1.0])
+        triangles = [np.zeros((0, 3, 3))]
+        for each in solid or description.instances:
+            mesh, matrix = description.meshes[each.mesh], (scale @ each.world_from_object)[:3]
+            triangles.append((mesh.positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
+        return np.concatenate(triangles)
+
+    def _category_id(self, category: str) -> int:
+        if len(self._category_ids) > MOST_CATEGORIES and category not in self._category_ids:
+            raise ScenarioError(f"{category!r}: one category too many, `semantic` tells {MOST_CATEGORIES} apart")
+        number = self._category_ids.setdefault(category, len(self._category_ids))
+        self.categories[number] = category
+        return number
+
+    def _settle_stage(self) -> tuple[list[WorldObject], Parts]:
+        """Rows and parts of the stage's things. Their own axes are those of their first mesh, without its scale."""
+        stage = self.stage
+        instance_owner = np.array([instance.object for instance in stage.instances], np.int32)
+        self._stage_order = order = np.argsort(instance_owner, kind="stable")  # of the instances, as parts
+        owner, part_of = instance_owner[order], np.argsort(order)
+        placed = np.array([instance.world_from_object for instance in stage.instances]).reshape(-1, 4, 4)[order]
+        meshes = np.array([instance.mesh for instance in stage.instances], np.int32)[order]
+        self.stage_tracks = Tracks(placed[:, :3], [(part_of[track.instances], track) for track in stage.tracks])
+        some, first = np.unique(owner, return_index=True)  # objects of which something is drawn
+        axes = np.tile(np.eye(4), (len(stage.objects), 1, 1))
+        axes[some] = rigid(placed[first])
+        own = np.linalg.inv(axes)[owner] @ placed
+        every = mesh_boxes(stage.meshes, meshes.tolist(), own)
+        boxes = np.zeros((len(stage.objects), 2, 3))
+        if len(some):
+            low, high = np.minimum.reduceat(every[:, 0], first), np.maximum.reduceat(every[:, 1], first)
+            boxes[some] = np.where(low[:, :1, None] < np.inf, np.stack([low, high], axis=1), 0.0)
+        for number in np.unique(owner[self.stage_tracks.rows]).tolist():
+            rows = np.flatnonzero(owner == number)
+            if len(rows) > 1:
+                moments = self.stage_tracks.over_time(rows)
+                boxes[number] = box_over_time(stage, meshes[rows].tolist(), moments, own=True)
+        poses = zip(axes[:, :3, 3].tolist(), quaternions(axes[:, :3, :3]).tolist(), boxes, strict=True)
+        things = [
+            WorldObject(
+                id=number + 1,
+                name=thing.name,
+                template="",
+                category=thing.category,
+                category_id=self._category_id(thing.category),
+                prim_path=thing.prim_path,
+                position=(x, y, z),
+                rotation=tuple(rotation),
+                velocity=(0.0, 0.0, 0.0),
+                box=corners(box),
+                first_frame=0,
+                last_frame=None,
+                parts=thing.parts,
+                asset=thing.asset,
+            )
+            for number, (thing, ((x, y, z), rotation, box)) in enumerate(zip(stage.objects, poses, strict=True))
+        ]
+        numbers = np.array([instance.part for instance in stage.instances], np.int32)[order]
+        # Not axes @ own: the stage's matrices are kept to the bit.
+        return things, Parts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
+
+    def settle(self, lives: Sequence[Life]) -> None:
+        """Add the scenario's objects that are not there yet; `lives` begins with those that are."""
+        for number in range(len(self.object_rows), len(lives)):
+            row, parts = self._settle_object(number, lives[number].planned)
+            self.object_rows.append(row)
+            self._planned.append(lives[number].planned)
+            self._object_parts.append(parts)
+            description = self.template(lives[number].planned).description
+            lights_scale = np.broadcast_to(lives[number].planned.scale, 3)
+            place = next(at for at, each in enumerate(self.descriptions) if each is description)
+            self.carried += [Carried(number, place, _scaled(light, lights_scale)) for light in description.lights]
+        objects = joined(self._object_parts)
+        self.object_tracks = Tracks(objects.matrix, self._object_track_rows())
+        changes = [self._stage_changing]
+        changes += [changing(self.template(each).description) for each in self._planned]
+        self.changing = np.concatenate(changes)
+        self.owner = objects.owner
+        self.matrix = objects.matrix
+        self.columns = self._columns(objects)
+
+    def _settle_object(self, number: int, each: Object) -> tuple[WorldObject, Parts]:
+        """Row and parts of an object of the scenario."""
+        template = self.template(each)
+        description = template.description
+        scale = np.diag([*np.broadcast_to(each.scale, 3), 1.0])
+        own = [scale @ instance.world_from_object for instance in description.instances]
+        meshes = [instance.mesh for instance in description.instances]
+        box = bounding_box(description, meshes, own)
+        if description.tracks:
+            tracks = Tracks(
+                np.array(own)[:, :3], [(track.instances, scaled(track, scale)) for track in description.tracks]
+            )
+            box = box_over_time(description, meshes, tracks.over_time(np.arange(len(own))), own=False)
+        row = WorldObject(
+            id=len(self.stage.objects) + number + 1,
+            name=each.id,
+            template=template.name,
+            category=template.category,
+            category_id=self._category_id(template.category),
+            prim_path="",
+            position=each.position,
+            rotation=(1.0, 0.0, 0.0, 0.0),
+            velocity=(0.0, 0.0, 0.0),
+            box=corners(box),
+            first_frame=each.first_frame,
+            last_frame=each.last_frame,
+            parts=description.objects[0].parts if len(description.objects) == 1 else (),
+            asset=next((whole.asset for whole in description.objects), "") or template.name,
+        )
+        parts = Parts(
+            np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],
+            np.full(len(meshes), number, dtype=np.int32),
+            np.array([matrix[:3] for matrix in own]),
+            box_matrices(np.tile(box, (len(own), 1, 1)), np.array(own)),
+            np.array([instance.part for instance in description.instances], dtype=np.int32),
+        )
+        return row, parts
+
+    def _object_track_rows(self) -> Iterator[tuple[NDArray[np.int64], Track]]:
+        """The tracks of the objects' templates, each with the parts that it moves."""
+        first = 0
+        for planned, parts in zip(self._planned, self._object_parts, strict=True):
+            scale = np.diag([*np.broadcast_to(planned.scale, 3), 1.0])
+            for track in self.template(planned).description.tracks:
+                yield first + track.instances.astype(np.int64), scaled(track, scale)
+            first += len(parts.mesh)
+
+    def template(self, each: Object) -> Template:
+        """An object's template, its meshes among the world's from now on."""
+        if each.template not in self.templates:
+            self.templates[each.template] = self._load_template(each.template)
+        template = self.templates[each.template]
+        if each.template not in self._first_mesh:
+            if not template.description.instances:
+                raise ScenarioError(f"object {each.id!r}: the template {each.template!r} holds no mesh")
+            self._first_mesh[each.template] = sum(len(description.meshes) for description in self.descriptions)
+            self.descriptions.append(template.description)
+        return template
+
+    def _columns(self, objects: Parts) -> Columns:
+        stage = self._stage_parts
+        rows = [self.stage_rows[owner] for owner in stage.owner] + [self.object_rows[row] for row in objects.owner]
+        return Columns(
+            len(stage.mesh),
+            np.concatenate([stage.mesh, objects.mesh]),
+            np.array([row.id for row in rows], dtype=np.int32),
+            np.array([row.category_id for row in rows], dtype=np.int32),
+            np.concatenate([stage.box_from_mesh, objects.box_from_mesh]),
+            np.concatenate([stage.number, objects.number]),
+        )
+
+
+def _scaled(light: Light, scale: Array) -> Light:
+    """A light of a template that is stretched about its origin: it keeps its own size."""
+    matrix = light.world_from_light.copy()
+    matrix[:3, 3] *= scale
+    return replace(light, world_from_light=matrix)

@@ -1,0 +1,153 @@
+"""The things of a stage: where they stand, once edits have moved some of them and taken others away."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.rotation import matrix_from_quaternion, quaternion
+from tiscene.errors import ScenarioError
+from tiscene.scenario.edits import StageLife
+from tiscene.scene.animation import polar, quaternions
+from tiscene.scene.description import Instance, SceneDescription
+from tiscene.world.animation import Tracks
+from tiscene.world.object_registry import WorldObject
+
+Array = NDArray[np.float64]
+
+
+class StageThings:
+    """Things of a stage, what edits did to them, and how they move by themselves."""
+
+    def __init__(
+        self, stage: SceneDescription, rows: Sequence[WorldObject], owner: NDArray[np.int32], tracks: Tracks, fps: float
+    ) -> None:
+        """rows: the things as the stage has them. owner: of every part of the stage, its thing's row.
+
+        tracks: of these parts. fps: frame k is at k / fps.
+        """
+        self._stage = stage
+        self._rows = list(rows)
+        self._owner = owner
+        self._tracks = tracks
+        self._fps = fps
+        drawn, first = np.unique(owner, return_index=True)
+        self._first_part = np.zeros(len(self._rows), np.intp)  # of every thing of which something is drawn: its axes'
+        self._first_part[drawn] = first
+        self._tracked = np.unique(owner[tracks.rows])
+        self._numbers = {thing.prim_path: row for row, thing in enumerate(stage.objects)}
+        self.lives: dict[int, StageLife] = {}
+
+    def settle(self, lives: Mapping[str, StageLife]) -> None:
+        """What was done to things, by their prim paths. Raises ScenarioError for what the stage has not."""
+        for path in lives:
+            if path not in self._numbers:
+                nearest = difflib.get_close_matches(path, list(self._numbers), n=1)
+                hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+                raise ScenarioError(f"edits: there is no thing {path!r} in scene {self._stage.name!r}{hint}")
+        numbered = {self._numbers[path]: life for path, life in lives.items()}
+        self.lives = dict(sorted(numbered.items()))
+
+    def there(self, number: int, frame: int) -> bool:
+        """Whether a thing, by its row, is there at a frame."""
+        return number not in self.lives or self.lives[number].alive(frame, known=frame)
+
+    def moved_by(self, number: int, frame: int, known: int) -> Array | None:
+        """What has taken a thing from where the stage has it to where it is at a frame: 4x4; None if nothing has."""
+        move = self.lives[number].move(frame, known) if number in self.lives else None
+        if move is None:
+            return None
+        row = self._rows[number]
+        start = matrix(np.array([*row.position, *row.rotation]))
+        now = matrix(np.array([*move.position, *quaternion(move.rotation)]))
+        result: Array = np.einsum("ij,jk->ik", now, np.linalg.inv(start))
+        return result
+
+    def place(self, frame: int, seconds: Array, world: Array, present: NDArray[np.bool_]) -> None:
+        """Set matrices [3, parts, 3, 4] and presence of the parts before, at and after a frame.
+
+        seconds: the three times at which what moves by itself is shown, s.
+        """
+        count = len(self._owner)
+        for time, second in enumerate(seconds.tolist()):
+            world[time, :count], present[time, :count] = self._tracks.at(second)
+        for number, life in self.lives.items():
+            parts = np.flatnonzero(self._owner == number)
+            for time, step in enumerate((-1, 0, 1)):
+                then = max(frame + step, 0)
+                present[time, parts] &= life.alive(then, known=frame)
+                by = self.moved_by(number, then, frame)
+                if by is not None:
+                    world[time, parts] = np.einsum("ij,pjk->pik", by[:3, :3], world[time, parts])
+                    world[time, parts, :, 3] += by[:3, 3]
+
+    def restless(self, frame: int) -> NDArray[np.bool_]:
+        """Of every part of the stage, whether an edit has moved it or taken it away, as far as is known at a frame."""
+        edited = [
+            number
+            for number, life in self.lives.items()
+            if not life.alive(frame, known=frame) or life.move(frame, known=frame) is not None
+        ]
+        return np.isin(self._owner, edited)
+
+    def rows(self, frame: int) -> list[WorldObject]:
+        """The things that are there at a frame."""
+        rows: list[WorldObject | None] = list(self._rows)
+        if self._tracks:
+            for number, posed in self._posed(frame).items():
+                rows[number] = posed
+        for number, life in self.lives.items():
+            row, move = rows[number], life.move(frame, known=frame)
+            if not life.alive(frame, known=frame):
+                rows[number] = None
+            elif row is not None and move is not None:
+                w, x, y, z = quaternion(move.rotation).tolist()
+                rows[number] = replace(row, position=move.position, rotation=(w, x, y, z))
+        return [row for row in rows if row is not None]
+
+    def _posed(self, frame: int) -> dict[int, WorldObject | None]:
+        """The things that move by themselves, as they are at a frame; None for one that is not there."""
+        matrices, present = self._tracks.at(frame / self._fps)
+        following = self._tracks.at((frame + 1) / self._fps)[0]
+        there = np.bincount(self._owner[present], minlength=len(self._rows)) > 0
+        first = self._first_part[self._tracked]
+        rotations = quaternions(polar(matrices[first, :, :3])[0])
+        velocities = (following[first, :, 3] - matrices[first, :, 3]) * self._fps
+        result: dict[int, WorldObject | None] = {}
+        poses = zip(matrices[first, :, 3].tolist(), rotations.tolist(), velocities.tolist(), strict=True)
+        for number, (position, rotation, velocity) in zip(self._tracked.tolist(), poses, strict=True):
+            posed = {"position": tuple(position), "rotation": tuple(rotation), "velocity": tuple(velocity)}
+            result[number] = replace(self._rows[number], **posed) if there[number] else None
+        return result
+
+    def carries(self, path: str, frame: int) -> Array | None:
+        """What has moved the prim at a path, as part of a thing: 4x4; None if that thing is gone."""
+        while path:
+            number = self._numbers.get(path, -1)
+            if number in self.lives:
+                by = self.moved_by(number, frame, frame)
+                return None if not self.there(number, frame) else np.eye(4) if by is None else by
+            path = path.rpartition("/")[0]
+        return np.eye(4)
+
+    def instances(self, frame: int) -> tuple[list[Instance], list[bool]]:
+        """The stage's instances at a frame, then its colliders, and which of them are there."""
+        instances: list[Instance] = []
+        for instance in (*self._stage.instances, *self._stage.colliders):
+            by = self.moved_by(instance.object, frame, frame)
+            if by is not None:
+                instance = replace(instance, world_from_object=by @ instance.world_from_object)
+            instances.append(instance)
+        return instances, [self.there(instance.object, frame) for instance in instances]
+
+
+def matrix(pose: Array) -> Array:
+    """4x4 of a pose [7]: position and unit quaternion."""
+    result = np.eye(4)
+    result[:3, :3] = matrix_from_quaternion(pose[3:])
+    result[:3, 3] = pose[:3]
+    return result

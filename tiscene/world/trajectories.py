@@ -1,0 +1,313 @@
+"""Motion: where a scenario's objects, cameras and lights are at each frame, and what the objects meet on the way.
+
+Where nothing can be met every pose is a formula of time. Otherwise the objects are stepped, frame by frame; those that
+follow paths have the same poses as by the formula, to the bit, as long as nothing is in their way.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import (
+    Body,
+    Dynamic,
+    Mover,
+    Shape,
+    Simulation,
+    SteppedSimulation,
+    Still,
+    UniformMovementRandomBounce,
+    cover,
+)
+from dynamics import Move as Teleport
+from dynamics.clocks import exact
+from dynamics.collision_free import all_free
+from dynamics.obstacles import Obstacles, placed
+from dynamics.rotation import quaternion
+from tiscene.camera import Camera
+from tiscene.errors import ScenarioError
+from tiscene.scenario.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn
+from tiscene.scenario.scenario import Scenario
+from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
+from tiscene.scene.description import Instance, SceneDescription
+
+Array = NDArray[np.float64]
+WALLS = ("left", "right", "bottom", "top", "near", "far")
+# Poses of the frames last asked for are kept: three frames are needed for each, and the next needs two of them again.
+KEPT_FRAMES = 8
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """An object of the scenario met something on the way to a frame.
+
+    number: its row in the scenario. kind: "stage", "collider", "object" or "wall".
+    other: the row of the stage's object, of its collider that is no part of one, of the scenario's object, or of WALLS.
+    """
+
+    number: int
+    kind: Literal["stage", "collider", "object", "wall"]
+    other: int
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the objects of a scenario move in.
+
+    cameras: the first is the one whose view the frustum encloses. aspect: width / height of that view.
+    lights: (dynamic, position, quaternion) of those that have motions.
+    surface: an object's triangles [m, 3, 3] in its own axes, by its row.
+    trees: those over the stage's meshes. instances: the stage's at a frame, then its colliders that are not drawn, and
+    which of them are there then.
+    """
+
+    stage: SceneDescription
+    cameras: Sequence[Camera]
+    fps: float
+    aspect: float
+    lights: Sequence[tuple[Dynamic | None, tuple[float, ...], tuple[float, ...]]]
+    surface: Callable[[int], Array]
+    trees: Callable[[], MeshTrees]
+    instances: Callable[[int], tuple[Sequence[Instance], Sequence[bool]]]
+
+
+class Motion:
+    """The poses of a scenario's objects, cameras and lights as float64 [n, 7]: position, m, and unit quaternion."""
+
+    def __init__(self, scenario: Scenario, log: EditLog, setting: Setting) -> None:
+        """log: what the scenario's edits make of it; `amend` says what was added to it.
+
+        Raises ScenarioError if the timings or dynamics cannot work. Nothing is computed before a frame is asked for.
+        """
+        self._scenario = scenario
+        self._log = log
+        self._setting = setting
+        self._fps = exact(setting.fps)
+        self._formulas = self._simulation()
+        # Frames from which on the stage is another one: first as it was read.
+        moved = [move.frame for life in log.stage.values() for move in life.moves]
+        gone = [life.despawned for life in log.stage.values() if life.despawned is not None]
+        self._changes = sorted({*moved, *gone})
+        self._shapes: dict[tuple[object, ...], Shape | None] = {}
+        # By the number of changes of the stage so far.
+        self._obstacles: dict[int, Obstacles] = {}
+        self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._movers: list[Mover] = []
+        self._stepped: SteppedSimulation | None = None
+        self._free_until = 0  # before this frame nothing could be met
+        self._is_stepped: bool | None = None
+        self._poses_by_frame: dict[int, Array] = {}
+
+    def amend(self, edit: Edit) -> None:
+        """The log has one edit more. Frames before the edit's stay what they are, and are not computed again."""
+        spawned = isinstance(edit, Spawn)
+        if spawned:
+            self._formulas = self._simulation()
+        for frame in [each for each in self._poses_by_frame if spawned or each >= edit.frame]:
+            del self._poses_by_frame[frame]
+        row = None
+        if not isinstance(edit, Enclose):
+            row = self._log.row(edit.object.id if isinstance(edit, Spawn) else edit.id)
+        if isinstance(edit, Move | Despawn) and row is None:
+            # What the stage was before the edit's frame stays what it was.
+            kept = bisect.bisect_left(self._changes, edit.frame)
+            self._obstacles = {epoch: each for epoch, each in self._obstacles.items() if epoch <= kept}
+            if edit.frame not in self._changes[kept : kept + 1]:
+                self._changes.insert(kept, edit.frame)
+        if self._stepped is None:
+            if self._is_stepped is not None:
+                self._free_until = edit.frame
+            else:
+                self._free_until = min(self._free_until, edit.frame)
+            self._is_stepped = None
+            return
+        if row is not None:
+            self._movers[row : row + 1] = [self._mover(row)]
+        self._stepped.amend(self._movers, edit.frame)
+        if edit.frame < self._free_until:
+            self._free_until = edit.frame
+            self._stepped.start_at(edit.frame)
+
+    def poses(self, frame: int) -> Array:
+        """Before frame 0 everything is where it starts."""
+        poses = self._poses_by_frame.get(frame)
+        if poses is None:
+            poses = self._formulas.poses(Fraction(frame) / self._fps)
+            stepped = self._stepping(frame)
+            if stepped is not None:
+                poses[: len(self._log.lives)] = stepped.frame(max(frame, 0)).poses
+            while len(self._poses_by_frame) >= KEPT_FRAMES:
+                self._poses_by_frame.pop(next(iter(self._poses_by_frame)))
+            self._poses_by_frame[frame] = poses
+        return poses
+
+    def between(self, frame: int, shift: Fraction) -> Array:
+        """The poses by so many frames, -1..1, from a frame, as they were planned when that frame was made.
+
+        By their formulas, or between two frames of what met something on the way: straight on, and round evenly.
+        """
+        if not shift:
+            return self.poses(frame)
+        time = frame + shift
+        poses = self._formulas.poses(time / self._fps)
+        stepped = self._stepping(frame)
+        start = math.floor(time)
+        if stepped is None or start < 0:
+            return poses
+        rows = slice(len(self._log.lives))
+        before, after = stepped.frame(start).poses, stepped.frame(start + 1).arrivals
+        strayed = np.zeros(len(before), np.bool_)
+        for number, found in ((start, before), (start + 1, after)):
+            strayed |= (found != self._formulas.poses(Fraction(number) / self._fps)[rows]).any(axis=1)
+        poses[rows][strayed] = _between(before[strayed], after[strayed], float(time - start))
+        return poses
+
+    def arrivals(self, frame: int) -> Array:
+        """The poses at a frame before the edits of that frame: as they were planned when the frame before was made."""
+        poses = self.poses(frame)
+        stepped = self._stepping(frame)
+        if stepped is not None:
+            poses = poses.copy()
+            poses[: len(self._log.lives)] = stepped.frame(max(frame, 0)).arrivals
+        return poses
+
+    def blocked(self, frame: int) -> list[bool]:
+        """Of every object of the scenario, whether something kept it from its way since the frame before."""
+        stepped = self._stepping(frame)
+        return [False] * len(self._log.lives) if stepped is None else stepped.frame(frame).blocked.tolist()
+
+    def meetings(self, frame: int) -> list[Meeting]:
+        """What the scenario's objects met since the frame before."""
+        stepped = self._stepping(frame)
+        result = []
+        for contact in () if stepped is None else stepped.frame(frame).contacts:
+            if contact.kind == "obstacle":
+                stage, row = self._setting.stage, int(self._obstacle_rows[contact.other])
+                hidden = row - len(stage.instances)
+                thing = stage.colliders[hidden].object if hidden >= 0 else stage.instances[row].object
+                if thing < 0:
+                    result.append(Meeting(contact.mover, "collider", hidden))
+                else:
+                    result.append(Meeting(contact.mover, "stage", thing))
+            elif contact.kind == "mover":
+                result.append(Meeting(contact.mover, "object", contact.other))
+            else:
+                result.append(Meeting(contact.mover, "wall", contact.other))
+        return result
+
+    def _stepping(self, frame: int) -> SteppedSimulation | None:
+        """The simulation of what collides at a frame, None if nothing can."""
+        if self._is_stepped is None:
+            self._is_stepped = self._must_step()
+        return None if frame < self._free_until else self._stepped
+
+    def _must_step(self) -> bool:
+        lives = self._log.lives
+        dynamics = [life.planned.dynamic for life in lives]
+        moving = [not isinstance(dynamic, Still | None) for dynamic in dynamics]
+        bouncing = any(isinstance(dynamic, UniformMovementRandomBounce) for dynamic in dynamics)
+        put_elsewhere = any(life.moves for life in lives) or bool(self._changes)
+        walled = any(each is not None for each in (self._scenario.frustum, *(e.frustum for e in self._log.enclosures)))
+        solid = any(life.planned.collide and (moves or walled) for life, moves in zip(lives, moving, strict=True))
+        if not bouncing and not solid and not any(life.moves for life in lives):
+            return False
+        self._movers = [self._mover(row) for row in range(len(lives))]
+        if not bouncing and not put_elsewhere and all_free(self._movers, self._obstacles_at(0), walled):
+            return False
+        self._stepped = SteppedSimulation(
+            self._movers, self._scenario.timings, fps=self._fps, obstacles=self._obstacles_at, walls=self._walls
+        )
+        self._stepped.start_at(self._free_until)
+        return True
+
+    def _mover(self, row: int) -> Mover:
+        life = self._log.lives[row]
+        moves = self._movers[row].moves if row < len(self._movers) else ()
+        if moves and (len(moves) > len(life.moves) or moves[-1].frame > life.moves[len(moves) - 1].frame):
+            moves = ()  # one was made before the others
+        return Mover(
+            self._body(life, bounces=True),
+            self._shape(row, life) if life.planned.collide else None,
+            life.planned.frustum_limited,
+            life.planned.first_frame,
+            life.last_frame,
+            (*moves, *(_teleport(move) for move in life.moves[len(moves) :])),
+        )
+
+    def _simulation(self) -> Simulation:
+        """All paths. What bounces has no formula: here it stands, which also tells where it starts."""
+        bodies = [self._body(life, bounces=False) for life in self._log.lives]
+        for camera in self._setting.cameras:
+            dynamic = camera.dynamic or Still()
+            bodies.append(Body(dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
+        for motion, position, rotation in self._setting.lights:
+            bodies.append(Body(motion or Still(), position, rotation, name="light", timed=False))  # type: ignore[arg-type]
+        try:
+            return Simulation(bodies, self._scenario.timings)
+        except TypeError as error:
+            raise ScenarioError(str(error)) from error
+
+    def _obstacles_at(self, frame: int) -> Obstacles:
+        """The stage as obstacles, from one frame to the next."""
+        epoch = bisect.bisect_right(self._changes, frame)
+        if epoch not in self._obstacles:
+            trees = self._setting.trees()
+            instances, there = self._setting.instances(frame)
+            tree = ObstacleTree(trees, instances, there)
+            self._obstacles[epoch] = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
+            self._obstacle_rows = tree.rows
+        return self._obstacles[epoch]
+
+    def _body(self, life: Life, bounces: bool) -> Body:
+        each = life.planned
+        dynamic = each.dynamic or Still()
+        if isinstance(dynamic, UniformMovementRandomBounce) and not bounces:
+            dynamic = Still()
+        birth = Fraction(each.first_frame) / self._fps
+        return Body(dynamic, each.position, each.rotation, name=each.id, birth=birth, timed=life.spawned is None)
+
+    def _shape(self, row: int, life: Life) -> Shape | None:
+        """The proxy spheres of an object; None without any surface. Objects of one template and scale share them."""
+        key = (life.planned.template, life.planned.scale)
+        if key not in self._shapes:
+            surface = self._setting.surface(row)
+            self._shapes[key] = cover(surface) if len(surface) else None
+        return self._shapes[key]
+
+    def _walls(self, time: Fraction) -> Array | None:
+        """The planes that hold objects on the way to a time, s; None if there are none then."""
+        frustum, camera, aspect = self._scenario.frustum, self._setting.cameras[0], self._setting.aspect
+        made = bisect.bisect_left(self._log.enclosures, math.ceil(time * self._fps), key=lambda edit: edit.frame)
+        if made:
+            last = self._log.enclosures[made - 1]
+            frustum, camera, aspect = last.frustum, last.camera, last.aspect
+        if frustum is None:
+            return None
+        if camera.dynamic is not None:
+            x, y, z, a, b, c, d = self._formulas.poses(time)[len(self._log.lives)].tolist()
+            camera = camera.posed((x, y, z), (a, b, c, d))
+        return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
+
+
+def _between(before: Array, after: Array, part: float) -> Array:
+    """Poses [n, 7] so far from one to the other: positions on a line, rotations by slerp."""
+    poses = before + part * (after - before)
+    cosine = np.einsum("ni,ni->n", before[:, 3:], after[:, 3:])[:, None]
+    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    turned = np.sin((1.0 - part) * angle) * before[:, 3:] + np.copysign(np.sin(part * angle), cosine) * after[:, 3:]
+    poses[:, 3:] = np.where(angle > 1e-6, turned, before[:, 3:])
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    return poses
+
+
+def _teleport(move: Move) -> Teleport:
+    w, x, y, z = quaternion(move.rotation).tolist()
+    return Teleport(move.frame, move.position, (w, x, y, z))

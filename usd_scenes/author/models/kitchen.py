@@ -1,0 +1,72 @@
+"""Pots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.polygon_mesh import merged
+from usd_scenes.author.shapes import curve, cylinder, fillet, lathe, rectangle, sphere, sweep
+
+
+def pot(name: str) -> Thing:
+    """A casserole of 0.24 m with its lid on, two handles and a knob."""
+    radius, height = 0.12, 0.125
+    outside = fillet(
+        [[0.0, 0.0], [radius - 0.012, 0.0], [radius, 0.016], [radius, height - 0.004], [radius + 0.005, height]],
+        0.008,
+        4,
+    )
+    inside = fillet(
+        [[radius + 0.004, height + 0.002], [radius - 0.0025, height - 0.002], [radius - 0.003, 0.02], [0.0, 0.004]],
+        0.002,
+        3,
+    )
+    body = lathe(np.concatenate([outside, inside]), 80)
+    lid_line = curve(
+        [[radius + 0.0045, 0.004], [radius - 0.004, 0.012], [0.080, 0.027], [0.030, 0.035], [0.0, 0.036]], 24
+    )
+    under = np.array([[0.0, 0.002], [radius - 0.004, 0.0], [radius + 0.004, 0.0015]])
+    lid = lathe(np.concatenate([under, lid_line]), 80).moved(0.0, height + 0.001)
+    band = lathe(
+        fillet(
+            [[radius + 0.002, 0.0], [radius + 0.0062, 0.0005], [radius + 0.0062, 0.0045], [radius + 0.002, 0.0050]],
+            0.0012,
+            2,
+        ),
+        80,
+    ).moved(0.0, height + 0.0005)
+    stem = cylinder(0.0065, 0.014, 0.001, 24).moved(0.0, height + 0.042)
+    knob = lathe(
+        curve([[0.0, 0.0], [0.009, 0.0015], [0.0175, 0.008], [0.0195, 0.0135], [0.0150, 0.0185], [0.0, 0.0200]], 20), 40
+    )
+    handles, rivets = [], []
+    for side in (-1.0, 1.0):
+        loop = curve(
+            [
+                [side * (radius - 0.002), 0.098, -0.042],
+                [side * (radius + 0.022), 0.101, -0.040],
+                [side * (radius + 0.040), 0.104, -0.020],
+                [side * (radius + 0.040), 0.104, 0.020],
+                [side * (radius + 0.022), 0.101, 0.040],
+                [side * (radius - 0.002), 0.098, 0.042],
+            ],
+            28,
+        )
+        handles.append(sweep(loop, rectangle(0.0125, 0.0100, 0.0045, 3)))
+        for z in (-0.042, 0.042):
+            plate = (
+                cylinder(0.012, 0.004, 0.0015, 24)
+                .turned("z", 90.0)
+                .moved(side * (np.hypot(radius, 0.0) - 0.0058), 0.098, z)
+            )
+            rivets.append(merged([plate, sphere(0.0035, 12).moved(side * (radius - 0.0035), 0.098, z)]))
+    return thing(
+        name,
+        "pot",
+        ("Body", "EnamelRed", body),
+        ("Lid", "EnamelRed", lid),
+        ("Rim", "Steel", [band, stem, *rivets]),
+        ("Handles", "EnamelRed", handles),
+        ("Knob", "BlackPlastic", knob.moved(0.0, height + 0.047)),
+    )
