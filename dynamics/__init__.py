@@ -16,21 +16,30 @@ frame: a `SteppedSimulation` of `Mover`s.
 
 ::
 
-    dynamic                           the interface
-        waypoints, closed_form        formulas of time
-            quadrature                their lengths
-        bounce, scripted              what has none
-    bodies, timings, clocks           who moves, and when
-    simulation, paths, motion         every pose a formula
-    movers, stepped, step_device      what meets things, frame by frame
-        proxy, covering               bodies as spheres
-        obstacles, tree, contact      triangles, and spheres against them
-        free_paths                    whether anything can be met at all
-        stepping                      the kernel of a step
-            columns, rows             of its table of bodies
-            advance, bouncing, following
-            sweep, others             what is met first: obstacles; walls and other bodies
-    rotation, random, check
+    dynamic               interface of trajectories
+    waypoints             linear and Catmull-Rom paths
+    closed_form           Still, Orbit, LookAt, Keyframes, Composite
+    random_bounce         UniformMovementRandomBounce
+    stepped_dynamic       Stepped: trajectories written in Python
+    quadrature            arc length of cubics
+    timings, clocks       when each body moves
+    bodies                bodies and their device columns
+    simulation            poses of bodies that meet nothing
+    path_poses, trajectory_kernel
+    colliding_bodies      bodies that collide, and their contacts
+    stepped_simulation    collisions, one frame after another
+    step_arrays           its device arrays
+    step_kernel           its kernel: one substep
+    body_layout, body_access
+    integrate, path_following, bounce_response
+    sweep_obstacles, sweep_bodies
+    collision_free        paths on which no collision is possible
+    obstacles             triangles that do not move
+    tree_access, contact  sphere queries
+    sphere_proxy          surfaces covered by spheres
+    sphere_cover_kernels  its kernels
+    rotation, random      quaternions; counter-based random numbers
+    argument_checks       validation of arguments
 
 Whoever uses the package alone starts Taichi, as above. Metres, seconds, radians; Euler angles, where a class accepts
 them, are degrees (see `dynamics.rotation`). Right-handed axes.

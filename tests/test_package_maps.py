@@ -13,9 +13,11 @@ ROOT = Path(__file__).parent.parent
 LINE = re.compile(r"^ {4,}((?:\w+, )*\w+)(?: {2,}.*)?$", re.MULTILINE)
 
 
-@pytest.mark.parametrize("package", ["dynamics", "tiscene", "tiscene/sailenv", "tiscene/scene", "tiscene/usd"])
-def test_a_map_names_what_is_there(package):
-    folder = ROOT / package
+PACKAGES = [path.parent for name in ("tiscene", "dynamics") for path in sorted((ROOT / name).rglob("__init__.py"))]
+
+
+@pytest.mark.parametrize("folder", PACKAGES, ids=lambda folder: str(folder.relative_to(ROOT)))
+def test_a_map_names_what_is_there(folder):
     docstring = ast.get_docstring(ast.parse((folder / "__init__.py").read_text("utf-8"))) or ""
     named = [name for names in LINE.findall(docstring) for name in names.split(", ")]
     there = {path.stem for path in folder.glob("*.py")} | {path.parent.name for path in folder.glob("*/__init__.py")}

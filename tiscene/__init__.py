@@ -2,23 +2,22 @@
 
 Names are imported at first use, so that `import tiscene` is instant and starts no Taichi.
 
-From what a user meets down to the ground::
+From the user's side down::
 
-    cli, commands, sailenv, export        what people run and take away
-    stream, frame, frame_range            one frame after another
-        loading, waiting                  how a stage comes, and the bar meanwhile
-        differential, shutter             how its pictures are made: as differences, blurred
-    world                                 where everything is at each frame
-        inventory, stage_things, tracks   what there is, what edits did to the stage, what moves by itself
-        motion, lighting                  objects and cameras, lights
-        witness, in_view, events          what happened
-    scenario, edits, light_motion         what is asked for
-        scenario_json                     as a file
-        sampling, difficulty, free_space  drawn at random
-    render                                what is seen
-    usd, catalog                          what the files say, and where they are
-    scene                                 what the files said, on the host and on the device
-    device, camera, errors, arguments, files, srgb
+    cli            command line
+    export         frames to files
+    sailenv        SAILenv's API and wire protocol
+    stream         one frame after another
+    randomization  random scenarios
+    world          state of objects, cameras and lights at each frame
+    render         labels, path tracing, incremental rendering, film
+    frame          frames, buffers, object tables, events
+    scenario       what happens in a scene
+    usd            USD files to scene descriptions and back
+    scene          scene data: on the host, and as device arrays
+    device         Taichi
+    catalog        names of scenes and templates to files
+    validation, errors, files
 
 `dynamics`, which moves bodies, and `usd_scenes`, the scenes, are packages beside this one.
 """
@@ -35,7 +34,7 @@ os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
 _HOME = {
     "AllTogether": "dynamics",
-    "Camera": "tiscene.camera",
+    "Camera": "tiscene.scene.camera",
     "CatmullWaypoints": "dynamics",
     "Composite": "dynamics",
     "DictTimings": "dynamics",

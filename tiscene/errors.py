@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -109,6 +110,15 @@ def scenario_errors() -> Iterator[None]:
         raise
     except (TypeError, ValueError) as error:
         raise ScenarioError(str(error)) from error
+
+
+@contextlib.contextmanager
+def export_errors(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Raise failures to write the file `path` as ExportError."""
+    try:
+        yield
+    except OSError as error:
+        raise ExportError(f"cannot write {os.fspath(path)!r}: {error}") from error
 
 
 class ArgumentError(TisceneError, ValueError):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tiscene.errors import ExportError
-
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Write a file beside its place and move it there, so that it never exists in part. Makes the folder."""
@@ -17,11 +15,3 @@ def write_atomically(path: Path, data: bytes) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def write_file(path: str | Path, data: bytes) -> None:
-    """The same for a file on its own. Raises ExportError if it cannot be written."""
-    try:
-        write_atomically(Path(path), data)
-    except OSError as error:
-        raise ExportError(f"cannot write {str(path)!r}: {error}") from error

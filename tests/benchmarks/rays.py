@@ -16,10 +16,10 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tests.benchmarks.room import room, still
-from tiscene.camera import Camera
 from tiscene.device.memory import upload
 from tiscene.render.intersect import trace
 from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import RectLight, SceneDescription
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement

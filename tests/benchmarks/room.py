@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Material, Mesh, RectLight, SceneDescription, SceneObject
 from tiscene.scene.placement import Placement
 

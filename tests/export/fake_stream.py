@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from tiscene.camera import Camera
 from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import AOVS
 from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.frame.object_table import ObjectTable, OrientedBox
+from tiscene.scene.camera import Camera
 
 CHAIR = SimpleNamespace(
     id=3,

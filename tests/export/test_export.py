@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.export.fake_stream import FakeStream
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import EXPORTERS, SUMMARIES, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest
 from tiscene.frame.frame import FrameCamera
+from tiscene.scene.camera import Camera
 
 
 def contents(folder):

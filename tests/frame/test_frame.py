@@ -4,9 +4,9 @@ import pickle
 import numpy as np
 import pytest
 
-from tiscene.camera import Camera
 from tiscene.errors import BufferNotFound
 from tiscene.frame.frame import Frame, FrameCamera
+from tiscene.scene.camera import Camera
 
 CAMERA = Camera.look_at((1.0, 2.0, 3.0), (0.0, 0.5, 0.0), vertical_fov=1.0)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.usd.helpers import write
-from tiscene.camera import Camera
 from tiscene.randomization.free_space import FreeSpace
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.read.stage_reader import read_stage
 

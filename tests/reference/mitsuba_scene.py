@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import (
     CylinderLight,
     DiskLight,

@@ -7,9 +7,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from tests.benchmarks.room import still
-from tiscene.camera import Camera
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Light, Material, Mesh, SceneDescription, SceneObject, Texture
 from tiscene.scene.device_scene import DeviceScene
 

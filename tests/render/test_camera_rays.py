@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tests.reference.chi_square import LEAST, chi_square
-from tiscene.camera import Camera
 from tiscene.device.memory import upload
 from tiscene.render.integrators.path import wavefront_kernels
 from tiscene.render.integrators.path.path_state import PathState
@@ -14,6 +13,7 @@ from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
 from tiscene.render.sampling.pixel_filter import PIXEL_FILTERS, pixel_filter
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 
 SIZE = 256
 CAMERA = Camera.look_at((0.3, 1.0, 2.0), (0.0, 0.2, -1.0), vertical_fov=0.6)

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
 from tiscene.render.intersect.surface_interaction import FLOATS_2D
 from tiscene.render.view import View, camera_ray, project
+from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT
 
 CAMERA = Camera.look_at((1.0, 2.0, 3.0), (-0.5, 0.2, 0.1), vertical_fov=0.9)

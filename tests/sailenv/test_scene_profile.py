@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.world.test_world import UNIT_CUBE
-from tiscene.camera import Camera
 from tiscene.sailenv.scene_profile import CameraTrack, _start
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, SceneDescription, SceneObject
 
 DOWN = Camera.look_at((0.0, 3.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), focus_distance=3.0)

@@ -21,7 +21,7 @@ from tests.sailenv import client as wire
 from tests.sailenv.client import ALL, FLOW, MAIN, OBJECT, Client, text
 from tests.sailenv.conftest import SCENE
 from tests.sailenv.served import Served, served
-from tiscene.cli.parser import main
+from tiscene.cli.main import main
 from tiscene.sailenv import (
     AllTogetherTimings,
     CatmullWaypoints,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tiscene.camera import Camera
 from tiscene.sailenv.unity_coordinates import euler_of, flow_of, mirrored, mirrored_euler, quaternion_of
+from tiscene.scene.camera import Camera
 
 ANGLES = [(0, 0, 0), (18, -12, 0), (22, 144, 0), (-35, 250, 70), (180 - 30, 10, 180), (89.9, 33, -5)]
 MIRROR = np.diag([1.0, 1.0, -1.0])

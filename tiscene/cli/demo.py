@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import AllTogether, CatmullWaypoints, Waypoint
-from tiscene.camera import Camera
 from tiscene.cli.terminal import note, progress
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.animated_image import write_animation
@@ -22,6 +21,7 @@ from tiscene.frame.buffers import AOVS
 from tiscene.frame.frame import Frame
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera
 from tiscene.stream.stream import Stream
 
 SCENE = "room_02"

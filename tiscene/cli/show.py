@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from tiscene import catalog
-from tiscene.camera import Camera
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import DistantLight, Light, SceneDescription
 from tiscene.usd.read.stage_reader import read_stage
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tiscene.errors import ArgumentError
-from tiscene.files import write_file
+from tiscene.errors import ArgumentError, export_errors
+from tiscene.files import write_atomically
 
 OPTIONS: dict[str, dict[str, Any]] = {
     ".webp": {"format": "webp", "quality": 82, "method": 4},
@@ -36,4 +36,5 @@ def write_animation(path: str | Path, images: Sequence[NDArray[np.uint8]], fps: 
     data = io.BytesIO()
     options = OPTIONS[path.suffix.lower()]
     first.save(data, save_all=True, append_images=rest, duration=round(1000.0 / fps), loop=0, **options)
-    write_file(path, data.getvalue())
+    with export_errors(path):
+        write_atomically(Path(path), data.getvalue())

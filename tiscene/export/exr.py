@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.color import decode_srgb
+from tiscene.scene.color import decode_srgb
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame

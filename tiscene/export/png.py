@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tiscene.errors import ExportError
-from tiscene.files import write_file
+from tiscene.errors import ExportError, export_errors
+from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
@@ -59,7 +59,8 @@ def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
 
 def write_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
     """Write one picture, uint8 [h, w, 3]. Raises ExportError if it cannot be written."""
-    write_file(path, _png(pixels))
+    with export_errors(path):
+        write_atomically(Path(path), _png(pixels))
 
 
 def _png(pixels: NDArray[Any]) -> bytes:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tiscene.color import encode_srgb
+from tiscene.scene.color import encode_srgb
 
 Pixels = NDArray[np.uint8]
 Limits = tuple[float, float]

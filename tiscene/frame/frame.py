@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera, Quaternion, Vector3
 from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import AOVS
 from tiscene.frame.events import Event
 from tiscene.frame.object_table import ObjectTable
+from tiscene.scene.camera import Camera, Quaternion, Vector3
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from typing import Any, Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Quaternion, Vector3, matrix_from_quaternion
 from tiscene.errors import ObjectNotFound
+from tiscene.scene.camera import Quaternion, Vector3, matrix_from_quaternion
 
 Box = tuple[float, float, float, float]
 

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
 from tiscene.device import runtime
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.assembly import bounding_box
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from dynamics import CatmullWaypoints, LinearWaypoints, Waypoint
 from dynamics.dynamic import LENGTH_STEPS, Pose
 from tiscene import catalog
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.ranges import Difficulty
+from tiscene.scene.camera import Camera
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.template import read_template
 

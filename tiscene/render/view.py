@@ -11,8 +11,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
+from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 VIEW_COLUMNS = 19

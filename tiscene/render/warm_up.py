@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from tiscene.camera import Camera
 from tiscene.frame.buffers import COLORS, times_needed
 from tiscene.render.film.postprocess import Cleaner
 from tiscene.render.film.tone_map import tone_map
@@ -14,6 +13,7 @@ from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.renderer import GUIDES, Quality
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement

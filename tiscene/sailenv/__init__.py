@@ -9,13 +9,22 @@ better, and what differs.
 
 ::
 
-    agent, scenario, utilities, manager    SAILenv's classes
-        modules                            by its module names
-    server, connection, wire               its protocol
-    environment                            the world that both show
-        viewer, views, place               an agent in it, what it sees, where it begins
-        lights, uploads                    what agents may change and bring
-        description, names, space          SAILenv's JSON, names and axes in tiscene's
+    agent               Agent
+    scenario_classes    Scenario, Object, waypoints, timings
+    manager             SAILenvManager
+    utilities           draw_flow_map
+    module_aliases      `import sailenv`
+    server, connection  TCP server
+    wire_format         bytes of the protocol
+    environment         the world that agents share
+    agent_camera        one agent's camera and state
+    frame_views         views of a frame in SAILenv's types
+    scene_profile       start poses, camera track, category numbers
+    light_controls      lights by SAILenv's names
+    uploaded_models     models sent by agents
+    json_messages       SAILenv's JSON to scenarios
+    asset_names         names of scenes and templates
+    unity_coordinates   left-handed coordinates; the only module that knows them
 """
 
 from __future__ import annotations
@@ -25,20 +34,20 @@ from typing import Any
 
 _HOME = {
     "Agent": "agent",
-    "AllTogetherTimings": "scenario",
-    "CatmullWaypoints": "scenario",
-    "DictTimings": "scenario",
-    "Dynamic": "scenario",
+    "AllTogetherTimings": "scenario_classes",
+    "CatmullWaypoints": "scenario_classes",
+    "DictTimings": "scenario_classes",
+    "Dynamic": "scenario_classes",
     "FrameFlags": "agent",
-    "Frustum": "scenario",
-    "LinearWaypoints": "scenario",
-    "Object": "scenario",
-    "Scenario": "scenario",
-    "Timings": "scenario",
-    "UniformMovementRandomBounce": "scenario",
-    "Vector3": "scenario",
-    "WaitUntilCompleteTimings": "scenario",
-    "Waypoint": "scenario",
+    "Frustum": "scenario_classes",
+    "LinearWaypoints": "scenario_classes",
+    "Object": "scenario_classes",
+    "Scenario": "scenario_classes",
+    "Timings": "scenario_classes",
+    "UniformMovementRandomBounce": "scenario_classes",
+    "Vector3": "scenario_classes",
+    "WaitUntilCompleteTimings": "scenario_classes",
+    "Waypoint": "scenario_classes",
 }
 __all__ = sorted(_HOME)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tiscene.camera import Camera, Vector3
 from tiscene.sailenv.light_controls import Color8
+from tiscene.scene.camera import Camera, Vector3
 
 
 @dataclass(eq=False)

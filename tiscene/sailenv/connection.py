@@ -6,17 +6,15 @@ import asyncio
 import json
 import logging
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from tiscene.errors import TisceneError
 from tiscene.sailenv import wire_format
 from tiscene.sailenv.agent_camera import Viewer
+from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.uploaded_models import MAX_BYTES
 from tiscene.sailenv.wire_format import Command, ProtocolError, Reader, float_bytes, int_bytes, text_bytes, texts_bytes
-
-if TYPE_CHECKING:
-    from tiscene.sailenv.server import Server
 
 log = logging.getLogger("tiscene.sailenv")
 # Clients of before 2021 end a spawn two bytes earlier or one: when those are this late, they will not come.
@@ -24,10 +22,22 @@ OLD_CLIENT_AFTER = 2.0
 Result = TypeVar("Result")
 
 
+class FrameServer(Protocol):
+    """What a connection needs of its server."""
+
+    environment: Environment
+
+    async def do(self, act: Callable[..., Result], *arguments: Any) -> Result:
+        """Run `act` on the thread that owns the environment and return its result."""
+
+    async def frame(self, viewer: Viewer, wanted: list[str]) -> tuple[dict[str, Any], float]:
+        """Render an agent's next frame: its views by name, and its time (s)."""
+
+
 class Connection:
     """One connection."""
 
-    def __init__(self, server: Server, reader: Reader, writer: asyncio.StreamWriter) -> None:
+    def __init__(self, server: FrameServer, reader: Reader, writer: asyncio.StreamWriter) -> None:
         self.viewer: Viewer | None = None
         self._server = server
         self._environment = server.environment

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import tiscene.scenario.objects as native_objects
 import tiscene.scenario.scenario as native
-from tiscene.camera import Camera, Vector3
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError, ScenarioError, TisceneError
 from tiscene.render.film.tone_map import radiance_shown_as
@@ -33,6 +33,7 @@ from tiscene.sailenv.light_controls import Color8, Lights, clipped, linear, whol
 from tiscene.sailenv.scene_profile import Place
 from tiscene.sailenv.unity_coordinates import euler_of, mirrored, mirrored_euler, quaternion_of
 from tiscene.sailenv.uploaded_models import Uploads
+from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.description import Light
 from tiscene.stream.stream import Stream
 from tiscene.validation import integer, positive
@@ -77,7 +78,7 @@ class Environment:
         self._ambient: Color8 = (0, 0, 0)
         self._changed = 0  # the frame since which nothing was done to the world
         self._seen: dict[Any, dict[str, NDArray[Any]]] = {}  # what was rendered of the current frame, by view
-        self._walls: tuple[Viewer, native.Frustum] | None = None  # whose view has walls, and what kind
+        self._walls: tuple[Viewer, native_objects.Frustum] | None = None  # whose view has walls, and what kind
         self._walls_camera: Camera | None = None  # where they are
         self._next_id = 0
 
@@ -275,7 +276,7 @@ class Environment:
     def enclose(self, viewer: Viewer) -> None:
         """Walls at the sides of an agent's view, up to its far plane; they go where it goes."""
         self._world()
-        self._walls, self._walls_camera = (viewer, native.Frustum()), None
+        self._walls, self._walls_camera = (viewer, native_objects.Frustum()), None
         self._acted(viewer)
 
     def close(self) -> None:

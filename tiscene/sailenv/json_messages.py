@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from typing import Any
 
 import dynamics
-import tiscene.scenario.scenario as native
-from tiscene.camera import Vector3
+import tiscene.scenario.objects as native_objects
 from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
+from tiscene.scene.camera import Vector3
 
 FARTHEST = 1e6  # m, and degrees
 ALL_TOGETHER = {"type": "all_together", "description": {"wait_time": 0.0}}
@@ -65,22 +65,22 @@ def timings_of(content: Any, ids: Sequence[str], there: Collection[str]) -> dyna
         raise ScenarioError(f"type {content.get('type')!r}: must be all_together, wait_until_complete or dict")
 
 
-def frustum_of(content: Any) -> native.Frustum | None:
+def frustum_of(content: Any) -> native_objects.Frustum | None:
     """The walls of a view, None for none. Raises ScenarioError."""
     if not isinstance(content, Mapping):
-        return native.Frustum() if content else None
+        return native_objects.Frustum() if content else None
     if not content.get("spawn", True):
         return None
     with _said("frustum"):
         far = float(content.get("far_clip_plane", -1.0))
-        return native.Frustum(far if far > 0.0 else -1.0)
+        return native_objects.Frustum(far if far > 0.0 else -1.0)
 
 
-def object_of(content: Mapping[str, Any], id: str) -> native.Object:
+def object_of(content: Mapping[str, Any], id: str) -> native_objects.Object:
     """One object. id: its name, unique in the scenario. Raises ScenarioError."""
     with _said(f"object {id!r}"):
         dynamic = content.get("dynamic")
-        return native.Object(
+        return native_objects.Object(
             id,
             str(content.get("prefab")),
             mirrored(bounded(vector(content.get("position", (0.0, 0.0, 0.0))))),

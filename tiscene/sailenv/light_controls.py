@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Vector3
-from tiscene.color import decode_srgb, encode_srgb
 from tiscene.errors import ArgumentError, LightNotFound
 from tiscene.sailenv.json_messages import bounded
 from tiscene.sailenv.unity_coordinates import mirrored
+from tiscene.scene.camera import Vector3
+from tiscene.scene.color import decode_srgb, encode_srgb
 from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight
 from tiscene.scene.lights.light_groups import shine, shining
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from dynamics import Body, CatmullWaypoints, Dynamic, Simulation, Waypoint
-from tiscene.camera import Camera, Quaternion, Vector3
 from tiscene.sailenv import asset_names, frame_views
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera, Quaternion, Vector3
 from tiscene.scene.description import SceneDescription
 from tiscene.stream.stream import Stream
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion_from_euler
-from tiscene.camera import Quaternion, Vector3
+from tiscene.scene.camera import Quaternion, Vector3
 
 
 def mirrored(vector: Vector3) -> Vector3:

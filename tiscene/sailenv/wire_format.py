@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Vector3
+from tiscene.scene.camera import Vector3
 
 MAX_TEXT, MAX_JSON = 4096, 16 << 20  # bytes
 PATIENCE = 60.0  # s for the rest of a message that has begun

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from dynamics import Still, argument_checks
-from tiscene.camera import Camera, Vector3
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scenario.objects import Frustum, Object
+from tiscene.scene.camera import Camera, Vector3
 
 
 @dataclass(frozen=True)

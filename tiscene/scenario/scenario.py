@@ -24,12 +24,13 @@ from typing import Any
 import dynamics
 from dynamics import AllTogether, Still, Timing, argument_checks
 from tiscene import catalog
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn, StageLife
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, check_dynamic
+from tiscene.scenario.providers import provider
+from tiscene.scene.camera import Camera
 
 FORMAT, VERSION = "tiscene.scenario", 1
 
@@ -106,9 +107,7 @@ class Scenario:
         camera: what watches; where it stands at the start says what is in view.
         Raises ArgumentError for ranges that contradict themselves, ScenarioError for what does not fit in the scene.
         """
-        from tiscene.randomization.sampler import sample
-
-        content = sample(scene, seed=seed, camera=camera, **ranges)
+        content = provider("sample")(scene, seed=seed, camera=camera, **ranges)
         return replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
 
     def to_json(self) -> dict[str, Any]:
@@ -143,9 +142,7 @@ class Scenario:
         if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
             suffixes = ", ".join((".json", *catalog.LAYER_SUFFIXES))
             raise ArgumentError(f"path={str(path)!r}: a scenario is saved as a file that ends in {suffixes}")
-        from tiscene.usd.scenario.write import write_scenario
-
-        write_scenario(content, path)
+        provider("write_usd")(content, path)
 
     @classmethod
     def load(
@@ -164,10 +161,8 @@ class Scenario:
             return cls._load_json(Path(source))
         if still:
             return cls(os.fspath(source))
-        from tiscene.usd.scenario.read import read_scenario
-
         file = catalog.find_scene(source)
-        authored = read_scenario(file, variants=variants)
+        authored = provider("read_usd")(file, variants=variants)
         content = {"format": FORMAT, "version": VERSION, "scene": os.fspath(source)} | authored.content
         try:
             return cls.from_json(content)

@@ -16,8 +16,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tiscene.errors import ExportError, ScenarioError
-from tiscene.files import write_file
+from tiscene.errors import ExportError, ScenarioError, export_errors
+from tiscene.files import write_atomically
 
 Classes = Mapping[str, type]
 LINE_LENGTH = 110
@@ -75,7 +75,8 @@ def write(path: Path, value: Any) -> None:
     """The same into a file, whole or not at all. Raises ExportError."""
     if not path.parent.is_dir():
         raise ExportError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
-    write_file(path, dumps(value).encode())
+    with export_errors(path):
+        write_atomically(path, dumps(value).encode())
 
 
 def loads(text: str) -> Any:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Vector3
 from tiscene.scene.animation import polar
+from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Matrix, SceneDescription, SceneObject, mesh_boxes
 
 # m: how thick a flat object's box counts, so that the way into it can be turned round.

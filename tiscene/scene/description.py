@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera, Vector3
 from tiscene.errors import CameraNotFound
 from tiscene.scene.animation import Deformation, Track
+from tiscene.scene.camera import Camera, Vector3
 
 FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int32]

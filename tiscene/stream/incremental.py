@@ -7,8 +7,8 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
 from tiscene.render.integrators.incremental.base_image_cache import digest_of
+from tiscene.scene.camera import Camera
 from tiscene.scene.lights.light_groups import LightGroups
 from tiscene.world.world import World
 

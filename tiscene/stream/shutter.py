@@ -8,9 +8,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from tiscene.camera import Camera
 from tiscene.render.renderer import Moment
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.world.world import World
 
 # Placing everything takes as long as some paths; more moments than these are not told apart.

@@ -13,12 +13,10 @@ from fractions import Fraction
 from typing import Any, overload
 
 from tiscene import catalog
-from tiscene.camera import Camera
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import COLORS, buffer_names
 from tiscene.frame.frame import Frame, FrameCamera
-from tiscene.progress import Waiting
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.integrators.incremental.base_image import Report
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES
@@ -26,12 +24,14 @@ from tiscene.render.renderer import Quality, Renderer, quality_named
 from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, Template
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 from tiscene.stream.frame_slice import FrameRange
 from tiscene.stream.incremental import is_fixed, moving, pays
 from tiscene.stream.loading import load
+from tiscene.stream.progress import Waiting
 from tiscene.stream.shutter import moments
 from tiscene.usd.core.layers import scene_digests
 from tiscene.usd.read.template import read_template

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from dynamics.rotation import matrix_from_quaternion
-from tiscene.camera import Camera
 from tiscene.frame.events import Event
 from tiscene.scenario.edits import Life
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.world.frustum_test import in_view
 from tiscene.world.object_registry import WorldObject

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 
 Array = NDArray[np.float64]
 _AFAR = 1e6  # heights of what an orthographic camera sees

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import quaternion_from_matrix
 from tiscene.errors import LightNotFound, StageWarning
 from tiscene.scenario.light_motion import Color, LightMotion
+from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Light, SceneDescription
 from tiscene.scene.lights.light_groups import LightGroups, shine, shining
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Quaternion, Vector3
 from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import Life
 from tiscene.scenario.objects import Object
 from tiscene.scene.animation import Track, quaternions
 from tiscene.scene.assembly import Parts, bounding_box, box_matrices, corners, joined, rigid
+from tiscene.scene.camera import Quaternion, Vector3
 from tiscene.scene.description import Light, SceneDescription, Template, mesh_boxes
 from tiscene.world.animation import Tracks, box_over_time, changing, scaled
 from tiscene.world.lights import Carried

@@ -32,11 +32,11 @@ from dynamics.clocks import exact
 from dynamics.collision_free import all_free
 from dynamics.obstacles import Obstacles, placed
 from dynamics.rotation import quaternion
-from tiscene.camera import Camera
 from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, SceneDescription
 
 Array = NDArray[np.float64]

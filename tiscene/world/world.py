@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from dynamics import Dynamic
 from dynamics.rotation import matrix_from_quaternion
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
 from tiscene.frame.events import Event
 from tiscene.scenario.edits import Despawn, Edit, Enclose, Move, Spawn
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.lights.light_groups import LightGroups
 from tiscene.scene.placement import Placement

@@ -9,12 +9,12 @@ import pytest
 import trimesh
 
 from tests.render.label_scenes import ALL_TIMES, Stage, Thing, crowd, mesh_of, placement_of, plate, pose, still
-from tiscene.camera import Camera
 from tiscene.errors import ObjectNotFound
 from tiscene.frame.object_table import ObjectTable
 from tiscene.render.annotations.amodal_masks import MAX_SAMPLES, PixelCounter
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 
 SIZE = 200
 VIEW = still(Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5), near=0.1), SIZE, SIZE)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tests.render.path_scenes import described, device_scene, matte, quad, towards
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
 from tiscene.render.film.adaptive import DARKEST, FIRST_NET, AdaptiveImage, estimated_error, render_to_error
 from tiscene.render.film.tone_map import LUMINANCE
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import DomeLight, RectLight
 
 WIDTH, HEIGHT = 48, 32

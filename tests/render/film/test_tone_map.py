@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tiscene.color import encode_srgb
 from tiscene.render.film.tone_map import GREY, INSET, OUTSET, curve, meter, radiance_shown_as, tone_map
+from tiscene.scene.color import encode_srgb
 
 HUES = [(1, 1, 1), (1, 0.02, 0.02), (0.02, 1, 0.02), (0.02, 0.02, 1), (1, 0.5, 0.02), (0.02, 0.5, 1), (1, 0.02, 0.6)]
 

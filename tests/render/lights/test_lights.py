@@ -8,7 +8,7 @@ import pytest
 from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, render
 from tests.render.shading import Illumination
-from tiscene.camera import quaternion_from_matrix
+from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import (
     CylinderLight,
     DiskLight,

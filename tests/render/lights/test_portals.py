@@ -9,7 +9,7 @@ from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_squar
 from tests.render.lights.test_lights import BRIGHT, SKY, placed
 from tests.render.path_scenes import described, device_scene, matte, quad, render
 from tests.render.shading import Illumination
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import DomeLight, Portal, SceneDescription, Texture
 
 COUNT = 100_000

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.render.path_scenes import described, device_scene, matte, quad
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.sampling.pixel_filter import PIXEL_FILTERS, pixel_filter
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import DomeLight
 
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from tests.render.path_scenes import described, device_scene, matte, quad, towards
-from tiscene.camera import Camera
 from tiscene.render.film.tone_map import LUMINANCE
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import RectLight
 
 SIZE, SEEDS = 48, 24

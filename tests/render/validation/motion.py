@@ -16,9 +16,9 @@ from tests.reference import mitsuba_scene
 from tests.render.path_scenes import described, matte, quad
 from tests.render.validation.compare import RUNS, SIZE, SPP, Agreement, Pictures, agreement
 from tests.render.validation.stages import CAMERA
-from tiscene.camera import Camera
 from tiscene.render.renderer import Quality, Renderer
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, SphereLight, Template
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.stream.shutter import moments

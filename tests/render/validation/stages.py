@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from tests.render.path_scenes import WHITE, ball, box, described, matte, quad, towards
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import (
     CylinderLight,
     DiskLight,

@@ -16,13 +16,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera, quaternion_from_matrix
 from tiscene.frame.object_table import Alone, Measured, ObjectState, ObjectTable, OrientedBox
 from tiscene.render.annotations.amodal_masks import PartInView, PixelCounter
 from tiscene.render.annotations.measurement_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT, WORLD, measure_extents
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.animation import polar
+from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 

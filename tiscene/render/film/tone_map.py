@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.color import decode_srgb, encode_srgb
+from tiscene.scene.color import decode_srgb, encode_srgb
 
 vec3 = ti.math.vec3
 LUMINANCE = (0.2126, 0.7152, 0.0722)

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.color import decode_srgb
+from tiscene.scene.color import decode_srgb
 from tiscene.scene.description import Texture
 
 SMALLEST_SIZE = 64  # what is smaller stays in a cache as it is

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from tiscene.camera import matrix_from_quaternion, quaternion_from_matrix
 from tiscene.scene.assembly import rigid
+from tiscene.scene.camera import matrix_from_quaternion, quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import fault, to_matrix, unmirrored
 from tiscene.usd.core.units import Units

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdShade
 
-from tiscene.color import decode_srgb
+from tiscene.scene.color import decode_srgb
 
 Color = tuple[float, float, float]
 

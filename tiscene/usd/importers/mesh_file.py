@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tiscene.color import decode_srgb
 from tiscene.errors import StageError, StageWarning
+from tiscene.scene.color import decode_srgb
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import unique_rows
 from tiscene.usd.importers import gltf

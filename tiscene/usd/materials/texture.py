@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdShade
 
-from tiscene.color import decode_srgb, encode_srgb
+from tiscene.scene.color import decode_srgb, encode_srgb
 from tiscene.scene.description import FloatArray, Texture
 from tiscene.usd.core.package import split_package
 from tiscene.usd.core.report import Report

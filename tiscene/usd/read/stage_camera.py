@@ -7,8 +7,8 @@ from typing import Any
 
 from pxr import Usd, UsdGeom
 
-from tiscene.camera import Camera, quaternion_from_matrix
 from tiscene.errors import ArgumentError
+from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import Report
 from tiscene.usd.core.transform import unmirrored, unscaled

@@ -24,7 +24,7 @@ from tiscene.usd.core.limits import Limits
 
 _PROGRAM = "import sys; from tiscene.usd.read.subprocess_worker import read_here; read_here(*sys.argv[1:])"
 # What a result may be made of. Whatever else a pickle names is refused: the process that wrote it is not trusted.
-_MODULES = ("tiscene.scene.description", "tiscene.scene.animation", "tiscene.camera")
+_MODULES = ("tiscene.scene.description", "tiscene.scene.animation", "tiscene.scene.camera")
 _NAMES = {
     ("numpy", "ndarray"),
     ("numpy", "dtype"),

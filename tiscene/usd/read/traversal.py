@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.usd.core.report import Report
 from tiscene.usd.core.semantics import (

@@ -6,28 +6,60 @@ import itertools
 import operator
 import os
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
-from tiscene.camera import quaternion_from_matrix
 from tiscene.errors import ArgumentError
+from tiscene.scene.camera import Camera, Quaternion, Vector3, quaternion_from_matrix
+from tiscene.scene.description import Light, SceneDescription
 from tiscene.usd.core import schema
 from tiscene.usd.core.pose import PoseOperations, placed, pose_operations, read_pose
 from tiscene.usd.core.stage import quiet, readable, reading_time
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.light_time_samples import emitted, write_emission
 
-if TYPE_CHECKING:
-    from tiscene.world.object_registry import WorldObject
-    from tiscene.world.world import World
-
 Array = NDArray[np.float64]
 
 
-def write_motion(world: World, path: str | os.PathLike[str], frames: int | Iterable[int]) -> None:
+class Posed(Protocol):
+    """An object at one frame: rows of `World.objects`."""
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def prim_path(self) -> str: ...
+    @property
+    def position(self) -> Vector3: ...
+    @property
+    def rotation(self) -> Quaternion: ...
+
+
+class Motion(Protocol):
+    """What is written of a world: its scenario, and where everything is at each frame."""
+
+    @property
+    def scenario(self) -> Any:
+        """A Scenario."""
+
+    @property
+    def stage(self) -> SceneDescription: ...
+    @property
+    def fps(self) -> float: ...
+    @property
+    def cameras(self) -> Sequence[Camera]: ...
+    @property
+    def at_first(self) -> Sequence[Posed]: ...
+    def objects(self, frame: int) -> Sequence[Posed]: ...
+    def lights(self, frame: int) -> Sequence[Light]: ...
+    def view(self, frame: int, camera: int = 0) -> tuple[Camera, Camera, Camera]: ...
+
+
+def write_motion(world: Motion, path: str | os.PathLike[str], frames: int | Iterable[int]) -> None:
     """Write where everything is at some frames of a world as a layer (.usda, .usdc, .usd) over its scene.
 
     frames: how many, from 0 on; or their numbers. Time code k is frame k, and the stage plays fps of them a second.
@@ -47,7 +79,7 @@ def write_motion(world: World, path: str | os.PathLike[str], frames: int | Itera
         over.export(path)
 
 
-def _write_objects(over: OverLayer, world: World, frames: Sequence[int]) -> None:
+def _write_objects(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
     standing = len(world.stage.objects)
     asked = {life.planned.id: life.planned for life in world.scenario.lives()}
     poses: dict[str, dict[int, Array]] = {}
@@ -80,7 +112,7 @@ def _play_samples(prim: Usd.Prim) -> None:
         prim.CreateAttribute(f"tiscene:object:{name}", boolean, False, Sdf.VariabilityUniform).Set(False)
 
 
-def _write_things(over: OverLayer, world: World, frames: Sequence[int]) -> None:
+def _write_things(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
     """Where things of the stage are that edits have moved or taken away."""
     at_first = {row.prim_path: row for row in world.at_first}
     for path in world.scenario.stage_lives():
@@ -95,7 +127,7 @@ def _write_things(over: OverLayer, world: World, frames: Sequence[int]) -> None:
             _write_visibility(prim, [frame in moved for frame in frames], frames)
 
 
-def _write_lights(over: OverLayer, world: World, frames: Sequence[int]) -> None:
+def _write_lights(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
     """Lights with motions: their poses, and what they emit."""
     first = {light.prim_path: light for light in world.stage.lights}
     if not world.scenario.lights:
@@ -136,7 +168,7 @@ def _write_moved(over: OverLayer, path: str, moved: dict[int, Array]) -> Usd.Pri
     return prim
 
 
-def _placed(row: WorldObject) -> Array:
+def _placed(row: Posed) -> Array:
     return placed(row.position, row.rotation)
 
 
@@ -145,7 +177,7 @@ def _between(start: Array, now: Array) -> Array:
     return np.eye(4) if np.array_equal(start, now) else now @ np.linalg.inv(start)
 
 
-def _write_cameras(over: OverLayer, world: World, frames: Sequence[int]) -> None:
+def _write_cameras(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
     """The cameras that watch: new ones, unless they are the stage's and stand still."""
     paths = []
     on_stage = {prim.GetName(): prim for prim in over.stage.Traverse() if prim.IsA(UsdGeom.Camera)}
@@ -159,7 +191,7 @@ def _write_cameras(over: OverLayer, world: World, frames: Sequence[int]) -> None
         views = [world.view(frame, row)[1] for frame in frames]
         poses = [np.array([*view.position, *view.rotation]) for view in views]
         _write_poses(operations, dict(zip(frames, poses, strict=True)), over)
-    if len(paths) > 1 or world.camera.dynamic is not None or world.camera not in world.stage.cameras:
+    if len(paths) > 1 or world.cameras[0].dynamic is not None or world.cameras[0] not in world.stage.cameras:
         root = over.stage.GetPrimAtPath(over.root)
         root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
 

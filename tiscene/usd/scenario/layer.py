@@ -11,8 +11,8 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 
 from tiscene import catalog
-from tiscene.camera import Camera
 from tiscene.errors import ArgumentError, ExportError
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.core.semantics import spaced

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from tiscene.camera import quaternion_from_matrix
+from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Color, DistantLight, Light
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import MOST_TIMES, sample_times

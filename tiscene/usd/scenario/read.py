@@ -15,7 +15,7 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom
 
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import read_keyframes, read_life
 from tiscene.usd.core.pose import Pose, agrees, read_pose

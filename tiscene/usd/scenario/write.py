@@ -9,8 +9,8 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from tiscene.camera import Camera
 from tiscene.errors import CameraNotFound
+from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.pose import unit_rotation
 from tiscene.usd.core.report import Report

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tests.benchmarks.room import still
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, described, matte, quad, towards
-from tiscene.camera import Camera
 from tiscene.device.memory import upload
 from tiscene.render.integrators.incremental import path_cache
 from tiscene.render.integrators.incremental.base_lights import BaseLights
@@ -23,6 +22,7 @@ from tiscene.render.integrators.incremental.path_cache import BLOCK
 from tiscene.render.integrators.incremental.path_recording import light_column
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import DistantLight, DomeLight, Light, Material, RectLight, SphereLight
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.lights.light_groups import LightGroups, shine, shining

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.render.label_scenes import Stage, Thing, crowd, plate, pose, still
-from tiscene.camera import Camera
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Material
 
 WIDTH, HEIGHT, FOCAL = 40, 30, 50.0

@@ -8,11 +8,11 @@ import trimesh
 
 from tests.render.label_scenes import ALL_TIMES, Stage, Thing, mesh_of, plate, pose, still
 from tests.render.tracing import described, placed, rays_of, scene_of, shape, trace_rays
-from tiscene.camera import Camera
 from tiscene.frame.buffers import LABELS
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.animation import Deformation
+from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 

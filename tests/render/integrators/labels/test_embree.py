@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from tests.render.label_scenes import Stage, crowd, still
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT
 
 WIDTH, HEIGHT = 256, 192

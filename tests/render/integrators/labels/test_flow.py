@@ -8,9 +8,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from tests.render.label_scenes import Stage, Thing, crowd, mesh_of, pose, still
-from tiscene.camera import Camera
 from tiscene.render.integrators.labels.label_pass import instance_motion
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 WIDTH, HEIGHT = 160, 120

@@ -11,12 +11,12 @@ import trimesh
 
 from tests.render.label_scenes import Stage, Thing, crowd, mesh_of, plate, pose, still
 from tests.render.tracing import described, mesh, placed
-from tiscene.camera import Camera
 from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import AOVS, LABELS
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
 from tiscene.render.intersect.ray_queue import tiled_order
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Material, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
 
@@ -241,7 +241,7 @@ import hashlib, json, sys, warnings
 from tiscene.device import runtime
 runtime.start(threads=int(sys.argv[1]))
 from tests.render.label_scenes import crowd
-from tiscene.camera import Camera
+from tiscene.scene.camera import Camera
 from tiscene.render.aovs import LABELS
 from tiscene.render.view import View
 camera = Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0))

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.render.label_scenes import Stage, Thing, plate, pose, still
-from tiscene.camera import Camera
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 
 WIDTH, HEIGHT = 160, 120
 FOCAL = 100.0

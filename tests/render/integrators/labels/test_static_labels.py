@@ -9,10 +9,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from tests.render.label_scenes import ALL_TIMES, Stage, Thing, mesh_of, placement_of, plate, pose, still
-from tiscene.camera import Camera
 from tiscene.frame.buffers import LABELS
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Material, Texture, TextureLookup
 from tiscene.scene.placement import Placement
 

@@ -23,10 +23,10 @@ from tests.render.path_scenes import (
     render,
     towards,
 )
-from tiscene.camera import Camera, matrix_from_quaternion
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera, matrix_from_quaternion
 from tiscene.scene.description import (
     DistantLight,
     DomeLight,

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.camera import Camera
 from tiscene.render.integrators.labels.coverage import Samples
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 

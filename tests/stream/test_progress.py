@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tiscene import progress
+from tiscene.stream import progress
 
 
 class Terminal(io.StringIO):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tiscene.camera import Camera, matrix_from_quaternion, quaternion_from_matrix
 from tiscene.errors import ArgumentError
+from tiscene.scene.camera import Camera, matrix_from_quaternion, quaternion_from_matrix
 
 
 def random_quaternions(count: int) -> np.ndarray:

@@ -1,8 +1,7 @@
-"""Frames into files.
+"""Write frames into a folder, with a manifest by which an interrupted export continues.
 
-`export` writes frames of a stream into a folder, one format at a time, beside a manifest by which an interrupted run
-goes on. A format is one file here with a function `encode(frame) -> {file name: contents}`, and one line in EXPORTERS.
-What several cameras see is written into a folder for each, called as the camera.
+A format is a module of this package with `encode(frame) -> {file name: contents}` and a line in EXPORTERS. Views of
+several cameras are written into one folder per camera.
 """
 
 from __future__ import annotations
@@ -35,8 +34,6 @@ SUMMARIES: Mapping[str, tuple[Sequence[str], Callable[[Stream, Manifest], dict[s
 }
 # What a format cannot do without.
 NEEDED: Mapping[str, Sequence[str]] = {"cryptomatte": cryptomatte.BUFFERS, "sailenv": sailenv_layout.BUFFERS}
-
-__all__ = ["EXPORTERS", "NEEDED", "Manifest", "export", "made_by"]
 
 
 def export(

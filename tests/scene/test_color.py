@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tiscene.color import decode_srgb, encode_srgb
+from tiscene.scene.color import decode_srgb, encode_srgb
 
 
 def test_known_values():
