@@ -9,7 +9,7 @@ Trajectories and timings are plain frozen data; a `Simulation` turns them into p
     corners = [dynamics.Waypoint((0, 1, 0)), dynamics.Waypoint((2, 1, 0), (0, 90, 0)), dynamics.Waypoint((1, 2, 2))]
     loop = dynamics.CatmullWaypoints(corners, total_time=6.0)
     simulation = dynamics.Simulation([dynamics.Body(loop)], dynamics.AllTogether(wait_time=0.5))
-    poses = simulation.poses(2.25)  # float64 [1, 7]: position in metres, unit quaternion (w, x, y, z)
+    poses = simulation.poses(2.25)  # float64 [1, 7]: position in meters, unit quaternion (w, x, y, z)
 
 Bodies that collide, with triangles that stand still, with each other and with walls, are stepped instead, frame by
 frame: a `SteppedSimulation` of `Mover`s.
@@ -41,7 +41,7 @@ frame: a `SteppedSimulation` of `Mover`s.
     rotation, random      quaternions; counter-based random numbers
     argument_checks       validation of arguments
 
-Whoever uses the package alone starts Taichi, as above. Metres, seconds, radians; Euler angles, where a class accepts
+Whoever uses the package alone starts Taichi, as above. Meters, seconds, radians; Euler angles, where a class accepts
 them, are degrees (see `dynamics.rotation`). Right-handed axes.
 """
 
@@ -52,7 +52,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynamics.bodies import Body
 from dynamics.closed_form import Composite, Keyframes, LookAt, Orbit, Still
-from dynamics.colliding_bodies import Contact, Moment, Move, Mover
+from dynamics.colliding_bodies import CollisionState, Contact, Mover, Teleport
 from dynamics.dynamic import ClosedForm, Dynamic
 from dynamics.random_bounce import UniformMovementRandomBounce
 from dynamics.sphere_proxy import Shape, cover
@@ -78,6 +78,7 @@ __all__ = [
     "Body",
     "CatmullWaypoints",
     "ClosedForm",
+    "CollisionState",
     "Composite",
     "Contact",
     "DictTimings",
@@ -85,8 +86,6 @@ __all__ = [
     "Keyframes",
     "LinearWaypoints",
     "LookAt",
-    "Moment",
-    "Move",
     "Mover",
     "Obstacles",
     "Orbit",
@@ -95,6 +94,7 @@ __all__ = [
     "Stepped",
     "SteppedSimulation",
     "Still",
+    "Teleport",
     "Timing",
     "UniformMovementRandomBounce",
     "WaitUntilComplete",

@@ -56,7 +56,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Columns:
+class BodyColumns:
     """What the kernel reads.
 
     bodies: int32 [n, 2], first track and number of tracks.
@@ -76,7 +76,7 @@ class Columns:
         return self.bodies, self.tracks, self.axes, self.segments, self.spans
 
 
-def columns(bodies: Sequence[Sequence[Track]]) -> Columns:
+def columns(bodies: Sequence[Sequence[Track]]) -> BodyColumns:
     """The tracks of all bodies, side by side. Arrays have one row at least, since a device array cannot be empty."""
     ranges: list[tuple[int, int]] = []
     tracks: list[tuple[int, ...]] = []
@@ -103,7 +103,7 @@ def columns(bodies: Sequence[Sequence[Track]]) -> Columns:
             tracks.append((kind, rows, count, find, int(euler)))
             axes.append(axis)
             rows += count
-    return Columns(
+    return BodyColumns(
         bodies=np.array(ranges or [(0, 0)], dtype=np.int32),
         tracks=np.array(tracks or [(0, 0, 0, 0, 0)], dtype=np.int32),
         axes=np.array(axes or [np.zeros(6)]),

@@ -45,7 +45,7 @@ class Still(ClosedForm):
 
 @dataclass(frozen=True)
 class Orbit(ClosedForm):
-    """Carries the start pose, rigidly, round an axis: what faces the centre goes on facing it.
+    """Carries the start pose, rigidly, round an axis: what faces the center goes on facing it.
 
     center: a point of the axis, m. period: s a turn. axis: its direction; turns are right-handed about it.
     """
@@ -64,7 +64,7 @@ class Orbit(ClosedForm):
         return self.period
 
     def tracks(self, start: Pose) -> tuple[Track, ...]:
-        x, y, z = (mine - centre for mine, centre in zip(start.position, self.center, strict=True))
+        x, y, z = (mine - center for mine, center in zip(start.position, self.center, strict=True))
         return (
             fixed(Pose(self.center)),
             Turn(self.period, 2.0 * math.pi, True, axis=unit(self.axis, "axis")),

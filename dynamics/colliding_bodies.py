@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Move:
+class Teleport:
     """A mover is put elsewhere, at once, when a frame is reached. rotation: unit quaternion."""
 
     frame: int
@@ -38,7 +38,7 @@ class Mover:
     limited: bool = True
     first_frame: int = 0
     last_frame: int | None = None
-    moves: tuple[Move, ...] = ()
+    moves: tuple[Teleport, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Contact:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class CollisionState:
     """All movers at one frame.
 
     poses: float64 [n, 7], position (m) and unit quaternion (w, x, y, z).

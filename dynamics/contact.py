@@ -1,7 +1,7 @@
 """Spheres against triangles: how far away they are, and when a moving sphere first touches one.
 
 Device functions, over the two-level tree of `dynamics.obstacles`. Everything is float32 and relative to the sphere's
-centre, so that only the last subtraction rounds. (No postponed annotations in this module.)
+center, so that only the last subtraction rounds. (No postponed annotations in this module.)
 """
 
 import taichi as ti
@@ -106,14 +106,14 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
             distance = point.norm()
             normal = -point / ti.max(distance, 1e-9)
             if distance < 1e-6:
-                # The centre lies on the triangle: the side on which the body is decides.
+                # The center lies on the triangle: the side on which the body is decides.
                 normal = edge_1.cross(edge_2).normalized()
                 if normal.dot(inward) < 0.0:
                     normal = -normal
             if step == 0:
                 start_gap = distance - stop
                 if start_gap < -0.5 * SKIN and normal.dot(inward) < 0.0:
-                    # It was put there with its centre beyond the surface already: it has to come back.
+                    # It was put there with its center beyond the surface already: it has to come back.
                     normal = -normal
                     start_gap = -distance - stop
                 start_normal = normal
@@ -186,7 +186,7 @@ def look_around(
     instances: ti.template(),
     roots: ti.template(),
     root: ti.i32,
-    centre,
+    center,
     chord,
     radius: ti.f32,
     limit: ti.f32,
@@ -202,8 +202,8 @@ def look_around(
     """Walk the tree about a sphere. what (static):
 
     CONTACT: find when, before `limit` (1 for the whole of `chord`), the sphere first touches anything, and keep as
-    touches what is nearer than `band`. WITHIN: no later than when its centre comes within `radius` of anything.
-    NEAREST: the distance of its centre to the nearest triangle. Returns that number, or `limit` if there is nothing
+    touches what is nearer than `band`. WITHIN: no later than when its center comes within `radius` of anything.
+    NEAREST: the distance of its center to the nearest triangle. Returns that number, or `limit` if there is nothing
     before; the normal, the instance and the touch count.
     """
     best = limit
@@ -215,9 +215,9 @@ def look_around(
     if ti.static(what == CONTACT):
         reach += SKIN
     grown = vec3(reach)
-    start = centre
+    start = center
     ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
-    metres = vec3(1.0)
+    meters = vec3(1.0)
     factor = 1.0
     references = ti.Vector([0] * STACK)
     entries = ti.Vector([0.0] * STACK)
@@ -234,15 +234,15 @@ def look_around(
             leave = entry
             if ti.static(what == NEAREST):
                 gap = (
-                    ti.max(ti.max(entry - start[0], start[0] - planes(nodes, node, 3, wide)), 0.0) * metres[0],
+                    ti.max(ti.max(entry - start[0], start[0] - planes(nodes, node, 3, wide)), 0.0) * meters[0],
                     ti.max(
                         ti.max(planes(nodes, node, 1, wide) - start[1], start[1] - planes(nodes, node, 4, wide)), 0.0
                     )
-                    * metres[1],
+                    * meters[1],
                     ti.max(
                         ti.max(planes(nodes, node, 2, wide) - start[2], start[2] - planes(nodes, node, 5, wide)), 0.0
                     )
-                    * metres[2],
+                    * meters[2],
                 )
                 entry = ti.sqrt(factor * (gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]))
                 leave = entry * 0.0 + best
@@ -288,19 +288,19 @@ def look_around(
             pop = not found
         elif floor < 0:
             instance = instance_of(current, wide)
-            metres = vector_at(instances, instance, METRES)
+            meters = vector_at(instances, instance, METRES)
             factor = instances[instance, FACTOR]
-            start = mapped(instances, instance, 12, centre, 1.0)
+            start = mapped(instances, instance, 12, center, 1.0)
             along = mapped(instances, instance, 12, chord, 0.0)
             ix, iy, iz = reciprocal(along[0]), reciprocal(along[1]), reciprocal(along[2])
-            grown = reach / metres
+            grown = reach / meters
             floor = waiting
             current = roots[instance]
         else:
             first, number = triangles_of(triangles, current, wide)
             for which in range(number):
                 corner, edge_1, edge_2 = triangle(triangles, first, which, wide)
-                corner = mapped(instances, instance, 0, corner, 1.0) - centre
+                corner = mapped(instances, instance, 0, corner, 1.0) - center
                 edge_1 = mapped(instances, instance, 0, edge_1, 0.0)
                 edge_2 = mapped(instances, instance, 0, edge_2, 0.0)
                 if ti.static(what == CONTACT):
@@ -326,10 +326,10 @@ def look_around(
         while pop:
             if waiting == floor:
                 floor = -1
-                start = centre
+                start = center
                 ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
                 grown = vec3(reach)
-                metres = vec3(1.0)
+                meters = vec3(1.0)
                 factor = 1.0
             if waiting == 0:
                 searching = False

@@ -9,7 +9,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-# Columns of `Obstacles.instances`: the matrix, then how many metres a unit along each own axis is, then a factor.
+# Columns of `Obstacles.instances`: the matrix, then how many meters a unit along each own axis is, then a factor.
 MATRIX, METRES, FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
 
 
@@ -56,7 +56,7 @@ class Obstacles:
 def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float32]:
     """What collisions need to know of matrices [i, 3, 4]: both directions of the map, and how it stretches.
 
-    A box [c - h, c + h] in the instance's space is at least sqrt(factor * sum((gap_a * metres_a)^2)) metres from a
+    A box [c - h, c + h] in the instance's space is at least sqrt(factor * sum((gap_a * meters_a)^2)) meters from a
     point that is gap_a outside of it along axis a: the axes stay perpendicular (factor 1) or they do not (1/3).
     Raises ValueError for a matrix that cannot be inverted.
     """

@@ -98,7 +98,7 @@ def exp(v: ArrayLike) -> Array:
 def squad_controls(q: Array) -> Array:
     """Inner control quaternions [n, 4] of a closed loop of n unit quaternions, for `squad`.
 
-    s_i = q_i exp(-(log(q_i^-1 q_{i+1}) + log(q_i^-1 q_{i-1})) / 4), neighbours taken in the hemisphere of q_i
+    s_i = q_i exp(-(log(q_i^-1 q_{i+1}) + log(q_i^-1 q_{i-1})) / 4), neighbors taken in the hemisphere of q_i
     (Shoemake, "Quaternion calculus and fast animation", SIGGRAPH course notes 1987): the angular velocity is
     continuous when all segments last equally long.
     """

@@ -15,25 +15,25 @@ BALL_STEPS = 24
 
 
 @ti.kernel
-def nearest(points: Points, centres: Points, owner: Rows):
-    """Set owner[i] to the row of the centre that is nearest to points[i]; the first of equals."""
+def nearest(points: Points, centers: Points, owner: Rows):
+    """Set owner[i] to the row of the center that is nearest to points[i]; the first of equals."""
     for i in range(points.shape[0]):
         point = row3(points, i, 0)
         best = ti.cast(ti.math.inf, ti.f64)
-        for k in range(centres.shape[0]):
-            square = (point - row3(centres, k, 0)).norm_sqr()
+        for k in range(centers.shape[0]):
+            square = (point - row3(centers, k, 0)).norm_sqr()
             if square < best:
                 best = square
                 owner[i] = k
 
 
 @ti.kernel
-def centre(corners: Points, first: Rows, centres: Points):
-    """Set centres[k] to about the centre of the smallest ball around the rows first[k] .. first[k + 1] of `corners`.
+def center(corners: Points, first: Rows, centers: Points):
+    """Set centers[k] to about the center of the smallest ball around the rows first[k] .. first[k + 1] of `corners`.
 
     From their mean, steps towards the farthest one that become shorter (Badoiu and Clarkson 2003).
     """
-    for k in range(centres.shape[0]):
+    for k in range(centers.shape[0]):
         begin = first[k]
         end = first[k + 1]
         middle = vec3d(0.0)
@@ -49,7 +49,7 @@ def centre(corners: Points, first: Rows, centres: Points):
                     most = square
                     farthest = i
             middle += (row3(corners, farthest, 0) - middle) / ti.cast(step + 1, ti.f64)
-        set3(centres, k, 0, middle)
+        set3(centers, k, 0, middle)
 
 
 @ti.kernel
@@ -60,15 +60,15 @@ def sink(
     middles: Points,
     normals: Points,
     depths: Numbers,
-    centres: Points,
+    centers: Points,
     radii: Numbers,
 ):
-    """Move centres below a closed surface, where a larger ball covers the same corners and stands out less.
+    """Move centers below a closed surface, where a larger ball covers the same corners and stands out less.
 
     outward: f64 [k, 3], unit. middles, normals: of some triangles all over the surface. depths: to try, in radii.
     """
-    for k in range(centres.shape[0]):
-        start = row3(centres, k, 0)
+    for k in range(centers.shape[0]):
+        start = row3(centers, k, 0)
         radius = radii[k]
         least = radius
         for tried in range(depths.shape[0]):
@@ -88,5 +88,5 @@ def sink(
             inside = (below - row3(middles, closest, 0)).dot(row3(normals, closest, 0)) < 0.0
             if stands_out < least and inside:
                 least = stands_out
-                set3(centres, k, 0, below)
+                set3(centers, k, 0, below)
                 radii[k] = larger

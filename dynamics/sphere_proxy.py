@@ -13,7 +13,7 @@ MOST_SPHERES = 256
 MOST_PLACES = 4096  # of the surface that are compared where covering does not depend on it
 GROUP = 8  # spheres that share a bounding sphere, on average
 FINEST = 0.004  # m: radius below which more spheres gain nothing
-DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0)  # below the surface that centres are tried at, in radii
+DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0)  # below the surface that centers are tried at, in radii
 ROUNDING = 1.0 + 1e-6  # radii are kept in float32
 
 
@@ -21,7 +21,7 @@ ROUNDING = 1.0 + 1e-6  # radii are kept in float32
 class Shape:
     """A body's surface as spheres, in its own axes.
 
-    spheres: float32 [n, 4], centre and radius, m, group after group.
+    spheres: float32 [n, 4], center and radius, m, group after group.
     groups: float32 [g, 4], bounding spheres. first: int32 [g + 1], rows of `spheres` where they begin.
     reach: m, no point of a sphere is farther than this from the body's origin.
     """
@@ -36,7 +36,7 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     """Spheres that cover a surface, so that whatever stays out of them does not touch it.
 
     corners: [n, 3, 3], the triangles' corners in the body's axes, m. most: spheres at most.
-    Centres start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them. In
+    Centers start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them. In
     solids they sink below the surface, where a larger sphere covers the same and stands out less.
     Taichi must run. Raises ValueError if there is no triangle, or one that is not finite.
     """
@@ -52,18 +52,18 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     pieces = _subdivided(triangles, 0.7 * radius)
     middles = pieces.mean(axis=1)
     few = middles[:: 1 + len(middles) // MOST_PLACES]
-    centres = few[_farthest_points(few, most, stop=0.7 * radius)]
+    centers = few[_farthest_points(few, most, stop=0.7 * radius)]
     for _ in range(2):
-        owner = _nearest(middles, centres)
-        centres = _centred(pieces, owner)
-    owner = _nearest(middles, centres)
-    radii = np.zeros(len(centres))
+        owner = _nearest(middles, centers)
+        centers = _centered(pieces, owner)
+    owner = _nearest(middles, centers)
+    radii = np.zeros(len(centers))
     # A ball that holds the corners of a triangle holds the triangle.
-    np.maximum.at(radii, owner, np.linalg.norm(pieces - centres[owner][:, None], axis=2).max(axis=1))
-    used = np.bincount(owner, minlength=len(centres)) > 0
+    np.maximum.at(radii, owner, np.linalg.norm(pieces - centers[owner][:, None], axis=2).max(axis=1))
+    used = np.bincount(owner, minlength=len(centers)) > 0
     if _is_closed(triangles):
-        centres, radii = _sunk(pieces, owner, centres, radii)
-    return _grouped(centres[used], radii[used] * ROUNDING + 1e-7)
+        centers, radii = _sunk(pieces, owner, centers, radii)
+    return _grouped(centers[used], radii[used] * ROUNDING + 1e-7)
 
 
 def _normals(triangles: Array) -> Array:
@@ -105,12 +105,12 @@ def _farthest_points(points: Array, most: int, stop: float) -> NDArray[np.intp]:
     return np.array(chosen, dtype=np.intp)
 
 
-def _nearest(points: Array, centres: Array) -> NDArray[np.int32]:
-    """For each point the row of the nearest centre."""
+def _nearest(points: Array, centers: Array) -> NDArray[np.int32]:
+    """For each point the row of the nearest center."""
     from dynamics.sphere_cover_kernels import nearest
 
     owner = np.zeros(len(points), dtype=np.int32)
-    nearest(np.ascontiguousarray(points), np.ascontiguousarray(centres), owner)
+    nearest(np.ascontiguousarray(points), np.ascontiguousarray(centers), owner)
     return owner
 
 
@@ -130,14 +130,14 @@ class _Owned:
         return cls(np.ascontiguousarray(pieces[order].reshape(-1, 3)), first, owner[order][begins])
 
 
-def _centred(pieces: Array, owner: NDArray[np.int32]) -> Array:
-    """About the centre of the smallest ball around the pieces of each owner."""
-    from dynamics.sphere_cover_kernels import centre
+def _centered(pieces: Array, owner: NDArray[np.int32]) -> Array:
+    """About the center of the smallest ball around the pieces of each owner."""
+    from dynamics.sphere_cover_kernels import center
 
     owned = _Owned.by(pieces, owner)
-    centres = np.zeros((len(owned.rows), 3))
-    centre(owned.corners, owned.first, centres)
-    return centres
+    centers = np.zeros((len(owned.rows), 3))
+    center(owned.corners, owned.first, centers)
+    return centers
 
 
 def _is_closed(triangles: Array) -> bool:
@@ -153,40 +153,40 @@ def _is_closed(triangles: Array) -> bool:
     return bool(np.array_equal(there, back))
 
 
-def _sunk(pieces: Array, owner: NDArray[np.int32], centres: Array, radii: Array) -> tuple[Array, Array]:
-    """Centres and radii that cover the same pieces, from inside of a closed surface, and stand out the least."""
+def _sunk(pieces: Array, owner: NDArray[np.int32], centers: Array, radii: Array) -> tuple[Array, Array]:
+    """Centers and radii that cover the same pieces, from inside of a closed surface, and stand out the least."""
     from dynamics.sphere_cover_kernels import sink
 
     normals = _normals(pieces)
-    outward = np.zeros_like(centres)
+    outward = np.zeros_like(centers)
     np.add.at(outward, owner, normals)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
     some = slice(None, None, 1 + len(pieces) // MOST_PLACES)
     owned = _Owned.by(pieces, owner)
-    below, larger = centres[owned.rows], radii[owned.rows]
+    below, larger = centers[owned.rows], radii[owned.rows]
     middles, normals = pieces[some].mean(axis=1), np.ascontiguousarray(normals[some])
     sink(owned.corners, owned.first, outward[owned.rows], middles, normals, np.array(DEPTHS), below, larger)
-    centres, radii = centres.copy(), radii.copy()
-    centres[owned.rows], radii[owned.rows] = below, larger
-    return centres, radii
+    centers, radii = centers.copy(), radii.copy()
+    centers[owned.rows], radii[owned.rows] = below, larger
+    return centers, radii
 
 
-def _grouped(centres: Array, radii: Array) -> Shape:
-    """The spheres sorted into groups of neighbours, each with a sphere around it."""
-    count = max(1, round(len(centres) / GROUP))
-    seeds = centres[_farthest_points(centres, count, stop=0.0)]
-    owner = _nearest(centres, seeds)
+def _grouped(centers: Array, radii: Array) -> Shape:
+    """The spheres sorted into groups of neighbors, each with a sphere around it."""
+    count = max(1, round(len(centers) / GROUP))
+    seeds = centers[_farthest_points(centers, count, stop=0.0)]
+    owner = _nearest(centers, seeds)
     order = np.argsort(owner, kind="stable")
-    centres, radii, owner = centres[order], radii[order], owner[order]
+    centers, radii, owner = centers[order], radii[order], owner[order]
     rows = [np.flatnonzero(owner == group) for group in range(len(seeds))]
     rows = [row for row in rows if len(row)]
     groups = np.zeros((len(rows), 4))
     for group, row in enumerate(rows):
-        groups[group, :3] = 0.5 * (centres[row].min(axis=0) + centres[row].max(axis=0))
-        groups[group, 3] = (np.linalg.norm(centres[row] - groups[group, :3], axis=1) + radii[row]).max() * ROUNDING
+        groups[group, :3] = 0.5 * (centers[row].min(axis=0) + centers[row].max(axis=0))
+        groups[group, 3] = (np.linalg.norm(centers[row] - groups[group, :3], axis=1) + radii[row]).max() * ROUNDING
     return Shape(
-        spheres=np.column_stack([centres, radii]).astype(np.float32),
+        spheres=np.column_stack([centers, radii]).astype(np.float32),
         groups=groups.astype(np.float32),
         first=np.cumsum([0, *(len(row) for row in rows)]).astype(np.int32),
-        reach=float((np.linalg.norm(centres, axis=1) + radii).max() * ROUNDING),
+        reach=float((np.linalg.norm(centers, axis=1) + radii).max() * ROUNDING),
     )

@@ -11,7 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from dynamics import body_layout as at
-from dynamics.colliding_bodies import Array, Contact, Moment, Mover
+from dynamics.colliding_bodies import Array, CollisionState, Contact, Mover
 from dynamics.contact import MOVER, OBSTACLE, TOUCH_COLUMNS, TOUCHES, WALL
 from dynamics.obstacles import Obstacles
 from dynamics.step_kernel import substep
@@ -90,7 +90,7 @@ class StepDevice:
             self.bodies[row, at.AHEAD] = 0.0
             self.integers[row, at.ON_PATH] = 0
 
-    def moment(self, length: float = 1.0) -> Moment:
+    def moment(self, length: float = 1.0) -> CollisionState:
         bodies, integers = self.bodies[: self.count], self.integers[: self.count]
         lost = (integers[:, at.KIND] == at.BOUNCES) & (bodies[:, at.LOST] > 0.5 * length)
         contacts = [
@@ -99,7 +99,7 @@ class StepDevice:
             for k in range(at.CONTACT, at.CONTACT + 2 * int(integers[row, at.CONTACTS]), 2)
         ]
         poses = bodies[:, at.POSITION : at.ROTATION + 4].copy()
-        return Moment(poses, poses, (integers[:, at.BLOCKED] > 0) | lost, tuple(contacts))
+        return CollisionState(poses, poses, (integers[:, at.BLOCKED] > 0) | lost, tuple(contacts))
 
 
 def _uploaded(values: NDArray[Any]) -> Any:

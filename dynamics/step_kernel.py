@@ -175,9 +175,9 @@ def freeze(
         for i in ti.static(range(3)):
             frozen_groups[group, i] = middle[i]
         for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-            centre = origin + turned(bodies, body, vector_at(spheres, sphere, 0))
+            center = origin + turned(bodies, body, vector_at(spheres, sphere, 0))
             for i in ti.static(range(3)):
-                frozen[sphere, i] = centre[i]
+                frozen[sphere, i] = center[i]
 
 
 @ti.kernel

@@ -18,7 +18,7 @@ from dynamics import argument_checks
 from dynamics import body_layout as at
 from dynamics.clocks import exact
 from dynamics.closed_form import Still
-from dynamics.colliding_bodies import Array, Moment, Mover
+from dynamics.colliding_bodies import Array, CollisionState, Mover
 from dynamics.obstacles import Obstacles, nothing
 from dynamics.path_poses import Paths
 from dynamics.random_bounce import UniformMovementRandomBounce
@@ -71,12 +71,12 @@ class SteppedSimulation:
         self._checkpoints: dict[int, State] = {}
         self._recent: dict[int, State] = {}  # of the last frames, for edits of the next one
         self._interval = CHECKPOINT
-        self._moments: OrderedDict[int, Moment] = OrderedDict()
+        self._moments: OrderedDict[int, CollisionState] = OrderedDict()
 
     def _made_paths(self) -> Paths:
         return Paths([mover.body for mover in self.movers], self.timings, "movers")
 
-    def frame(self, number: int) -> Moment:
+    def frame(self, number: int) -> CollisionState:
         """All movers at frame `number` (0 or more), k / fps seconds after the start."""
         number = argument_checks.whole(number, "number")
         if number < 0:
@@ -131,12 +131,12 @@ class SteppedSimulation:
             self._interval *= 2
             self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
 
-    def _keep(self, number: int, moment: Moment) -> None:
+    def _keep(self, number: int, moment: CollisionState) -> None:
         self._moments[number] = moment
         while len(self._moments) > KEPT_FRAMES:
             self._moments.popitem(last=False)
 
-    def _moved(self, device: StepDevice, moment: Moment) -> Moment:
+    def _moved(self, device: StepDevice, moment: CollisionState) -> CollisionState:
         """The frame that is reached, once what is moved there was moved."""
         moves = {row: _pose(*last) for row, last in self._last_moves(self._reached, exactly=True)}
         if not moves:
@@ -153,7 +153,7 @@ class SteppedSimulation:
             if done and not (exactly and mover.moves[done - 1].frame < frame):
                 yield row, (mover.moves[done - 1].position, mover.moves[done - 1].rotation)
 
-    def _advance(self, device: StepDevice, frame: int) -> Moment:
+    def _advance(self, device: StepDevice, frame: int) -> CollisionState:
         """From frame `frame` to the next."""
         times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
         targets = self._path(times, frame)

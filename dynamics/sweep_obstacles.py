@@ -1,7 +1,7 @@
 """When does a moving body first meet an obstacle? Device functions, one call for each body.
 
 A group is a row of `groups`, i32 [g, 3]: its body, first sphere, number of spheres; `bounding`, f32 [g, 4], has the
-sphere around it. `spheres`, f32 [n, 4], are centre and radius in the body's own axes.
+sphere around it. `spheres`, f32 [n, 4], are center and radius in the body's own axes.
 (No postponed annotations in this module.)
 """
 
@@ -98,7 +98,7 @@ def sweep_obstacles(
         radius = ti.cast(bodies[body, RADIUS], ti.f32)
         if step > 0:
             arm = turned(bodies, body, vector_at(bounding, group, 0))
-            # What it holds is not carried quite as its centre is.
+            # What it holds is not carried quite as its center is.
             radius = bounding[group, 3] * (1.0 + angle)
         if step == 0 or soonest > -1:
             time, _normal, _row, _touched = look_around(

@@ -178,7 +178,7 @@ def evaluate(
 ):
     """poses [s n, 7] of n bodies at s times, given `parameters` [s, t], the u of every track.
 
-    The tables are those of `dynamics.bodies.Columns`.
+    The tables are those of `dynamics.bodies.BodyColumns`.
     """
     for row in range(poses.shape[0]):
         time = row // bodies.shape[0]

@@ -25,9 +25,9 @@ def test_a_file_is_never_seen_in_part(tmp_path, monkeypatch):
 
 def test_a_file_on_its_own_says_what_could_not_be_written(tmp_path, monkeypatch):
     monkeypatch.setattr("pathlib.Path.write_bytes", full_disk)
-    with pytest.raises(ExportError, match=r"cannot write .*picture\.png.*No space left"):
-        with export_errors(tmp_path / "picture.png"):
-            write_atomically(tmp_path / "picture.png", b"new")
+    picture = tmp_path / "picture.png"
+    with pytest.raises(ExportError, match=r"cannot write .*picture\.png.*No space left"), export_errors(picture):
+        write_atomically(picture, b"new")
     assert list(tmp_path.iterdir()) == []
 
 

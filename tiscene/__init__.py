@@ -1,4 +1,4 @@
-"""tiscene: endless, exactly repeatable streams of path-traced, labelled frames from USD scenes.
+"""tiscene: endless, exactly repeatable streams of path-traced, labeled frames from USD scenes.
 
 Names are imported at first use, so that `import tiscene` is instant and starts no Taichi.
 

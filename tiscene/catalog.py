@@ -80,7 +80,7 @@ def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
 
 
 def template_variants(template: str) -> tuple[str, dict[str, str]]:
-    """A template and the variants that are chosen after it: "Chair 01{color=walnut}" is "Chair 01" in that colour.
+    """A template and the variants that are chosen after it: "Chair 01{color=walnut}" is "Chair 01" in that color.
 
     As in a USD path, each set has braces of its own: "Cup 01{color=green}{appearance=untextured}".
     Raises ArgumentError for braces that hold anything else.

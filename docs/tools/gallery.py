@@ -40,7 +40,7 @@ ROOTS = {"room_01": "Room01", "room_02": "Room02", "room_03": "Room03", "solid_b
 
 
 @dataclass(frozen=True)
-class Picture:
+class GalleryPicture:
     """One photograph. choices: variant set to variant, on the scene's root."""
 
     scene: str
@@ -77,20 +77,20 @@ class Picture:
 
 PICTURES = [
     *(
-        Picture(scene, camera, {"lighting": lighting})
+        GalleryPicture(scene, camera, {"lighting": lighting})
         for scene, cameras in PLACES.items()
         for camera in cameras
         for lighting in LIGHTING
     ),
-    *(Picture("room_01", "SAILenv", {"appearance": appearance}) for appearance in APPEARANCES[1:]),
-    Picture("solid_benchmark", "Main", {"lighting": "day"}),
+    *(GalleryPicture("room_01", "SAILenv", {"appearance": appearance}) for appearance in APPEARANCES[1:]),
+    GalleryPicture("solid_benchmark", "Main", {"lighting": "day"}),
 ]
 
 
 TITLES = {"room_01": "a bedroom", "room_02": "a living room", "room_03": "a bathroom"}
 INTRODUCTION = """# Gallery
 
-Written by `python -m docs.tools.gallery`: path traced at 960 × 720, denoised. This is what a colour camera sees;
+Written by `python -m docs.tools.gallery`: path traced at 960 × 720, denoised. This is what a color camera sees;
 nothing is retouched. PATHS All geometry, cloth and textures are made by the code in
 `usd_scenes/author`. Models of other people in these rooms are on [a page of their own](imported.md).
 """
@@ -99,7 +99,7 @@ END = """
 
 ![All templates](images/templates.jpg)
 
-Their names, sizes and colours are on [a page of their own](templates.md).
+Their names, sizes and colors are on [a page of their own](templates.md).
 """
 
 
@@ -107,13 +107,13 @@ def page() -> str:
     """docs/gallery.md, with the pictures that there are."""
     blocks = [INTRODUCTION.replace("PATHS", _quality())]
     for scene, title in TITLES.items():
-        rows = [[Picture(scene, camera, {"lighting": each}) for each in LIGHTING] for camera in PLACES[scene]]
+        rows = [[GalleryPicture(scene, camera, {"lighting": each}) for each in LIGHTING] for camera in PLACES[scene]]
         blocks.append(f"\n## {scene}: {title}\n\n" + _table(LIGHTING, rows))
-    first = Picture("room_01", "SAILenv", {"lighting": LIGHTING[0]})
-    others = [Picture("room_01", "SAILenv", {"appearance": each}) for each in APPEARANCES[1:]]
+    first = GalleryPicture("room_01", "SAILenv", {"lighting": LIGHTING[0]})
+    others = [GalleryPicture("room_01", "SAILenv", {"appearance": each}) for each in APPEARANCES[1:]]
     text = "\n## One view in three appearances\n\nThe same places, things and labels.\n\n"
     blocks.append(text + _table(APPEARANCES, [[first, *others]]))
-    solids = Picture("solid_benchmark", "Main", {"lighting": LIGHTING[0]})
+    solids = GalleryPicture("solid_benchmark", "Main", {"lighting": LIGHTING[0]})
     blocks.append(f"\n## solid_benchmark: a plain room of solids\n\n{_shown(solids)}\n" + END)
     return "".join(blocks)
 
@@ -127,12 +127,12 @@ def _quality() -> str:
     return f'The pictures here were taken with {range_} a pixel{older}; `quality="photo"` takes 256.'
 
 
-def _table(columns: Sequence[str], rows: Sequence[Sequence[Picture]]) -> str:
+def _table(columns: Sequence[str], rows: Sequence[Sequence[GalleryPicture]]) -> str:
     lines = [columns, ["---"] * len(columns), *([_shown(picture) for picture in row] for row in rows)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _shown(picture: Picture) -> str:
+def _shown(picture: GalleryPicture) -> str:
     caption = f"{picture.scene}, {picture.camera}, {', '.join(picture.choices.values())}"
     return f"![{caption}]({picture.file.relative_to(DOCS)})" if picture.file.exists() else "not taken yet"
 

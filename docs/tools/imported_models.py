@@ -1,6 +1,6 @@
 """`TISCENE_PATH=assets python -m docs.tools.imported_models [NAME ...]`: the pictures of docs/imported.md, or those named.
 
-assets holds what that page says how to import: Sweet Home 3D's furniture of licence CC0, and the jar of
+assets holds what that page says how to import: Sweet Home 3D's furniture of license CC0, and the jar of
 `usd_scenes.author.jar`.
 """
 
@@ -62,13 +62,13 @@ def dining() -> np.ndarray:
     )
 
 
-def catalogue() -> np.ndarray:
+def catalog() -> np.ndarray:
     folders = SHOWN.split()
     tiles = [(folder.replace("_", " ").title(), photograph(folder, 232, spp=24)) for folder in folders]
     return sheet_of(tiles, 8)
 
 
-PICTURES: dict[str, Callable[[], np.ndarray]] = {"sitting": sitting, "dining": dining, "catalogue": catalogue}
+PICTURES: dict[str, Callable[[], np.ndarray]] = {"sitting": sitting, "dining": dining, "catalog": catalog}
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def shutter() -> None:
     )
     camera = ts.Camera.look_at((-1.7, 1.35, 0.4), (-1.55, 1.1, -3.8), vertical_fov=0.62, exposure=2.2)
     scenario = ts.Scenario("room_02", [ts.Object("c", "Chair 01", dynamic=way, collide=False)], camera=camera)
-    settings: dict[str, Any] = {"width": 360, "height": 300, "spp": 64, "buffers": ("rgb",), "differential": False}
+    settings: dict[str, Any] = {"width": 360, "height": 300, "spp": 64, "buffers": ("rgb",), "incremental": False}
     with progress("shutter.png", 2) as step:
         halves = []
         for times in ((0, 0), (0, 0.5)):

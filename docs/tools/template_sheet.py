@@ -1,4 +1,4 @@
-"""Pictures of all templates on one sheet, and of some in their colours and appearances.
+"""Pictures of all templates on one sheet, and of some in their colors and appearances.
 
 `python -m docs.tools.template_sheet [NAME ...]` writes docs/images/templates.jpg, template_variants.jpg and the `table` in
 docs/templates.md, or what is named.
@@ -53,7 +53,7 @@ def all_templates(size: int = 232, columns: int = 8) -> Picture:
 
 
 def template_variants(size: int = 232) -> Picture:
-    """A row for each of some templates: the first three colours, then untextured and of primitives."""
+    """A row for each of some templates: the first three colors, then untextured and of primitives."""
     tiles = []
     with progress("variants", 5 * len(VARIED)) as step:
         for folder in VARIED:
@@ -68,7 +68,7 @@ def template_variants(size: int = 232) -> Picture:
 
 def table() -> str:
     """The templates as a Markdown table."""
-    lines = ["| Template | Label | Size, m | Parts | Colours |", "|---|---|---|---|---|"]
+    lines = ["| Template | Label | Size, m | Parts | Colors |", "|---|---|---|---|---|"]
     for folder, template in TEMPLATES.items():
         name = template_name(folder)
         label, lengths, parts = facts(find_template(name))

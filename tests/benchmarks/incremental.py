@@ -41,17 +41,17 @@ from tests.benchmarks.reference_pictures import (
     times_for,
 )
 from tiscene.render.film.denoise import denoise
-from tiscene.render.film.postprocess import Cleaner
+from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import meter, tone_map
-from tiscene.render.integrators.incremental.base_image_cache import BaseImages
-from tiscene.render.integrators.incremental.incremental_pass import ReplayImage, ReplayPass
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass, ReplayImage
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
 T = TypeVar("T")
 FRAMES = 6  # the first is counted among what is done once
 PATHS = (4, 8)
-CLEANERS = {"": Cleaner("balanced", 1, True), ", fast": Cleaner("fast", 2, True)}
+CLEANERS = {"": Postprocessor("balanced", 1, True), ", fast": Postprocessor("fast", 2, True)}
 
 
 def main(large: bool = False) -> None:
@@ -139,13 +139,13 @@ def differences(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator
     exposure = meter(truth.image)
     shown = tone_map(denoise(truth.image, truth.albedo, truth.normal, "high"), exposure).astype(float)
 
-    def prepare(replayed: ReplayPass, frame: int, paths: int) -> None:
+    def prepare(replayed: IncrementalPass, frame: int, paths: int) -> None:
         replayed.prepare(
             view, room.placement(frame), room.moving,
             seed=seed, spp=paths, max_depth=DEPTH, base_spp=plan.base_spp,
         )  # fmt: skip
 
-    def replay(replayed: ReplayPass, paths: int, frames: range) -> ReplayImage:
+    def replay(replayed: IncrementalPass, paths: int, frames: range) -> ReplayImage:
         for frame in frames:
             prepare(replayed, frame, paths)
             scene.place(room.placement(frame))
@@ -153,10 +153,10 @@ def differences(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator
         return image
 
     with tempfile.TemporaryDirectory() as folder:
-        images = BaseImages(Path(folder))
-        base, _ = timed(partial(prepare, ReplayPass(scene, plan.width, plan.height, images=images), 0, 1))
+        images = BaseImageCache(Path(folder))
+        base, _ = timed(partial(prepare, IncrementalPass(scene, plan.width, plan.height, images=images), 0, 1))
         for paths in PATHS:  # they find the base image on disk
-            replayed = ReplayPass(scene, plan.width, plan.height, images=images)
+            replayed = IncrementalPass(scene, plan.width, plan.height, images=images)
             first, _ = timed(partial(replay, replayed, paths, range(1)))
             several, image = timed(partial(replay, replayed, paths, range(1, FRAMES)))
             wall = several / (FRAMES - 1)

@@ -54,7 +54,7 @@ def main() -> None:
     scene.add(description)
     labels = LabelPass(scene)
     camera = description.cameras[0]
-    moved = camera.posed(tuple(np.add(camera.position, (0.02, 0.0, 0.01))), camera.rotation)
+    moved = camera.with_pose(tuple(np.add(camera.position, (0.02, 0.0, 0.01))), camera.rotation)
     print(f"{'':>10} {'buffers':>20} {'wall ms':>9} {'CPU ms':>9}")
     for width, height in SIZES:
         for name, buffers in BUFFER_SETS.items():

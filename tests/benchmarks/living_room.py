@@ -42,7 +42,7 @@ def stream() -> Stream:
 
 
 def room(frame: int, *, matte: bool) -> Room:
-    """The room as it is at a frame. matte: of materials the diffuse colour alone, and what glows evenly."""
+    """The room as it is at a frame. matte: of materials the diffuse color alone, and what glows evenly."""
     world = stream().world
     meshes: list[Mesh] = []
     materials: list[Material] = []

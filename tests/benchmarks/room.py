@@ -88,7 +88,7 @@ class _Builder:
         turn: float = 0.0,
         pitch: float = 0.0,
     ) -> None:
-        """Place a shape: scaled by `size`, pitched about x, turned about y (rad), moved."""
+        """SceneProfile a shape: scaled by `size`, pitched about x, turned about y (rad), moved."""
         matrix = trimesh.transformations.euler_matrix(pitch, turn, 0.0)
         matrix[:3, :3] *= np.broadcast_to(np.asarray(size, np.float64), 3)
         matrix[:3, 3] = position

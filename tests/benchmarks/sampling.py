@@ -5,7 +5,7 @@ different seeds, over the squared mean plus 0.01; of all pixels, and without the
 paths decide the mean of all.
 
 White: pictures whose every pixel, light, albedo and normal, is that of a seed of its own: the same noise in each, but
-what it has to do with its neighbours' is gone. Both behind a Gaussian (of the relative error, 1.5 px), and behind OIDN
+what it has to do with its neighbors' is gone. Both behind a Gaussian (of the relative error, 1.5 px), and behind OIDN
 against a converged picture.
 """
 

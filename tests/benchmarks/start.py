@@ -27,7 +27,7 @@ KINDS = (
     ("fast", "quality='fast', frames=1", "stream[0]"),
     ("preview", "quality='preview', frames=1", "stream[0]"),
     ("standard", "quality='standard', frames=1", "stream[0]"),
-    ("preview, differential", "quality='preview'", "next(stream)"),
+    ("preview, incremental", "quality='preview'", "next(stream)"),
 )
 SILENT = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"  # Ctrl-C is for the one who waits
 OURS = "import tiscene as ts; stream = ts.Stream('room_02', width={}, height={}, {}); {}"

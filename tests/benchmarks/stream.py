@@ -81,11 +81,11 @@ def against_path_tracing() -> None:
     halves: list[list[NDArray[np.float64]]] = []
     for seed in (1, 2):
         traced = ts.Stream(scenario, buffers=("rgb",), quality="standard", spp=HALF_SPP, max_depth=depth, seed=seed,
-                           denoise=False, differential=False, **size)  # fmt: skip
+                           denoise=False, incremental=False, **size)  # fmt: skip
         halves.append([traced[index].rgb / 255.0 for index in COMPARED])
     print(f"{'room_02, fast':<16} {'once':>10} {'frame':>10} {'best':>10} {'frames/s':>9} {'PSNR':>8}")
     for spp in BASES:
-        stream = ts.Stream(scenario, buffers=FIVE_VIEWS, quality="fast", base_spp=spp, differential=True, **size)
+        stream = ts.Stream(scenario, buffers=FIVE_VIEWS, quality="fast", base_spp=spp, incremental=True, **size)
         began = time.perf_counter()
         stream[0]
         once, walls = time.perf_counter() - began, []
@@ -113,18 +113,20 @@ def looking(scene: str, turns: bool, settings: dict[str, Any]) -> Callable[[int]
     ]
     width, height = SIZE
     stream = ts.Stream(
-        ts.Scenario(scene, movers), width=width, height=height, buffers=FIVE_VIEWS, differential=not turns, **settings
+        ts.Scenario(scene, movers), width=width, height=height, buffers=FIVE_VIEWS, incremental=not turns, **settings
     )
 
     def turned(index: int) -> ts.Camera:
         half = math.radians(0.5 * index)
         w, x, y, z = multiply(np.array([math.cos(half), 0.0, math.sin(half), 0.0]), np.array(camera.rotation)).tolist()
-        return camera.posed(camera.position, (w, x, y, z))
+        return camera.with_pose(camera.position, (w, x, y, z))
 
     def look(index: int) -> ts.Frame:
         if not turns:
             return stream[index]
-        return stream.look(index, View(*(turned(index + step) for step in (-1, 0, 1)), width, height), FIVE_VIEWS)
+        return stream.render_view(
+            index, View(*(turned(index + step) for step in (-1, 0, 1)), width, height), FIVE_VIEWS
+        )
 
     return look
 

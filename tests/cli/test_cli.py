@@ -17,7 +17,7 @@ from tiscene.cli import main as cli
 from tiscene.cli import render as render_command
 from tiscene.errors import SceneNotFound, StageWarning
 from tiscene.export import EXPORTERS
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription
 from tiscene.world.lights import warn_if_dark
@@ -95,7 +95,7 @@ def test_render_hands_on_every_option(tmp_path, fake):
         "camera": "Front",
         "fps": 12.5,
         "arch": "cpu",
-        "differential": False,
+        "incremental": False,
         "time_code": 12.0,
         "taxonomy": "wikidata",
         "root": ".",
@@ -116,7 +116,7 @@ def test_render_says_that_the_picture_will_be_black(tmp_path, fake, monkeypatch,
     monkeypatch.setattr(render_command, "Stream", DarkStream)
     assert render("-o", tmp_path / "seen") == 0
     out, err = capsys.readouterr()
-    assert err.startswith("tiscene: warning: somewhere: there is no light, and colour will be black.")
+    assert err.startswith("tiscene: warning: somewhere: there is no light, and color will be black.")
     assert err.count("\n") == 1
     assert "light" not in out
 
@@ -127,10 +127,10 @@ def test_render_takes_several_cameras(tmp_path, fake):
 
 
 def test_render_is_differential_where_it_pays_or_as_it_is_told(tmp_path, fake):
-    for number, options in enumerate([[], ["--frames", ":60"], ["--frames", ":60", "--no-differential"]]):
+    for number, options in enumerate([[], ["--frames", ":60"], ["--frames", ":60", "--no-incremental"]]):
         render("-o", tmp_path / str(number), *options)
-    render("-o", tmp_path / "told", "--differential")
-    assert [stream.others["differential"] for stream in fake.made] == [False, None, False, True]  # None: if it can be
+    render("-o", tmp_path / "told", "--incremental")
+    assert [stream.others["incremental"] for stream in fake.made] == [False, None, False, True]  # None: if it can be
 
 
 def test_render_all_buffers_and_the_default_ones(tmp_path, fake):
@@ -138,7 +138,7 @@ def test_render_all_buffers_and_the_default_ones(tmp_path, fake):
 
     render("-o", tmp_path / "all", "--buffers", "all")
     render("-o", tmp_path / "default")
-    assert [stream.buffers for stream in fake.made] == [tuple(AOVS), DEFAULT_BUFFERS]
+    assert [stream.buffers for stream in fake.made] == [tuple(BUFFERS), DEFAULT_BUFFERS]
     assert [stream.rendered for stream in fake.made] == [[0], [0]]
 
 
@@ -221,7 +221,7 @@ def test_list_prints_every_name_and_file(capsys):
     assert cli.main(["list"]) == 0
     printed = capsys.readouterr().out
     files = {name: str(path) for name, path in {**catalog.scenes(), **catalog.templates()}.items()}
-    for name, text in (files | {name: aov.doc for name, aov in AOVS.items()}).items():
+    for name, text in (files | {name: aov.doc for name, aov in BUFFERS.items()}).items():
         assert any(line.startswith(f"  {name} ") and line.endswith(f" {text}") for line in printed.splitlines())
 
 
@@ -310,7 +310,7 @@ def test_demo_ends_with_the_pictures(tmp_path, fake, capsys):
         assert str(tmp_path / name) in printed
     assert json.loads((tmp_path / "scenario.json").read_text())["scene"] == "room_02"
     assert (tmp_path / "first_frame.png").exists()
-    assert fake.made[0].buffers == tuple(AOVS)
+    assert fake.made[0].buffers == tuple(BUFFERS)
 
 
 def test_warnings_of_the_stage_are_one_line(monkeypatch, capsys):
@@ -374,6 +374,6 @@ def test_a_real_scene_renders_to_the_same_bytes_twice(tmp_path):
     assert first == second
     assert set(first) == {"000003.exr", "000004.exr", "labels/000003.json", "labels/000004.json", "tiscene.json"}
     manifest = json.loads(first["tiscene.json"])
-    assert manifest["buffers"] == list(AOVS)
+    assert manifest["buffers"] == list(BUFFERS)
     assert "scene.usda" in manifest["layers"]
     assert manifest["scenario"]["scene"] == "object_view"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from tests.usd.importers.test_import_template import BOX, catalogue
+from tests.usd.importers.test_import_template import BOX
 from tiscene import catalog
 from tiscene.cli import main as cli
 
-__all__ = ["catalogue"]  # a fixture
+__all__ = ["furniture_catalog"]  # a fixture
 
 
 @pytest.fixture
@@ -27,14 +27,14 @@ def test_a_model_becomes_a_template_with_a_name(model, tmp_path, capsys, monkeyp
     assert f"export TISCENE_PATH={library}" in out
     monkeypatch.setenv("TISCENE_PATH", str(library))
     assert catalog.find_template("Chair 03") == library / "templates" / "chair_03" / "template.usda"
-    assert cli.main(["import", str(model), "--unit", "10", "--licence", "mine"]) == 0  # now to the library
+    assert cli.main(["import", str(model), "--unit", "10", "--license", "mine"]) == 0  # now to the library
     out = capsys.readouterr().out
     assert "40 m is unusual for something in a room: is --unit right?" in out
     assert "TISCENE_PATH" not in out
 
 
-def test_a_whole_catalogue(catalogue, tmp_path, capsys):
-    assert cli.main(["import", str(catalogue), "-o", str(tmp_path / "library")]) == 0
+def test_a_whole_catalog(furniture_catalog, tmp_path, capsys):
+    assert cli.main(["import", str(furniture_catalog), "-o", str(tmp_path / "library")]) == 0
     captured = capsys.readouterr()
     assert "2 of 3 models of test.sh3f are in" in captured.out
     assert "Wall is left out" in captured.err
@@ -45,12 +45,12 @@ def test_a_whole_catalogue(catalogue, tmp_path, capsys):
     ("arguments", "expected"),
     [
         (["gone.obj"], "no file 'gone.obj'"),
-        (["{catalogue}", "--name", "x"], "leave --name out"),
+        (["{catalog}", "--name", "x"], "leave --name out"),
         (["{model}", "--name", "!"], "needs a letter or a digit"),
     ],
 )
-def test_mistakes(arguments, expected, model, catalogue, tmp_path, capsys, monkeypatch):
+def test_mistakes(arguments, expected, model, furniture_catalog, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = [word.format(model=model, catalogue=catalogue) for word in arguments]
+    words = [word.format(model=model, catalog=furniture_catalog) for word in arguments]
     assert cli.main(["import", *words]) == 2
     assert expected in capsys.readouterr().err

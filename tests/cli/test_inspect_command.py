@@ -91,12 +91,12 @@ def test_a_file_that_is_not_trusted(capsys):
     assert "Nothing is left out." in out
 
 
-def test_an_imported_model_tells_its_licence(tmp_path, capsys):
+def test_an_imported_model_tells_its_license(tmp_path, capsys):
     (tmp_path / "box.obj").write_text(BOX)
-    assert cli.main(["import", str(tmp_path / "box.obj"), "-o", str(tmp_path), "--licence", "CC0\nmore"]) == 0
+    assert cli.main(["import", str(tmp_path / "box.obj"), "-o", str(tmp_path), "--license", "CC0\nmore"]) == 0
     capsys.readouterr()
     out = inspected(capsys, tmp_path / "templates" / "box" / "template.usda")
-    assert "licence: CC0 ..." in out
+    assert "license: CC0 ..." in out
     assert "1 movable thing" in out
 
 

@@ -15,7 +15,7 @@ import pytest
 import tiscene.usd
 from tiscene.cli import parser
 from tiscene.export import EXPORTERS
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.object_table import ObjectRow
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
@@ -30,7 +30,7 @@ TABLE = re.compile(r"(?<=<!-- buffers -->\n).*?(?=<!-- /buffers -->)", re.DOTALL
 def buffer_table() -> str:
     """The buffers as a Markdown table."""
     lines = ["| Buffer | Array | Unit | Nothing hit | Meaning |", "|---|---|---|---|---|"]
-    for aov in AOVS.values():
+    for aov in BUFFERS.values():
         shape = ", ".join(["H", "W", *map(str, aov.channels)])
         background = {None: "computed", True: "True"}.get(aov.background)
         if background is None:
@@ -60,7 +60,7 @@ def test_python_examples_are_python(page):
 
 # Pages whose Python runs as it stands, block after block, in a folder that holds `run.json` and `upload.usdz`; others
 # have tests of their own, or need what is not here: imported.md models of other people.
-RUN = ("buffers", "differential", "learning", "scenario", "scenes", "templates", "usd", "usd_scenarios")
+RUN = ("buffers", "incremental", "learning", "scenario", "scenes", "templates", "usd", "usd_scenarios")
 
 
 @pytest.mark.parametrize("page", RUN)

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from docs.tools import gallery
-from docs.tools.gallery import Picture
+from docs.tools.gallery import GalleryPicture
 from docs.tools.template_sheet import save
 
 
@@ -17,7 +17,7 @@ def test_a_picture_is_taken_again_only_with_more_paths_or_of_another_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gallery, "IMAGES", tmp_path)
-    picture, rgb = Picture("room_03", "Main", {"lighting": "night"}), np.zeros((6, 8, 3), np.uint8)
+    picture, rgb = GalleryPicture("room_03", "Main", {"lighting": "night"}), np.zeros((6, 8, 3), np.uint8)
     assert picture.paths == 0
     save(picture.file, rgb, f"64 paths a pixel of {gallery.digest('room_03')}")
     assert picture.file.name == "room_03_Main_night.jpg"
@@ -36,7 +36,7 @@ def test_the_digest_of_a_scene_is_of_all_that_it_shows() -> None:
 
 def test_the_page_says_how_its_pictures_were_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = dict.fromkeys((picture.name for picture in gallery.PICTURES), 64)
-    monkeypatch.setattr(Picture, "paths", property(lambda self: counts[self.name]))
+    monkeypatch.setattr(GalleryPicture, "paths", property(lambda self: counts[self.name]))
     assert "taken with 64 paths a pixel;" in gallery.page()
     counts["room_01_Main_day"] = 24
     assert "taken with 24 to 64 paths a pixel;" in gallery.page()

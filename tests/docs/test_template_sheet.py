@@ -1,4 +1,4 @@
-"""The studio that templates are looked at in: everything fits its picture, and colours are those asked for."""
+"""The studio that templates are looked at in: everything fits its picture, and colors are those asked for."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_template_stands_on_the_table_and_fits_the_picture(folder: str, tmp_pa
     assert 0.4 < reach < 1.25
 
 
-def test_a_photograph_shows_the_colour_that_was_asked_for() -> None:
+def test_a_photograph_shows_the_color_that_was_asked_for() -> None:
     red, blue = (
         template_sheet.photograph("cube", 24, spp=2, variants={"color": color})[12, 12] for color in ("red", "blue")
     )

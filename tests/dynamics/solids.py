@@ -17,17 +17,17 @@ from tiscene.scene.description import Instance, Mesh
 runtime.start(threads=2)
 
 
-def box(size, centre=(0.0, 0.0, 0.0)) -> np.ndarray:
+def box(size, center=(0.0, 0.0, 0.0)) -> np.ndarray:
     """The twelve triangles [12, 3, 3] of a box, outside counter-clockwise."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     rows = [row for a, b, c, d in quads for row in ((a, b, c), (a, c, d))]
-    return (corners * size + centre)[np.array(rows)]
+    return (corners * size + center)[np.array(rows)]
 
 
-def quad(centre, along, across) -> np.ndarray:
+def quad(center, along, across) -> np.ndarray:
     """A rectangle without thickness: two triangles. along, across: half its edges."""
-    c, u, v = (np.asarray(each, np.float64) for each in (centre, along, across))
+    c, u, v = (np.asarray(each, np.float64) for each in (center, along, across))
     corners = np.array([c - u - v, c + u - v, c + u + v, c - u + v])
     return corners[np.array([(0, 1, 2), (0, 2, 3)])]
 
@@ -51,7 +51,7 @@ def obstacles(*parts: np.ndarray, matrices=None, layout=None):
 
 
 def spheres_at(shape: Shape, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres [n, 3] and radii [n] of a body's proxy spheres in the world."""
+    """Centers [n, 3] and radii [n] of a body's proxy spheres in the world."""
     spheres = shape.spheres.astype(np.float64)
     return spheres[:, :3] @ matrix_from_quaternion(pose[3:]).T + pose[:3], spheres[:, 3]
 

@@ -73,7 +73,7 @@ def test_keyframes_hold_at_both_ends_and_interpolate_between():
 
 
 def test_a_composite_moves_in_the_frame_of_what_came_before():
-    # A quarter turn to the left, and then half a metre ahead of the moving, turning frame.
+    # A quarter turn to the left, and then half a meter ahead of the moving, turning frame.
     cart = LinearWaypoints([Waypoint((0, 0, 0), (0, 90, 0)), Waypoint((4, 0, 0), (0, 90, 0))], total_time=8.0)
     ahead = LinearWaypoints([Waypoint((0, 0, -0.5)), Waypoint((0, 0, -1.5))], total_time=4.0)
     found = pose(Body(Composite((cart, ahead))), 1.0)

@@ -25,7 +25,7 @@ def look(
     root: ti.i32,
 ):
     for i in range(spheres.shape[0]):
-        centre = vec3(spheres[i, 0], spheres[i, 1], spheres[i, 2])
+        center = vec3(spheres[i, 0], spheres[i, 1], spheres[i, 2])
         chord = vec3(chords[i, 0], chords[i, 1], chords[i, 2])
         arm = vec3(0.0)
         for what in ti.static((NEAREST, WITHIN, CONTACT)):
@@ -40,7 +40,7 @@ def look(
                 instances,
                 roots,
                 root,
-                centre,
+                center,
                 chord,
                 radius,
                 until,

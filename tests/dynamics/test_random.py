@@ -62,7 +62,7 @@ def test_uniform_in_every_column_and_uncorrelated(seed, number):
     assert uniforms.max() < 1.0
     for column in uniforms.T:
         assert stats.kstest(column, "uniform").pvalue > SIGNIFICANCE
-        # Neighbouring bounces are independent: pairs fill the unit square evenly.
+        # Neighboring bounces are independent: pairs fill the unit square evenly.
         pairs, _, _ = np.histogram2d(column[0::2], column[1::2], bins=16, range=[[0, 1], [0, 1]])
         assert stats.chisquare(pairs.ravel()).pvalue > SIGNIFICANCE
     correlation = np.corrcoef(uniforms.T)

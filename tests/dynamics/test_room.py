@@ -107,10 +107,10 @@ class Arena:
         """Between all proxy spheres and the room, as far as 0.1 m; all of them must be within its outer walls."""
         spheres = [spheres_at(mover.shape, pose) for mover, pose in zip(self.simulation.movers, poses, strict=True)]
         low, high = self.stage.bounds()
-        for centres, radii in spheres:
-            assert (centres - radii[:, None] > low).all()
-            assert (centres + radii[:, None] < high).all()
-        nearest = self.distances(np.concatenate([centres for centres, _ in spheres]), 0.2)
+        for centers, radii in spheres:
+            assert (centers - radii[:, None] > low).all()
+            assert (centers + radii[:, None] < high).all()
+        nearest = self.distances(np.concatenate([centers for centers, _ in spheres]), 0.2)
         return float((nearest - np.concatenate([radii for _, radii in spheres])).min())
 
     def between(self, poses: np.ndarray) -> float:

@@ -68,5 +68,5 @@ def test_squad_controls_of_a_uniform_turn_are_the_quaternions_themselves():
     np.testing.assert_allclose(rotation.squad_controls(turn), turn, atol=1e-15)
 
 
-def test_a_quaternion_of_any_length_is_normalised():
+def test_a_quaternion_of_any_length_is_normalized():
     np.testing.assert_allclose(rotation.quaternion((0, 0, 3, 4)), (0, 0, 0.6, 0.8))

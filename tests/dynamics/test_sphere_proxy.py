@@ -30,20 +30,20 @@ SURFACES = {
 def test_every_point_of_the_surface_is_in_a_sphere(name, most):
     surface = SURFACES[name]
     shape = cover(surface, most)
-    centres, radii = shape.spheres[:, :3].astype(float), shape.spheres[:, 3].astype(float)
+    centers, radii = shape.spheres[:, :3].astype(float), shape.spheres[:, 3].astype(float)
     points = on_surface(surface)
-    outside = np.linalg.norm(points[:, None] - centres, axis=2) - radii
+    outside = np.linalg.norm(points[:, None] - centers, axis=2) - radii
     assert outside.min(axis=1).max() <= 0.0
-    assert len(centres) <= most
+    assert len(centers) <= most
     assert radii.min() > 0.0
     # Groups bound their spheres, and the reach bounds everything.
     assert shape.first[0] == 0
-    assert shape.first[-1] == len(centres)
+    assert shape.first[-1] == len(centers)
     for group, (first, last) in enumerate(zip(shape.first[:-1], shape.first[1:], strict=True)):
         assert last > first
-        inside = np.linalg.norm(centres[first:last] - shape.groups[group, :3], axis=1) + radii[first:last]
+        inside = np.linalg.norm(centers[first:last] - shape.groups[group, :3], axis=1) + radii[first:last]
         assert inside.max() <= shape.groups[group, 3] + 1e-6
-    assert (np.linalg.norm(centres, axis=1) + radii).max() <= shape.reach + 1e-6
+    assert (np.linalg.norm(centers, axis=1) + radii).max() <= shape.reach + 1e-6
 
 
 def test_more_spheres_stay_nearer_to_the_surface():
@@ -65,9 +65,9 @@ def test_what_has_no_surface_is_refused(corners):
 
 def hover(shape, surface):
     """How far spheres stand out beyond the box that they cover, m, on average."""
-    centres, radii = shape.spheres[:, :3].astype(float), shape.spheres[:, 3:].astype(float)
+    centers, radii = shape.spheres[:, :3].astype(float), shape.spheres[:, 3:].astype(float)
     low, high = surface.reshape(-1, 3).min(axis=0), surface.reshape(-1, 3).max(axis=0)
-    return np.maximum(low - (centres - radii), centres + radii - high).max(axis=1).mean()
+    return np.maximum(low - (centers - radii), centers + radii - high).max(axis=1).mean()
 
 
 def test_in_solids_larger_spheres_stand_out_less():

@@ -12,7 +12,7 @@ import pytest
 
 from dynamics import AllTogether, Body, CatmullWaypoints, DictTimings, LinearWaypoints, Simulation, Still, Waypoint
 from dynamics import stepped_simulation as module
-from dynamics.colliding_bodies import Move, Mover
+from dynamics.colliding_bodies import Mover, Teleport
 from dynamics.random_bounce import UniformMovementRandomBounce
 from dynamics.sphere_proxy import cover
 from dynamics.step_kernel import substep
@@ -260,8 +260,8 @@ def test_walls_that_move_take_objects_along():
     poses = run(simulation, 200)
     for row, mover in enumerate(simulation.movers):
         for k in range(0, 200, 10):
-            centres, radii = spheres_at(mover.shape, poses[k, row])
-            assert (centres[:, 0] - radii - 0.8 * k / 25 + 1.0).min() > -0.002
+            centers, radii = spheres_at(mover.shape, poses[k, row])
+            assert (centers[:, 0] - radii - 0.8 * k / 25 + 1.0).min() > -0.002
 
 
 def test_timings_hold_and_stop_bouncers():
@@ -362,10 +362,10 @@ def test_a_new_body_or_room_compiles_nothing(crowd):
 
 def test_a_moved_mover_goes_on_from_there():
     turned = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)
-    still = Mover(Body(Still(), name="s"), CUBE, moves=(Move(5, (1.0, 0.5, 0.0), turned),))
-    follower = Mover(Body(WAY, name="f"), cube(0.2), moves=(Move(5, (-1.0, 0.9, -0.5), turned),))
-    flying = bouncer("b", (0.0, -0.8, 0.0), direction=(0, 0, 1), moves=(Move(5, (1.5, -0.8, -1.0), turned),))
-    passing = Mover(Body(WAY, name="p"), moves=(Move(5, (0.0, 0.0, 0.0), turned),))
+    still = Mover(Body(Still(), name="s"), CUBE, moves=(Teleport(5, (1.0, 0.5, 0.0), turned),))
+    follower = Mover(Body(WAY, name="f"), cube(0.2), moves=(Teleport(5, (-1.0, 0.9, -0.5), turned),))
+    flying = bouncer("b", (0.0, -0.8, 0.0), direction=(0, 0, 1), moves=(Teleport(5, (1.5, -0.8, -1.0), turned),))
+    passing = Mover(Body(WAY, name="p"), moves=(Teleport(5, (0.0, 0.0, 0.0), turned),))
     simulation = SteppedSimulation([still, follower, flying, passing], fps=25, obstacles=obstacles(ROOM))
     poses = run(simulation, 80)
     path = np.array([Simulation([Body(WAY, name="f")]).poses(Fraction(k, 25))[0] for k in range(80)])
@@ -384,7 +384,7 @@ def test_a_moved_mover_goes_on_from_there():
 
 
 def test_movers_are_amended_from_a_frame_on():
-    moved = Mover(Body(Still(), (0.0, 0.9, 1.2), name="m"), CUBE, moves=(Move(70, (0.0, 0.5, 0.5), (1, 0, 0, 0)),))
+    moved = Mover(Body(Still(), (0.0, 0.9, 1.2), name="m"), CUBE, moves=(Teleport(70, (0.0, 0.5, 0.5), (1, 0, 0, 0)),))
     first = [bouncer("a"), Mover(moved.body, CUBE)]
     late = Mover(Body(first[0].body.dynamic, (1.0, 0.0, 0.0), birth=Fraction(70, 25), name="c"), CUBE, first_frame=70)
     taken = SteppedSimulation(first, fps=25, obstacles=obstacles(ROOM))
@@ -399,7 +399,7 @@ def test_movers_are_amended_from_a_frame_on():
     for k in (75, 69, 70, 130, 30):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
     # At a frame far back.
-    taken.amend([first[0], replace(moved, moves=(Move(20, (0, 0, 0), (1, 0, 0, 0)), *moved.moves)), late], 20)
+    taken.amend([first[0], replace(moved, moves=(Teleport(20, (0, 0, 0), (1, 0, 0, 0)), *moved.moves)), late], 20)
     fresh = SteppedSimulation(taken.movers, fps=25, obstacles=obstacles(ROOM))
     for k in (19, 21, 75):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()

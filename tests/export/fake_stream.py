@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tiscene.errors import BufferNotFound
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.frame.object_table import ObjectTable, OrientedBox
 from tiscene.scene.camera import Camera
@@ -44,7 +44,7 @@ class Measured:
 
 def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
     """Numbers in the range of the buffer, a function of name and index; the first row is background."""
-    aov = AOVS[name]
+    aov = BUFFERS[name]
     random = np.random.default_rng([index, *name.encode()])
     unit = random.random(aov.shape(width, height))
     if aov.dtype == "bool":
@@ -70,10 +70,10 @@ def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
 class FakeStream:
     """What `tiscene.export` and the commands use of a Stream. `rendered` lists the indices that were asked for."""
 
-    def __init__(self, buffers: Sequence[str] = tuple(AOVS), *, width=12, height=8, frames=None, seed=0) -> None:
+    def __init__(self, buffers: Sequence[str] = tuple(BUFFERS), *, width=12, height=8, frames=None, seed=0) -> None:
         for name in buffers:
-            if name not in AOVS:
-                raise BufferNotFound("buffer", name, AOVS)
+            if name not in BUFFERS:
+                raise BufferNotFound("buffer", name, BUFFERS)
         self.buffers = tuple(buffers)
         self.width, self.height, self.fps, self.frames, self.seed = width, height, 25.0, frames, seed
         self.categories = {0: "", 1: "chair", 2: "table"}
@@ -84,7 +84,7 @@ class FakeStream:
     def settings(self) -> dict[str, Any]:
         return {"width": self.width, "height": self.height, "fps": self.fps, "seed": self.seed}
 
-    def layers(self) -> dict[str, str]:
+    def file_digests(self) -> dict[str, str]:
         return {"scene.usda": "12ab"}
 
     def __getitem__(self, index: int) -> Frame:

@@ -8,7 +8,7 @@ from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.animated_image import write_animation
 from tiscene.export.contact_sheet import GAP, contact_sheet
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 
 
 def test_the_sheet_holds_every_buffer_once():
@@ -18,7 +18,7 @@ def test_the_sheet_holds_every_buffer_once():
     assert sheet.dtype == np.uint8
     assert 1.2 < sheet.shape[1] / sheet.shape[0] < 2.2
     assert tall.shape[1] == 2 * 80 + 3 * GAP
-    assert tall.shape[0] > 60 * len(AOVS) / 2
+    assert tall.shape[0] > 60 * len(BUFFERS) / 2
 
 
 def test_tiles_are_the_pictures_in_the_order_asked_for():

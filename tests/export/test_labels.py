@@ -25,7 +25,7 @@ def test_the_camera_is_there_and_the_objects_when_asked_for(tmp_path):
 
 
 def test_what_happened_is_told():
-    frame = replace(FakeStream()[1], events=(Event("contact", 3, other=7), Event("contact", 3, wall="left")))
+    frame = replace(FakeStream()[1], events=(Event("contact", 3, other=7), Event("contact", 3, surface="left")))
     assert frame_json.frame_labels(frame, objects=False)["events"] == [
         {"kind": "contact", "object": 3, "other": 7, "wall": ""},
         {"kind": "contact", "object": 3, "other": 0, "wall": "left"},
@@ -41,5 +41,5 @@ def test_a_row_has_every_column_and_null_for_none():
     assert row["visible_box"] == [1.0, 2.0, 4.0, 5.0]
     assert row["amodal_box"] is None
     assert row["last_frame"] is None
-    assert row["percent_visible"] == 0.5
+    assert row["fraction_visible"] == 0.5
     assert row["world_bounds"] == [0.5, 0.0, -0.5, 1.5, 1.0, 0.5]

@@ -11,7 +11,7 @@ from PIL import Image
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ExportError
 from tiscene.export import png
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 
 
 def read(name: str, data: bytes) -> np.ndarray:
@@ -32,7 +32,7 @@ def frame(**buffers):
 def test_every_buffer_comes_back():
     original = FakeStream()[12]
     files = png.encode(original)
-    assert len(files) == len(AOVS)
+    assert len(files) == len(BUFFERS)
     for name, data in files.items():
         folder, file = name.split("/")
         assert file.startswith("000012.")

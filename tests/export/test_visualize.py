@@ -6,10 +6,10 @@ import pytest
 from tests.export.fake_stream import fake_buffer
 from tiscene.export import visualize
 from tiscene.export.visualize import BACKGROUND, picture
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 
 
-@pytest.mark.parametrize("name", AOVS)
+@pytest.mark.parametrize("name", BUFFERS)
 def test_every_buffer_has_a_picture(name):
     shown = picture(name, fake_buffer(name, 1, 40, 30))
     assert shown.image.shape == (30, 40, 3)
@@ -18,9 +18,9 @@ def test_every_buffer_has_a_picture(name):
     assert len(np.unique(shown.image.reshape(-1, 3), axis=0)) > 1
 
 
-@pytest.mark.parametrize("name", [name for name, aov in AOVS.items() if aov.background is not None])
+@pytest.mark.parametrize("name", [name for name, aov in BUFFERS.items() if aov.background is not None])
 def test_a_frame_of_nothing_but_background_has_a_picture_too(name):
-    aov = AOVS[name]
+    aov = BUFFERS[name]
     image = picture(name, np.full(aov.shape(6, 4), aov.background, aov.dtype)).image
     assert image.shape == (4, 6, 3)
     assert (image == image[0, 0]).all()
@@ -31,7 +31,7 @@ def luminance(colors):
     return linear @ (0.2126, 0.7152, 0.0722)
 
 
-def test_sequential_colours_grow_lighter_all_the_way():
+def test_sequential_colors_grow_lighter_all_the_way():
     ramp = visualize.sequential(np.linspace(0.0, 1.0, 64))
     assert (np.diff(luminance(ramp)) > 0).all()
     assert luminance(ramp[0]) < 0.03
@@ -44,7 +44,7 @@ def test_depth_near_is_bright_and_no_hit_is_background():
     assert tuple(image[0, 2]) == BACKGROUND
 
 
-def test_flow_colours_point_as_the_wheel_does():
+def test_flow_colors_point_as_the_wheel_does():
     flow = np.array([[[1, 0], [0, 1], [-1, 0], [0, -1], [0, 0], [0.5, 0], [np.nan, 0]]], np.float32)
     right, down, left, up, still, half, invalid = visualize.flow_picture(flow, 1.0, legend=False)[0].tolist()
     assert right == [255, 0, 0]
@@ -65,17 +65,17 @@ def test_the_legend_lies_in_the_lower_right_corner():
     y, x = np.nonzero((plain != marked).any(axis=2))
     assert y.min() >= 65
     assert x.min() >= 95
-    centre = ((y.min() + y.max()) // 2, (x.min() + x.max()) // 2)
-    assert tuple(marked[centre]) == (255, 255, 255)
+    center = ((y.min() + y.max()) // 2, (x.min() + x.max()) // 2)
+    assert tuple(marked[center]) == (255, 255, 255)
 
 
-def test_ids_keep_their_colours_and_lie_apart():
+def test_ids_keep_their_colors_and_lie_apart():
     colors = visualize.id_colors(np.arange(0, 41)).astype(int)
     assert tuple(colors[0]) == BACKGROUND
     apart = np.abs(colors[:, None] - colors[None]).max(axis=2) + 1000 * np.eye(41, dtype=int)
     assert apart.min() > 10
-    neighbours = np.abs(np.diff(colors[1:], axis=0)).max(axis=1)
-    assert neighbours.min() > 60
+    neighbors = np.abs(np.diff(colors[1:], axis=0)).max(axis=1)
+    assert neighbors.min() > 60
     ids = np.array([[0, 7], [7, 40]], np.int32)
     np.testing.assert_array_equal(visualize.id_picture(ids), colors[ids])
     assert visualize.id_picture(np.array([[2**31 - 1]], np.int32)).shape == (1, 1, 3)
@@ -91,7 +91,7 @@ def test_limits_hold_over_several_frames_and_ignore_the_background():
     assert visualize.limits_of("depth", [np.full((2, 2), np.inf, np.float32)]) == (0.0, 1.0)
 
 
-def test_oklch_meets_known_colours():
+def test_oklch_meets_known_colors():
     assert visualize.oklch(1.0, 0.0, 0.0).tolist() == [255, 255, 255]
     assert visualize.oklch(0.0, 0.0, 0.0).tolist() == [0, 0, 0]
     # sRGB red is L 0.628, C 0.2577, h 29.23 degrees.

@@ -1,6 +1,6 @@
 import numpy as np
 
-from tiscene.frame.buffers import AOVS, COLORS, LABELS, RANKS, times_needed
+from tiscene.frame.buffers import BUFFERS, COLORS, LABELS, RANKS, times_needed
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 
@@ -11,17 +11,17 @@ def test_every_buffer_of_the_conventions_is_there() -> None:
         "forward_occlusion", "backward_occlusion", "scene_flow", "uv", "object_coordinates", "coverage",
         "material_coverage",
     }  # fmt: skip
-    assert set(AOVS) == expected
+    assert set(BUFFERS) == expected
     assert set(LABELS) | COLORS == expected
-    assert all(name == aov.name and aov.doc.endswith(".") for name, aov in AOVS.items())
+    assert all(name == aov.name and aov.doc.endswith(".") for name, aov in BUFFERS.items())
 
 
 def test_arrays_have_the_shape_and_type_of_the_table() -> None:
-    assert AOVS["depth"].empty(4, 3).shape == (3, 4)
-    assert AOVS["forward_flow"].empty(4, 3).shape == (3, 4, 2)
-    assert AOVS["coverage"].empty(4, 3).shape == (3, 4, RANKS, 2)
-    assert AOVS["semantic"].empty(4, 3).dtype == np.uint16
-    assert AOVS["backward_occlusion"].empty(4, 3).dtype == np.bool_
+    assert BUFFERS["depth"].empty(4, 3).shape == (3, 4)
+    assert BUFFERS["forward_flow"].empty(4, 3).shape == (3, 4, 2)
+    assert BUFFERS["coverage"].empty(4, 3).shape == (3, 4, RANKS, 2)
+    assert BUFFERS["semantic"].empty(4, 3).dtype == np.uint16
+    assert BUFFERS["backward_occlusion"].empty(4, 3).dtype == np.bool_
 
 
 def test_only_occlusion_needs_other_times() -> None:

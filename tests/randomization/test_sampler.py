@@ -12,7 +12,7 @@ import tiscene as ts
 from dynamics import UniformMovementRandomBounce
 from tests.usd.helpers import write
 from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, SceneNotFound, TemplateNotFound
-from tiscene.randomization.ranges import Difficulty
+from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.randomization.sampler import _Draws
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
@@ -62,7 +62,7 @@ def loop_of(each: Object) -> ts.CatmullWaypoints:
     return each.dynamic.parts[0] if isinstance(each.dynamic, ts.Composite) else each.dynamic
 
 
-def centres(scenario: Scenario, frames: int = 60, fps: float = 5.0) -> dict[str, np.ndarray]:
+def centers(scenario: Scenario, frames: int = 60, fps: float = 5.0) -> dict[str, np.ndarray]:
     """Where every object is, without collisions."""
     objects = [ts.Object(each.id, each.template, each.position, each.rotation, each.dynamic, collide=False)
                for each in scenario.objects]  # fmt: skip
@@ -110,7 +110,7 @@ def test_numbers_are_within_their_ranges(room):
             assert 20 <= each.last_frame - each.first_frame + 1 <= 50
             assert 0 <= each.first_frame <= each.last_frame < 100
             spins.append(2 * math.pi / each.dynamic.parts[1].period)
-            way = centres(Scenario(room, [Object(each.id, each.template, dynamic=loop)]), 40, 10.0)[each.id]
+            way = centers(Scenario(room, [Object(each.id, each.template, dynamic=loop)]), 40, 10.0)[each.id]
             speeds += list(np.linalg.norm(np.diff(way, axis=0), axis=1) * 10)
     assert set(counts) == {1, 2, 3}
     assert 0.1 <= min(spins) < 0.2 < 0.3 < max(spins) <= 0.4
@@ -121,7 +121,7 @@ def test_numbers_are_within_their_ranges(room):
 def test_what_should_be_in_view_is_in_view(room):
     scenario = Scenario.sample(room, seed=1, objects=4, templates=SMALL, depth=(1, 3), region=(0.25, 0, 0.75, 1))
     height = 2 * 0.6  # of the view at 1 m
-    for way in centres(scenario).values():
+    for way in centers(scenario).values():
         depth = 3.5 - way[:, 2]
         assert np.all(depth > 0.9)
         assert np.all(np.abs(way[:, 1] - 2) < 0.5 * height * depth)
@@ -145,7 +145,7 @@ def test_visibility_and_occlusion_are_what_was_asked_for(room):
         waypoints=(3, 8),
     )
     for each in scenario.objects:
-        way = centres(Scenario(room, [each]), 400, 400 / loop_of(each).total_time)[each.id]
+        way = centers(Scenario(room, [each]), 400, 400 / loop_of(each).total_time)[each.id]
         depth = 3.5 - way[:, 2]
         seen = (np.abs(way[:, 1] - 2) < 0.6 * depth) & (np.abs(way[:, 0]) < 0.8 * depth) & (depth > 0.1)
         assert 0.5 - 0.03 <= seen.mean() <= 0.9 + 0.03
@@ -171,7 +171,7 @@ def test_what_is_not_in_the_way_of_anything_moves_freely(room):
     """Ways avoid the scene: a world with collisions has the same poses as one without."""
     scenario = Scenario.sample(room, seed=6, objects=1, templates=SMALL)
     world = ts.Stream(scenario, fps=5, width=8, height=6, buffers=("depth",)).world
-    free = centres(scenario, 40)[scenario.objects[0].id]
+    free = centers(scenario, 40)[scenario.objects[0].id]
     for frame in range(0, 40, 5):
         (row,) = (each for each in world.objects(frame) if each.name == scenario.objects[0].id)
         np.testing.assert_allclose(row.position, free[frame], atol=1e-9)
@@ -254,5 +254,5 @@ def test_ranges_that_nothing_fits_are_refused_with_their_reasons(room):
 
 
 def test_one_number_stands_for_a_range():
-    assert Difficulty(objects=2, speed=0.5).objects == (2, 2)
-    assert Difficulty(speed=0.5).speed == (0.5, 0.5)
+    assert ScenarioRanges(objects=2, speed=0.5).objects == (2, 2)
+    assert ScenarioRanges(speed=0.5).speed == (0.5, 0.5)

@@ -24,6 +24,6 @@ def point_triangle(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.where(above & (length > 1e-14), np.minimum(height, result), result)
 
 
-def sphere_gap(centres: np.ndarray, radii: np.ndarray, triangles: np.ndarray) -> float:
+def sphere_gap(centers: np.ndarray, radii: np.ndarray, triangles: np.ndarray) -> float:
     """The smallest gap between any of the spheres and any of the triangles; negative where they overlap."""
-    return float((point_triangle(centres, triangles).min(axis=1) - radii).min())
+    return float((point_triangle(centers, triangles).min(axis=1) - radii).min())

@@ -39,7 +39,7 @@ def scene(
 ) -> Any:
     """The scene for the `path` integrator. mi: the mitsuba module with its variant set. Russian roulette from depth 3.
 
-    Materials: the diffuse colour, of a texture too; glass where opacity is 0, partly there where it is less than 1; a
+    Materials: the diffuse color, of a texture too; glass where opacity is 0, partly there where it is less than 1; a
     white metal where metallic is 1; emission. glossy: opaque ones as Mitsuba's `principled` instead, with roughness,
     metallic, ior and normal maps. guides: pictures have the first hit's albedo and normal in channels 3 to 8.
     """

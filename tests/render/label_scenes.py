@@ -45,7 +45,7 @@ def plate(width: float, height: float, material: int = 0) -> Mesh:
 
 
 def pose(position: Sequence[float] = (0, 0, 0), rotation: Sequence[float] = (1, 0, 0, 0), scale: float = 1.0):
-    """A 3x4 matrix; rotation: quaternion (w, x, y, z), normalised here."""
+    """A 3x4 matrix; rotation: quaternion (w, x, y, z), normalized here."""
     quaternion = np.asarray(rotation, float) / np.linalg.norm(rotation)
     return np.column_stack([matrix_from_quaternion(tuple(quaternion)) * scale, np.asarray(position, float)])
 
@@ -96,7 +96,7 @@ class Stage:
             SceneDescription(
                 "test",
                 meshes=tuple(meshes),
-                materials=tuple(materials) or (Material("grey"),),
+                materials=tuple(materials) or (Material("gray"),),
                 textures=tuple(textures),
             )
         )

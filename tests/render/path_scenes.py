@@ -32,12 +32,12 @@ def quad(*corners: tuple[float, float, float], material: int = 0) -> Mesh:
     )
 
 
-def ball(centre: tuple[float, float, float], radius: float, material: int = 0, subdivisions: int = 4) -> Mesh:
+def ball(center: tuple[float, float, float], radius: float, material: int = 0, subdivisions: int = 4) -> Mesh:
     """A smooth sphere."""
     sphere = trimesh.creation.icosphere(subdivisions, radius=radius)
     return Mesh(
         "ball",
-        (sphere.vertices + centre).astype(np.float32),
+        (sphere.vertices + center).astype(np.float32),
         np.asarray(sphere.faces, np.int32),
         np.full(len(sphere.faces), material, np.int32),
         normals=(sphere.vertices / radius).astype(np.float32),

@@ -14,7 +14,7 @@ from tiscene.render.bsdfs.material_inputs import ALL_INPUTS, Footprint, Material
 from tiscene.render.intersect.surface_interaction import VisibleSurface
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.importance import weigh
-from tiscene.render.lights.light_sample import LightNodes, Lights
+from tiscene.render.lights.light_sample import LightNodes, LightTables
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.description import Light, Material, Texture
 from tiscene.scene.lights.light_table import POINT, LightTable
@@ -125,7 +125,7 @@ def illuminate(
 
     Always afterwards: what a ray in that direction would see, as (density, distance, radiance's green) from column 3.
     """
-    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
+    lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(directions.shape[0]):
         origin = row_of(origins, 0)

@@ -22,7 +22,7 @@ LENS = replace(CAMERA, lens_radius=0.2, focus_distance=1.7)
 
 def camera_rays(camera: Camera, filter: str = "box", seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """One ray of each pixel: where it begins on the lens [n, 2], m, by how much it
-    misses the pixel's centre where the picture is sharp [n, 2], px, and its direction [n, 3]."""
+    misses the pixel's center where the picture is sharp [n, 2], px, and its direction [n, 3]."""
     view, order = View(camera, camera, camera, SIZE, SIZE), tiled_order(SIZE, SIZE)
     s = PathState(SIZE * SIZE)
     wavefront_kernels.start_paths(

@@ -17,11 +17,11 @@ from tiscene.scene.description import Instance, Material, SceneDescription, Scen
 from tiscene.world.frustum_test import in_view
 
 WIDTH, HEIGHT = 64, 48
-CAMERA = ts.Camera(position=(0.0, 0.0, 5.0), view_height=4.8)  # 0.1 m a pixel
+CAMERA = ts.Camera(position=(0.0, 0.0, 5.0), orthographic_height=4.8)  # 0.1 m a pixel
 VIEW = still(CAMERA, WIDTH, HEIGHT)
 
 
-def centres():
+def centers():
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     return (x - 31.5) * 0.1, (23.5 - y) * 0.1
 
@@ -30,7 +30,7 @@ def centres():
 def test_a_plate_is_as_large_at_any_distance(depth):
     stage = Stage([plate(2.0, 1.0)], [Thing(0, [pose((0.5, 0.2, 5.0 - depth))])])
     labels = stage.render(VIEW, *LABELS)
-    right, up = centres()
+    right, up = centers()
     hit = (np.abs(right - 0.5) < 1.0) & (np.abs(up - 0.2) < 0.5)
     np.testing.assert_array_equal(labels["instance"] == 1, hit)
     for name in ("depth", "distance"):
@@ -66,7 +66,7 @@ def test_a_camera_that_moves_and_rolls():
     rolled = replace(CAMERA, rotation=(np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)), position=(0.2, 0.0, 6.0))
     stage = Stage([plate(2.0, 3.0)], [Thing(0, [pose((0.5, 0.2, -2.0))])])
     labels = stage.render(View(CAMERA, CAMERA, rolled, WIDTH, HEIGHT), "instance", "forward_flow")
-    right, up = centres()
+    right, up = centers()
     hit = labels["instance"] == 1
     for shift, where in ((0.2, hit), (0.0, ~hit)):
         x, y = right - shift, up
@@ -80,7 +80,7 @@ def test_occlusion_by_parallel_rays():
     poses = [pose((step * 1.0, 0.0, 3.0)) for step in (0, 0, 1)]
     stage = Stage([plate(1.0, 10.0), plate(30.0, 30.0)], [Thing(0, poses), Thing(1, [pose((0, 0, -50))])])
     labels = stage.render(VIEW, "instance", "forward_occlusion")
-    right, _ = centres()
+    right, _ = centers()
     wall = labels["instance"] == 2
     np.testing.assert_array_equal(labels["forward_occlusion"][wall], (np.abs(right - 1.0) < 0.5)[wall])
 
@@ -91,7 +91,7 @@ def test_objects_are_measured_without_perspective():
     (row,) = table(stage, VIEW)
     np.testing.assert_allclose(row.amodal_box, (52.0, 17.0, 72.0, 27.0), atol=1e-4)
     assert row.amodal_pixels == 200
-    assert row.percent_in_frame == pytest.approx(0.6)
+    assert row.fraction_in_frame == pytest.approx(0.6)
 
 
 def test_light_travels_along_parallel_rays():
@@ -101,7 +101,7 @@ def test_light_travels_along_parallel_rays():
     )
     paths = PathPass(stage.scene, WIDTH, HEIGHT)
     hdr = paths.render(VIEW, frame_index=0, seed=1, spp=4, max_depth=2).hdr
-    right, up = centres()
+    right, up = centers()
     inside = (np.abs(right - 0.5) < 0.9) & (np.abs(up - 0.2) < 0.4)
     outside = (np.abs(right - 0.5) > 1.1) | (np.abs(up - 0.2) > 0.6)
     np.testing.assert_allclose(hdr[inside], np.tile((2.0, 1.0, 0.5), (inside.sum(), 1)), rtol=1e-5)
@@ -137,7 +137,7 @@ def test_free_space_before_it():
     behind = np.eye(4)
     behind[2, 3] = 9.0
     walls = (Instance(0, 0, np.eye(4)), Instance(0, 0, behind))
-    stage = SceneDescription("test", (wall,), (Material("grey"),), instances=walls, objects=(SceneObject("w", "/w"),))
+    stage = SceneDescription("test", (wall,), (Material("gray"),), instances=walls, objects=(SceneObject("w", "/w"),))
     space = FreeSpace(stage, CAMERA, WIDTH / HEIGHT)
     points = space.points(np.array([0.5, 1.0]), np.array([0.5, 0.0]), np.array([1.0, 4.0]))
     np.testing.assert_allclose(points, [(0, 0, 4), (3.2, 2.4, 1)], atol=1e-12)
@@ -147,7 +147,7 @@ def test_free_space_before_it():
 
 
 def test_bad_ones_are_refused():
-    with pytest.raises(ArgumentError, match=r"view_height=0\.0: must be greater than 0 m"):
-        ts.Camera(view_height=0)
+    with pytest.raises(ArgumentError, match=r"orthographic_height=0\.0: must be greater than 0 m"):
+        ts.Camera(orthographic_height=0)
     with pytest.raises(ArgumentError, match="an orthographic camera has none"):
-        ts.Camera(view_height=1.0, lens_radius=0.1)
+        ts.Camera(orthographic_height=1.0, lens_radius=0.1)

@@ -8,7 +8,7 @@ import pytest
 from tests.benchmarks.room import still
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, device_scene, towards
 from tiscene.render.film.tone_map import tone_map
-from tiscene.render.renderer import Quality, Renderer
+from tiscene.render.renderer import Renderer, RenderSettings
 from tiscene.render.view import View
 from tiscene.scene.description import RectLight
 
@@ -19,7 +19,7 @@ PICTURES = ("rgb", "hdr", "denoised")
 def pictures(denoise: bool, buffers: tuple[str, ...] = PICTURES, spp: int = 4) -> dict[str, np.ndarray[Any, Any]]:
     lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
     room = described(*box(CORNELL), [lamp])
-    renderer = Renderer(device_scene(room), 40, 30, Quality(spp=spp, max_depth=4, denoise=denoise))
+    renderer = Renderer(device_scene(room), 40, 30, RenderSettings(spp=spp, max_depth=4, denoise=denoise))
     view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, 40, 30)
     return renderer.render(view, still(room), buffers, frame_index=0, seed=1, exposure=EXPOSURE)
 

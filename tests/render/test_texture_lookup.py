@@ -140,7 +140,7 @@ def test_large_areas_are_looked_up_in_small_copies(size: tuple[int, int], encodi
         assert values.mean(axis=0) == pytest.approx(linear_pixels(texture).mean(axis=(0, 1)), rel=8e-3)
         inside = (np.abs(v - 0.5) < 0.45).ravel() & (np.abs(u - 0.5) < 0.45).ravel()
         if min(size) > 5:
-            assert np.abs(values - exact)[inside].max() < 0.1  # neighbours differ by the noise and a pixel's step
+            assert np.abs(values - exact)[inside].max() < 0.1  # neighbors differ by the noise and a pixel's step
 
 
 def test_copies_halve_and_small_images_have_none() -> None:

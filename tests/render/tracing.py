@@ -44,7 +44,7 @@ def shape(made: trimesh.Trimesh) -> Mesh:
 
 
 def described(*meshes: Mesh) -> SceneDescription:
-    return SceneDescription("test", meshes=meshes, materials=(Material("grey"),))
+    return SceneDescription("test", meshes=meshes, materials=(Material("gray"),))
 
 
 def placed(

@@ -32,7 +32,7 @@ def path(*positions, seconds=4.0):
     return LinearWaypoints([Waypoint(position) for position in positions], seconds)
 
 
-def centre(mask):
+def center(mask):
     rows, columns = np.nonzero(mask)
     return columns.mean(), rows.mean()
 
@@ -97,7 +97,7 @@ def test_an_object_is_where_unity_would_have_it(make_agent):
     assert agent.spawned_objects_idstr_names_table == {id: "Cube"}
     frame = agent.get_frame()
     there = frame["object"].any(axis=-1)
-    np.testing.assert_allclose(centre(there), projected(0.8, 1.4, 3.0), atol=1.0)
+    np.testing.assert_allclose(center(there), projected(0.8, 1.4, 3.0), atol=1.0)
     assert len(np.unique(frame["object"][there], axis=0)) == 1
     assert {agent.categories[number] for number in np.unique(frame["category"][there])} == {"cube"}
     assert (frame["category"][~there] == 255).all()
@@ -109,15 +109,15 @@ def test_an_object_is_where_unity_would_have_it(make_agent):
 def test_turning_right_moves_things_left_and_pitching_down_moves_them_up(make_agent):
     agent = make_agent()
     agent.spawn_object("Sphere", (0, 1, 3), scale=(0.5, 0.5, 0.5))
-    x, y = centre(agent.get_frame()["object"].any(axis=-1))
+    x, y = center(agent.get_frame()["object"].any(axis=-1))
     agent.set_rotation(Vector3(0, 10, 0))
-    assert centre(agent.get_frame()["object"].any(axis=-1))[0] < x - 3
+    assert center(agent.get_frame()["object"].any(axis=-1))[0] < x - 3
     agent.set_rotation([10, 0, 0])
-    assert centre(agent.get_frame()["object"].any(axis=-1))[1] < y - 3
+    assert center(agent.get_frame()["object"].any(axis=-1))[1] < y - 3
     assert agent.get_rotation() == Vector3(10, 0, 0)
     agent.set_rotation((0, 0, 0))
     agent.set_position(np.array([0.5, 1.0, 0.0]))
-    assert centre(agent.get_frame()["object"].any(axis=-1))[0] < x - 3
+    assert center(agent.get_frame()["object"].any(axis=-1))[0] < x - 3
 
 
 def test_flow_points_back_in_x_and_forth_in_y(make_agent):
@@ -150,7 +150,7 @@ def test_spawned_things_can_be_moved_and_taken_away(make_agent):
     agent.move_object(first, (-0.8, 1.3, 3), (0, 0, 45))
     moved = agent.get_frame()
     left = moved["object"][:, :32].any(axis=-1)
-    assert centre(left)[1] == pytest.approx(projected(-0.8, 1.3, 3)[1], abs=1.0)
+    assert center(left)[1] == pytest.approx(projected(-0.8, 1.3, 3)[1], abs=1.0)
     assert not moved["object"][0].any()
     agent.despawn_object(first)
     assert agent.spawned_objects_idstr_names_table == {other: "Cube Trail"}
@@ -214,7 +214,7 @@ def test_a_scenario_is_the_same_natively(make_agent):
         camera=ts.Camera(position=(0, 1, 0), exposure=start.exposure),
     )
     buffers = ("rgb", "instance", "depth", "backward_flow")
-    settings = {"quality": "preview", "spp": 1, "differential": False}
+    settings = {"quality": "preview", "spp": 1, "incremental": False}
     stream = ts.Stream(native, width=64, height=48, seed=3, buffers=buffers, **settings)
     for _, frame in zip(range(3), stream, strict=False):
         seen = agent.get_frame()
@@ -257,7 +257,7 @@ def test_following_the_track(make_agent):
         agent.get_frame()
         places.append(np.array(tuple(agent.get_position())))
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    np.testing.assert_allclose(steps, 0.5 / 25, rtol=0.02)  # half a metre a second
+    np.testing.assert_allclose(steps, 0.5 / 25, rtol=0.02)  # half a meter a second
     assert agent.get_rotation() != Vector3(0, 0, 0)
     agent.toggle_follow()
     agent.get_frame()

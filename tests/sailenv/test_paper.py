@@ -19,7 +19,7 @@ from tiscene.sailenv import (
 
 
 def cylinder():
-    """Before a plain background, on a closed curve that begins two metres ahead of the agent."""
+    """Before a plain background, on a closed curve that begins two meters ahead of the agent."""
     here, offsets = Vector3(0, 1, 0), [(0, 0, 2), (0, 1, 3), (1, 0.5, 3), (1, -0.5, 4), (-1.5, 0, 3.5)]
     turns = [(0, 0, 0), (90, 0, 0), (90, 90, 0), (90, 90, 90), (90, 90, 180)]
     waypoints = [Waypoint(here + Vector3(*offset), Vector3(*turn)) for offset, turn in zip(offsets, turns, strict=True)]

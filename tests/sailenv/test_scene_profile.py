@@ -40,7 +40,7 @@ def test_the_track_about_an_only_camera_looks_at_what_it_looks_at(camera):
     """Whatever its direction, without a jump."""
     track = CameraTrack(stage(camera), None)
     target = camera.position - 3.0 * camera.axes()[:, 2]
-    views = [camera.posed(*track.pose(Fraction(k, 10))) for k in range(60)]
+    views = [camera.with_pose(*track.pose(Fraction(k, 10))) for k in range(60)]
     np.testing.assert_allclose(views[0].position, camera.position, atol=1e-9)
     for here, there in itertools.pairwise(views):
         towards = target - np.array(here.position)

@@ -54,7 +54,7 @@ def test_a_model_with_its_texture_becomes_a_thing_to_spawn(make_agent, tmp_path)
     assert agent.spawned_objects_idstr_names_table[id] == "file:" + path
     frame = agent.get_frame()
     there = frame["object"].any(axis=-1)
-    # One metre wide at two metres, its origin at the lower left corner.
+    # One meter wide at two meters, its origin at the lower left corner.
     assert there.sum() == pytest.approx((48 / (2 * np.tan(np.radians(30))) / 2) ** 2, rel=0.1)
     red, green, blue = frame["main"][there].mean(axis=0)
     assert red > 2 * max(green, blue)

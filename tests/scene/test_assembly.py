@@ -1,10 +1,10 @@
-"""Parts of objects and the boxes around them."""
+"""ObjectParts of objects and the boxes around them."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tiscene.scene.assembly import LEAST_EXTENT, Parts, bounding_box, box_matrices, corners, joined, rigid
+from tiscene.scene.assembly import LEAST_EXTENT, ObjectParts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.scene.description import Mesh, SceneDescription
 
 
@@ -52,9 +52,9 @@ def test_box_coordinates_run_from_0_to_1_and_stay_invertible():
 
 
 def test_joining_keeps_the_order_and_nothing_joins_to_nothing():
-    def part(mesh: int) -> Parts:
+    def part(mesh: int) -> ObjectParts:
         row, matrix = np.zeros(1, np.int32), np.ones((1, 3, 4))
-        return Parts(row + mesh, row, matrix, matrix, row + 2 * mesh)
+        return ObjectParts(row + mesh, row, matrix, matrix, row + 2 * mesh)
 
     assert joined([part(3), part(1)]).mesh.tolist() == [3, 1]
     assert joined([part(3), part(1)]).number.tolist() == [6, 2]

@@ -34,7 +34,7 @@ def test_a_quarter_turn_about_y_turns_left():
 def test_intrinsics_follow_opencv():
     K = Camera(vertical_fov=math.radians(90.0)).intrinsics(640, 480)
     np.testing.assert_allclose(K, [[240, 0, 319.5], [0, 240, 239.5], [0, 0, 1]])
-    # The direction half a pixel above the top row's centres is the upper edge of the view: 45 degrees.
+    # The direction half a pixel above the top row's centers is the upper edge of the view: 45 degrees.
     np.testing.assert_allclose((-0.5 - K[1, 2]) / K[1, 1], -1.0)
 
 
@@ -44,7 +44,7 @@ def project(camera: Camera, point, width: int, height: int) -> np.ndarray:
     return np.array([u / w, v / w, z])
 
 
-def test_look_at_puts_the_target_in_the_centre_and_up_up():
+def test_look_at_puts_the_target_in_the_center_and_up_up():
     camera = Camera.look_at((3.0, 2.0, 1.0), (-1.0, 0.5, -2.0))
     distance = np.linalg.norm(np.subtract(camera.position, (-1.0, 0.5, -2.0)))
     np.testing.assert_allclose(project(camera, (-1.0, 0.5, -2.0), 64, 48), (31.5, 23.5, distance))
@@ -88,7 +88,7 @@ def test_planes_come_in_the_order_that_is_promised():
 
 def test_a_camera_moved_is_the_same_camera_elsewhere():
     camera = Camera(vertical_fov=0.5, exposure=1.5, name="Front")
-    moved = camera.posed((1, 2, 3), (0, 0, 2, 0))
+    moved = camera.with_pose((1, 2, 3), (0, 0, 2, 0))
     assert moved.position == (1.0, 2.0, 3.0)
     assert moved.rotation == (0.0, 0.0, 1.0, 0.0)
     assert (moved.vertical_fov, moved.exposure, moved.name) == (0.5, 1.5, "Front")
@@ -97,7 +97,7 @@ def test_a_camera_moved_is_the_same_camera_elsewhere():
 @pytest.mark.parametrize("up", [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
 def test_a_box_is_seen_whole_and_large(up):
     low, high = (-1.0, 0.0, -2.0), (3.0, 1.0, 1.0)
-    camera = Camera.seeing(low, high, up)
+    camera = Camera.framing(low, high, up)
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     uvz = np.array([project(camera, corner, 256, 192) for corner in corners])
     assert (uvz[:, 2] > 0).all()

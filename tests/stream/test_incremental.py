@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import tiscene as ts
 from tests.render.integrators.incremental.test_incremental_pass import check_equal_means
 from tests.stream.test_stream import moving_scenario
-from tiscene.render.integrators.incremental.incremental_pass import ReplayPass
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.scene.description import DistantLight, SphereLight
 from tiscene.scene.lights.light_groups import LightGroups, shine, shining
 from tiscene.stream.incremental import moving
@@ -24,22 +24,22 @@ SMALL = {"width": 32, "height": 24, "spp": 2, "max_depth": 3, "buffers": ("hdr",
 def prepared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many instances moved, of every frame that was a difference."""
     seen: list[int] = []
-    prepare = ReplayPass.prepare
+    prepare = IncrementalPass.prepare
 
     def noted(self, view, placement, moving, **others):  # type: ignore[no-untyped-def]
         seen.append(int((placement.present[1] & moving).sum()))
         return prepare(self, view, placement, moving, **others)
 
-    monkeypatch.setattr(ReplayPass, "prepare", noted)
+    monkeypatch.setattr(IncrementalPass, "prepare", noted)
     return seen
 
 
 def test_short_streams_are_not_worth_it(prepared: list[int]) -> None:
     for frames, wanted in ((None, True), (50, True), (49, False)):
-        assert ts.Stream(moving_scenario(), frames=frames, **SMALL).differential == wanted
+        assert ts.Stream(moving_scenario(), frames=frames, **SMALL).incremental == wanted
     ts.Stream(moving_scenario(), frames=3, **SMALL)[1]
     assert prepared == []
-    ts.Stream(moving_scenario(), frames=3, differential=True, **SMALL)[1]
+    ts.Stream(moving_scenario(), frames=3, incremental=True, **SMALL)[1]
     assert len(prepared) == 1
 
 
@@ -88,23 +88,23 @@ def test_base_spp_is_that_of_the_base() -> None:
     scenario = replace(scenario, objects=[*scenario.objects, ts.Object("rests", "Sphere")])
     few, many = (ts.Stream(scenario, **SMALL, base_spp=spp) for spp in (2, 3))
     assert (few[2].hdr != many[2].hdr).any()
-    with pytest.raises(ts.TisceneError, match="differential"):
+    with pytest.raises(ts.TisceneError, match="incremental"):
         few.load_state_dict(many.state_dict())
     with pytest.raises(ts.TisceneError, match="base_spp=0"):
         ts.Stream(moving_scenario(), **SMALL, base_spp=0)
 
 
 def test_settings_tell_differential_streams_apart() -> None:
-    plain, differential = (ts.Stream(moving_scenario(), differential=way, **SMALL) for way in (False, True))
-    with pytest.raises(ts.TisceneError, match="differential"):
-        plain.load_state_dict(differential.state_dict())
+    plain, incremental = (ts.Stream(moving_scenario(), incremental=way, **SMALL) for way in (False, True))
+    with pytest.raises(ts.TisceneError, match="incremental"):
+        plain.load_state_dict(incremental.state_dict())
 
 
 def test_same_expectation_as_path_tracing() -> None:
     """Over independent seeds, of all pixels and of tiles; textures, glass and metal of real templates."""
 
     def pictures(way: bool, spp: int) -> list[NDArray[np.float32]]:
-        settings = {**SMALL, "spp": spp, "differential": way}
+        settings = {**SMALL, "spp": spp, "incremental": way}
         return [ts.Stream(moving_scenario(), **settings, seed=seed)[6].hdr for seed in range(6)]
 
     check_equal_means(np.stack(pictures(True, 4)), np.stack(pictures(False, 32)))
@@ -112,7 +112,7 @@ def test_same_expectation_as_path_tracing() -> None:
 
 def test_what_is_made_is_reported() -> None:
     said: list[tuple[str, float]] = []
-    stream = ts.Stream(moving_scenario(), **SMALL, seed=99, report=lambda doing, done: said.append((doing, done)))
+    stream = ts.Stream(moving_scenario(), **SMALL, seed=99, progress=lambda doing, done: said.append((doing, done)))
     stream[0]
     assert [doing for doing, _ in said] == ["base image", "paths", "paths"]
     assert said[-1][1] == 1.0
@@ -129,12 +129,12 @@ def test_a_lamp_that_pulses_is_traced_once(prepared: list[int]) -> None:
     scenario = replace(moving_scenario(), lights=[PULSE])
 
     def pictures(way: bool, spp: int, frame: int) -> NDArray[np.float32]:
-        settings = {**SMALL, "spp": spp, "differential": way, "report": lambda doing, done: said.append(doing)}
+        settings = {**SMALL, "spp": spp, "incremental": way, "report": lambda doing, done: said.append(doing)}
         return np.stack([ts.Stream(scenario, **settings, seed=seed)[frame].hdr for seed in range(6)])
 
     for frame in (6, 9):
         check_equal_means(pictures(True, 4, frame), pictures(False, 32, frame))
-    stream = ts.Stream(scenario, **SMALL, report=lambda doing, done: said.append(doing))
+    stream = ts.Stream(scenario, **SMALL, progress=lambda doing, done: said.append(doing))
     dark, bright = stream[0].hdr, stream[9].hdr
     assert (bright - dark).max() > 0.1
     said.clear()
@@ -147,12 +147,12 @@ def test_a_lamp_dimmed_by_hand_is_a_factor(prepared: list[int]) -> None:
     """Also where nothing moves."""
     said: list[str] = []
     scenario = replace(moving_scenario(), objects=[ts.Object("rests", "Sphere")])
-    stream = ts.Stream(scenario, **SMALL, report=lambda doing, done: said.append(doing))
+    stream = ts.Stream(scenario, **SMALL, progress=lambda doing, done: said.append(doing))
     row = next(row for row, light in enumerate(stream.world.stage.lights) if isinstance(light, DistantLight))
     lamp = stream.world.stage.lights[row]
     pictures = []
     for factor in (1.0, 0.0, 0.5, 3.0):
-        stream.relight(row, shining(lamp, tuple(factor * each for each in shine(lamp))))
+        stream.set_light(row, shining(lamp, tuple(factor * each for each in shine(lamp))))
         pictures.append(stream[5].hdr)
         if factor == 1.0:
             made = len(said)
@@ -172,7 +172,9 @@ def test_lamps_that_change_leave_no_base() -> None:
         groups = [LightGroups(((0, light),), (0,), np.ones((1, 3), np.float32)) for (light,) in lights]
         moves = lambda frame: np.array([False, frame != 4])  # noqa: E731
         first = tuple(groups[:2])
-        return SimpleNamespace(light_groups=groups.__getitem__, lights_change=True, first_lights=first, moving=moves)
+        return SimpleNamespace(
+            light_groups=groups.__getitem__, has_dynamic_lights=True, initial_lights=first, moving=moves
+        )
 
     steady, swinging, late = world([1.0] * 5), world([1.0, 2.0, 1.0]), world([1.0, 1.0, 1.0, 2.0])
     assert moving(steady, 3).tolist() == [False, True]  # type: ignore[arg-type, union-attr]

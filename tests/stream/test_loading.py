@@ -15,7 +15,7 @@ from pxr import Sdf
 from tests.usd.helpers import write
 from tiscene.catalog import find_scene
 from tiscene.errors import StageError, StageWarning
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.render.renderer import QUALITIES
 from tiscene.render.warm_up import rehearsal
 from tiscene.scene.textures.mipmaps import coarser_copies
@@ -129,7 +129,7 @@ def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, mon
     assert not loading._pays(("depth", "rgb"))
 
 
-@pytest.mark.parametrize("buffers", [("rgb", "depth"), tuple(AOVS)], ids=["few", "all"])
+@pytest.mark.parametrize("buffers", [("rgb", "depth"), tuple(BUFFERS)], ids=["few", "all"])
 @pytest.mark.parametrize("quality", ["fast", "preview"])
 @pytest.mark.parametrize("emission", [False, True])
 def test_a_rehearsal_goes_on_to_its_end(buffers, quality, emission):
@@ -157,13 +157,13 @@ def Material "Lamp" {
 @pytest.mark.parametrize(("text", "glows"), [(GLOWING % 2, True), (GLOWING % 0, False), (BOX, False)])
 def test_the_other_process_says_first_whether_anything_glows(text, glows, tmp_path, monkeypatch):
     monkeypatch.setattr(subprocess_reader, "_MOMENT", 60.0)
-    with subprocess_reader.Reading(write(tmp_path, text), {}) as reading:
+    with subprocess_reader.SubprocessReader(write(tmp_path, text), {}) as reading:
         assert reading.glows() == glows
 
 
 def test_of_a_wrong_stage_it_says_no(tmp_path, monkeypatch):
     monkeypatch.setattr(subprocess_reader, "_MOMENT", 60.0)
-    with subprocess_reader.Reading(write(tmp_path, "def Mesh {"), {}) as reading:
+    with subprocess_reader.SubprocessReader(write(tmp_path, "def Mesh {"), {}) as reading:
         assert not reading.glows()
         with pytest.raises(StageError):
             reading.result()
@@ -172,13 +172,13 @@ def test_of_a_wrong_stage_it_says_no(tmp_path, monkeypatch):
 def test_nobody_waits_long_for_it(tmp_path, monkeypatch):
     monkeypatch.setattr(subprocess_reader, "_PROGRAM", "import time; time.sleep(60)")
     monkeypatch.setattr(subprocess_reader, "_MOMENT", 0.05)
-    with subprocess_reader.Reading(write(tmp_path, BOX), {}) as reading:
+    with subprocess_reader.SubprocessReader(write(tmp_path, BOX), {}) as reading:
         assert not reading.glows()
 
 
 def test_the_other_process_makes_the_copies_of_textures():
     path = find_scene("room_01")
-    with subprocess_reader.Reading(path, {}) as reading:
+    with subprocess_reader.SubprocessReader(path, {}) as reading:
         there = reading.result().textures
     here = read_stage(path).textures
     assert here

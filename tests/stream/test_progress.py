@@ -24,7 +24,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def test_a_terminal_shows_what_is_long(monkeypatch: pytest.MonkeyPatch, clock: list[float]) -> None:
     monkeypatch.setattr(sys, "stderr", terminal := Terminal())
-    report = progress.Waiting()
+    report = progress.ProgressBar()
     report("base image", 0.1)
     clock[0] = 1.9
     report("base image", 0.4)
@@ -41,7 +41,7 @@ def test_a_terminal_shows_what_is_long(monkeypatch: pytest.MonkeyPatch, clock: l
 
 
 def test_files_are_told_nothing(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
-    report = progress.Waiting()
+    report = progress.ProgressBar()
     report("base image", 0.1)
     clock[0] = 5.0
     report("base image", 0.5)

@@ -11,12 +11,12 @@ import tiscene as ts
 from tests.usd.helpers import write
 from tests.world.test_collisions import EMPTY, STAGE, bouncer, path, world
 from tiscene.errors import ArgumentError, StageWarning
-from tiscene.render.integrators.incremental.incremental_pass import ReplayPass
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.view import View
 from tiscene.stream.shutter import MOST_MOMENTS, moments
 from tiscene.usd.read.stage_reader import read_stage
 
-# A square of 2 m that glows before a camera that sees 10 m of its plane from below to above: 5 px a metre.
+# A square of 2 m that glows before a camera that sees 10 m of its plane from below to above: 5 px a meter.
 SQUARE = """
 def Camera "Camera"
 {
@@ -131,9 +131,9 @@ def test_frames_with_an_open_shutter_are_no_differences(square, monkeypatch):
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a base image is made")
 
-    monkeypatch.setattr(ReplayPass, "prepare", refuse)
+    monkeypatch.setattr(IncrementalPass, "prepare", refuse)
     settings = SETTINGS | {"buffers": ("hdr",), "spp": 2}
-    assert ts.Stream(crossing(square), differential=True, shutter=(0, 0.5), **settings)[1].hdr.any()
+    assert ts.Stream(crossing(square), incremental=True, shutter=(0, 0.5), **settings)[1].hdr.any()
 
 
 def test_moments_are_spread_over_the_time_and_a_function_of_the_frame():

@@ -19,7 +19,7 @@ from tiscene.errors import (
     StageWarning,
     TemplateNotFound,
 )
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.render.view import View
 
 SETTINGS = {
@@ -28,8 +28,8 @@ SETTINGS = {
     "spp": 2,
     "max_depth": 3,
     "seed": 5,
-    "buffers": tuple(AOVS),
-    "differential": True,
+    "buffers": tuple(BUFFERS),
+    "incremental": True,
 }
 
 DIGESTS = """
@@ -59,11 +59,11 @@ def moving_scenario() -> ts.Scenario:
 
 def same(left: ts.Frame, right: ts.Frame) -> bool:
     return left.index == right.index and all(
-        left.buffers[name].tobytes() == right.buffers[name].tobytes() for name in AOVS
+        left.buffers[name].tobytes() == right.buffers[name].tobytes() for name in BUFFERS
     )
 
 
-def test_a_stage_without_light_is_told_where_colour_is_wanted(tmp_path):
+def test_a_stage_without_light_is_told_where_color_is_wanted(tmp_path):
     path = tmp_path / "dark.usda"
     path.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Box"\n{\n}\n')
     with pytest.warns(StageWarning, match=r"dark\.usda: there is no light.*Add a light") as told:
@@ -159,9 +159,9 @@ def test_denoising_changes_rgb_and_never_hdr():
 
 
 def test_paths_until_the_error_is_small_enough():
-    settings = {**SETTINGS, "buffers": ("hdr", "depth"), "differential": None, "spp": 48, "error": 0.1}
+    settings = {**SETTINGS, "buffers": ("hdr", "depth"), "incremental": None, "spp": 48, "error": 0.1}
     stream = ts.Stream(moving_scenario(), **settings)
-    assert not stream.differential  # though it is endless
+    assert not stream.incremental  # though it is endless
     frame = stream[4]
     assert 16 < frame.spp < 48
     again = ts.Stream(moving_scenario(), **settings)[4]
@@ -171,14 +171,14 @@ def test_paths_until_the_error_is_small_enough():
 
 
 def test_no_error_is_promised_while_a_shutter_is_open():
-    settings = {**SETTINGS, "buffers": ("hdr",), "differential": None, "error": 0.1, "spp": 16}
+    settings = {**SETTINGS, "buffers": ("hdr",), "incremental": None, "error": 0.1, "spp": 16}
     with pytest.raises(ArgumentError, match=r"error=0.1: not while the camera's shutter is open; ask for spp="):
         ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))[4]
     assert ts.Stream(moving_scenario(), **settings, shutter=(0, 0))[4].spp == 16
 
 
-def test_clamps_and_filters_change_colour_alone():
-    settings = {**SETTINGS, "buffers": ("hdr", "depth", "coverage"), "differential": False}
+def test_clamps_and_filters_change_color_alone():
+    settings = {**SETTINGS, "buffers": ("hdr", "depth", "coverage"), "incremental": False}
     plain = ts.Stream(moving_scenario(), **settings)[4]
     assert plain.spp == 2
     brightest = float(plain.hdr.max())
@@ -216,7 +216,7 @@ def test_clamps_and_filters_change_colour_alone():
         (ArgumentError, "error=2.0: must lie between 0 and 1", "object_view", {"error": 2.0}),
         (ArgumentError, "clamp=-1.0: must be greater than 0", "object_view", {"clamp": -1.0}),
         (ArgumentError, "pixel_filter='sinc': must be one of box", "object_view", {"pixel_filter": "sinc"}),
-        (ArgumentError, "differential=True: not with error=", "object_view", {"differential": True, "error": 0.1}),
+        (ArgumentError, "incremental=True: not with error=", "object_view", {"incremental": True, "error": 0.1}),
         (ArgumentError, "arch='metal'", "object_view", {"arch": "metal"}),
         (CameraNotFound, "no camera 'Nobody'", "object_view", {"camera": "Nobody"}),
         (TemplateNotFound, "Did you mean 'Chair 01'", ts.Scenario("object_view", [ts.Object("c", "Chair 1")]), {}),
@@ -262,14 +262,14 @@ def test_many_sizes_are_rendered_and_few_are_kept():
     stream = ts.Stream("object_view", buffers=("instance",), width=8, height=8)
     camera = stream[0].camera.camera
     for width in (8, 9, 10, 11, 12, 13, 8):
-        frame = stream.look(0, View(camera, camera, camera, width, 8), ("instance",))
+        frame = stream.render_view(0, View(camera, camera, camera, width, 8), ("instance",))
         assert frame.instance.shape == (8, width)
     assert list(stream._renderers) == [(11, 8), (12, 8), (13, 8), (8, 8)]
 
 
 def test_a_stream_can_be_sent_to_another_process():
     """As it is: edits, place and settings; so can its frames."""
-    stream = ts.Stream(moving_scenario(), **SETTINGS, report=lambda doing, done: None)
+    stream = ts.Stream(moving_scenario(), **SETTINGS, progress=lambda doing, done: None)
     stream.seek(2).world.spawn("Cube", (0.0, 0.1, 0.4))
     sent = pickle.loads(pickle.dumps(stream))
     assert sent.state_dict() == stream.state_dict()

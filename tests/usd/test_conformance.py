@@ -36,7 +36,7 @@ def color_of(description, number=0):
 
 
 def test_kitchen():
-    """Payloads, an inherited class that the set changes, variants of both kinds, instances, purposes, centimetres."""
+    """Payloads, an inherited class that the set changes, variants of both kinds, instances, purposes, centimeters."""
     description = quietly(STAGES / "kitchen" / "scene.usda")
     assert description.up_axis == "Z"
     assert [(each.name, each.category, each.parts) for each in description.objects] == [
@@ -74,7 +74,7 @@ def test_blender():
     assert isinstance(light, SphereLight)
     assert light.radiance == pytest.approx((2533.03,) * 3, rel=1e-5)
     np.testing.assert_allclose(light.world_from_light[:3, 3], (1, 2, 6))
-    # The camera looks along -x, with +z up; 0.5 and 0.2025 are tenths of a metre: 22.9 degrees.
+    # The camera looks along -x, with +z up; 0.5 and 0.2025 are tenths of a meter: 22.9 degrees.
     np.testing.assert_allclose(camera.axes() @ (0, 0, -1), (-1, 0, 0), atol=1e-6)
     np.testing.assert_allclose(camera.axes() @ (0, 1, 0), (0, 0, 1), atol=1e-6)
     assert np.degrees(camera.vertical_fov) == pytest.approx(22.895, abs=1e-3)
@@ -83,7 +83,7 @@ def test_blender():
 def test_a_telephone_s_model():
     description = quietly(STAGES / "phone.usda")
     (mesh,), (look,) = description.meshes, description.materials
-    # 1 cm turned about y and made a hundred times as large: a metre along -z, 10 cm up.
+    # 1 cm turned about y and made a hundred times as large: a meter along -z, 10 cm up.
     assert box_of(description) == ([0.0, 0.1, -1.0], [0.0, 1.1, 0.0])
     np.testing.assert_allclose(mesh.uv, [(0, 1), (1, 1), (1, 0), (0, 0)])
     turned = (1.0, 0.0, 0.0, 0.0, -1.0, 1.0)
@@ -132,7 +132,7 @@ def test_houdini_and_omniverse():
         assert (np.cross(b - a, c - a)[:, 1] > 0.0).all()  # both face up: one is left-handed, one winds backwards
         assert mesh.deformation is None
     (camera,) = description.cameras
-    assert (camera.name, camera.view_height) == ("OmniverseKit_Top", 4.0)
+    assert (camera.name, camera.orthographic_height) == ("OmniverseKit_Top", 4.0)
 
 
 def test_an_udim_wall_bound_by_faces(tmp_path):
@@ -191,7 +191,7 @@ def Xform "asset" (
     import tiscene as ts
 
     path = write(tmp_path, body)
-    camera = ts.Camera(position=(1.0, 0.5, 3.0), view_height=1.0)
+    camera = ts.Camera(position=(1.0, 0.5, 3.0), orthographic_height=1.0)
     frame = ts.Stream(path, width=40, height=20, buffers=("albedo",), camera=camera)[0]
     np.testing.assert_allclose(frame.albedo[:, :18], 0.0, atol=1e-6)
     np.testing.assert_allclose(frame.albedo[:, 22:], 1.0, atol=1e-6)
@@ -292,8 +292,8 @@ def "Two" (
         [description.materials[row].diffuse_color for row in description.meshes[each.mesh].materials]
         for each in description.instances
     ]
-    grey = (0.18, 0.18, 0.18)
-    assert looks == [[(1.0, 0.0, 0.0), grey], [(0.0, 0.0, 1.0)] * 2]
+    gray = (0.18, 0.18, 0.18)
+    assert looks == [[(1.0, 0.0, 0.0), gray], [(0.0, 0.0, 1.0)] * 2]
 
 
 def test_stages_of_our_own_are_valid():

@@ -26,7 +26,7 @@ def author(name: str, folder: Path) -> dict[str, bytes]:
 
 
 def assert_same_content(made: Path, committed: Path) -> None:
-    """Equal up to the last bits of a processor's sine: one grey level, a hundredth of a millimetre."""
+    """Equal up to the last bits of a processor's sine: one gray level, a hundredth of a millimeter."""
     if made.read_bytes() == committed.read_bytes():
         return
     if made.suffix == ".png":

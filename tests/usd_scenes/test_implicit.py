@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from usd_scenes.author import implicit
-from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.polygon_mesh import PolygonMesh
 
 BOX = [-0.12] * 3, [0.12] * 3
 
 
-def volume(mesh: Mesh) -> float:
+def volume(mesh: PolygonMesh) -> float:
     """Of the fans of all faces seen from the origin."""
     quads = mesh.points[mesh.indices.reshape(-1, 4)]
     a, b, c, d = (quads[:, k] for k in range(4))

@@ -91,7 +91,7 @@ def test_the_package_stays_small() -> None:
 
 
 @pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_metres_and_y_up(path: Path) -> None:
+def test_meters_and_y_up(path: Path) -> None:
     stage = open_stage(path)
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
@@ -107,7 +107,7 @@ def test_openusd_finds_nothing_to_complain_of(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_a_template_is_one_labelled_component(name: str) -> None:
+def test_a_template_is_one_labeled_component(name: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     root = stage.GetDefaultPrim()
     assert Usd.ModelAPI(root).GetKind() == Kind.Tokens.component
@@ -118,7 +118,7 @@ def test_a_template_is_one_labelled_component(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_a_template_is_centred_and_light(name: str) -> None:
+def test_a_template_is_centered_and_light(name: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     low, high = world_bounds(stage)
     np.testing.assert_allclose(low + high, 0.0, atol=5e-5)
@@ -129,7 +129,7 @@ def test_a_template_is_centred_and_light(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_a_template_comes_in_three_colours_at_least_and_three_appearances(name: str) -> None:
+def test_a_template_comes_in_three_colors_at_least_and_three_appearances(name: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     root = stage.GetDefaultPrim()
     colors, appearances = (root.GetVariantSet(each) for each in ("color", "appearance"))
@@ -144,7 +144,7 @@ def test_a_template_comes_in_three_colours_at_least_and_three_appearances(name: 
 
 @pytest.mark.parametrize("appearance", ["untextured", "primitives"])
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_an_elementary_appearance_has_the_same_parts_in_plain_colours(name: str, appearance: str) -> None:
+def test_an_elementary_appearance_has_the_same_parts_in_plain_colors(name: str, appearance: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     root = stage.GetDefaultPrim()
     detailed, bounds = [prim.GetName() for prim in parts(root)], world_bounds(stage)
@@ -200,7 +200,7 @@ def test_faces_look_the_way_their_normals_point(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_scene_has_cameras_lights_and_only_labelled_components(name: str) -> None:
+def test_a_scene_has_cameras_lights_and_only_labeled_components(name: str) -> None:
     stage = open_stage(PACKAGE / name / "scene.usda")
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     cameras = [UsdGeom.Camera(prim) for prim in prims if prim.IsA(UsdGeom.Camera)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usd_scenes.author import primitives
-from usd_scenes.author.polygon_mesh import Mesh, merged
+from usd_scenes.author.polygon_mesh import PolygonMesh, merged
 from usd_scenes.author.shapes import cylinder, lathe, rounded_box, sphere
 
 
@@ -21,11 +21,11 @@ from usd_scenes.author.shapes import cylinder, lathe, rounded_box, sphere
         (lathe([[0.0, 0.0], [0.2, 0.0], [0.0, 0.5]], 48), "Cone", (0.4, 0.5, 0.4)),
     ],
 )
-def test_a_shape_is_fitted_by_its_own_kind(mesh: Mesh, kind: str, size: tuple[float, float, float]) -> None:
+def test_a_shape_is_fitted_by_its_own_kind(mesh: PolygonMesh, kind: str, size: tuple[float, float, float]) -> None:
     (gprim,) = primitives.fit(mesh.moved(1.0, 2.0, 3.0))
     assert gprim.kind == kind
     np.testing.assert_allclose(gprim.size, size, atol=2e-3)
-    np.testing.assert_allclose(gprim.centre, np.add(mesh.bounds.mean(axis=0), (1.0, 2.0, 3.0)), atol=2e-3)
+    np.testing.assert_allclose(gprim.center, np.add(mesh.bounds.mean(axis=0), (1.0, 2.0, 3.0)), atol=2e-3)
     np.testing.assert_allclose(gprim.axes @ gprim.axes.T, np.eye(3), atol=1e-9)
     assert np.linalg.det(gprim.axes) == pytest.approx(1.0)
 
@@ -40,6 +40,6 @@ def test_a_leaning_board_is_a_leaning_box() -> None:
 def test_each_piece_has_its_own_and_too_many_have_one() -> None:
     balls = [sphere(0.1, 12).moved(0.3 * i) for i in range(40)]
     few = primitives.fit(merged(balls[:5]))
-    assert sorted(gprim.centre[0] for gprim in few) == pytest.approx([0.0, 0.3, 0.6, 0.9, 1.2], abs=1e-3)
+    assert sorted(gprim.center[0] for gprim in few) == pytest.approx([0.0, 0.3, 0.6, 0.9, 1.2], abs=1e-3)
     (many,) = primitives.fit(merged(balls))
     assert max(many.size) == pytest.approx(39 * 0.3 + 0.2, abs=1e-2)

@@ -38,14 +38,14 @@ def prims(stage: Usd.Stage) -> list[Usd.Prim]:
     return list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
 
 
-def labelled(stage: Usd.Stage) -> dict[str, str]:
+def labeled(stage: Usd.Stage) -> dict[str, str]:
     every = {str(p.GetPath()): UsdSemantics.LabelsAPI(p, "class").GetLabelsAttr() for p in prims(stage)[1:]}
     return {path: attribute.Get()[0] for path, attribute in every.items() if attribute and attribute.Get()}
 
 
 def boxes(stage: Usd.Stage) -> dict[str, Gf.Range3d]:
     cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
-    return {path: cache.ComputeWorldBound(stage.GetPrimAtPath(path)).ComputeAlignedRange() for path in labelled(stage)}
+    return {path: cache.ComputeWorldBound(stage.GetPrimAtPath(path)).ComputeAlignedRange() for path in labeled(stage)}
 
 
 @pytest.mark.parametrize("name", ROOMS)
@@ -53,7 +53,7 @@ def test_a_room_has_the_size_it_says_and_many_categories(name: str) -> None:
     stage = open_scene(name)
     size = boxes(stage)[f"/{ROOTS[name]}/Building/Floor"].GetSize()
     np.testing.assert_allclose((size[0], size[2]), ROOMS[name], atol=0.02)
-    assert len(set(labelled(stage).values())) >= 25
+    assert len(set(labeled(stage).values())) >= 25
     distinct: dict[int, int] = {}
     for prim in prims(stage):
         if prim.IsA(UsdGeom.Mesh):
@@ -137,7 +137,7 @@ def test_appearances_keep_labels_and_layout(name: str) -> None:
     reference = boxes(plain)
     for appearance in APPEARANCES[1:]:
         stage = open_scene(name, appearance=appearance)
-        assert labelled(stage) == labelled(plain)
+        assert labeled(stage) == labeled(plain)
         for path, box in boxes(stage).items():
             # A primitive may stand out from what it stands for: a leaning pillow, the leaves of a plant.
             np.testing.assert_allclose(box.GetMidpoint(), reference[path].GetMidpoint(), atol=0.15, err_msg=path)
@@ -154,7 +154,7 @@ def test_elementary_rooms_are_of_primitives(name: str) -> None:
     for prim in prims(stage):
         if prim.IsA(UsdGeom.Mesh):
             assert prim.GetName().startswith("Ellipsoid"), prim.GetPath()  # there is no gprim for one
-    walls = [path for path, label in labelled(stage).items() if label in ("wall", "tiles", "floor", "ceiling")]
+    walls = [path for path, label in labeled(stage).items() if label in ("wall", "tiles", "floor", "ceiling")]
     assert walls
     for path in walls:
         parts = Usd.PrimRange(stage.GetPrimAtPath(path), Usd.TraverseInstanceProxies())
@@ -167,7 +167,7 @@ def test_windows_are_open_to_light_and_closed_to_what_flies(name: str, appearanc
     stage = open_scene(name, appearance=appearance)
     every = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
     guides = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.guide])
-    windows = [path for path, label in labelled(stage).items() if label == "window"]
+    windows = [path for path, label in labeled(stage).items() if label == "window"]
     portals = [prim for prim in prims(stage) if prim.IsA(UsdLux.PortalLight)]
     assert len(windows) == len(portals) > 0
     for path in windows:
@@ -182,18 +182,18 @@ def test_windows_are_open_to_light_and_closed_to_what_flies(name: str, appearanc
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_mouldings_reach_into_what_they_lie_against(name: str) -> None:
+def test_moldings_reach_into_what_they_lie_against(name: str) -> None:
     """Edges that merely touch leave slits that rays slip through."""
     stage = open_scene(name)
     box = boxes(stage)
     building = f"/{ROOTS[name]}/Building"
     width, depth = ROOMS[name]
-    for moulding in ("Cornice", "Skirting", "DadoRail"):
-        path = f"{building}/{moulding}"
+    for molding in ("Cornice", "Skirting", "DadoRail"):
+        path = f"{building}/{molding}"
         if path in box:
             size = box[path].GetSize()
             assert size[0] > width + 0.002
-            assert size[2] > depth + 0.002 or moulding == "DadoRail"  # which ends at a tiled wall
+            assert size[2] > depth + 0.002 or molding == "DadoRail"  # which ends at a tiled wall
     if f"{building}/Cornice" in box:
         assert box[f"{building}/Cornice"].GetMax()[1] > box[f"{building}/Ceiling"].GetMin()[1] + 0.002
 

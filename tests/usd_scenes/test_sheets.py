@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import circle, rectangle
 from usd_scenes.author.sheets import plate, shell, unit_uv
 
 
-def volume(mesh: Mesh) -> float:
+def volume(mesh: PolygonMesh) -> float:
     """Of the fans of all faces seen from the origin: what a closed mesh with outward faces encloses."""
     total, starts = 0.0, np.cumsum(mesh.counts) - mesh.counts
     for k in range(1, int(mesh.counts.max()) - 1):

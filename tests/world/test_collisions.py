@@ -10,7 +10,7 @@ from tests.reference.distance import point_triangle
 from tiscene.errors import ScenarioError
 from tiscene.frame.events import Event
 from tiscene.scene.description import Collider, Instance, Mesh, SceneDescription, SceneObject, Template
-from tiscene.world.trajectories import Motion
+from tiscene.world.trajectories import Trajectories
 from tiscene.world.world import World
 
 ROOM = box((6.0, 4.0, 6.0))
@@ -168,7 +168,7 @@ def test_the_frustum_holds_objects_and_moves_with_the_camera():
             if row < 2 or k > 75:
                 assert (corners @ planes[:, :3].T + planes[:, 3]).min() > 0.0, f"object {row} at frame {k}"
         np.testing.assert_array_equal(placed[3][:, 3], (0.0, 9.0, -3.0))
-    walls = {event.wall for k in range(200) for event in made.events(k) if event.kind == "contact"}
+    walls = {event.surface for k in range(200) for event in made.events(k) if event.kind == "contact"}
     assert "left" in walls or "right" in walls
 
 
@@ -192,7 +192,7 @@ def test_shapes_are_shared_by_template_and_scale():
     made = world(bouncer("a"), bouncer("b", position=(-1, 0, 0)), bouncer("c", position=(-1, 1, 0), scale=2.0))
     assert is_stepped(made)
     motion = made._motion
-    assert isinstance(motion, Motion)
+    assert isinstance(motion, Trajectories)
     assert len(motion._shapes) == 2
     first, second, third = (mover.shape for mover in motion._stepped.movers)
     assert first is second

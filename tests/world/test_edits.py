@@ -12,7 +12,7 @@ from dynamics import SteppedSimulation
 from tests.world.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError, TemplateNotFound
 from tiscene.frame.events import Event
-from tiscene.scenario.edits import Despawn, Enclose, Move, Spawn
+from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
 from tiscene.scene.placement import Placement
 from tiscene.world.world import World
 
@@ -132,7 +132,7 @@ def test_names_that_are_made_are_new():
     made.spawn("Cube", id="spawned_2")
     made.spawn("Cube")
     made.spawn("Cube")
-    assert [life.planned.id for life in made.scenario.lives()] == ["a", "spawned_2", "spawned_3", "spawned_4"]
+    assert [life.spec.id for life in made.scenario.lives()] == ["a", "spawned_2", "spawned_3", "spawned_4"]
 
 
 def test_what_appears_and_vanishes_at_one_frame_was_never_there():
@@ -177,8 +177,12 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
         (lambda made: made.despawn(99), ObjectNotFound, "no object '99'"),
         (lambda made: made.despawn(True), ObjectNotFound, "no object 'True'"),
         (lambda made: made.despawn([3]), ArgumentError, r"object=\[3\]: must be an id, a name or a prim path"),
-        (lambda made: made.enclose("walls"), ScenarioError, "frustum='walls': must be a Frustum or None"),
-        (lambda made: made.enclose(ts.Frustum(), "Main"), ScenarioError, "camera='Main': must be a Camera or None"),
+        (lambda made: made.set_frustum_walls("walls"), ScenarioError, "frustum='walls': must be a Frustum or None"),
+        (
+            lambda made: made.set_frustum_walls(ts.Frustum(), "Main"),
+            ScenarioError,
+            "camera='Main': must be a Camera or None",
+        ),
         (lambda made: made.move("a", (0, float("nan"), 0)), ScenarioError, "position"),
         (lambda made: made.move(99, (0, 0, 0)), ObjectNotFound, "'99'"),
         (lambda made: made.spawn("Cub"), TemplateNotFound, "Did you mean 'Cube'"),
@@ -202,7 +206,7 @@ def test_what_cannot_be_done_changes_nothing(edit, error, match):
         ([Despawn(3, "x")], r"edits\[0\]: no object 'x' was there before it"),
         ([Despawn(3, "a"), Move(3, "a", (0, 0, 0))], r"edits\[1\]: the object 'a' is not there at frame 3"),
         ([Spawn(2, ts.Object("a", "Cube", first_frame=2))], "never reused"),
-        (["spawn"], "must be a Spawn, a Despawn, a Move or an Enclose"),
+        (["spawn"], "must be a Spawn, a Despawn, a Move or an SetFrustumWalls"),
         (3, "edits=3"),
     ],
 )
@@ -232,7 +236,7 @@ def test_edits_check_their_values():
             with pytest.raises(ScenarioError, match=f"id={id!r}: must be a text"):
                 edit(3, id)
     with pytest.raises(ScenarioError, match="aspect=0: must be greater"):
-        Enclose(3, None, ts.Camera(), 0)
+        SetFrustumWalls(3, None, ts.Camera(), 0)
     with pytest.raises(ScenarioError, match=r"edits\[0\].object"):
         ts.Scenario("room", edits=[Spawn(3, type("Fake", (), {"first_frame": 3})())])
 
@@ -311,19 +315,19 @@ def test_walls_of_another_view():
     flying = ts.Object("b", "Cube", (0.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0, 0.0, (1, 0, 0)))
     made = world(ts.Scenario("room", [flying]), EMPTY)
     made.next_frame = 10
-    made.enclose(ts.Frustum(6.0), ts.Camera((0, 0, 3), vertical_fov=0.6), 1.0)
+    made.set_frustum_walls(ts.Frustum(6.0), ts.Camera((0, 0, 3), vertical_fov=0.6), 1.0)
     made.next_frame = 100
-    made.enclose(None)
+    made.set_frustum_walls(None)
     inside = [made.objects(k)[0].position for k in range(100)]
     assert max(abs(x) for x, _, _ in inside) < 3.0
-    walls = {event.wall for k in range(100) for event in made.events(k) if event.kind == "contact"}
+    walls = {event.surface for k in range(100) for event in made.events(k) if event.kind == "contact"}
     assert walls
     away = [np.linalg.norm(made.objects(k)[0].position) for k in (100, 300)]
     assert away[1] > away[0] + 5.0, "nothing holds it any more"
     again = world(made.scenario, EMPTY)
     assert same(again.placement(99), made.placement(99))
     with pytest.raises(ScenarioError, match="aspect"):
-        made.enclose(None, aspect=0.0)
+        made.set_frustum_walls(None, aspect=0.0)
 
 
 def test_what_was_put_into_another_comes_out():
@@ -353,7 +357,7 @@ def test_an_edit_of_every_frame_costs_no_frame_twice(monkeypatch):
     for frame in range(80):
         made.next_frame = frame
         if frame >= 10:
-            made.enclose(ts.Frustum(4.0), ts.Camera((0, 0, 2 - 0.01 * frame)))
+            made.set_frustum_walls(ts.Frustum(4.0), ts.Camera((0, 0, 2 - 0.01 * frame)))
         if frame % 9 == 0:
             made.move("a", (0.0, 0.5, -0.01 * frame), (0, frame, 0))
         seen.append(made.placement(frame).world_from_object)
@@ -372,7 +376,7 @@ def test_walls_set_up_later_but_at_an_earlier_frame_win():
     made = world(scenario, stage)
     for frame, far in ((20, 5.0), (40, 2.5), (30, 4.0)):
         made.next_frame = frame
-        made.enclose(ts.Frustum(far), ts.Camera((0, 0, 2)))
+        made.set_frustum_walls(ts.Frustum(far), ts.Camera((0, 0, 2)))
     planes = {frame: made._motion._walls(Fraction(frame, 25)) for frame in (20, 21, 30, 31, 41)}
     far = {frame: round(float(plane[5, 3]), 6) for frame, plane in planes.items()}
     assert far[20] != far[21] == far[30] != far[31] == far[41]

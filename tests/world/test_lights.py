@@ -52,7 +52,7 @@ def test_lights_are_the_stages_while_nothing_is_said_of_them():
     assert made.lights(3) == list(STAGE.lights)
 
 
-def test_colour_and_intensity_are_keyframes():
+def test_color_and_intensity_are_keyframes():
     fade = ts.LightMotion("Panel", times=(1.0, 2.0), intensity=(1.0, 0.0))
     tint = ts.LightMotion("/Lamp/Bulb", times=(0.0, 4.0), color=((1, 1, 1), (1, 0, 0)), repeat=True)
     made = world(lights=[fade, tint])

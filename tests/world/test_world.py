@@ -15,7 +15,7 @@ import tiscene as ts
 from dynamics import Body, Dynamic, LookAt, Orbit, Simulation
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, TemplateNotFound
-from tiscene.scene.animation import Track
+from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
 from tiscene.world.world import World
 
@@ -255,7 +255,7 @@ def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
     """The cup, which comes first, has none."""
     moved = np.tile(np.eye(4)[:3], (2, 1, 1, 1))
     moved[1, 0, :, 3] = (1, 2, 3)
-    track = Track(np.array([1], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
+    track = InstanceTrack(np.array([1], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
     stage = SceneDescription(
         "room",
         (FLOOR, UNIT_CUBE),
@@ -270,7 +270,7 @@ def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
 def test_which_camera():
     assert world(camera="Window").camera is STAGE.cameras[1]
     blind = SceneDescription("room", (UNIT_CUBE,), instances=(Instance(0, 0, np.eye(4)),), objects=STAGE.objects[:1])
-    assert world(stage=blind).camera == ts.Camera.seeing((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
+    assert world(stage=blind).camera == ts.Camera.framing((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
     own = ts.Camera(name="own")
     assert world(camera=own).camera is own
     with pytest.raises(CameraNotFound, match=r"no camera 'Windw' in scene 'room'\. Did you mean 'Window'"):

@@ -13,13 +13,13 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 
 SIZES = ((256, 192), (640, 480))
-# name, buffers, quality, differential
+# name, buffers, quality, incremental
 KINDS = (
     ("labels", tuple(name for name in DEFAULT_BUFFERS if name != "rgb"), "preview", False),
     ("labels, rgb fast", DEFAULT_BUFFERS, "fast", False),
-    ("same, differential", DEFAULT_BUFFERS, "fast", True),
+    ("same, incremental", DEFAULT_BUFFERS, "fast", True),
     ("labels, rgb preview", DEFAULT_BUFFERS, "preview", False),
-    ("same, differential", DEFAULT_BUFFERS, "preview", True),
+    ("same, incremental", DEFAULT_BUFFERS, "preview", True),
     ("labels, rgb standard", DEFAULT_BUFFERS, "standard", False),
 )
 
@@ -38,7 +38,7 @@ def print_table(source: str | Scenario, *, seconds: float, arch: str | None = No
     """One line for each size and kind of frame, as soon as it is measured."""
     print(f"{'buffers':<22} {'size':>9} {'spp':>4} {'first frame':>12} {'frame':>10} {'frames/s':>9}")
     for width, height in SIZES:
-        for kind, buffers, quality, differential in KINDS:
+        for kind, buffers, quality, incremental in KINDS:
             stream = Stream(
                 source,
                 width=width,
@@ -46,7 +46,7 @@ def print_table(source: str | Scenario, *, seconds: float, arch: str | None = No
                 buffers=buffers,
                 quality=quality,
                 arch=arch,
-                differential=differential,
+                incremental=incremental,
             )
             first, each = measure(stream, seconds)
             spp = stream.quality.spp if "rgb" in buffers else 0

@@ -17,7 +17,7 @@ from tiscene.export.animated_image import write_animation
 from tiscene.export.contact_sheet import contact_sheet
 from tiscene.export.png import write_png
 from tiscene.export.visualize import Limits, limits_of
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
@@ -74,10 +74,10 @@ def run(args: argparse.Namespace) -> None:
             height=args.height,
             fps=FPS,
             frames=args.frames,
-            buffers=tuple(AOVS),
+            buffers=tuple(BUFFERS),
             quality=args.quality,
             arch=args.arch,
-            report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
+            progress=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
         )
         _make(folder)
         what.save(folder / "scenario.json")
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def animated(frames: list[Frame]) -> list[NDArray[np.uint8]]:
-    """Four buffers side by side for each frame, in colours that mean the same in all of them."""
+    """Four buffers side by side for each frame, in colors that mean the same in all of them."""
     limits: dict[str, Limits] = {name: limits_of(name, [frame.buffers[name] for frame in frames]) for name in ANIMATED}
     return [contact_sheet(frame, ANIMATED, columns=2, limits=limits) for frame in frames]
 

@@ -14,20 +14,20 @@ from tiscene import catalog
 from tiscene.cli.terminal import progress
 from tiscene.errors import ArgumentError
 from tiscene.usd.importers.import_template import import_asset
-from tiscene.usd.importers.sweet_home_3d import Catalogue
+from tiscene.usd.importers.sweet_home_3d import Catalog
 from tiscene.usd.read.template import read_template
 
 _USUAL = (0.005, 20.0)  # m, of the longest side of something in a room
 
 
 def run(args: argparse.Namespace) -> None:
-    """Import a model, or a whole catalogue of furniture."""
+    """Import a model, or a whole catalog of furniture."""
     library = Path(args.output or next(iter(catalog.search_path()[:-1]), "tiscene-assets"))
     if Path(args.file).suffix.lower() == ".sh3f":
-        given = [f"--{key}" for key in ("name", "label", "unit", "up", "author", "licence") if getattr(args, key)]
+        given = [f"--{key}" for key in ("name", "label", "unit", "up", "author", "license") if getattr(args, key)]
         if given or args.keep_origin:
-            raise ArgumentError(f"a catalogue says that of each of its models: leave {', '.join(given) or 'it'} out")
-        _import_catalogue(Path(args.file), library)
+            raise ArgumentError(f"a catalog says that of each of its models: leave {', '.join(given) or 'it'} out")
+        _import_catalog(Path(args.file), library)
     else:
         _import_model(args, library)
     if library.resolve() not in [folder.resolve() for folder in catalog.search_path()]:
@@ -36,12 +36,12 @@ def run(args: argparse.Namespace) -> None:
 
 def _import_model(args: argparse.Namespace, library: Path) -> None:
     name = args.name or _title(Path(args.file).stem)
-    licence = ""
-    if args.licence:
+    license = ""
+    if args.license:
         try:
-            licence = Path(args.licence).read_text("utf-8") if Path(args.licence).is_file() else args.licence
+            license = Path(args.license).read_text("utf-8") if Path(args.license).is_file() else args.license
         except (OSError, UnicodeDecodeError) as error:
-            raise ArgumentError(f"--licence {args.licence}: cannot be read as text ({error})") from error
+            raise ArgumentError(f"--license {args.license}: cannot be read as text ({error})") from error
     path = import_asset(
         args.file,
         _folder(library, name),
@@ -49,27 +49,27 @@ def _import_model(args: argparse.Namespace, library: Path) -> None:
         label=args.label,
         unit=args.unit,
         up_axis=args.up,
-        centred=not args.keep_origin,
-        licence=licence,
+        centered=not args.keep_origin,
+        license=license,
         author=args.author,
     )
     _tell(path)
 
 
-def _import_catalogue(file: Path, library: Path) -> None:
+def _import_catalog(file: Path, library: Path) -> None:
     used: dict[str, int] = {}
 
     def folder_of(name: str) -> Path:
         used[name] = used.get(name, 0) + 1
         return _folder(library, f"{name} {used[name]:02d}")
 
-    catalogue = Catalogue(file)
+    catalog = Catalog(file)
     done = 0
-    with progress(f"importing {file.name}", len(catalogue.entries)) as step:
-        for _, path in catalogue.import_into(lambda entry: folder_of(_title(entry.name))):
+    with progress(f"importing {file.name}", len(catalog.entries)) as step:
+        for _, path in catalog.import_into(lambda entry: folder_of(_title(entry.name))):
             done += path is not None
             step()
-    print(f"{done} of {len(catalogue.entries)} models of {file.name} are in {library / 'templates'}")
+    print(f"{done} of {len(catalog.entries)} models of {file.name} are in {library / 'templates'}")
 
 
 def _tell(path: Path) -> None:

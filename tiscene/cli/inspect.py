@@ -64,7 +64,7 @@ def _print_facts(path: Path, facts: StageFacts) -> None:
     if len(facts.variants) > _SHOWN:
         print(f"  ... and {len(facts.variants) - _SHOWN} more variant sets")
     print(f"  labels: {', '.join(facts.taxonomies) or 'none, so that names stand for them'}")
-    for key, text in facts.licence.items():
+    for key, text in facts.license.items():
         line, *more = text.strip().splitlines() or [""]
         print(f"  {key}: {line}{' ...' if more else ''}")
 

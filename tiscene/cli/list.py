@@ -6,14 +6,14 @@ import argparse
 from collections.abc import Mapping
 
 from tiscene import catalog
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 
 
 def run(args: argparse.Namespace) -> None:
     """Print the names of scenes and templates with their files, those of buffers with what they mean."""
     _print("Scenes", catalog.scenes())
     _print("Templates", catalog.templates())
-    _print("Buffers", {name: aov.doc for name, aov in AOVS.items()})
+    _print("Buffers", {name: aov.doc for name, aov in BUFFERS.items()})
 
 
 def _print(title: str, lines: Mapping[str, object]) -> None:

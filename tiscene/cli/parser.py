@@ -95,7 +95,7 @@ def _render(commands: Commands) -> None:
         "--time-code", metavar="T", type=float, help="show the stage as it is then, still (default: it plays)"
     )
     render.add_argument(
-        "--differential",
+        "--incremental",
         action=argparse.BooleanOptionalAction,
         help="trace only what moves before a camera that does not (default: if there are frames enough for it to pay)",
     )
@@ -123,21 +123,21 @@ def _inspect(commands: Commands) -> None:
 def _import(commands: Commands) -> None:
     importer = commands.add_parser(
         "import",
-        help="make a template of a model: OBJ, glTF, PLY, STL, USD, or a catalogue of furniture (.sh3f)",
-        description="Make a template of a model file. Its licence files are kept in the template's metadata.",
+        help="make a template of a model: OBJ, glTF, PLY, STL, USD, or a catalog of furniture (.sh3f)",
+        description="Make a template of a model file. Its license files are kept in the template's metadata.",
     )
-    importer.add_argument("file", metavar="FILE", help="the model, or a Sweet Home 3D catalogue for all of its models")
+    importer.add_argument("file", metavar="FILE", help="the model, or a Sweet Home 3D catalog for all of its models")
     importer.add_argument("-o", "--output", metavar="DIR", help="library (default: the first folder of TISCENE_PATH)")
     importer.add_argument("--name", metavar="TEXT", default="", help="such as 'Chair 03' (default: the file's)")
     importer.add_argument("--label", metavar="TEXT", default="", help="semantic class, such as chair")
     importer.add_argument(
-        "--unit", metavar="M", type=float, help="metres per unit of the file (default: as the format has it)"
+        "--unit", metavar="M", type=float, help="meters per unit of the file (default: as the format has it)"
     )
     importer.add_argument("--up", choices=("Y", "Z"), help="the file's up axis (default: as the format has it)")
-    importer.add_argument("--keep-origin", action="store_true", help="do not move the origin to the box's centre")
+    importer.add_argument("--keep-origin", action="store_true", help="do not move the origin to the box's center")
     importer.add_argument("--author", metavar="TEXT", default="", help="who made it")
     importer.add_argument(
-        "--licence", metavar="TEXT", default="", help="its text, or a file (default: the licence files beside it)"
+        "--license", metavar="TEXT", default="", help="its text, or a file (default: the license files beside it)"
     )
 
 

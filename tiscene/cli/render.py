@@ -6,7 +6,7 @@ import argparse
 
 from tiscene.cli.terminal import note, progress
 from tiscene.export import NEEDED, export
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
 from tiscene.stream.incremental import pays
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
@@ -15,7 +15,7 @@ from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 def run(args: argparse.Namespace) -> None:
     """Render, and print the folder. When interrupted, say how to go on."""
     usual = ("rgb", *NEEDED[args.format]) if args.format in NEEDED else DEFAULT_BUFFERS
-    buffers = tuple(AOVS) if args.buffers == ("all",) else args.buffers or usual
+    buffers = tuple(BUFFERS) if args.buffers == ("all",) else args.buffers or usual
     done = 0
     try:
         with progress(f"reading {args.source}", len(args.frames)) as step:
@@ -41,8 +41,8 @@ def run(args: argparse.Namespace) -> None:
                 root=args.root,
                 untrusted=args.untrusted,
                 arch=args.arch,
-                differential=_differential(args),
-                report=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
+                incremental=_differential(args),
+                progress=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
             )
             step(0, doing="first frame")
 
@@ -69,5 +69,5 @@ def run(args: argparse.Namespace) -> None:
 
 def _differential(args: argparse.Namespace) -> bool | None:
     """What was asked for, else whether it pays for so many frames; the stream knows whether it can be."""
-    wanted: bool | None = args.differential
+    wanted: bool | None = args.incremental
     return wanted if wanted is not None or pays(len(args.frames)) else False

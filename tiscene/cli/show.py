@@ -51,8 +51,8 @@ def _section(title: str, lines: list[str], count: int | None = None) -> None:
 
 def _camera(camera: Camera) -> str:
     place = ", ".join(f"{component:.2f}" for component in camera.position)
-    if camera.view_height is not None:
-        return f"{camera.name}: at ({place}), orthographic, {camera.view_height:.3g} m high"
+    if camera.orthographic_height is not None:
+        return f"{camera.name}: at ({place}), orthographic, {camera.orthographic_height:.3g} m high"
     return f"{camera.name}: at ({place}), {math.degrees(camera.vertical_fov):.0f} degrees high"
 
 

@@ -1,4 +1,4 @@
-"""Pictures in a row as one animated file that browsers show: .webp (small, full colour), .gif or .png."""
+"""Pictures in a row as one animated file that browsers show: .webp (small, full color), .gif or .png."""
 
 from __future__ import annotations
 

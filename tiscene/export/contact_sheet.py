@@ -31,7 +31,7 @@ def contact_sheet(
     """The buffers of a frame side by side, uint8 [h, w, 3].
 
     buffers: which, in this order; None for all that the frame holds. columns: None for a sheet of about 16:10.
-    tile_width: px, to which every buffer is scaled. limits: the ends of the colours for some buffers, for sheets that
+    tile_width: px, to which every buffer is scaled. limits: the ends of the colors for some buffers, for sheets that
     are to be compared or animated (`visualize.limits_of`); the others take this frame's own.
     """
     names = tuple(frame.buffers if buffers is None else buffers)

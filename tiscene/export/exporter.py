@@ -88,7 +88,7 @@ def made_by(stream: Stream, format: str, objects: bool) -> dict[str, Any]:
         "objects": objects,
         "settings": stream.settings(),
         "scenario": stream.scenario.to_json(),
-        "layers": stream.layers(),
+        "layers": stream.file_digests(),
     }
 
 

@@ -3,7 +3,7 @@
 ``labels/000012.json`` holds
 
 - `index`, `time` (s), `spp`,
-- `camera`: `name`, `position` (m), `rotation` (w, x, y, z), `K` (3x3, px, pixel centres at whole numbers) and
+- `camera`: `name`, `position` (m), `rotation` (w, x, y, z), `K` (3x3, px, pixel centers at whole numbers) and
   `world_from_camera` (4x4; x right, y down, z forward), `width`, `height` (px),
 - `events`: a row for each of `frame.events`, with the fields of `Event`,
 - `objects`, if asked for: a row for each live object with the columns of `ObjectTable.columns` and the names of its

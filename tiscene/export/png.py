@@ -2,10 +2,10 @@
 
 ======================================  ==================================================================
 `rgb`                                   8-bit RGB PNG
-`semantic`, `instance`                  16-bit grey PNG of the ids, 0 is the background
-`depth`, `distance`                     16-bit grey PNG in mm; 0: no hit, 65535: 65.535 m or farther
+`semantic`, `instance`                  16-bit gray PNG of the ids, 0 is the background
+`depth`, `distance`                     16-bit gray PNG in mm; 0: no hit, 65535: 65.535 m or farther
 `forward_flow`, `backward_flow`         Middlebury .flo: float32 (dx, dy) in px, little endian
-the occlusion masks                     8-bit grey PNG, 255 is True
+the occlusion masks                     8-bit gray PNG, 255 is True
 every other buffer (float32)            .npy, as it is
 ======================================  ==================================================================
 """
@@ -51,7 +51,7 @@ def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
             )
         return ".png", _png(buffer.astype(np.uint16))
     if name in ("depth", "distance"):
-        return ".png", _png(_millimetres(buffer))
+        return ".png", _png(_millimeters(buffer))
     if name in ("forward_flow", "backward_flow"):
         return ".flo", _flo(buffer)
     return ".npy", _npy(buffer)
@@ -69,11 +69,11 @@ def _png(pixels: NDArray[Any]) -> bytes:
     return data.getvalue()
 
 
-def _millimetres(metres: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Rounded to the nearest; a hit nearer than half a millimetre is 1, for 0 means none."""
-    hit = np.isfinite(metres)
-    millimetres = np.clip(np.round(np.where(hit, metres, 0.0).astype(np.float64) * 1000.0), 1.0, 65535.0)
-    return np.where(hit, millimetres, 0.0).astype(np.uint16)
+def _millimeters(meters: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Rounded to the nearest; a hit nearer than half a millimeter is 1, for 0 means none."""
+    hit = np.isfinite(meters)
+    millimeters = np.clip(np.round(np.where(hit, meters, 0.0).astype(np.float64) * 1000.0), 1.0, 65535.0)
+    return np.where(hit, millimeters, 0.0).astype(np.uint16)
 
 
 def _flo(flow: NDArray[np.float32]) -> bytes:

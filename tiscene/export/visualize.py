@@ -3,7 +3,7 @@
     from tiscene.export.visualize import picture
     picture("depth", frame.depth).image            # also .caption: "0.82 to 7.3 m"
 
-Colours come from OKLab (Ottosson 2020), where equal steps look equally large: lightness carries distances, hue tells
+Colors come from OKLab (Ottosson 2020), where equal steps look equally large: lightness carries distances, hue tells
 ids apart, and the flow wheel is that of Baker et al., *A Database and Evaluation Methodology for Optical Flow* (2011).
 """
 
@@ -30,7 +30,7 @@ WHEEL_STEPS = (15, 6, 4, 11, 13, 6)
 
 @dataclass(frozen=True)
 class Picture:
-    """A buffer made visible. caption: what the colours range over, in a few words."""
+    """A buffer made visible. caption: what the colors range over, in a few words."""
 
     image: Pixels
     caption: str
@@ -39,7 +39,7 @@ class Picture:
 def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Picture:
     """The buffer `name` as a picture.
 
-    limits: the values at the two ends of the colours, to have the same colours in every frame (see `limits_of`); None
+    limits: the values at the two ends of the colors, to have the same colors in every frame (see `limits_of`); None
     for this buffer's own.
     """
     low, high = limits or limits_of(name, [buffer])
@@ -50,7 +50,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
     if name in ("depth", "distance"):
         return Picture(depth_picture(buffer, low, high), f"{low:.2f} to {high:.2f} m")
     if name in ("forward_flow", "backward_flow"):
-        return Picture(flow_picture(buffer, high), f"full colour at {high:.3g} px")
+        return Picture(flow_picture(buffer, high), f"full color at {high:.3g} px")
     if name in ("instance", "part", "semantic"):
         count = np.count_nonzero(np.unique(buffer))
         return Picture(id_picture(buffer), f"{count} id{'' if count == 1 else 's'}")
@@ -64,7 +64,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
         return Picture(_display(buffer), "linear Rec.709")
     if name == "scene_flow":
         scale = max(abs(low), abs(high), 1e-9)
-        return Picture(_to_bytes(0.5 + 0.5 * buffer / scale), f"grey is 0, up to {scale:.3g} m")
+        return Picture(_to_bytes(0.5 + 0.5 * buffer / scale), f"gray is 0, up to {scale:.3g} m")
     if name == "position":
         return Picture(_ranged(buffer, low, high), f"{low:.2f} to {high:.2f} m")
     if name == "uv":
@@ -73,7 +73,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
 
 
 def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
-    """The values between which the colours of these buffers (of one name) are to run."""
+    """The values between which the colors of these buffers (of one name) are to run."""
     if name in ("rgb", "albedo", "roughness", "metallic", "object_coordinates"):
         return (0.0, 1.0)
     values = []
@@ -95,7 +95,7 @@ def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
 
 
 def depth_picture(depth: ArrayLike, near: float, far: float) -> Pixels:
-    """Near is bright, far is dark, by lightness from yellow over red to violet; no hit is the background colour."""
+    """Near is bright, far is dark, by lightness from yellow over red to violet; no hit is the background color."""
     depth = np.asarray(depth, dtype=np.float64)
     finite = np.isfinite(depth)
     closeness = 1.0 - (np.where(finite, depth, far) - near) / max(far - near, 1e-9)
@@ -105,20 +105,20 @@ def depth_picture(depth: ArrayLike, near: float, far: float) -> Pixels:
 
 
 def sequential(values: ArrayLike) -> Pixels:
-    """0..1 as colours of evenly rising lightness: deep violet, red, orange, pale yellow. Values outside are clamped."""
+    """0..1 as colors of evenly rising lightness: deep violet, red, orange, pale yellow. Values outside are clamped."""
     t = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
     hue = np.radians(-75.0 + 170.0 * t)
     return oklch(0.18 + 0.77 * t, 0.07 + 0.11 * np.sin(np.pi * t), hue)
 
 
 def id_picture(ids: NDArray[Any]) -> Pixels:
-    """Ids in colours far apart, the same colour for the same id in every frame; 0 is the background colour."""
+    """Ids in colors far apart, the same color for the same id in every frame; 0 is the background color."""
     distinct, rows = np.unique(ids, return_inverse=True)
     return id_colors(distinct)[rows.reshape(ids.shape)]
 
 
 def id_colors(ids: ArrayLike) -> Pixels:
-    """One colour [n, 3] for each id [n]: hues by the golden angle, lightness in four steps."""
+    """One color [n, 3] for each id [n]: hues by the golden angle, lightness in four steps."""
     ids = np.asarray(ids, dtype=np.int64)
     lightness = np.array([0.70, 0.56, 0.82, 0.44])[ids % 4]
     colors = oklch(lightness, np.full(ids.shape, 0.135), ids * GOLDEN_ANGLE)
@@ -127,7 +127,7 @@ def id_colors(ids: ArrayLike) -> Pixels:
 
 
 def coverage_picture(coverage: NDArray[np.floating]) -> Pixels:
-    """The colours of `id_picture`, mixed as the ids share the pixel, over the background colour."""
+    """The colors of `id_picture`, mixed as the ids share the pixel, over the background color."""
     colors = id_picture(np.round(coverage[..., 0]).astype(np.int64)).astype(np.float64)
     weights = coverage[..., 1, None]
     mixed = (weights * colors).sum(axis=2) + (1.0 - weights.sum(axis=2)) * np.array(BACKGROUND)
@@ -140,17 +140,17 @@ def mask_picture(mask: NDArray[np.bool_]) -> Pixels:
 
 
 def normal_picture(normal: NDArray[np.floating]) -> Pixels:
-    """-1..1 as 0..255 in each channel; no hit (the zero vector) is the background colour."""
+    """-1..1 as 0..255 in each channel; no hit (the zero vector) is the background color."""
     image = _to_bytes(0.5 + 0.5 * normal)
     image[~np.any(normal, axis=2)] = BACKGROUND
     return image
 
 
 def flow_picture(flow: NDArray[np.floating], longest: float | None = None, legend: bool = True) -> Pixels:
-    """Flow (dx right, dy down) by the colour wheel: hue is the direction, white is no motion.
+    """Flow (dx right, dy down) by the color wheel: hue is the direction, white is no motion.
 
-    longest: length in px that gets full colour; default the longest in the picture. Longer ones are darkened, and what
-    is not finite is black. legend: draws the wheel into the lower right corner, centre no motion, right +dx, below +dy.
+    longest: length in px that gets full color; default the longest in the picture. Longer ones are darkened, and what
+    is not finite is black. legend: draws the wheel into the lower right corner, center no motion, right +dx, below +dy.
     """
     length = np.linalg.norm(flow, axis=2)
     finite = np.isfinite(length)
@@ -172,7 +172,7 @@ def flow_picture(flow: NDArray[np.floating], longest: float | None = None, legen
 
 
 def _wheel_colors(flow: NDArray[np.floating]) -> Pixels:
-    """Vectors [h, w, 2] whose length 1 means full colour."""
+    """Vectors [h, w, 2] whose length 1 means full color."""
     wheel = _flow_wheel()
     angle = np.arctan2(-flow[..., 1], -flow[..., 0]) / np.pi  # -1 and 1: to the right, 0: to the left
     place = (angle + 1.0) / 2.0 * (len(wheel) - 1)
@@ -184,7 +184,7 @@ def _wheel_colors(flow: NDArray[np.floating]) -> Pixels:
 
 
 def _flow_wheel() -> NDArray[np.float64]:
-    """The 55 pure colours of the wheel [n, 3]; each stretch raises or lowers one channel."""
+    """The 55 pure colors of the wheel [n, 3]; each stretch raises or lowers one channel."""
     corners = [(1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 1), (1, 0, 0)]
     stretches = []
     for steps, start, end in zip(WHEEL_STEPS, corners[:-1], corners[1:], strict=True):
@@ -221,7 +221,7 @@ def _display(linear: NDArray[Any]) -> Pixels:
 
 
 def _ranged(buffer: NDArray[Any], low: float, high: float) -> Pixels:
-    """low..high as 0..255; what is not finite is the background colour."""
+    """low..high as 0..255; what is not finite is the background color."""
     values = _three_channels(np.asarray(buffer, dtype=np.float64))
     finite = np.isfinite(values).all(axis=2)
     image = _to_bytes((np.where(finite[..., None], values, low) - low) / max(high - low, 1e-9))
@@ -230,7 +230,7 @@ def _ranged(buffer: NDArray[Any], low: float, high: float) -> Pixels:
 
 
 def _three_channels(buffer: NDArray[Any]) -> NDArray[Any]:
-    """[h, w], [h, w, 1] as grey; [h, w, 2] with an empty third channel; [h, w, 3] as it is."""
+    """[h, w], [h, w, 1] as gray; [h, w, 2] with an empty third channel; [h, w, 3] as it is."""
     if buffer.ndim == 2:
         buffer = buffer[..., None]
     if buffer.shape[2] == 1:

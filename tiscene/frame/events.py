@@ -19,4 +19,4 @@ class Event:
     kind: Literal["spawn", "despawn", "contact", "enter", "leave"]
     object: int
     other: int = 0
-    wall: str = ""
+    surface: str = ""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import BufferNotFound
-from tiscene.frame.buffers import AOVS
+from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.events import Event
 from tiscene.frame.object_table import ObjectTable
 from tiscene.scene.camera import Camera, Quaternion, Vector3
@@ -39,16 +39,16 @@ class FrameCamera:
 
     @property
     def K(self) -> NDArray[np.float64]:
-        """The 3x3 intrinsic matrix, px; the centre of the top left pixel is (0, 0), as in OpenCV."""
+        """The 3x3 intrinsic matrix, px; the center of the top left pixel is (0, 0), as in OpenCV."""
         return self.K_at(0.0)
 
-    def K_at(self, centre: float) -> NDArray[np.float64]:
-        """The 3x3 intrinsic matrix where the centre of the top left pixel has the coordinates (centre, centre).
+    def K_at(self, center: float) -> NDArray[np.float64]:
+        """The 3x3 intrinsic matrix where the center of the top left pixel has the coordinates (center, center).
 
         0.5 puts whole numbers on the pixels' corners, which is how boxes are given.
         """
         K = self.camera.intrinsics(self.width, self.height)
-        K[:2, 2] += centre
+        K[:2, 2] += center
         return K
 
     @property
@@ -75,7 +75,7 @@ class Frame:
     objects: one row for each live object, computed when first looked at. categories: what the ids of `semantic` mean.
     materials: what those of `material_coverage` mean: prim paths.
     events: what was spawned, was despawned, met something, came into view or left it since the frame before.
-    spp: paths per pixel that colour was made of, in the mean; 0 where the frame has no colour.
+    spp: paths per pixel that color was made of, in the mean; 0 where the frame has no color.
     others: the same moment as the stream's other cameras see it; `views` has all by name.
     """
 
@@ -103,12 +103,12 @@ class Frame:
             return self.buffers[name]
         except KeyError:
             pass
-        if name in AOVS:
+        if name in BUFFERS:
             wanted = (*self.buffers, name)
             raise BufferNotFound(
                 "buffer", name, (), f" in frame {self.index}", f"Ask for it: Stream(..., buffers={wanted!r})."
             )
-        raise BufferNotFound("buffer", name, AOVS)
+        raise BufferNotFound("buffer", name, BUFFERS)
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.buffers})

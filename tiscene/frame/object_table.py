@@ -57,9 +57,9 @@ class ObjectState(Protocol):
 
 @dataclass(frozen=True)
 class OrientedBox:
-    """A box turned with its object. centre: m, world. size: m, along its axes. rotation: (w, x, y, z), to the world."""
+    """A box turned with its object. center: m, world. size: m, along its axes. rotation: (w, x, y, z), to the world."""
 
-    centre: Vector3
+    center: Vector3
     size: Vector3
     rotation: Quaternion
 
@@ -67,12 +67,12 @@ class OrientedBox:
         """Its corners [8, 3], m, world; corner i is at the high end of axis a where bit a of i is set."""
         signs = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
         axes = matrix_from_quaternion(self.rotation)
-        corners: NDArray[np.float64] = np.asarray(self.centre) + (signs * self.size) @ axes.T
+        corners: NDArray[np.float64] = np.asarray(self.center) + (signs * self.size) @ axes.T
         return corners
 
 
 @dataclass(frozen=True, eq=False)
-class Alone:
+class AmodalMask:
     """The pixels that an object would have alone: how many in the picture, how many outside of it, and which.
 
     shape: of the picture. window: the lowest x and y of those in the picture, and the size of the box around them.
@@ -93,7 +93,7 @@ class Alone:
         return mask
 
 
-class Measures(Protocol):
+class ObjectMeasurements(Protocol):
     """Numbers that take work, for all objects of a frame, in the order of its rows (tiscene.render.annotations.object_measurements)."""
 
     @property
@@ -114,8 +114,8 @@ class Measures(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
-    """Measures that have been taken: what is in a pickle."""
+class StoredMeasurements:
+    """ObjectMeasurements that have been taken: what is in a pickle."""
 
     visible_pixels: NDArray[np.int64]
     visible_box: NDArray[np.float64]
@@ -124,7 +124,7 @@ class Measured:
     box_3d: list[OrientedBox]
     amodal_pixels: NDArray[np.int64]
     pixels_in_frame: NDArray[np.int64]
-    alone: list[Alone]
+    alone: list[AmodalMask]
 
     def amodal_mask(self, row: int) -> NDArray[np.bool_]:
         """bool [h, w]: the pixels in the picture that an object would have alone."""
@@ -158,7 +158,7 @@ class ObjectRow:
     blocked: bool
     parts: tuple[str, ...]
     asset: str
-    _measures: Measures = field(repr=False, compare=False)
+    _measures: ObjectMeasurements = field(repr=False, compare=False)
     _row: int = field(repr=False, compare=False)
 
     @property
@@ -213,7 +213,7 @@ class ObjectRow:
         return self._measures.amodal_mask(self._row)
 
     @property
-    def percent_in_frame(self) -> float:
+    def fraction_in_frame(self) -> float:
         """The part of its amodal pixels that lies in the picture, 0..1."""
         return _ratio(self._measures.pixels_in_frame[self._row], self._measures.amodal_pixels[self._row])
 
@@ -223,9 +223,9 @@ class ObjectRow:
         return _ratio(self._measures.visible_pixels[self._row], self._measures.pixels_in_frame[self._row])
 
     @property
-    def percent_visible(self) -> float:
-        """percent_in_frame * visibility_in_frame: the part of the object that is seen, 0..1."""
-        return self.percent_in_frame * self.visibility_in_frame
+    def fraction_visible(self) -> float:
+        """fraction_in_frame * visibility_in_frame: the part of the object that is seen, 0..1."""
+        return self.fraction_in_frame * self.visibility_in_frame
 
 
 _values_of = attrgetter(*(each.name for each in fields(ObjectRow) if not each.name.startswith("_")))
@@ -234,10 +234,10 @@ _values_of = attrgetter(*(each.name for each in fields(ObjectRow) if not each.na
 class ObjectTable(Sequence[ObjectRow]):
     """The live objects of a frame, in the order of their ids."""
 
-    def __init__(self, states: Sequence[ObjectState] = (), measures: Measures | None = None) -> None:
+    def __init__(self, states: Sequence[ObjectState] = (), measures: ObjectMeasurements | None = None) -> None:
         """measures: of the same objects in the same order; needed unless there are none."""
         self._states = states
-        self._measures: Measures = measures or _OF_NOTHING
+        self._measures: ObjectMeasurements = measures or _OF_NOTHING
 
     @cached_property
     def _rows(self) -> tuple[ObjectRow, ...]:
@@ -302,20 +302,20 @@ class ObjectTable(Sequence[ObjectRow]):
             "blocked": np.array([state.blocked for state in states], np.bool_),
             "visible_box": measures.visible_box.copy(),
             "amodal_box": measures.amodal_box.copy(),
-            "box_3d_centre": _floats([box.centre for box in boxes], 3),
+            "box_3d_center": _floats([box.center for box in boxes], 3),
             "box_3d_size": _floats([box.size for box in boxes], 3),
             "box_3d_rotation": _floats([box.rotation for box in boxes], 4),
             "world_bounds": _floats(measures.world_bounds, 6),
             "visible_pixels": visible.copy(),
             "amodal_pixels": amodal.copy(),
-            "percent_in_frame": in_frame,
+            "fraction_in_frame": in_frame,
             "visibility_in_frame": in_sight,
-            "percent_visible": in_frame * in_sight,
+            "fraction_visible": in_frame * in_sight,
         }
 
 
 _NO_COUNTS: NDArray[np.int64] = np.zeros(0, np.int64)
-_OF_NOTHING = Measured(
+_OF_NOTHING = StoredMeasurements(
     _NO_COUNTS, np.zeros((0, 4)), np.zeros((0, 4)), np.zeros((0, 2, 3)), [], _NO_COUNTS, _NO_COUNTS, []
 )
 

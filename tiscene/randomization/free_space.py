@@ -67,7 +67,7 @@ class FreeSpace:
     def _half_height(self, depth: Array) -> Array:
         """Half of what is seen from below to above at some depths, m."""
         half = self.camera.half_height(1.0)
-        return half * (depth if self.camera.view_height is None else np.where(np.isnan(depth), np.nan, 1.0))
+        return half * (depth if self.camera.orthographic_height is None else np.where(np.isnan(depth), np.nan, 1.0))
 
     def in_view(self, points: Array) -> NDArray[np.bool_]:
         """Which of the points [n, 3] lie within the four sides of the view."""

@@ -15,7 +15,7 @@ DYNAMICS = ("still", "linear", "catmull", "bounce")
 
 
 @dataclass(frozen=True)
-class Difficulty:
+class ScenarioRanges:
     """What `Scenario.sample` draws from. Ranges are (low, high), both included; one number stands for both.
 
     objects: how many. templates: names to draw from; None: all of the catalog.
@@ -24,8 +24,8 @@ class Difficulty:
     waypoints: of a loop. scale: of the object.
     depth: m from the camera along its axis. region: left, top, right and bottom of the part of the image (0..1) in
     which waypoints lie.
-    in_view: share of the way during which the object's centre is in view.
-    occlusion: share of the way in view during which its centre is hidden by the scene.
+    in_view: share of the way during which the object's center is in view.
+    occlusion: share of the way in view during which its center is hidden by the scene.
     frames: length of the stream. life: for how many of them an object is there, from one drawn at random on; None: all.
     wait_time: s until all start. aspect: width / height of the view.
     Raises ArgumentError for what is no range, or can never be met.

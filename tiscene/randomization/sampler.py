@@ -29,7 +29,7 @@ from dynamics.dynamic import LENGTH_STEPS, Pose
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.randomization.free_space import FreeSpace
-from tiscene.randomization.ranges import Difficulty
+from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.scene.camera import Camera
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.template import read_template
@@ -37,7 +37,7 @@ from tiscene.usd.read.template import read_template
 Array = NDArray[np.float64]
 ATTEMPTS = 200  # draws of one object before its ranges are called impossible
 PLACES = 256  # draws of one waypoint in an attempt
-DECIMALS = 4  # of positions (m) and angles: tenths of a millimetre, and files that can be read
+DECIMALS = 4  # of positions (m) and angles: tenths of a millimeter, and files that can be read
 _TOLERANCE = 1e-9
 
 
@@ -46,10 +46,10 @@ def sample(
 ) -> dict[str, Any]:
     """Members of a scenario's JSON object, drawn from ranges: `scene`, `objects`, `timings`, `frustum`.
 
-    camera: what watches, as of a scenario; where it stands at the start counts. ranges: fields of `Difficulty`.
+    camera: what watches, as of a scenario; where it stands at the start counts. ranges: fields of `ScenarioRanges`.
     Raises ArgumentError for ranges that contradict themselves, ScenarioError for ranges that nothing here fits.
     """
-    known = [field.name for field in fields(Difficulty)]
+    known = [field.name for field in fields(ScenarioRanges)]
     for name in ranges:
         if name not in known:
             nearest = difflib.get_close_matches(name, known, n=1)
@@ -57,7 +57,7 @@ def sample(
             raise ArgumentError(f"{name}={ranges[name]!r}: no such range; {hint}")
     if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
         raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
-    difficulty = Difficulty(**ranges)
+    difficulty = ScenarioRanges(**ranges)
     names = sorted(catalog.templates()) if difficulty.templates is None else difficulty.templates
     file = catalog.find_scene(scene)
     space, up_axis = _space(file, file.stat().st_mtime_ns, camera, difficulty.aspect)
@@ -105,7 +105,13 @@ class _Sampler:
     """Draws one object."""
 
     def __init__(
-        self, difficulty: Difficulty, names: Sequence[str], space: FreeSpace, up_axis: str, draws: _Draws, number: int
+        self,
+        difficulty: ScenarioRanges,
+        names: Sequence[str],
+        space: FreeSpace,
+        up_axis: str,
+        draws: _Draws,
+        number: int,
     ) -> None:
         self.difficulty = difficulty
         self.space = space

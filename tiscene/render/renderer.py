@@ -1,4 +1,4 @@
-"""One frame's buffers: the label pass, and where colour is asked for, the path pass, the denoiser and the film."""
+"""One frame's buffers: the label pass, and where color is asked for, the path pass, the denoiser and the film."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import COLORS, times_needed
 from tiscene.render.film.adaptive import render_to_error
-from tiscene.render.film.postprocess import Cleaner
+from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import meter, tone_map
 from tiscene.render.film.upsample import reduced
-from tiscene.render.integrators.incremental.base_image import Report
-from tiscene.render.integrators.incremental.base_image_cache import BaseImages
-from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, ReplayPass
+from tiscene.render.integrators.incremental.base_image import ProgressCallback
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
+from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, IncrementalPass
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
@@ -33,7 +33,7 @@ GUIDES = (FILTERED_ALBEDO, "normal")  # the labels that a picture traced in a sm
 
 
 @dataclass(frozen=True)
-class Quality:
+class RenderSettings:
     """What a path-traced picture may cost.
 
     spp: paths per pixel.
@@ -45,7 +45,7 @@ class Quality:
     error: paths go through each pixel until its standard error is estimated to be that part of its luminance, `spp` at
     most; None: always `spp`. clamp: the most that one path brings in a channel, W/m²/sr; None: all that it brings.
     pixel_filter: of `PIXEL_FILTERS`, that paths are spread by.
-    reduction: light is traced in a picture so many times smaller each way, and brought to full size along the surfaces
+    downscale: light is traced in a picture so many times smaller each way, and brought to full size along the surfaces
     that the labels show; where frames are differences to a base, it is denoised in full size where much changes only.
     """
 
@@ -55,13 +55,13 @@ class Quality:
     denoiser: str = "balanced"
     base_spp: int = 256
     near_spp: int = 0
-    reduction: int = 1
+    downscale: int = 1
     error: float | None = None
     clamp: float | None = None
     pixel_filter: str = "box"
 
     def __post_init__(self) -> None:
-        for name, least in (("spp", 1), ("max_depth", 1), ("base_spp", 1), ("near_spp", 0), ("reduction", 1)):
+        for name, least in (("spp", 1), ("max_depth", 1), ("base_spp", 1), ("near_spp", 0), ("downscale", 1)):
             most = MOST_DEPTH if name == "max_depth" else sys.maxsize
             object.__setattr__(self, name, integer(name, getattr(self, name), least, most))
         for name in ("error", "clamp"):
@@ -77,13 +77,13 @@ class Quality:
         return self.base_spp, self.near_spp
 
     @property
-    def may_be_differential(self) -> bool:
+    def allows_incremental(self) -> bool:
         """Whether paths can be kept: each counts for itself and for as much as any other."""
         return self.error is None and self.clamp is None and self.pixel_filter != "mitchell"
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class ShutterSample:
     """What so many paths of each pixel see, while the shutter is open."""
 
     view: View
@@ -94,10 +94,10 @@ class Moment:
 MOST_SPP = 1024  # where an error is asked for, but no number
 
 QUALITIES = {
-    "fast": Quality(spp=1, max_depth=4, denoiser="fast", base_spp=64, near_spp=4, reduction=2),
-    "preview": Quality(spp=4, max_depth=4, denoiser="fast", base_spp=64),
-    "standard": Quality(spp=16, max_depth=6),
-    "photo": Quality(spp=256, max_depth=12, denoiser="high", base_spp=1024),
+    "fast": RenderSettings(spp=1, max_depth=4, denoiser="fast", base_spp=64, near_spp=4, downscale=2),
+    "preview": RenderSettings(spp=4, max_depth=4, denoiser="fast", base_spp=64),
+    "standard": RenderSettings(spp=16, max_depth=6),
+    "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }
 
 
@@ -112,12 +112,12 @@ class Renderer:
         scene: DeviceScene,
         width: int,
         height: int,
-        quality: Quality,
+        quality: RenderSettings,
         *,
         cache_bytes: int = CACHE_BYTES,
-        report: Report | None = None,
+        progress: ProgressCallback | None = None,
     ) -> None:
-        """cache_bytes: what kept paths may take of memory. report: is told what is being made, and how much is done."""
+        """cache_bytes: what kept paths may take of memory. progress: is told what is being made, and how much is done."""
         self.scene = scene
         self.width = width
         self.height = height
@@ -125,11 +125,11 @@ class Renderer:
         self._labels = LabelPass(scene)
         self.spp = 0.0
         options: dict[str, Any] = {"pixel_filter": quality.pixel_filter, "clamp": quality.clamp}
-        self._paths = PathPass(scene, *reduced(width, height, quality.reduction), **options)
-        self._replay_paths = self._paths if quality.reduction == 1 else PathPass(scene, width, height, **options)
-        self._replay = ReplayPass(
+        self._paths = PathPass(scene, *reduced(width, height, quality.downscale), **options)
+        self._replay_paths = self._paths if quality.downscale == 1 else PathPass(scene, width, height, **options)
+        self._replay = IncrementalPass(
             scene, width, height,
-            memory_limit=cache_bytes, images=BaseImages(), report=report, paths=self._replay_paths,
+            memory_limit=cache_bytes, images=BaseImageCache(), progress=progress, paths=self._replay_paths,
         )  # fmt: skip
 
     def render(
@@ -142,13 +142,13 @@ class Renderer:
         seed: int,
         exposure: float,
         moving: NDArray[np.bool_] | None = None,
-        moments: Iterable[Moment] = (),
+        moments: Iterable[ShutterSample] = (),
     ) -> dict[str, NDArray[Any]]:
         """The buffers named, in that order, each a new array. exposure: stops, for `rgb`.
 
-        moments: what colour is the mean of, where a shutter is open: traced in full size, and no difference.
-        moving: bool [n], the instances that move before a camera and under lights that do not: colour is then a
-        difference to an image of the others, if that pays. None: colour is traced from nothing.
+        moments: what color is the mean of, where a shutter is open: traced in full size, and no difference.
+        moving: bool [n], the instances that move before a camera and under lights that do not: color is then a
+        difference to an image of the others, if that pays. None: color is traced from nothing.
         """
         self._paths.background = self._replay_paths.background = view.background
         quality = self.quality
@@ -162,7 +162,7 @@ class Renderer:
                 view, placement, moving,
                 spp=quality.spp, base_spp=max(quality.base_spp, quality.spp), near_spp=quality.near_spp, **sampling,
             )  # fmt: skip
-        elif colored and quality.reduction > 1:
+        elif colored and quality.downscale > 1:
             labels += [name for name in GUIDES if name not in labels]
         self.scene.place(placement, times=times_needed([*buffers, *labels]))
         result = self._labels.render(view, labels)
@@ -183,8 +183,8 @@ class Renderer:
         blurred: PathImage | None,
     ) -> dict[str, NDArray[Any]]:
         quality, sharp = self.quality, view.current.lens_radius == 0.0 and blurred is None
-        reduction = 1 if blurred else quality.reduction
-        cleaner = Cleaner(quality.denoiser if quality.denoise else None, reduction, sharp)
+        downscale = 1 if blurred else quality.downscale
+        cleaner = Postprocessor(quality.denoiser if quality.denoise else None, downscale, sharp)
         raw = replace(cleaner, denoiser=None)
         result: dict[str, NDArray[Any]] = {}
         cleaned = "rgb" in buffers or "denoised" in buffers
@@ -196,10 +196,10 @@ class Renderer:
             if cleaned:
                 radiance = cleaner.difference(difference)
         else:
-            if reduction > 1:
+            if downscale > 1:
                 view = replace(view, width=self._paths.width, height=self._paths.height)
             image = blurred or self._trace(view, frame_index, seed)
-            guides = (image.albedo, image.normal) if reduction == 1 else (labels[GUIDES[0]], labels[GUIDES[1]])
+            guides = (image.albedo, image.normal) if downscale == 1 else (labels[GUIDES[0]], labels[GUIDES[1]])
             if "hdr" in buffers:
                 result["hdr"] = raw.traced(image, *guides)
             if cleaned:
@@ -214,7 +214,7 @@ class Renderer:
             result["rgb"] = tone_map(radiance, exposure)
         return result
 
-    def _blurred(self, moments: Iterable[Moment], frame_index: int, seed: int) -> PathImage | None:
+    def _blurred(self, moments: Iterable[ShutterSample], frame_index: int, seed: int) -> PathImage | None:
         """The mean over the moments; None without any."""
         quality, image, first = self.quality, None, 0
         for moment in moments:
@@ -257,7 +257,7 @@ class Renderer:
         return float(np.round(meter(image.hdr), 3))
 
 
-def quality_named(name: str, **overrides: Any) -> Quality:
+def quality_named(name: str, **overrides: Any) -> RenderSettings:
     """The preset of that name with the given parts replaced (None keeps the preset's).
 
     With an error, spp is the most, and MOST_SPP if it is not among the parts.

@@ -100,7 +100,7 @@ def lookup_wrapped(textures: ti.template(), row: ti.i32, uv: vec2, wrap_s: ti.i3
 
 @ti.func
 def lookup(textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
-    """The image's linear RGBA at uv: v = 1 is the top row, pixel centres at half-integers."""
+    """The image's linear RGBA at uv: v = 1 is the top row, pixel centers at half-integers."""
     return lookup_wrapped(textures, row, uv, textures.info[row, WRAP_S], textures.info[row, WRAP_T])
 
 

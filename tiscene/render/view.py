@@ -1,6 +1,6 @@
 """The view: where the camera is a frame ago, now and a frame ahead, and how large the picture is.
 
-Pixel coordinates are (x right, y down) with pixel *centres* at integers, so a picture spans -0.5 .. width - 0.5.
+Pixel coordinates are (x right, y down) with pixel *centers* at integers, so a picture spans -0.5 .. width - 0.5.
 """
 
 from dataclasses import dataclass, field
@@ -57,7 +57,7 @@ class View:
         for time in (PREVIOUS, CURRENT, NEXT):
             camera = self.cameras[time]
             right, up, backward = camera.axes().T
-            orthographic = camera.view_height is not None
+            orthographic = camera.orthographic_height is not None
             rows[time] = [
                 *camera.position,
                 *right,
@@ -67,7 +67,7 @@ class View:
                 camera.lens_radius,
                 camera.focus_distance,
                 *self.background,
-                0.5 * (camera.view_height or 0.0),
+                0.5 * (camera.orthographic_height or 0.0),
             ]
         return rows
 
@@ -88,13 +88,13 @@ class View:
         return matrices
 
     def focal_lengths(self) -> NDArray[np.float64]:
-        """[3], per time: the focal length, px; of an orthographic camera px per metre."""
+        """[3], per time: the focal length, px; of an orthographic camera px per meter."""
         return np.array([camera.pixels(self.height) for camera in self.cameras])
 
     @property
     def orthographic(self) -> bool:
         """Whether the camera now is an orthographic one."""
-        return self.current.view_height is not None
+        return self.current.orthographic_height is not None
 
 
 @lru_cache(maxsize=16)
@@ -107,7 +107,7 @@ def _uploaded(rows: bytes) -> Any:
 
 @ti.func
 def view_vector(view: ti.template(), time: ti.i32, column: ti.i32) -> ti.math.vec3:
-    """Three neighbouring columns of a view's row, as a vector."""
+    """Three neighboring columns of a view's row, as a vector."""
     return ti.math.vec3(view[time, column], view[time, column + 1], view[time, column + 2])
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError, TisceneError
-from tiscene.sailenv.agent_camera import Viewer
+from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.json_messages import vector
-from tiscene.sailenv.light_controls import Lights
+from tiscene.sailenv.light_controls import LightControls
 from tiscene.sailenv.scenario_classes import Dynamic, Scenario, Vector3
 
 # Agents that name the same host and port share a world, as they did; it ends with its last agent.
@@ -49,7 +49,7 @@ class Agent:
     as of `tiscene.sailenv.environment.Environment`.
 
     id: -1 before `register`. scenes, spawnable_objects_names, lights_names: lists of names. categories: names by the
-    numbers of `category` views. cat_colors: a random 8-bit colour for each. spawned_objects_idstr_names_table: names of
+    numbers of `category` views. cat_colors: a random 8-bit color for each. spawned_objects_idstr_names_table: names of
     what was spawned, by id. Positions are in Unity's space, m; rotations are its Euler angles, degrees.
     """
 
@@ -85,7 +85,7 @@ class Agent:
         self.spawned_objects_idstr_names_table: dict[str, str] = {}
         self._settings = settings
         self._environment: Environment | None = None
-        self._viewer: Viewer | None = None
+        self._viewer: AgentCamera | None = None
 
     @property
     def active_frames(self) -> dict[str, bool]:
@@ -118,7 +118,7 @@ class Agent:
         """The next frame: a dict with
 
         main: float32 [h, w, 3], RGB, 0..1. category: uint8 [h, w], keys of `categories`, 255 where there is none.
-        object: float32 [h, w, 3], one colour for each object, 0..1, black where there is none.
+        object: float32 [h, w, 3], one color for each object, 0..1, black where there is none.
         flow: float32 [h, w, 2], (-dx, +dy) px from the frame before to this one (dx right, dy down).
         depth: float32 [h, w], 0 at the camera to 1 at 15 m along the axis and beyond, in steps of 1/255.
         sizes: of each view, bytes. deltaTime: s since the agent's frame before.
@@ -243,7 +243,7 @@ class Agent:
 
     def spawn_collidable_view_frustum(self) -> None:
         """Put walls at the sides of the agent's view."""
-        self._try("Error spawning view frustum: {}", Environment.enclose)
+        self._try("Error spawning view frustum: {}", Environment.set_frustum_walls)
 
     def send_obj_zip(self, file: str | os.PathLike[str] | BinaryIO, filename: str | None = None) -> str:
         """Bring in a model, an OBJ file in a zip; the path to spawn it by ("file:" + path), "" if it cannot be."""
@@ -261,7 +261,7 @@ class Agent:
         return path
 
     def change_main_camera_clear_flags(self, r: int, g: int, b: int) -> None:
-        """The 8-bit colour of what shows nothing; negative: the sky."""
+        """The 8-bit color of what shows nothing; negative: the sky."""
         self._try("Error sending clear flags: {}", lambda world, viewer: world.clear(viewer, (r, g, b)))
 
     def get_light_color(self, light_name: str) -> tuple[int, int, int] | None:
@@ -317,7 +317,7 @@ class Agent:
         """Light that reaches every surface alike."""
         self._try("Error setting ambient light color: {}", lambda world, _: world.set_ambient((r, g, b)))
 
-    def _light(self, doing: str, act: Callable[[Lights], Result]) -> Result | None:
+    def _light(self, doing: str, act: Callable[[LightControls], Result]) -> Result | None:
         result: Result | None = self._try(f"Error {doing}: {{}}", lambda world, _: act(world.lights))
         return result
 
@@ -328,13 +328,13 @@ class Agent:
             self.lights_names = list(environment.lights.names)
 
     @contextmanager
-    def _world(self) -> Iterator[tuple[Environment, Viewer]]:
+    def _world(self) -> Iterator[tuple[Environment, AgentCamera]]:
         if self._environment is None or self._viewer is None:
             raise ArgumentError("this agent is in no world: call register() first")
         with _lock:
             yield self._environment, self._viewer
 
-    def _try(self, message: str, act: Callable[[Environment, Viewer], Any], otherwise: Any = None) -> Any:
+    def _try(self, message: str, act: Callable[[Environment, AgentCamera], Any], otherwise: Any = None) -> Any:
         """What `act` gives; where it fails, `otherwise`, and the message is printed."""
         try:
             with self._world() as (environment, viewer):

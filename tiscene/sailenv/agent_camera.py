@@ -9,11 +9,11 @@ from tiscene.scene.camera import Camera, Vector3
 
 
 @dataclass(eq=False)
-class Viewer:
+class AgentCamera:
     """An agent in the world.
 
     position: m, rotation: Euler degrees, both Unity's. placed: it was put there, not just begun there.
-    background: the 8-bit colour of what shows nothing, None: the sky. follows_since: the frame at which it joined the
+    background: the 8-bit color of what shows nothing, None: the sky. follows_since: the frame at which it joined the
     camera track, None: it stands. taken: the last frame it has had, -1: none. acted: it did something to the world
     since. stepping: it takes frames, so that others may wait for it. last_camera: that of its last frame;
     still_since: the frame since which that is the same.

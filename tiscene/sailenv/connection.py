@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 
 from tiscene.errors import TisceneError
 from tiscene.sailenv import wire_format
-from tiscene.sailenv.agent_camera import Viewer
+from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.uploaded_models import MAX_BYTES
@@ -30,7 +30,7 @@ class FrameServer(Protocol):
     async def do(self, act: Callable[..., Result], *arguments: Any) -> Result:
         """Run `act` on the thread that owns the environment and return its result."""
 
-    async def frame(self, viewer: Viewer, wanted: list[str]) -> tuple[dict[str, Any], float]:
+    async def frame(self, viewer: AgentCamera, wanted: list[str]) -> tuple[dict[str, Any], float]:
         """Render an agent's next frame: its views by name, and its time (s)."""
 
 
@@ -38,7 +38,7 @@ class Connection:
     """One connection."""
 
     def __init__(self, server: FrameServer, reader: Reader, writer: asyncio.StreamWriter) -> None:
-        self.viewer: Viewer | None = None
+        self.viewer: AgentCamera | None = None
         self._server = server
         self._environment = server.environment
         self._read = reader
@@ -70,7 +70,7 @@ class Connection:
 
     # Each of these reads what follows a command, and answers.
 
-    async def frame(self, viewer: Viewer) -> None:
+    async def frame(self, viewer: AgentCamera) -> None:
         flags = (await self._read.exactly(1))[0]
         wanted = [name for name, view in VIEWS.items() if flags & view.flag]
         shown, seconds = await self._server.frame(viewer, wanted)
@@ -80,33 +80,33 @@ class Connection:
         log.debug("%s frame %d", self, viewer.taken)
         await self._send(b"".join(parts) + float_bytes(seconds))
 
-    async def change_scene(self, viewer: Viewer) -> None:
+    async def change_scene(self, viewer: AgentCamera) -> None:
         name = await self._read.text()
         await self._told(f"change_scene {name}", self._environment.change_scene, name)
 
-    async def categories(self, viewer: Viewer) -> None:
+    async def categories(self, viewer: AgentCamera) -> None:
         categories = await self._do(self._environment.categories)
         pairs = b"".join(int_bytes(number) + text_bytes(name) for number, name in categories.items())
         await self._send(int_bytes(len(categories)) + pairs)
 
-    async def position(self, viewer: Viewer) -> None:
+    async def position(self, viewer: AgentCamera) -> None:
         await self._send(float_bytes(*await self._do(self._environment.position, viewer)))
 
-    async def set_position(self, viewer: Viewer) -> None:
+    async def set_position(self, viewer: AgentCamera) -> None:
         position = await self._read.vector()
         await self._told(f"set_position {position}", self._environment.place, viewer, position, None)
 
-    async def rotation(self, viewer: Viewer) -> None:
+    async def rotation(self, viewer: AgentCamera) -> None:
         await self._send(float_bytes(*await self._do(self._environment.rotation, viewer)))
 
-    async def set_rotation(self, viewer: Viewer) -> None:
+    async def set_rotation(self, viewer: AgentCamera) -> None:
         rotation = await self._read.vector()
         await self._told(f"set_rotation {rotation}", self._environment.place, viewer, None, rotation)
 
-    async def toggle_follow(self, viewer: Viewer) -> None:
+    async def toggle_follow(self, viewer: AgentCamera) -> None:
         await self._told("toggle_follow", self._environment.toggle_follow, viewer)
 
-    async def spawn(self, viewer: Viewer) -> None:
+    async def spawn(self, viewer: AgentCamera) -> None:
         name, position, rotation = await self._read.text(), await self._read.vector(), await self._read.vector()
         await self._read.flag()  # whether to remove default dynamics; there are none
         scale = await self._read.vector()
@@ -145,14 +145,14 @@ class Connection:
         kind = await (self._read.text() if length is None else self._read.text_of(length))
         return len(flags) < 2 or bool(flags[0]), (kind, await self._read.text(wire_format.MAX_JSON))
 
-    async def despawn(self, viewer: Viewer) -> None:
+    async def despawn(self, viewer: AgentCamera) -> None:
         number = await self._read.int32()
         await self._told(f"despawn {number}", self._environment.despawn, viewer, number)
 
-    async def spawnables(self, viewer: Viewer) -> None:
+    async def spawnables(self, viewer: AgentCamera) -> None:
         await self._send(texts_bytes(self._environment.spawnable()))
 
-    async def send_obj_zip(self, viewer: Viewer) -> None:
+    async def send_obj_zip(self, viewer: AgentCamera) -> None:
         name, size = await self._read.text(), await self._read.int32()
         if not 0 <= size <= MAX_BYTES:
             raise ProtocolError(f"a file of {size} bytes; at most {MAX_BYTES} are taken")
@@ -162,24 +162,24 @@ class Connection:
         path = await self._tried(f"send_obj_zip {name}, {size} bytes", self._environment.uploads.store, name, data)
         await self._send(text_bytes(path or ""))
 
-    async def clear_flags(self, viewer: Viewer) -> None:
+    async def clear_flags(self, viewer: AgentCamera) -> None:
         color = await self._read.ints()
         await self._told(f"clear_flags {color}", self._environment.clear, viewer, color)
 
-    async def light_names(self, viewer: Viewer) -> None:
+    async def light_names(self, viewer: AgentCamera) -> None:
         await self._send(texts_bytes(list((await self._do(lambda: self._environment.lights)).names)))
 
-    async def ambient(self, viewer: Viewer) -> None:
+    async def ambient(self, viewer: AgentCamera) -> None:
         await self._send(text_bytes("ok") + int_bytes(*await self._do(lambda: self._environment.ambient)))
 
-    async def set_ambient(self, viewer: Viewer) -> None:
+    async def set_ambient(self, viewer: AgentCamera) -> None:
         color = await self._read.ints()
         await self._told(f"set_ambient_light_color {color}", self._environment.set_ambient, color)
 
-    async def spawn_view_frustum(self, viewer: Viewer) -> None:
-        await self._tried("spawn_view_frustum", self._environment.enclose, viewer)
+    async def spawn_view_frustum(self, viewer: AgentCamera) -> None:
+        await self._tried("spawn_view_frustum", self._environment.set_frustum_walls, viewer)
 
-    async def load_scenario(self, viewer: Viewer) -> None:
+    async def load_scenario(self, viewer: AgentCamera) -> None:
         content = _json(await self._read.text(wire_format.MAX_JSON))
         objects = content.get("objects")
         count = len(objects) if isinstance(objects, list) else 0
@@ -190,7 +190,7 @@ class Connection:
             log.warning("%s %s", self, problem)
         await self._send(b"".join(text_bytes(id) for id in ids))
 
-    async def move_object(self, viewer: Viewer) -> None:
+    async def move_object(self, viewer: AgentCamera) -> None:
         number, position, rotation = await self._read.int32(), await self._read.vector(), await self._read.vector()
         await self._told(f"move {number}", self._environment.move, viewer, number, position, rotation)
 
@@ -210,7 +210,7 @@ class Connection:
             f"set_{what} {name} {value}", lambda: getattr(self._environment.lights, f"set_{what}")(name, value)
         )
 
-    async def light_type(self, viewer: Viewer) -> None:
+    async def light_type(self, viewer: AgentCamera) -> None:
         name = await self._read.text()
         kind = await self._tried(f"get_light_type {name}", lambda: self._environment.lights.type(name))
         await self._send(text_bytes(kind or "light_not_found"))
@@ -257,15 +257,15 @@ def _json(text: str) -> dict[str, Any]:
     return content
 
 
-def _get(what: str, as_bytes: Callable[..., bytes]) -> Callable[[Connection, Viewer], Awaitable[None]]:
+def _get(what: str, as_bytes: Callable[..., bytes]) -> Callable[[Connection, AgentCamera], Awaitable[None]]:
     return lambda client, _: client.get_light(what, as_bytes)
 
 
-def _set(what: str, read: Callable[[Reader], Awaitable[Any]]) -> Callable[[Connection, Viewer], Awaitable[None]]:
+def _set(what: str, read: Callable[[Reader], Awaitable[Any]]) -> Callable[[Connection, AgentCamera], Awaitable[None]]:
     return lambda client, _: client.set_light(what, read)
 
 
-ANSWERS: dict[Command, Callable[[Connection, Viewer], Awaitable[None]]] = {
+ANSWERS: dict[Command, Callable[[Connection, AgentCamera], Awaitable[None]]] = {
     Command.FRAME: Connection.frame,
     Command.CHANGE_SCENE: Connection.change_scene,
     Command.GET_CATEGORIES: Connection.categories,

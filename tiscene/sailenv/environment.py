@@ -27,10 +27,10 @@ from tiscene.render.film.tone_map import radiance_shown_as
 from tiscene.render.renderer import quality_named
 from tiscene.render.view import SKY, View
 from tiscene.sailenv import asset_names, frame_views, json_messages
-from tiscene.sailenv.agent_camera import Viewer
+from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.json_messages import bounded
-from tiscene.sailenv.light_controls import Color8, Lights, clipped, linear, whole
-from tiscene.sailenv.scene_profile import Place
+from tiscene.sailenv.light_controls import Color8, LightControls, clipped, linear, whole
+from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.unity_coordinates import euler_of, mirrored, mirrored_euler, quaternion_of
 from tiscene.sailenv.uploaded_models import Uploads
 from tiscene.scene.camera import Camera, Vector3
@@ -69,7 +69,7 @@ class Environment:
         integer("seed", seed, 0, 2**32 - 1)
         runtime.start(arch)
         self.clock = -1
-        self.viewers: dict[int, Viewer] = {}
+        self.viewers: dict[int, AgentCamera] = {}
         self._first_scene = scene or asset_names.first_scene()
         asset_names.scene_of(self._first_scene)
         self._settings: dict[str, Any] = {"fps": self.fps, "quality": quality, **parts, "seed": seed, "arch": arch}
@@ -78,37 +78,37 @@ class Environment:
         self._ambient: Color8 = (0, 0, 0)
         self._changed = 0  # the frame since which nothing was done to the world
         self._seen: dict[Any, dict[str, NDArray[Any]]] = {}  # what was rendered of the current frame, by view
-        self._walls: tuple[Viewer, native_objects.Frustum] | None = None  # whose view has walls, and what kind
+        self._walls: tuple[AgentCamera, native_objects.Frustum] | None = None  # whose view has walls, and what kind
         self._walls_camera: Camera | None = None  # where they are
         self._next_id = 0
 
     # Agents.
 
-    def register(self, width: int, height: int) -> Viewer:
+    def register(self, width: int, height: int) -> AgentCamera:
         """A new agent, where those of the scene begin. Raises ArgumentError for a size out of bounds."""
         if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
             raise ArgumentError(
                 f"{width}x{height} px: a side must be from 1 to {MAX_SIDE}, and all at most {MAX_PIXELS} pixels"
             )
-        viewer = Viewer(self._next_id, width, height)
+        viewer = AgentCamera(self._next_id, width, height)
         self._next_id += 1
         self.viewers[viewer.id] = viewer
         if self._stream is not None:
             self._put_at_start(viewer)
         return viewer
 
-    def delete(self, viewer: Viewer) -> None:
+    def delete(self, viewer: AgentCamera) -> None:
         """The agent is gone. What it spawned stays."""
         self.viewers.pop(viewer.id, None)
 
-    def behind(self, viewer: Viewer) -> list[Viewer]:
+    def behind(self, viewer: AgentCamera) -> list[AgentCamera]:
         """The other agents that take frames and have not had the current one, if this one's next is not that."""
         if not self._next_is_new(viewer):
             return []
         others = (each for each in self.viewers.values() if each is not viewer and each.stepping)
         return [each for each in others if not self._next_is_new(each)]
 
-    def frame(self, viewer: Viewer, wanted: Sequence[str]) -> tuple[dict[str, NDArray[Any]], float]:
+    def frame(self, viewer: AgentCamera, wanted: Sequence[str]) -> tuple[dict[str, NDArray[Any]], float]:
         """The views named (keys of `views.VIEWS`), and the seconds since the agent's last frame."""
         stream = self._world()
         if self._next_is_new(viewer):
@@ -138,17 +138,17 @@ class Environment:
             frame_views.clear(result["main"], buffers["instance"], viewer.background)
         return result, steps / self.fps
 
-    def position(self, viewer: Viewer) -> Vector3:
+    def position(self, viewer: AgentCamera) -> Vector3:
         """m."""
         self._world()
         return self._pose(viewer)[0]
 
-    def rotation(self, viewer: Viewer) -> Vector3:
+    def rotation(self, viewer: AgentCamera) -> Vector3:
         """Euler degrees: as they were set, or in 0..360."""
         self._world()
         return self._pose(viewer)[1]
 
-    def place(self, viewer: Viewer, position: Vector3 | None = None, rotation: Vector3 | None = None) -> None:
+    def place(self, viewer: AgentCamera, position: Vector3 | None = None, rotation: Vector3 | None = None) -> None:
         """Put an agent somewhere or turn it, from its next frame on. Raises ArgumentError."""
         self._world()
         here, turned = self._pose(viewer)
@@ -157,7 +157,7 @@ class Environment:
         viewer.placed = True
         viewer.follows_since = None
 
-    def toggle_follow(self, viewer: Viewer) -> None:
+    def toggle_follow(self, viewer: AgentCamera) -> None:
         """Join the scene's camera track at its beginning, or leave it and stay there."""
         self._world()
         if viewer.follows_since is None:
@@ -166,8 +166,8 @@ class Environment:
             viewer.position, viewer.rotation = self._pose(viewer)
             viewer.follows_since, viewer.placed = None, True
 
-    def clear(self, viewer: Viewer, color: Sequence[int]) -> None:
-        """What an agent sees where nothing is: an 8-bit colour; with a negative part, the sky."""
+    def clear(self, viewer: AgentCamera, color: Sequence[int]) -> None:
+        """What an agent sees where nothing is: an 8-bit color; with a negative part, the sky."""
         color = whole(color)
         viewer.background = None if min(color) < 0 else clipped(color)
 
@@ -188,7 +188,7 @@ class Environment:
         return {number: name for name, number in self._place.numbers.items() if number != frame_views.NO_CATEGORY}
 
     @property
-    def lights(self) -> Lights:
+    def lights(self) -> LightControls:
         """The scene's lights; changes show from the next frame on."""
         self._world()
         return self._lights
@@ -209,7 +209,7 @@ class Environment:
         for viewer in self.viewers.values():
             self._put_at_start(viewer)
 
-    def load(self, viewer: Viewer, content: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    def load(self, viewer: AgentCamera, content: Mapping[str, Any]) -> tuple[list[str], list[str]]:
         """Begin anew with a scenario: for each of its objects the id, "" if it cannot be; and what is wrong with those.
 
         Agents that were put somewhere stay there. Raises a TisceneError, changing nothing, if all of it is wrong.
@@ -241,7 +241,7 @@ class Environment:
 
     def spawn(
         self,
-        viewer: Viewer,
+        viewer: AgentCamera,
         name: str,
         position: Vector3,
         rotation: Vector3,
@@ -263,17 +263,17 @@ class Environment:
             )
         )
 
-    def despawn(self, viewer: Viewer, number: int) -> None:
+    def despawn(self, viewer: AgentCamera, number: int) -> None:
         """Let an object be gone. Raises ObjectNotFound."""
         self._world().world.despawn(number)
         self._acted(viewer)
 
-    def move(self, viewer: Viewer, number: int, position: Vector3, rotation: Vector3) -> None:
+    def move(self, viewer: AgentCamera, number: int, position: Vector3, rotation: Vector3) -> None:
         """Put an object elsewhere. Raises ObjectNotFound, ScenarioError."""
         self._world().world.move(number, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
         self._acted(viewer)
 
-    def enclose(self, viewer: Viewer) -> None:
+    def set_frustum_walls(self, viewer: AgentCamera) -> None:
         """Walls at the sides of an agent's view, up to its far plane; they go where it goes."""
         self._world()
         self._walls, self._walls_camera = (viewer, native_objects.Frustum()), None
@@ -285,7 +285,7 @@ class Environment:
 
     # How.
 
-    def _acted(self, viewer: Viewer) -> None:
+    def _acted(self, viewer: AgentCamera) -> None:
         """An agent has done something to the world: its next frame is a new one, which shows that."""
         viewer.acted, self._changed = True, self.clock + 1
 
@@ -296,10 +296,10 @@ class Environment:
         viewer, frustum = self._walls
         camera = self._camera(viewer, self.clock)
         if camera != self._walls_camera:
-            stream.world.enclose(frustum, camera, viewer.width / viewer.height)
+            stream.world.set_frustum_walls(frustum, camera, viewer.width / viewer.height)
             self._walls_camera = camera
 
-    def _next_is_new(self, viewer: Viewer) -> bool:
+    def _next_is_new(self, viewer: AgentCamera) -> bool:
         return self.clock < 0 or viewer.acted or viewer.taken == self.clock
 
     def _world(self) -> Stream:
@@ -311,12 +311,12 @@ class Environment:
         assert self._stream is not None
         return self._stream
 
-    def _enter(self, scene: str, scenario: native.Scenario | None = None, viewer: Viewer | None = None) -> None:
+    def _enter(self, scene: str, scenario: native.Scenario | None = None, viewer: AgentCamera | None = None) -> None:
         """Begin anew in a scene, with what its author lets happen or with a scenario that an agent has loaded."""
         stream = self._stream
         if stream is None or stream.scenario.scene != scene:
             stream = Stream(native.Scenario.load(scene), width=64, height=48, **self._settings)
-            self._place = Place.of(stream)
+            self._place = SceneProfile.of(stream)
         self._walls = self._walls_camera = None
         if scenario is None or viewer is None:
             stream.restart(self._place.authored)
@@ -327,7 +327,7 @@ class Environment:
                 self._walls, self._walls_camera = (viewer, scenario.frustum), camera
         stream.seek(0)
         listed = asset_names.relied_on()["lights"].get(scene, ["Directional Light"])
-        self._lights = Lights(stream.world.stage.lights, listed, self._relight)
+        self._lights = LightControls(stream.world.stage.lights, listed, self._relight)
         self._stream = stream
         self._ambient = (0, 0, 0)
         self._seen.clear()
@@ -336,26 +336,28 @@ class Environment:
             each.taken, each.acted, each.last_camera, each.still_since = -1, False, None, 0
             each.follows_since = None if each.follows_since is None else 0
 
-    def _put_at_start(self, viewer: Viewer) -> None:
+    def _put_at_start(self, viewer: AgentCamera) -> None:
         start = self._place.start
         viewer.position, viewer.rotation = mirrored(start.position), euler_of(start.rotation)
         viewer.placed, viewer.follows_since = False, None
 
-    def _pose(self, viewer: Viewer) -> tuple[Vector3, Vector3]:
+    def _pose(self, viewer: AgentCamera) -> tuple[Vector3, Vector3]:
         """Position and Euler angles at the agent's frame."""
         if viewer.follows_since is None:
             return viewer.position, viewer.rotation
         camera = self._camera(viewer, max(self.clock, viewer.follows_since))
         return mirrored(camera.position), euler_of(camera.rotation)
 
-    def _camera(self, viewer: Viewer, frame: int) -> Camera:
+    def _camera(self, viewer: AgentCamera, frame: int) -> Camera:
         """What an agent sees by, at a frame."""
         if viewer.follows_since is None:
-            return self._place.start.posed(mirrored(viewer.position), quaternion_of(viewer.rotation))
+            return self._place.start.with_pose(mirrored(viewer.position), quaternion_of(viewer.rotation))
         since = (frame - viewer.follows_since) / Fraction(str(self.fps))
-        return self._place.start.posed(*self._place.track.pose(since))
+        return self._place.start.with_pose(*self._place.track.pose(since))
 
-    def _buffers(self, stream: Stream, view: View, viewer: Viewer, wanted: Sequence[str]) -> dict[str, NDArray[Any]]:
+    def _buffers(
+        self, stream: Stream, view: View, viewer: AgentCamera, wanted: Sequence[str]
+    ) -> dict[str, NDArray[Any]]:
         """The frame's buffers that views are made of; those of an equal view are not rendered again."""
         needed = {buffer for name in wanted for buffer in frame_views.VIEWS[name].buffers}
         if viewer.background is not None and "main" in wanted:
@@ -366,7 +368,7 @@ class Environment:
         seen = self._seen.setdefault(key, {})
         missing = sorted(needed - set(seen))
         if missing:
-            seen.update(stream.look(self.clock, view, missing, differential=still).buffers)
+            seen.update(stream.render_view(self.clock, view, missing, incremental=still).buffers)
         return seen
 
     def _template(self, name: str) -> str:
@@ -382,7 +384,7 @@ class Environment:
         self._changed = self.clock + 1
 
     def _ambient_radiance(self) -> tuple[float, float, float]:
-        """What makes a white surface as bright as the ambient colour, at the world's exposure."""
+        """What makes a white surface as bright as the ambient color, at the world's exposure."""
         if not any(self._ambient):
             return (0.0, 0.0, 0.0)
         r, g, b = (part * 2.0 ** -self._world().exposure for part in linear(self._ambient))

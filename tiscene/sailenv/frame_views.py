@@ -29,20 +29,20 @@ class SailView:
     of: Callable[[Mapping[str, Array], NDArray[np.uint8]], Array]
 
 
-def depth_of(metres: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """0 at the camera, 255 at FAR metres along the optical axis and beyond, steps of FAR / 255."""
-    return np.rint(np.minimum(metres, np.float32(FAR)) * np.float32(255.0 / FAR)).astype(np.uint8)
+def depth_of(meters: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """0 at the camera, 255 at FAR meters along the optical axis and beyond, steps of FAR / 255."""
+    return np.rint(np.minimum(meters, np.float32(FAR)) * np.float32(255.0 / FAR)).astype(np.uint8)
 
 
 def object_colors(ids: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """A colour [h, w, 3] for each of 2^24 ids, no two alike; black for 0, which is nothing."""
-    # An odd factor permutes the numbers modulo a power of two; this one sets neighbours far apart.
+    """A color [h, w, 3] for each of 2^24 ids, no two alike; black for 0, which is nothing."""
+    # An odd factor permutes the numbers modulo a power of two; this one sets neighbors far apart.
     mixed = ids.astype(np.uint32) * np.uint32(0x9E3779)
     return np.stack([(mixed >> np.uint32(shift)) & np.uint32(255) for shift in (16, 8, 0)], axis=-1).astype(np.uint8)
 
 
 def clear(main: NDArray[np.uint8], instance: NDArray[np.int32], color: Color8) -> None:
-    """Make what shows nothing but background exactly its colour; at edges it is what was rendered."""
+    """Make what shows nothing but background exactly its color; at edges it is what was rendered."""
     nothing = np.pad(instance == 0, 1, constant_values=True)
     inside = nothing[1:-1, 1:-1].copy()
     for rows, columns in ((slice(2, None), slice(1, -1)), (slice(-2), slice(1, -1))):

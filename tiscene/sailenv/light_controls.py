@@ -1,4 +1,4 @@
-"""The lights of a scene by SAILenv's names, in its terms: 8-bit sRGB colours, 1 for the intensity the scene has."""
+"""The lights of a scene by SAILenv's names, in its terms: 8-bit sRGB colors, 1 for the intensity the scene has."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class NamedLight:
         return replace(shining(self.light, (r, g, b)), indirect=self.indirect)
 
 
-class Lights:
+class LightControls:
     """Get and set, by name. Names: SAILenv's for the first two that are no sky, then the stage's own for the others.
 
     Every scene understands "Main Light", "Rim Light" and "Directional Light", whichever it lists.
@@ -148,12 +148,12 @@ def whole(color: Sequence[int]) -> Color8:
     try:
         r, g, b = map(int, color)
     except (TypeError, ValueError, OverflowError):
-        raise ArgumentError(f"{color!r}: must be three numbers of a colour, 0 to 255") from None
+        raise ArgumentError(f"{color!r}: must be three numbers of a color, 0 to 255") from None
     return (r, g, b)
 
 
 def clipped(color: Sequence[int]) -> Color8:
-    """A colour in 0..255. Raises ArgumentError for what is none."""
+    """A color in 0..255. Raises ArgumentError for what is none."""
     r, g, b = (min(max(component, 0), 255) for component in whole(color))
     return (r, g, b)
 

@@ -18,7 +18,7 @@ NEAR = 0.05  # m; stations closer than this to the one before are left out
 
 
 @dataclass(frozen=True)
-class Place:
+class SceneProfile:
     """A scene.
 
     authored: what its author lets happen, seen from `start`. start: where agents begin, and what they see by.
@@ -31,7 +31,7 @@ class Place:
     numbers: dict[str, int] = field(default_factory=lambda: {"": frame_views.NO_CATEGORY})
 
     @classmethod
-    def of(cls, stream: Stream) -> Place:
+    def of(cls, stream: Stream) -> SceneProfile:
         """The scene of a stream that plays it as its author made it. The stream may begin anew by this."""
         authored, stage = stream.scenario, stream.world.stage
         start = replace(_start(stage), vertical_fov=Camera.vertical_fov, far=frame_views.FAR, lens_radius=0.0)

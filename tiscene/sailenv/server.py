@@ -16,7 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from tiscene.sailenv.agent_camera import Viewer
+from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.connection import Connection
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.wire_format import ProtocolError, Reader
@@ -94,7 +94,7 @@ class Server:
         """What `act` gives, in the thread of the world."""
         return await asyncio.get_running_loop().run_in_executor(self._world, act, *arguments)
 
-    async def frame(self, viewer: Viewer, wanted: list[str]) -> tuple[dict[str, Any], float]:
+    async def frame(self, viewer: AgentCamera, wanted: list[str]) -> tuple[dict[str, Any], float]:
         """An agent's next frame, when those that take frames have had the current one, or were given time for it."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + self.wait

@@ -1,4 +1,4 @@
-"""Unity's space, in which SAILenv speaks: left-handed, Y up, +Z ahead, metres, Euler degrees. Only this file knows it.
+"""Unity's space, in which SAILenv speaks: left-handed, Y up, +Z ahead, meters, Euler degrees. Only this file knows it.
 
 Mirroring z turns it into tiscene's space and back: a point (x, y, z) is (x, y, -z), a turn about x or y changes its
 sense, one about z keeps it. Unity turns about z, then x, then y, as `dynamics.rotation` does: in Unity a positive pitch

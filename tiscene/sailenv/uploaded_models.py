@@ -87,7 +87,7 @@ class Uploads:
                 raise ArgumentError(f"{model.name!r} has {model.stat().st_size} bytes; at most {MAX_MODEL} are read")
             name = model.stem.replace("_", " ")
             self._templates[path] = import_asset(
-                model, folder / "template", name=name, label=name.lower(), unit=1.0, up_axis="Y", centred=False
+                model, folder / "template", name=name, label=name.lower(), unit=1.0, up_axis="Y", centered=False
             )
         return str(self._templates[path])
 

@@ -67,7 +67,7 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Enclose:
+class SetFrustumWalls:
     """The walls that hold objects are those of another view from a frame on; they stand still.
 
     frustum: None: there are no walls. camera: whose view it is. aspect: its width / height. Raises ScenarioError.
@@ -88,17 +88,17 @@ class Enclose:
             object.__setattr__(self, "aspect", argument_checks.positive(self.aspect, "aspect"))
 
 
-Edit = Spawn | Despawn | Move | Enclose
+Edit = Spawn | Despawn | Move | SetFrustumWalls
 
 
 @dataclass(frozen=True)
-class Life:
+class ObjectHistory:
     """An object with what was done to it. planned: as the scenario or its spawn has it.
 
     spawned, despawned: the frames of the edits that did it, None if none did. moves: in the order of their frames.
     """
 
-    planned: Object
+    spec: Object
     spawned: int | None = None
     despawned: int | None = None
     moves: tuple[Move, ...] = ()
@@ -106,31 +106,31 @@ class Life:
     @property
     def last_frame(self) -> int | None:
         """The last frame at which it is there; None: it stays for ever."""
-        ends = [self.planned.last_frame, None if self.despawned is None else self.despawned - 1]
+        ends = [self.spec.last_frame, None if self.despawned is None else self.despawned - 1]
         return min((end for end in ends if end is not None), default=None)
 
-    def alive(self, frame: int, known: int) -> bool:
-        """Whether it is there at a frame, as it was planned when frame `known` was made: edits are not anticipated."""
-        if self.spawned is not None and self.spawned > known:
+    def alive(self, frame: int, as_of: int) -> bool:
+        """Whether it is there at a frame, as it was planned when frame `as_of` was made: edits are not anticipated."""
+        if self.spawned is not None and self.spawned > as_of:
             return False
-        if self.despawned is not None and self.despawned <= known and frame >= self.despawned:
+        if self.despawned is not None and self.despawned <= as_of and frame >= self.despawned:
             return False
-        return self.planned.alive(frame)
+        return self.spec.alive(frame)
 
-    def rests(self, known: int) -> bool:
-        """Whether it is always there and never moves, or nobody knows of it, when frame `known` is made."""
-        if self.spawned is not None and self.spawned > known:
+    def is_static(self, as_of: int) -> bool:
+        """Whether it is always there and never moves, or nobody knows of it, when frame `as_of` is made."""
+        if self.spawned is not None and self.spawned > as_of:
             return True
-        planned = self.planned
+        planned = self.spec
         edited = self.spawned, self.despawned, self.moves[0].frame if self.moves else None
         return (
             (planned.dynamic is None or isinstance(planned.dynamic, Still))
             and planned.first_frame == 0
             and planned.last_frame is None
-            and not any(frame is not None and frame <= known for frame in edited)
+            and not any(frame is not None and frame <= as_of for frame in edited)
         )
 
-    def edited(self, edit: Move | Despawn) -> Life:
+    def edited(self, edit: Move | Despawn) -> ObjectHistory:
         """With one edit more."""
         if isinstance(edit, Despawn):
             return replace(self, despawned=edit.frame)
@@ -138,22 +138,22 @@ class Life:
 
 
 @dataclass(frozen=True)
-class StageLife:
+class StageObjectHistory:
     """What was done to a thing of the stage. despawned: at which frame, or None. moves: in the order of frames."""
 
     despawned: int | None = None
     moves: tuple[Move, ...] = ()
 
-    def alive(self, frame: int, known: int) -> bool:
-        """Whether it is there at a frame, as it was known when frame `known` was made."""
-        return self.despawned is None or self.despawned > min(frame, known)
+    def alive(self, frame: int, as_of: int) -> bool:
+        """Whether it is there at a frame, as it was known when frame `as_of` was made."""
+        return self.despawned is None or self.despawned > min(frame, as_of)
 
-    def move(self, frame: int, known: int) -> Move | None:
-        """The move that put it where it is at a frame, as known at `known`; None: it is where it always was."""
-        done = bisect.bisect_right(self.moves, min(frame, known), key=lambda move: move.frame)
+    def move(self, frame: int, as_of: int) -> Move | None:
+        """The move that put it where it is at a frame, as known at `as_of`; None: it is where it always was."""
+        done = bisect.bisect_right(self.moves, min(frame, as_of), key=lambda move: move.frame)
         return self.moves[done - 1] if done else None
 
-    def edited(self, edit: Move | Despawn) -> StageLife:
+    def edited(self, edit: Move | Despawn) -> StageObjectHistory:
         """With one edit more."""
         if isinstance(edit, Despawn):
             return replace(self, despawned=edit.frame)
@@ -171,9 +171,9 @@ class EditLog:
     def __init__(self, objects: Sequence[Object], edits: Sequence[Edit] = ()) -> None:
         """Raises ScenarioError for an edit that cannot be."""
         self.edits: list[Edit] = []
-        self.lives = [Life(each) for each in objects]
-        self.stage: dict[str, StageLife] = {}
-        self.enclosures: list[Enclose] = []
+        self.lives = [ObjectHistory(each) for each in objects]
+        self.stage: dict[str, StageObjectHistory] = {}
+        self.enclosures: list[SetFrustumWalls] = []
         self._rows = {each.id: row for row, each in enumerate(objects)}
         for edit in edits:
             self.add(edit)
@@ -185,7 +185,7 @@ class EditLog:
     def add(self, edit: Edit) -> None:
         """Raises ScenarioError for an edit that cannot be, changing nothing."""
         where = f"edits[{len(self.edits)}]"
-        if isinstance(edit, Enclose):
+        if isinstance(edit, SetFrustumWalls):
             # One that stands later in the log wins from its frame on.
             while self.enclosures and self.enclosures[-1].frame >= edit.frame:
                 self.enclosures.pop()
@@ -194,14 +194,14 @@ class EditLog:
             if edit.object.id in self._rows:
                 raise ScenarioError(f"{where}: there is an object {edit.object.id!r} already; ids are never reused")
             self._rows[edit.object.id] = len(self.lives)
-            self.lives.append(Life(edit.object, spawned=edit.frame))
+            self.lives.append(ObjectHistory(edit.object, spawned=edit.frame))
         elif edit.id in self._rows:
             row = self._rows[edit.id]
             if not self.lives[row].alive(edit.frame, edit.frame):
                 raise ScenarioError(f"{where}: the object {edit.id!r} is not there at frame {edit.frame}")
             self.lives[row] = self.lives[row].edited(edit)
         elif edit.id.startswith("/"):
-            life = self.stage.get(edit.id, StageLife())
+            life = self.stage.get(edit.id, StageObjectHistory())
             if not life.alive(edit.frame, edit.frame):
                 raise ScenarioError(f"{where}: {edit.id!r} is not there at frame {edit.frame}")
             self.stage[edit.id] = life.edited(edit)

@@ -18,7 +18,7 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class LightMotion:
-    """A light of the stage whose pose is given by a dynamic, and its colour and intensity by keyframes.
+    """A light of the stage whose pose is given by a dynamic, and its color and intensity by keyframes.
 
     light: its prim's path, or its name. dynamic: what moves it from where it stands; None: nothing. Its clock is the
     stream's time, as a camera's is.
@@ -62,7 +62,7 @@ class LightMotion:
         if times and not (self.intensity or self.color or self.radiance):
             raise ScenarioError("times: give intensity, color or radiance at these times")
 
-    def shines(self, time: float, own: Color) -> Color:
+    def radiance_at(self, time: float, own: Color) -> Color:
         """The radiance at a time, s, of a light whose own is `own`."""
         if not self.times:
             return own
@@ -78,8 +78,8 @@ class LightMotion:
         r, g, b = radiance.tolist()
         return (r, g, b)
 
-    def brightest(self, own: Color) -> Color:
-        """The most that `shines` ever gives of each colour, or more than that."""
+    def max_radiance(self, own: Color) -> Color:
+        """The most that `shines` ever gives of each color, or more than that."""
         radiance = np.max(self.radiance, axis=0) if self.radiance else np.asarray(own, np.float64)
         if self.color:
             radiance = radiance * np.max(self.color, axis=0)

@@ -6,7 +6,7 @@ frustum that bounds them, and the camera. It holds names, not meshes: `tiscene.w
 Rotations are Euler angles (x, y, z) in degrees, or quaternions (w, x, y, z). Euler angles turn about the fixed z axis,
 then x, then y, each right-handed: x is pitch (positive looks up), y is yaw (positive turns left), z is roll.
 
-Time: frame k shows k / fps seconds. Life spans count frames, both ends included. An object's path clock counts the
+Time: frame k shows k / fps seconds. ObjectHistory spans count frames, both ends included. An object's path clock counts the
 time during which it was both alive and active by the timings: one that appears later starts its path when it appears.
 Before its start a follower of waypoints stands at its waypoint 0; `position` and `rotation` place everything that does
 not name its own poses. The camera's clock is the stream's time: timings order objects only.
@@ -26,7 +26,16 @@ from dynamics import AllTogether, Still, Timing, argument_checks
 from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
-from tiscene.scenario.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn, StageLife
+from tiscene.scenario.edits import (
+    Despawn,
+    Edit,
+    EditLog,
+    Move,
+    ObjectHistory,
+    SetFrustumWalls,
+    Spawn,
+    StageObjectHistory,
+)
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, check_dynamic
 from tiscene.scenario.providers import provider
@@ -74,11 +83,11 @@ class Scenario:
             object.__setattr__(self, "lights", _check_lights(self.lights))
             self.log()
 
-    def lives(self) -> list[Life]:
+    def lives(self) -> list[ObjectHistory]:
         """All objects that ever are, with what the edits do to them; spawned ones after the others, in their order."""
         return self.log().lives
 
-    def stage_lives(self) -> dict[str, StageLife]:
+    def stage_lives(self) -> dict[str, StageObjectHistory]:
         """What the edits do to things of the stage, by their prim paths."""
         return self.log().stage
 
@@ -103,7 +112,7 @@ class Scenario:
         """Draw a scenario at random, the same one for the same arguments.
 
         ranges: what to draw from, each (low, high) or one number: objects, templates, dynamics, speed, angular_speed,
-        waypoints, scale, depth, region, in_view, occlusion, life, frames; `tiscene.randomization.ranges.Difficulty` explains all.
+        waypoints, scale, depth, region, in_view, occlusion, life, frames; `tiscene.randomization.ranges.ScenarioRanges` explains all.
         camera: what watches; where it stands at the start says what is in view.
         Raises ArgumentError for ranges that contradict themselves, ScenarioError for what does not fit in the scene.
         """
@@ -227,7 +236,7 @@ SCENARIOS = _classes(Scenario)
 FIELDS: dict[str, Mapping[str, type]] = {
     "camera": _classes(Camera),
     "dynamic": _DYNAMICS,
-    "edits": _classes(Despawn, Enclose, Move, Spawn),
+    "edits": _classes(Despawn, SetFrustumWalls, Move, Spawn),
     "frustum": _classes(Frustum),
     "lights": _classes(LightMotion),
     "motion": _DYNAMICS,
@@ -254,11 +263,11 @@ def _check_objects(value: Any) -> tuple[Object, ...]:
 
 def _check_edits(value: Any) -> tuple[Edit, ...]:
     if not isinstance(value, Sequence) or isinstance(value, str):
-        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn, Move and Enclose")
+        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn, Move and SetFrustumWalls")
     for row, each in enumerate(value):
         if not isinstance(each, Edit):
-            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn, a Move or an Enclose")
-        if isinstance(each, Enclose) and not isinstance(each.frustum, Frustum | None):
+            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn, a Move or an SetFrustumWalls")
+        if isinstance(each, SetFrustumWalls) and not isinstance(each.frustum, Frustum | None):
             raise ScenarioError(f"edits[{row}].frustum={each.frustum!r}: must be a Frustum or None")
         if isinstance(each, Spawn) and not isinstance(each.object, Object):
             raise ScenarioError(f"edits[{row}].object={each.object!r}: must be an Object(id, template, ...)")

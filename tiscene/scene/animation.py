@@ -31,7 +31,7 @@ class Deformation:
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class InstanceTrack:
     """Where some instances of a description are over time: positions go straight, rotations the shortest way.
 
     instances: int32 [n], rows of `SceneDescription.instances`. times: float64 [s], s.

@@ -17,7 +17,7 @@ LEAST_EXTENT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class ObjectParts:
     """Meshes of objects, one row each, object after object.
 
     mesh: int32 [p]. owner: int32 [p], row of the object. matrix: float64 [p, 3, 4], places the mesh.
@@ -32,12 +32,12 @@ class Parts:
     number: NDArray[np.int32]
 
 
-def joined(parts: Sequence[Parts]) -> Parts:
+def joined(parts: Sequence[ObjectParts]) -> ObjectParts:
     """All parts in one table."""
     none = np.zeros(0, np.int32)
-    nothing = Parts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none)
+    nothing = ObjectParts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none)
     every = [nothing, *parts]
-    return Parts(
+    return ObjectParts(
         np.concatenate([each.mesh for each in every]),
         np.concatenate([each.owner for each in every]),
         np.concatenate([each.matrix for each in every]),

@@ -23,7 +23,7 @@ class Camera:
 
     position: m, world. rotation: unit quaternion (w, x, y, z). vertical_fov: rad.
     lens_radius: m, 0 for a pinhole. focus_distance: m along the optical axis.
-    view_height: m; an orthographic camera, which sees so much from below to above, in front of its position, without
+    orthographic_height: m; an orthographic camera, which sees so much from below to above, in front of its position, without
     perspective: vertical_fov means nothing then. None: a perspective camera.
     near, far: m, only what a view frustum for moving objects is made of; nothing is clipped.
     shutter_open, shutter_close: frames from the frame's own time, -1..1; what moves while it is open is blurred in the
@@ -41,7 +41,7 @@ class Camera:
     near: float = 0.1
     far: float = 1000.0
     exposure: float | None = None
-    view_height: float | None = None
+    orthographic_height: float | None = None
     shutter_open: float = 0.0
     shutter_close: float = 0.0
     dynamic: Any = field(default=None, hash=False)
@@ -56,8 +56,8 @@ class Camera:
             if not _are_numbers(getattr(self, name), count):
                 raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
-        for name in (*_LENGTHS, "vertical_fov", "exposure", "view_height", "shutter_open", "shutter_close"):
-            if name in ("exposure", "view_height") and getattr(self, name) is None:
+        for name in (*_LENGTHS, "vertical_fov", "exposure", "orthographic_height", "shutter_open", "shutter_close"):
+            if name in ("exposure", "orthographic_height") and getattr(self, name) is None:
                 continue
             if not _are_numbers((getattr(self, name),), 1):
                 raise refuse(name, "must be finite")
@@ -74,9 +74,9 @@ class Camera:
             raise refuse("lens_radius", "must be 0 m or more")
         if self.focus_distance <= 0.0:
             raise refuse("focus_distance", "must be greater than 0 m")
-        if self.view_height is not None and self.view_height <= 0.0:
-            raise refuse("view_height", "must be greater than 0 m")
-        if self.view_height is not None and self.lens_radius > 0.0:
+        if self.orthographic_height is not None and self.orthographic_height <= 0.0:
+            raise refuse("orthographic_height", "must be greater than 0 m")
+        if self.orthographic_height is not None and self.lens_radius > 0.0:
             raise refuse("lens_radius", "an orthographic camera has none")
         if not -1.0 <= self.shutter_open <= self.shutter_close <= 1.0:
             raise refuse("shutter_open", f"must be -1 <= open <= close <= 1 frames, shutter_close={self.shutter_close}")
@@ -85,7 +85,7 @@ class Camera:
 
     @classmethod
     def look_at(cls, position: Vector3, target: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
-        """A camera at `position` that sees `target` in its centre; `others` are the remaining fields.
+        """A camera at `position` that sees `target` in its center; `others` are the remaining fields.
 
         Raises ArgumentError.
         """
@@ -102,18 +102,18 @@ class Camera:
         return cls(position=position, rotation=quaternion_from_matrix(axes), **others)
 
     @classmethod
-    def seeing(cls, low: Vector3, high: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
+    def framing(cls, low: Vector3, high: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
         """A camera in front, above and to the right of the box from `low` to `high` that sees all of it."""
-        centre = 0.5 * np.add(low, high, dtype=np.float64)
+        center = 0.5 * np.add(low, high, dtype=np.float64)
         radius = max(0.5 * float(np.linalg.norm(np.subtract(high, low))), 1e-3)
         vertical = np.asarray(up, dtype=np.float64)
         front = np.array([0.0, 0.0, 1.0]) if vertical[1] else np.array([0.0, -1.0, 0.0])
         direction = front + 0.6 * np.cross(vertical, front) + 0.5 * vertical
         distance = radius / math.sin(0.5 * others.get("vertical_fov", math.radians(60.0)))
-        position = centre + direction / np.linalg.norm(direction) * distance
-        return cls.look_at(tuple(position), tuple(centre), up, **others)
+        position = center + direction / np.linalg.norm(direction) * distance
+        return cls.look_at(tuple(position), tuple(center), up, **others)
 
-    def posed(self, position: Vector3, rotation: Quaternion) -> Camera:
+    def with_pose(self, position: Vector3, rotation: Quaternion) -> Camera:
         """The same camera elsewhere."""
         return replace(self, position=position, rotation=rotation)
 
@@ -129,7 +129,7 @@ class Camera:
         return matrix
 
     def intrinsics(self, width: int, height: int) -> NDArray[np.float64]:
-        """The 3x3 matrix K of OpenCV's rule: pixel centres at integers, so cx = (width - 1) / 2; px.
+        """The 3x3 matrix K of OpenCV's rule: pixel centers at integers, so cx = (width - 1) / 2; px.
 
         Of an orthographic camera it takes (x, y, 1) to pixels, whatever z is.
         """
@@ -137,14 +137,18 @@ class Camera:
         return np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
 
     def pixels(self, height: int) -> float:
-        """The focal length in a picture of that height, px; of an orthographic camera, px per metre."""
-        if self.view_height is not None:
-            return height / self.view_height
+        """The focal length in a picture of that height, px; of an orthographic camera, px per meter."""
+        if self.orthographic_height is not None:
+            return height / self.orthographic_height
         return 0.5 * height / math.tan(0.5 * self.vertical_fov)
 
     def half_height(self, depth: float) -> float:
-        """Half of what is seen from below to above, m, at so many metres along the axis."""
-        return depth * math.tan(0.5 * self.vertical_fov) if self.view_height is None else 0.5 * self.view_height
+        """Half of what is seen from below to above, m, at so many meters along the axis."""
+        return (
+            depth * math.tan(0.5 * self.vertical_fov)
+            if self.orthographic_height is None
+            else 0.5 * self.orthographic_height
+        )
 
     def frustum_planes(self, aspect: float, far: float | None = None) -> NDArray[np.float64]:
         """The six planes [6, 4] of the view: inside where n·x + d >= 0. Order: left, right, bottom, top, near, far.
@@ -154,8 +158,8 @@ class Camera:
         right, up, backward = self.axes().T
         position = np.asarray(self.position)
         tangent, half = math.tan(0.5 * self.vertical_fov), 0.0
-        if self.view_height is not None:
-            tangent, half = 0.0, 0.5 * self.view_height
+        if self.orthographic_height is not None:
+            tangent, half = 0.0, 0.5 * self.orthographic_height
         planes = []
         for across, size in ((right, aspect), (-right, aspect), (up, 1.0), (-up, 1.0)):
             normal = across - backward * (tangent * size)

@@ -1,6 +1,6 @@
 """What the files said: host arrays, frozen, independent of USD and of any device.
 
-Lengths are metres, angles radians, colours scene-linear Rec.709, matrices map column vectors.
+Lengths are meters, angles radians, colors scene-linear Rec.709, matrices map column vectors.
 Normals and texture coordinates belong to vertices: a reader splits a vertex wherever they differ between faces.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import CameraNotFound
-from tiscene.scene.animation import Deformation, Track
+from tiscene.scene.animation import Deformation, InstanceTrack
 from tiscene.scene.camera import Camera, Vector3
 
 FloatArray = NDArray[np.float32]
@@ -76,7 +76,7 @@ VERTEX_COLORS = -1
 class TextureLookup:
     """A material input that is read from a texture: `value = pixel[channel] * scale + bias`.
 
-    texture: row of `SceneDescription.textures`; or VERTEX_COLORS, the colours of the mesh's vertices instead of pixels.
+    texture: row of `SceneDescription.textures`; or VERTEX_COLORS, the colors of the mesh's vertices instead of pixels.
     channel: "rgb" or one of "r", "g", "b", "a".
     uv_transform: 2x3 row-major affine map applied to uv before the lookup (UsdTransform2d).
     uv_set: 1 for the mesh's second uv.
@@ -125,7 +125,7 @@ class Shaping:
     t is the angle between the direction and the light's axis, -z; c the cosine of that between the direction and the
     light's surface normal. cone_angle: rad; nothing is emitted where t is larger. cone_softness: 0..1, the part of the
     cone over which the edge fades, `1 - smoothstep((1 - softness) * cone_angle, cone_angle, t)`.
-    focus: the colour `lerp(focus_tint, 1, |c| ** focus)`.
+    focus: the color `lerp(focus_tint, 1, |c| ** focus)`.
     profile: an IES profile as a texture of scales (row of `SceneDescription.textures`), read at u = p / (2 pi),
     v = 1 - t / pi, with p from +x towards +y.
     """
@@ -222,7 +222,7 @@ class DomeLight(Light):
     """The surroundings. radiance: W/m²/sr, multiplies the latlong texture (None: constant).
 
     A direction d in light space reads the image at u = (atan2(d.z, d.x) + pi/2) / (2 pi), v = 1 - acos(d.y) / pi, with
-    v = 1 the top row: +y is the top, +z the centre, +x a quarter from the left (OpenUSD's latlong convention).
+    v = 1 the top row: +y is the top, +z the center, +x a quarter from the left (OpenUSD's latlong convention).
     portals: places on whose -z side sample the light through them alone.
     """
 
@@ -290,7 +290,7 @@ class SceneDescription:
     up_axis: Literal["Y", "Z"] = "Y"
     templates: tuple[Template, ...] = field(default=())
     colliders: tuple[Collider, ...] = ()
-    tracks: tuple[Track, ...] = ()
+    tracks: tuple[InstanceTrack, ...] = ()
 
     @property
     def is_dark(self) -> bool:
@@ -310,7 +310,7 @@ class SceneDescription:
         if name is not None:
             raise CameraNotFound("camera", name, [each.name for each in self.cameras], f" in scene {self.name!r}")
         (a, b, c), (d, e, f) = self.bounds().tolist()
-        return Camera.seeing((a, b, c), (d, e, f), self.up)
+        return Camera.framing((a, b, c), (d, e, f), self.up)
 
     def bounds(self) -> NDArray[np.float64]:
         """The box around every vertex of what is drawn, [2, 3]: lowest and highest corner, m; zeros if empty."""

@@ -36,14 +36,14 @@ class DeviceScene:
     every `place`:
 
     vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
-    Behind those of all vertices, vertex_uv has three rows for each vertex of a mesh with colours: second uv, red and
+    Behind those of all vertices, vertex_uv has three rows for each vertex of a mesh with colors: second uv, red and
     green, blue and opacity.
     A mesh that deforms has its vertices there three times: as they are now, at the next frame, and at the last one.
     triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
     triangle_part: i32 [m], which part of its mesh.
     instance_info: i32 [i, 17], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
     5 flags (HAS_NORMALS | HAS_UV | MIRRORED | HAS_COLORS), 6 first part, 7 vertices of a mesh that deforms, else 0,
-    8 first row of colours less 3 times the first vertex, 9 to 16 where rays enter its BLAS's parts (bvh_parts.py). As
+    8 first row of colors less 3 times the first vertex, 9 to 16 where rays enter its BLAS's parts (bvh_parts.py). As
     rays find them at CURRENT; `instances_at` has those of other times.
     world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
     box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
@@ -317,7 +317,7 @@ _NOTHING = Placement(
 
 
 def _colors(meshes: Sequence[Mesh], first: int) -> tuple[list[NDArray[np.float32]], NDArray[np.int64]]:
-    """Rows for the second uv and the colours of meshes that have them, from row `first` on; where each mesh's begin."""
+    """Rows for the second uv and the colors of meshes that have them, from row `first` on; where each mesh's begin."""
     blocks, starts = [], []
     for mesh in meshes:
         starts.append(first)
@@ -353,11 +353,11 @@ def _inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
 
 def _transformed(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     """World boxes [3, n, 6] around boxes [3, n, 2, 3] under affine maps [3, n, 3, 4]."""
-    centre = 0.5 * (boxes[:, :, 0] + boxes[:, :, 1])
+    center = 0.5 * (boxes[:, :, 0] + boxes[:, :, 1])
     half = 0.5 * (boxes[:, :, 1] - boxes[:, :, 0])
-    world_centre = matrices[..., 3].copy()
-    world_half = np.zeros_like(world_centre)
+    world_center = matrices[..., 3].copy()
+    world_half = np.zeros_like(world_center)
     for axis in range(3):
-        world_centre += matrices[..., axis] * centre[:, :, axis, None]
+        world_center += matrices[..., axis] * center[:, :, axis, None]
         world_half += np.abs(matrices[..., axis]) * half[:, :, axis, None]
-    return np.concatenate([world_centre - world_half, world_centre + world_half], axis=-1)
+    return np.concatenate([world_center - world_half, world_center + world_half], axis=-1)

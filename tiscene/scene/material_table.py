@@ -10,7 +10,7 @@ import numpy as np
 from tiscene.device.memory import upload
 from tiscene.scene.description import VERTEX_COLORS, Material, TextureLookup
 
-# Columns of `values`, where each input's constant is (3 for a colour, 1 for a number).
+# Columns of `values`, where each input's constant is (3 for a color, 1 for a number).
 VALUE_COLUMNS = 20
 DIFFUSE, EMISSIVE, SPECULAR, METALLIC, ROUGHNESS, CLEARCOAT, CLEARCOAT_ROUGHNESS, OPACITY = 0, 3, 6, 9, 10, 11, 12, 13
 THRESHOLD, IOR = 14, 15
@@ -31,7 +31,7 @@ INPUTS = (
 NORMAL = VALUE_COLUMNS  # stands for the input without a constant
 
 # Columns of `lookups`. LOOKUP_INPUT: the column of `values` that it replaces, or NORMAL. LOOKUP_SCALED_AREA: by how
-# much the transform scales areas. LOOKUP_TEXTURE: below 0, the vertices' colours. A UNIT_NORMAL is an rgb whose length,
+# much the transform scales areas. LOOKUP_TEXTURE: below 0, the vertices' colors. A UNIT_NORMAL is an rgb whose length,
 # with this scale and bias, is 1 in every pixel.
 LOOKUP_COLUMNS = 20
 LOOKUP_TEXTURE, LOOKUP_CHANNEL, LOOKUP_SCALE, LOOKUP_BIAS, LOOKUP_TRANSFORM, LOOKUP_INPUT = 0, 1, 2, 6, 10, 16
@@ -47,10 +47,10 @@ MATTE = 8  # diffuse reflection alone: no other lobe can be there
 TEXTURED = 16
 EMITS = 32
 COATED = 64
-PLAIN = 128  # matte, of constant colours and wholly there: nothing else of it needs to be looked up
+PLAIN = 128  # matte, of constant colors and wholly there: nothing else of it needs to be looked up
 MAY_MIRROR = 256  # somewhere it may be so smooth and shiny, and is not glass, that one sees other things in it
 
-# What that means: less rough, and more metallic or (by the specular workflow) more reflecting in all colours.
+# What that means: less rough, and more metallic or (by the specular workflow) more reflecting in all colors.
 MIRROR_ROUGHNESS, MIRROR_METALLIC, MIRROR_SPECULAR = 0.15, 0.5, 0.5
 
 

@@ -14,7 +14,7 @@ class Frames(Protocol):
     def __getitem__(self, index: int, /) -> Frame: ...
 
 
-class FrameRange(Sequence[Frame]):
+class FrameSlice(Sequence[Frame]):
     """Some frames of a stream, each rendered when it is asked for."""
 
     def __init__(self, stream: Frames, indices: range) -> None:
@@ -31,9 +31,9 @@ class FrameRange(Sequence[Frame]):
     def __getitem__(self, index: int) -> Frame: ...
 
     @overload
-    def __getitem__(self, index: slice) -> FrameRange: ...
+    def __getitem__(self, index: slice) -> FrameSlice: ...
 
-    def __getitem__(self, index: int | slice) -> Frame | FrameRange:
+    def __getitem__(self, index: int | slice) -> Frame | FrameSlice:
         if isinstance(index, slice):
-            return FrameRange(self.stream, self.indices[index])
+            return FrameSlice(self.stream, self.indices[index])
         return self.stream[self.indices[index]]

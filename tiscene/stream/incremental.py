@@ -33,10 +33,10 @@ def moving(world: World, frame: int) -> NDArray[np.bool_] | None:
     One frame at which a lamp that moves stands as at the start counts for nothing: frame 1 must be like it too.
     """
     dimmed = False
-    if world.lights_change:
+    if world.has_dynamic_lights:
         lights = world.light_groups(frame)
         now, dimmed = _digest(lights), len(lights.factors) > 1
-        if any(now != _digest(then) for then in world.first_lights):
+        if any(now != _digest(then) for then in world.initial_lights):
             return None
     instances = world.moving(frame)
     return instances if dimmed or instances.any() else None

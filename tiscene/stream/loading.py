@@ -11,19 +11,19 @@ from typing import Any
 
 from tiscene.device import runtime
 from tiscene.frame.buffers import COLORS
-from tiscene.render.renderer import Quality
+from tiscene.render.renderer import RenderSettings
 from tiscene.render.warm_up import rehearsal
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.read.stage_reader import read_stage
-from tiscene.usd.read.subprocess_reader import NoAnswer, Reading, unsaved
+from tiscene.usd.read.subprocess_reader import SubprocessFailed, SubprocessReader, unsaved
 
 
 def load(
-    path: Path, buffers: Sequence[str], quality: Quality, arch: str | None, untrusted: bool, **options: Any
+    path: Path, buffers: Sequence[str], quality: RenderSettings, arch: str | None, untrusted: bool, **options: Any
 ) -> tuple[SceneDescription, str]:
     """`read_stage(path, **options)`, and the architecture. buffers, quality: of the frames of the stage."""
     if not untrusted and _pays(buffers):
-        with contextlib.suppress(NoAnswer), Reading(path, options) as reading:
+        with contextlib.suppress(SubprocessFailed), SubprocessReader(path, options) as reading:
             arch = runtime.start(arch)
             for _ in rehearsal(buffers, quality, reading.glows):
                 if reading.done():

@@ -9,7 +9,7 @@ PATIENCE = 2.0  # s; what is done by then is not worth a word
 WIDTH = 24  # characters of a full bar
 
 
-class Waiting:
+class ProgressBar:
     """A `report` for whoever gave none: a line with a bar, which is wiped off when the work is done."""
 
     def __init__(self) -> None:

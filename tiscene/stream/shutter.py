@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from tiscene.render.renderer import Moment
+from tiscene.render.renderer import ShutterSample
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.world.world import World
@@ -28,7 +28,7 @@ def moments(
     spp: int,
     seed: int,
     camera_at: Callable[[Fraction], Camera] | None = None,
-) -> Iterator[Moment] | None:
+) -> Iterator[ShutterSample] | None:
     """Moments at random, one in each of as many equal parts of the time that the shutter is open: `spp` paths in all.
 
     None if it does not open, or if nothing moves meanwhile: neither the camera, nor anything in the world, nor a light.
@@ -37,7 +37,7 @@ def moments(
     A pure function of the world and the numbers.
     """
     opens, closes = shutter or (view.current.shutter_open, view.current.shutter_close)
-    still = view.previous == view.current == view.next and not world.lights_change
+    still = view.previous == view.current == view.next and not world.has_dynamic_lights
     if opens == closes or (still and not world.moving(index).any()):
         return None
     return _moments(world, index, view, opens, closes, spp, seed, camera_at)
@@ -52,14 +52,14 @@ def _moments(
     spp: int,
     seed: int,
     camera_at: Callable[[Fraction], Camera] | None,
-) -> Iterator[Moment]:
+) -> Iterator[ShutterSample]:
     count = min(spp, MOST_MOMENTS)
     chances = np.random.default_rng((_KEY, seed, index)).random(count)
     for number, chance in enumerate(chances.tolist()):
         shift = Fraction(round(TICKS * (opens + (closes - opens) * (number + chance) / count)), TICKS)
         camera = camera_at(shift) if camera_at else _between(view, float(shift))
         samples = spp * (number + 1) // count - spp * number // count
-        yield Moment(
+        yield ShutterSample(
             replace(view, previous=camera, current=camera, next=camera), world.placement(index, shift), samples
         )
 
@@ -73,4 +73,4 @@ def _between(view: View, shift: float) -> Camera:
     x, y, z = ((1.0 - part) * np.array(start.position) + part * np.array(end.position)).tolist()
     a, b = np.array(start.rotation), np.array(end.rotation)
     rotation = (1.0 - part) * a + (part if a @ b >= 0.0 else -part) * b
-    return start.posed((x, y, z), tuple((rotation / np.linalg.norm(rotation)).tolist()))
+    return start.with_pose((x, y, z), tuple((rotation / np.linalg.norm(rotation)).tolist()))

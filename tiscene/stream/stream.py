@@ -18,9 +18,9 @@ from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import COLORS, buffer_names
 from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.render.annotations.object_measurements import Measurer
-from tiscene.render.integrators.incremental.base_image import Report
+from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES
-from tiscene.render.renderer import Quality, Renderer, quality_named
+from tiscene.render.renderer import Renderer, RenderSettings, quality_named
 from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
@@ -28,10 +28,10 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, Template
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
-from tiscene.stream.frame_slice import FrameRange
+from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.incremental import is_fixed, moving, pays
 from tiscene.stream.loading import load
-from tiscene.stream.progress import Waiting
+from tiscene.stream.progress import ProgressBar
 from tiscene.stream.shutter import moments
 from tiscene.usd.core.layers import scene_digests
 from tiscene.usd.read.template import read_template
@@ -47,12 +47,12 @@ ON_DEVICE = ("world", "_scene", "_measurer", "_loaded", "_renderers")
 
 
 class Stream(Iterator[Frame]):
-    """An endless or finite, exactly repeatable sequence of labelled frames.
+    """An endless or finite, exactly repeatable sequence of labeled frames.
 
     source: a scene name ("room_02"), a USD file, a Scenario, or a scenario file (.json). A stage whose author made its
         things move (`tiscene.usd.core.schema`, or time samples of their transforms) plays.
     width, height: px. fps: frame k shows time k / fps. frames: how many; None for an endless stream.
-    buffers: which of `tiscene.frame.buffers.AOVS` each frame holds; the others cost nothing.
+    buffers: which of `tiscene.frame.buffers.BUFFERS` each frame holds; the others cost nothing.
     quality: "fast", "preview", "standard" or "photo"; spp, max_depth and denoise replace its parts.
     error: paths go through each pixel until its error is estimated to be that part of its luminance (0.02: 2 %), spp of
         them at most (by default 1024). clamp: the most that one path brings in a channel, W/m²/sr: less glaring noise,
@@ -67,10 +67,10 @@ class Stream(Iterator[Frame]):
     taxonomy: of the semantic labels; None for "class", else "category", else any.
     root: the folder that all of the stage's files must be in. untrusted: read a stage that may be damaged or hostile in
         a process of its own; no motion is read from it then.
-    differential: whether frames with the camera and the lights of frame 0 are made as differences to an image of what
-        never moves, which takes time once and then leaves little to trace (docs/differential.md). None: if there are
+    incremental: whether frames with the camera and the lights of frame 0 are made as differences to an image of what
+        never moves, which takes time once and then leaves little to trace (docs/incremental.md). None: if there are
         frames enough for that to pay. base_spp: paths per pixel of that image; None: by the quality.
-    cache_bytes: what that may keep in memory. report: is called with what is being made for it, and how much of that
+    cache_bytes: what that may keep in memory. progress: is called with what is being made for it, and how much of that
         is done, 0..1; by default a terminal shows it.
 
     A stream is an iterator with a position, as an open file is: a second `for` goes on where the first stopped, `seek`
@@ -107,10 +107,10 @@ class Stream(Iterator[Frame]):
         root: str | os.PathLike[str] | None = None,
         untrusted: bool = False,
         arch: str | None = None,
-        differential: bool | None = None,
+        incremental: bool | None = None,
         base_spp: int | None = None,
         cache_bytes: int = CACHE_BYTES,
-        report: Report | None = None,
+        progress: ProgressCallback | None = None,
     ) -> None:
         self.width = integer("width", width, 1, MAX_SIZE)
         self.height = integer("height", height, 1, MAX_SIZE)
@@ -119,18 +119,18 @@ class Stream(Iterator[Frame]):
         self.fps = positive("fps", fps)
         self.buffers = buffer_names(buffers)
         parts = {"max_depth": max_depth, "denoise": denoise, "clamp": clamp, "pixel_filter": pixel_filter}
-        self.quality: Quality = quality_named(quality, spp=spp, error=error, base_spp=base_spp, **parts)
+        self.quality: RenderSettings = quality_named(quality, spp=spp, error=error, base_spp=base_spp, **parts)
         if not isinstance(source, Scenario):
             source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None)
         scenario = source
         if camera is not None:
             scenario = replace(scenario, camera=camera)
-        if differential and not self.quality.may_be_differential:
-            raise ArgumentError("differential=True: not with error=, clamp= or pixel_filter='mitchell'")
-        pays_here = self.quality.may_be_differential and pays(self.frames)
-        self.differential = pays_here if differential is None else differential
+        if incremental and not self.quality.allows_incremental:
+            raise ArgumentError("incremental=True: not with error=, clamp= or pixel_filter='mitchell'")
+        pays_here = self.quality.allows_incremental and pays(self.frames)
+        self.incremental = pays_here if incremental is None else incremental
         self._cache_bytes = integer("cache_bytes", cache_bytes, 1, sys.maxsize)
-        self._report = report or Waiting()
+        self._progress = progress or ProgressBar()
         self.shutter = None if shutter is None else shutter_times(shutter)
         self.time_code = None if time_code is None else number("time_code", time_code)
         self.taxonomy = taxonomy
@@ -171,7 +171,7 @@ class Stream(Iterator[Frame]):
     def __getstate__(self) -> dict[str, Any]:
         """For worker processes: all but what is on the device, which is put there anew, and but who is told of it."""
         kept = {name: value for name, value in vars(self).items() if name not in ON_DEVICE}
-        return kept | {"_report": Waiting(), "scenario": self.scenario}
+        return kept | {"_progress": ProgressBar(), "scenario": self.scenario}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         scenario, position = state.pop("scenario"), state["_position"]
@@ -223,15 +223,15 @@ class Stream(Iterator[Frame]):
     def __getitem__(self, index: int) -> Frame: ...
 
     @overload
-    def __getitem__(self, index: slice) -> FrameRange: ...
+    def __getitem__(self, index: slice) -> FrameSlice: ...
 
-    def __getitem__(self, index: int | slice) -> Frame | FrameRange:
+    def __getitem__(self, index: int | slice) -> Frame | FrameSlice:
         end = sys.maxsize if self.frames is None else self.frames
         if isinstance(index, slice):
             parts = index.start, index.stop, index.step if index.start is None else None  # backwards from the end
             if self.frames is None and any(part is not None and part < 0 for part in parts):
                 raise ArgumentError(f"{index}: an endless stream cannot be counted from its end")
-            return FrameRange(self, range(end)[index])
+            return FrameSlice(self, range(end)[index])
         index = operator.index(index)
         if index < 0 and self.frames is not None:
             index += self.frames
@@ -269,22 +269,22 @@ class Stream(Iterator[Frame]):
             "error": self.quality.error,
             "clamp": self.quality.clamp,
             "pixel_filter": self.quality.pixel_filter,
-            "reduction": self.quality.reduction,
+            "downscale": self.quality.downscale,
             "denoiser": self.quality.denoiser if self.quality.denoise else None,
             "shutter": None if self.shutter is None else list(self.shutter),
             "time_code": self.time_code,
             "variants": self.variants,
             "taxonomy": self.taxonomy,
-            "differential": [*self.quality.of_differences, self._cache_bytes] if self.differential else None,
+            "incremental": [*self.quality.of_differences, self._cache_bytes] if self.incremental else None,
         }
 
-    def layers(self) -> dict[str, str]:
+    def file_digests(self) -> dict[str, str]:
         """SHA-256 of every file that the scene and the scenario's templates are made of.
 
         Keys: the path relative to the scene's folder; of a template, its name, a colon and the path in its folder.
         """
         on_stage = {template.name for template in self.world.stage.templates}
-        return scene_digests(self.scenario.scene, {life.planned.template for life in self.scenario.lives()} - on_stage)
+        return scene_digests(self.scenario.scene, {life.spec.template for life in self.scenario.lives()} - on_stage)
 
     def to_usd(self, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
         """Write the motion as a USD layer over the scene (.usda, .usdc, .usd), to be played in any USD program.
@@ -306,17 +306,17 @@ class Stream(Iterator[Frame]):
             self._exposure = self._renderer(view).meter(view, self._placement(0), seed=self.seed)
         return self._exposure
 
-    def look(
+    def render_view(
         self,
         index: int,
         view: View,
         buffers: Sequence[str],
-        differential: bool | None = None,
+        incremental: bool | None = None,
         camera_at: Callable[[Fraction], Camera] | None = None,
     ) -> Frame:
         """Frame `index` as other cameras see it, or in another size; in the exposure of the stream's own camera.
 
-        differential: whether colour is a difference to an image that this view has of what never moves; None: as the
+        incremental: whether color is a difference to an image that this view has of what never moves; None: as the
         stream's own frames are, if the camera is that of its frame 0. camera_at: where it is by so many frames from the
         index, while its shutter is open; None: it goes straight from one camera of the view to the next.
         """
@@ -325,8 +325,8 @@ class Stream(Iterator[Frame]):
         if not COLORS.isdisjoint(buffers):
             numbers = {"spp": self.quality.spp, "seed": self.seed}
             seen = moments(self.world, index, view, self.shutter, camera_at=camera_at, **numbers)
-        if differential is None:
-            differential = self.differential and is_fixed(self.world, view.current)
+        if incremental is None:
+            incremental = self.incremental and is_fixed(self.world, view.current)
         placement = self._placement(index)
         exposure = view.current.exposure
         if exposure is None:
@@ -339,7 +339,7 @@ class Stream(Iterator[Frame]):
             frame_index=index,
             seed=self.seed,
             exposure=exposure,
-            moving=moving(self.world, index) if differential and seen is None else None,
+            moving=moving(self.world, index) if incremental and seen is None else None,
             moments=seen or (),
         )
         return Frame(
@@ -356,7 +356,7 @@ class Stream(Iterator[Frame]):
 
     def _render(self, index: int) -> Frame:
         first, *others = [
-            self.look(
+            self.render_view(
                 index,
                 View(*self.world.view(index, row), width=self.width, height=self.height),
                 self.buffers,
@@ -370,7 +370,7 @@ class Stream(Iterator[Frame]):
         """One for each size; of those that were not used for longest nothing is kept."""
         size = view.width, view.height
         renderer = self._renderers.pop(size, None) or Renderer(
-            self._scene, *size, self.quality, cache_bytes=self._cache_bytes, report=self._report
+            self._scene, *size, self.quality, cache_bytes=self._cache_bytes, progress=self._progress
         )
         self._renderers[size] = renderer
         if len(self._renderers) > MAX_RENDERERS:

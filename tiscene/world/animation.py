@@ -1,4 +1,4 @@
-"""Tracks: which parts of a world move, come and go by themselves, as their author animated them."""
+"""AnimatedInstances: which parts of a world move, come and go by themselves, as their author animated them."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.animation import Track
+from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.assembly import bounding_box, rigid
 from tiscene.scene.description import SceneDescription
 
 Array = NDArray[np.float64]
 
 
-class Tracks:
+class AnimatedInstances:
     """Some parts, and the tracks of those that have one. rows: int64, the parts that have."""
 
-    def __init__(self, matrices: Array, tracks: Iterable[tuple[NDArray[np.integer], Track]] = ()) -> None:
+    def __init__(self, matrices: Array, tracks: Iterable[tuple[NDArray[np.integer], InstanceTrack]] = ()) -> None:
         """matrices: float64 [p, 3, 4], where the parts are read. tracks: each with the parts that it moves."""
         self._matrices = matrices
         self._tracks = list(tracks)
@@ -52,7 +52,7 @@ def changing(description: SceneDescription) -> NDArray[np.bool_]:
     return np.array([deforms[each.mesh] or row in tracked for row, each in enumerate(description.instances)], np.bool_)
 
 
-def scaled(track: Track, scale: Array) -> Track:
+def scaled(track: InstanceTrack, scale: Array) -> InstanceTrack:
     """A track of an object that is stretched about its origin by a 4x4 matrix."""
     if np.array_equal(scale, np.eye(4)):
         return track

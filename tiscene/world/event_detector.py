@@ -1,4 +1,4 @@
-"""Witness: what happens to the objects of a world between two frames, and what comes into view."""
+"""EventDetector: what happens to the objects of a world between two frames, and what comes into view."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import numpy as np
 
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.frame.events import Event
-from tiscene.scenario.edits import Life
+from tiscene.scenario.edits import ObjectHistory
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.world.frustum_test import in_view
 from tiscene.world.object_registry import WorldObject
-from tiscene.world.stage_objects import StageThings
-from tiscene.world.trajectories import WALLS, Meeting
+from tiscene.world.stage_objects import StageObjects
+from tiscene.world.trajectories import WALLS, Collision
 
 KEPT_VIEWS = 8  # of the frames last asked for what was in view is kept: the next one needs it again
 
 
-class Witness:
+class EventDetector:
     """Looks at things and objects, and remembers what it has seen last."""
 
     def __init__(
         self,
         stage: SceneDescription,
-        things: StageThings,
-        lives: Sequence[Life],
+        things: StageObjects,
+        lives: Sequence[ObjectHistory],
         objects: Callable[[int], list[WorldObject]],
     ) -> None:
         """lives: of the scenario's objects; it grows. objects: all that are there at a frame."""
@@ -47,7 +47,7 @@ class Witness:
         self._seen_by_view.clear()
 
     def events(
-        self, frame: int, meetings: Iterable[Meeting], before: Camera, now: Camera, aspect: float
+        self, frame: int, meetings: Iterable[Collision], before: Camera, now: Camera, aspect: float
     ) -> list[Event]:
         """What has happened since the frame before; see `World.events`."""
         first = len(self._stage.objects) + 1
@@ -56,16 +56,16 @@ class Witness:
             if stage_life.despawned == frame:
                 events.append(Event("despawn", number + 1))
         for number, life in enumerate(self._lives):
-            there = life.alive(frame, known=frame)
-            if there != (frame > 0 and life.alive(frame - 1, known=frame - 1)):
+            there = life.alive(frame, as_of=frame)
+            if there != (frame > 0 and life.alive(frame - 1, as_of=frame - 1)):
                 events.append(Event("spawn" if there else "despawn", first + number))
         events.sort(key=lambda event: event.object)
         for meeting in meetings:
             if meeting.kind == "wall":
-                events.append(Event("contact", first + meeting.number, wall=WALLS[meeting.other]))
+                events.append(Event("contact", first + meeting.number, surface=WALLS[meeting.other]))
             elif meeting.kind == "collider":
                 path = self._stage.colliders[meeting.other].prim_path
-                events.append(Event("contact", first + meeting.number, wall=path))
+                events.append(Event("contact", first + meeting.number, surface=path))
             else:
                 start = 1 if meeting.kind == "stage" else first
                 events.append(Event("contact", first + meeting.number, start + meeting.other))

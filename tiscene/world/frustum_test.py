@@ -26,9 +26,9 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
     tangent = math.tan(0.5 * camera.vertical_fov)
     right, up, backward = camera.axes().T
     tip = np.asarray(camera.position)
-    if camera.view_height is not None:  # as one that looks from very far away
+    if camera.orthographic_height is not None:  # as one that looks from very far away
         tangent = 0.5 / _AFAR
-        tip = tip + backward * (_AFAR * camera.view_height)
+        tip = tip + backward * (_AFAR * camera.orthographic_height)
     rays = np.array(
         [x * right + y * up - backward for x in (-aspect * tangent, aspect * tangent) for y in (-tangent, tangent)]
     )
@@ -42,8 +42,8 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
     left = np.flatnonzero(~result & (inwards >= 0.0).any(axis=1).all(axis=1))
     if len(left):
         result[left] = _not_separated(rays, sides, poses[left], corners[left])
-    if camera.view_height is not None:
-        result &= (corners @ -backward > _AFAR * camera.view_height).any(axis=1)
+    if camera.orthographic_height is not None:
+        result &= (corners @ -backward > _AFAR * camera.orthographic_height).any(axis=1)
     return result
 
 

@@ -1,4 +1,4 @@
-"""Lighting: which lights there are at each frame, where, and how they shine."""
+"""WorldLights: which lights there are at each frame, where, and how they shine."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def warn_if_dark(scene: str, descriptions: Iterable[SceneDescription]) -> None:
     """Tell whoever makes a stream of them that there is nothing to see by."""
     if all(each.is_dark for each in descriptions):
         text = (
-            f"{scene}: there is no light, and colour will be black. Add a light to the stage (a DomeLight does), spawn "
-            "a lamp, or ask for buffers without colour."
+            f"{scene}: there is no light, and color will be black. Add a light to the stage (a DomeLight does), spawn "
+            "a lamp, or ask for buffers without color."
         )
         warnings.warn(StageWarning(text), stacklevel=3)
 
@@ -35,7 +35,7 @@ _NOW, _BRIGHTEST = -1, -2  # instead of an object's row: of a light of the stage
 
 
 @dataclass(frozen=True)
-class Carried:
+class AttachedLight:
     """A light that an object of the scenario carries, since its template has one. object: its row."""
 
     object: int
@@ -43,7 +43,7 @@ class Carried:
     light: Light
 
 
-class Lighting:
+class WorldLights:
     """The stage's lights, some with motions, and those that objects carry."""
 
     def __init__(self, stage: SceneDescription, motions: Sequence[LightMotion]) -> None:
@@ -79,7 +79,7 @@ class Lighting:
         time: float,
         matrices: Array,
         thing: Callable[[str], Array | None],
-        carried: Sequence[Carried],
+        carried: Sequence[AttachedLight],
         objects: Sequence[Array | None],
     ) -> tuple[tuple[int, Light], ...]:
         """All lights at a time, s, each with the row of its description. One that has not changed is the same object.
@@ -99,7 +99,7 @@ class Lighting:
             pose, shines = by @ light.world_from_light, shine(light)
             if motion is not None:
                 pose = pose if motion.dynamic is None else moved[row]
-                shines = motion.shines(time, shines)
+                shines = motion.radiance_at(time, shines)
             result.append((0, self._settled((_NOW, 0, row), light, pose, shines)))
         for number, each in enumerate(carried):
             where = objects[each.object]
@@ -121,7 +121,7 @@ class Lighting:
                 way: Any = row
                 most = shine(self.stage.lights[row])
                 if motion is not None and motion.times:
-                    most = motion.brightest(most)
+                    most = motion.max_radiance(most)
                     if row not in self._relit:
                         way = motion.times, motion.intensity, motion.color, motion.radiance, motion.repeat
                 r, g, b = (b if b > 0.0 else a for a, b in zip(now, most, strict=True))

@@ -1,4 +1,4 @@
-"""Inventory: what there is in a world, whether it moves or not: identities, labels, meshes and boxes."""
+"""ObjectRegistry: what there is in a world, whether it moves or not: identities, labels, meshes and boxes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ScenarioError
-from tiscene.scenario.edits import Life
+from tiscene.scenario.edits import ObjectHistory
 from tiscene.scenario.objects import Object
-from tiscene.scene.animation import Track, quaternions
-from tiscene.scene.assembly import Parts, bounding_box, box_matrices, corners, joined, rigid
+from tiscene.scene.animation import InstanceTrack, quaternions
+from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.scene.camera import Quaternion, Vector3
 from tiscene.scene.description import Light, SceneDescription, Template, mesh_boxes
-from tiscene.world.animation import Tracks, box_over_time, changing, scaled
-from tiscene.world.lights import Carried
+from tiscene.world.animation import AnimatedInstances, box_over_time, changing, scaled
+from tiscene.world.lights import AttachedLight
 
 Array = NDArray[np.float64]
 MOST_CATEGORIES = 65535  # beside the background: the buffer has 16 bits
@@ -55,7 +55,7 @@ class WorldObject:
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class PlacementColumns:
     """All parts of a world, those of the stage first: `stage` of them.
 
     mesh, instance_id, category_id: int32 [p]. box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole
@@ -70,7 +70,7 @@ class Columns:
     part: NDArray[np.int32]
 
 
-class Inventory:
+class ObjectRegistry:
     """The things of a stage and the objects of a scenario, as far as no frame changes them.
 
     descriptions: the stage, then each template's, in the order of need; rows of meshes count on through them.
@@ -99,10 +99,10 @@ class Inventory:
         self.stage_rows, self._stage_parts = self._settle_stage()
         self.stage_owner = self._stage_parts.owner
         self._stage_changing = changing(stage)[self._stage_order]
-        self.carried: list[Carried] = []
+        self.carried: list[AttachedLight] = []
         self.object_rows: list[WorldObject] = []
         self._planned: list[Object] = []
-        self._object_parts: list[Parts] = []
+        self._object_parts: list[ObjectParts] = []
         self.settle([])
 
     def surface(self, number: int) -> Array:
@@ -127,7 +127,7 @@ class Inventory:
         self.categories[number] = category
         return number
 
-    def _settle_stage(self) -> tuple[list[WorldObject], Parts]:
+    def _settle_stage(self) -> tuple[list[WorldObject], ObjectParts]:
         """Rows and parts of the stage's things. Their own axes are those of their first mesh, without its scale."""
         stage = self.stage
         instance_owner = np.array([instance.object for instance in stage.instances], np.int32)
@@ -135,7 +135,9 @@ class Inventory:
         owner, part_of = instance_owner[order], np.argsort(order)
         placed = np.array([instance.world_from_object for instance in stage.instances]).reshape(-1, 4, 4)[order]
         meshes = np.array([instance.mesh for instance in stage.instances], np.int32)[order]
-        self.stage_tracks = Tracks(placed[:, :3], [(part_of[track.instances], track) for track in stage.tracks])
+        self.stage_tracks = AnimatedInstances(
+            placed[:, :3], [(part_of[track.instances], track) for track in stage.tracks]
+        )
         some, first = np.unique(owner, return_index=True)  # objects of which something is drawn
         axes = np.tile(np.eye(4), (len(stage.objects), 1, 1))
         axes[some] = rigid(placed[first])
@@ -172,21 +174,21 @@ class Inventory:
         ]
         numbers = np.array([instance.part for instance in stage.instances], np.int32)[order]
         # Not axes @ own: the stage's matrices are kept to the bit.
-        return things, Parts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
+        return things, ObjectParts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
 
-    def settle(self, lives: Sequence[Life]) -> None:
+    def settle(self, lives: Sequence[ObjectHistory]) -> None:
         """Add the scenario's objects that are not there yet; `lives` begins with those that are."""
         for number in range(len(self.object_rows), len(lives)):
-            row, parts = self._settle_object(number, lives[number].planned)
+            row, parts = self._settle_object(number, lives[number].spec)
             self.object_rows.append(row)
-            self._planned.append(lives[number].planned)
+            self._planned.append(lives[number].spec)
             self._object_parts.append(parts)
-            description = self.template(lives[number].planned).description
-            lights_scale = np.broadcast_to(lives[number].planned.scale, 3)
+            description = self.template(lives[number].spec).description
+            lights_scale = np.broadcast_to(lives[number].spec.scale, 3)
             place = next(at for at, each in enumerate(self.descriptions) if each is description)
-            self.carried += [Carried(number, place, _scaled(light, lights_scale)) for light in description.lights]
+            self.carried += [AttachedLight(number, place, _scaled(light, lights_scale)) for light in description.lights]
         objects = joined(self._object_parts)
-        self.object_tracks = Tracks(objects.matrix, self._object_track_rows())
+        self.object_tracks = AnimatedInstances(objects.matrix, self._object_track_rows())
         changes = [self._stage_changing]
         changes += [changing(self.template(each).description) for each in self._planned]
         self.changing = np.concatenate(changes)
@@ -194,7 +196,7 @@ class Inventory:
         self.matrix = objects.matrix
         self.columns = self._columns(objects)
 
-    def _settle_object(self, number: int, each: Object) -> tuple[WorldObject, Parts]:
+    def _settle_object(self, number: int, each: Object) -> tuple[WorldObject, ObjectParts]:
         """Row and parts of an object of the scenario."""
         template = self.template(each)
         description = template.description
@@ -203,7 +205,7 @@ class Inventory:
         meshes = [instance.mesh for instance in description.instances]
         box = bounding_box(description, meshes, own)
         if description.tracks:
-            tracks = Tracks(
+            tracks = AnimatedInstances(
                 np.array(own)[:, :3], [(track.instances, scaled(track, scale)) for track in description.tracks]
             )
             box = box_over_time(description, meshes, tracks.over_time(np.arange(len(own))), own=False)
@@ -223,7 +225,7 @@ class Inventory:
             parts=description.objects[0].parts if len(description.objects) == 1 else (),
             asset=next((whole.asset for whole in description.objects), "") or template.name,
         )
-        parts = Parts(
+        parts = ObjectParts(
             np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],
             np.full(len(meshes), number, dtype=np.int32),
             np.array([matrix[:3] for matrix in own]),
@@ -232,7 +234,7 @@ class Inventory:
         )
         return row, parts
 
-    def _object_track_rows(self) -> Iterator[tuple[NDArray[np.int64], Track]]:
+    def _object_track_rows(self) -> Iterator[tuple[NDArray[np.int64], InstanceTrack]]:
         """The tracks of the objects' templates, each with the parts that it moves."""
         first = 0
         for planned, parts in zip(self._planned, self._object_parts, strict=True):
@@ -253,10 +255,10 @@ class Inventory:
             self.descriptions.append(template.description)
         return template
 
-    def _columns(self, objects: Parts) -> Columns:
+    def _columns(self, objects: ObjectParts) -> PlacementColumns:
         stage = self._stage_parts
         rows = [self.stage_rows[owner] for owner in stage.owner] + [self.object_rows[row] for row in objects.owner]
-        return Columns(
+        return PlacementColumns(
             len(stage.mesh),
             np.concatenate([stage.mesh, objects.mesh]),
             np.array([row.id for row in rows], dtype=np.int32),

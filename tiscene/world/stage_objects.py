@@ -11,20 +11,25 @@ from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ScenarioError
-from tiscene.scenario.edits import StageLife
+from tiscene.scenario.edits import StageObjectHistory
 from tiscene.scene.animation import polar, quaternions
 from tiscene.scene.description import Instance, SceneDescription
-from tiscene.world.animation import Tracks
+from tiscene.world.animation import AnimatedInstances
 from tiscene.world.object_registry import WorldObject
 
 Array = NDArray[np.float64]
 
 
-class StageThings:
+class StageObjects:
     """Things of a stage, what edits did to them, and how they move by themselves."""
 
     def __init__(
-        self, stage: SceneDescription, rows: Sequence[WorldObject], owner: NDArray[np.int32], tracks: Tracks, fps: float
+        self,
+        stage: SceneDescription,
+        rows: Sequence[WorldObject],
+        owner: NDArray[np.int32],
+        tracks: AnimatedInstances,
+        fps: float,
     ) -> None:
         """rows: the things as the stage has them. owner: of every part of the stage, its thing's row.
 
@@ -40,9 +45,9 @@ class StageThings:
         self._first_part[drawn] = first
         self._tracked = np.unique(owner[tracks.rows])
         self._numbers = {thing.prim_path: row for row, thing in enumerate(stage.objects)}
-        self.lives: dict[int, StageLife] = {}
+        self.lives: dict[int, StageObjectHistory] = {}
 
-    def settle(self, lives: Mapping[str, StageLife]) -> None:
+    def settle(self, lives: Mapping[str, StageObjectHistory]) -> None:
         """What was done to things, by their prim paths. Raises ScenarioError for what the stage has not."""
         for path in lives:
             if path not in self._numbers:
@@ -54,7 +59,7 @@ class StageThings:
 
     def there(self, number: int, frame: int) -> bool:
         """Whether a thing, by its row, is there at a frame."""
-        return number not in self.lives or self.lives[number].alive(frame, known=frame)
+        return number not in self.lives or self.lives[number].alive(frame, as_of=frame)
 
     def moved_by(self, number: int, frame: int, known: int) -> Array | None:
         """What has taken a thing from where the stage has it to where it is at a frame: 4x4; None if nothing has."""
@@ -79,7 +84,7 @@ class StageThings:
             parts = np.flatnonzero(self._owner == number)
             for time, step in enumerate((-1, 0, 1)):
                 then = max(frame + step, 0)
-                present[time, parts] &= life.alive(then, known=frame)
+                present[time, parts] &= life.alive(then, as_of=frame)
                 by = self.moved_by(number, then, frame)
                 if by is not None:
                     world[time, parts] = np.einsum("ij,pjk->pik", by[:3, :3], world[time, parts])
@@ -90,7 +95,7 @@ class StageThings:
         edited = [
             number
             for number, life in self.lives.items()
-            if not life.alive(frame, known=frame) or life.move(frame, known=frame) is not None
+            if not life.alive(frame, as_of=frame) or life.move(frame, as_of=frame) is not None
         ]
         return np.isin(self._owner, edited)
 
@@ -101,8 +106,8 @@ class StageThings:
             for number, posed in self._posed(frame).items():
                 rows[number] = posed
         for number, life in self.lives.items():
-            row, move = rows[number], life.move(frame, known=frame)
-            if not life.alive(frame, known=frame):
+            row, move = rows[number], life.move(frame, as_of=frame)
+            if not life.alive(frame, as_of=frame):
                 rows[number] = None
             elif row is not None and move is not None:
                 w, x, y, z = quaternion(move.rotation).tolist()

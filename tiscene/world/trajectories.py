@@ -1,4 +1,4 @@
-"""Motion: where a scenario's objects, cameras and lights are at each frame, and what the objects meet on the way.
+"""Trajectories: where a scenario's objects, cameras and lights are at each frame, and what the objects meet on the way.
 
 Where nothing can be met every pose is a formula of time. Otherwise the objects are stepped, frame by frame; those that
 follow paths have the same poses as by the formula, to the bit, as long as nothing is in their way.
@@ -24,16 +24,16 @@ from dynamics import (
     Simulation,
     SteppedSimulation,
     Still,
+    Teleport,
     UniformMovementRandomBounce,
     cover,
 )
-from dynamics import Move as Teleport
 from dynamics.clocks import exact
 from dynamics.collision_free import all_free
 from dynamics.obstacles import Obstacles, placed
 from dynamics.rotation import quaternion
 from tiscene.errors import ScenarioError
-from tiscene.scenario.edits import Despawn, Edit, EditLog, Enclose, Life, Move, Spawn
+from tiscene.scenario.edits import Despawn, Edit, EditLog, Move, ObjectHistory, SetFrustumWalls, Spawn
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.camera import Camera
@@ -46,7 +46,7 @@ KEPT_FRAMES = 8
 
 
 @dataclass(frozen=True)
-class Meeting:
+class Collision:
     """An object of the scenario met something on the way to a frame.
 
     number: its row in the scenario. kind: "stage", "collider", "object" or "wall".
@@ -59,7 +59,7 @@ class Meeting:
 
 
 @dataclass(frozen=True)
-class Setting:
+class TrajectoryContext:
     """What the objects of a scenario move in.
 
     cameras: the first is the one whose view the frustum encloses. aspect: width / height of that view.
@@ -79,10 +79,10 @@ class Setting:
     instances: Callable[[int], tuple[Sequence[Instance], Sequence[bool]]]
 
 
-class Motion:
+class Trajectories:
     """The poses of a scenario's objects, cameras and lights as float64 [n, 7]: position, m, and unit quaternion."""
 
-    def __init__(self, scenario: Scenario, log: EditLog, setting: Setting) -> None:
+    def __init__(self, scenario: Scenario, log: EditLog, setting: TrajectoryContext) -> None:
         """log: what the scenario's edits make of it; `amend` says what was added to it.
 
         Raises ScenarioError if the timings or dynamics cannot work. Nothing is computed before a frame is asked for.
@@ -114,7 +114,7 @@ class Motion:
         for frame in [each for each in self._poses_by_frame if spawned or each >= edit.frame]:
             del self._poses_by_frame[frame]
         row = None
-        if not isinstance(edit, Enclose):
+        if not isinstance(edit, SetFrustumWalls):
             row = self._log.row(edit.object.id if isinstance(edit, Spawn) else edit.id)
         if isinstance(edit, Move | Despawn) and row is None:
             # What the stage was before the edit's frame stays what it was.
@@ -184,7 +184,7 @@ class Motion:
         stepped = self._stepping(frame)
         return [False] * len(self._log.lives) if stepped is None else stepped.frame(frame).blocked.tolist()
 
-    def meetings(self, frame: int) -> list[Meeting]:
+    def meetings(self, frame: int) -> list[Collision]:
         """What the scenario's objects met since the frame before."""
         stepped = self._stepping(frame)
         result = []
@@ -194,13 +194,13 @@ class Motion:
                 hidden = row - len(stage.instances)
                 thing = stage.colliders[hidden].object if hidden >= 0 else stage.instances[row].object
                 if thing < 0:
-                    result.append(Meeting(contact.mover, "collider", hidden))
+                    result.append(Collision(contact.mover, "collider", hidden))
                 else:
-                    result.append(Meeting(contact.mover, "stage", thing))
+                    result.append(Collision(contact.mover, "stage", thing))
             elif contact.kind == "mover":
-                result.append(Meeting(contact.mover, "object", contact.other))
+                result.append(Collision(contact.mover, "object", contact.other))
             else:
-                result.append(Meeting(contact.mover, "wall", contact.other))
+                result.append(Collision(contact.mover, "wall", contact.other))
         return result
 
     def _stepping(self, frame: int) -> SteppedSimulation | None:
@@ -211,12 +211,12 @@ class Motion:
 
     def _must_step(self) -> bool:
         lives = self._log.lives
-        dynamics = [life.planned.dynamic for life in lives]
+        dynamics = [life.spec.dynamic for life in lives]
         moving = [not isinstance(dynamic, Still | None) for dynamic in dynamics]
         bouncing = any(isinstance(dynamic, UniformMovementRandomBounce) for dynamic in dynamics)
         put_elsewhere = any(life.moves for life in lives) or bool(self._changes)
         walled = any(each is not None for each in (self._scenario.frustum, *(e.frustum for e in self._log.enclosures)))
-        solid = any(life.planned.collide and (moves or walled) for life, moves in zip(lives, moving, strict=True))
+        solid = any(life.spec.collide and (moves or walled) for life, moves in zip(lives, moving, strict=True))
         if not bouncing and not solid and not any(life.moves for life in lives):
             return False
         self._movers = [self._mover(row) for row in range(len(lives))]
@@ -235,9 +235,9 @@ class Motion:
             moves = ()  # one was made before the others
         return Mover(
             self._body(life, bounces=True),
-            self._shape(row, life) if life.planned.collide else None,
-            life.planned.frustum_limited,
-            life.planned.first_frame,
+            self._shape(row, life) if life.spec.collide else None,
+            life.spec.frustum_limited,
+            life.spec.first_frame,
             life.last_frame,
             (*moves, *(_teleport(move) for move in life.moves[len(moves) :])),
         )
@@ -266,17 +266,17 @@ class Motion:
             self._obstacle_rows = tree.rows
         return self._obstacles[epoch]
 
-    def _body(self, life: Life, bounces: bool) -> Body:
-        each = life.planned
+    def _body(self, life: ObjectHistory, bounces: bool) -> Body:
+        each = life.spec
         dynamic = each.dynamic or Still()
         if isinstance(dynamic, UniformMovementRandomBounce) and not bounces:
             dynamic = Still()
         birth = Fraction(each.first_frame) / self._fps
         return Body(dynamic, each.position, each.rotation, name=each.id, birth=birth, timed=life.spawned is None)
 
-    def _shape(self, row: int, life: Life) -> Shape | None:
+    def _shape(self, row: int, life: ObjectHistory) -> Shape | None:
         """The proxy spheres of an object; None without any surface. Objects of one template and scale share them."""
-        key = (life.planned.template, life.planned.scale)
+        key = (life.spec.template, life.spec.scale)
         if key not in self._shapes:
             surface = self._setting.surface(row)
             self._shapes[key] = cover(surface) if len(surface) else None
@@ -293,7 +293,7 @@ class Motion:
             return None
         if camera.dynamic is not None:
             x, y, z, a, b, c, d = self._formulas.poses(time)[len(self._log.lives)].tolist()
-            camera = camera.posed((x, y, z), (a, b, c, d))
+            camera = camera.with_pose((x, y, z), (a, b, c, d))
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
 
 

@@ -21,7 +21,7 @@ from dynamics import Dynamic
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
 from tiscene.frame.events import Event
-from tiscene.scenario.edits import Despawn, Edit, Enclose, Move, Spawn
+from tiscene.scenario.edits import Despawn, Edit, Move, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
@@ -30,11 +30,11 @@ from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.lights.light_groups import LightGroups
 from tiscene.scene.placement import Placement
 from tiscene.validation import positive
-from tiscene.world.event_detector import Witness
-from tiscene.world.lights import Lighting
-from tiscene.world.object_registry import Inventory, WorldObject
-from tiscene.world.stage_objects import StageThings, matrix
-from tiscene.world.trajectories import Motion, Setting
+from tiscene.world.event_detector import EventDetector
+from tiscene.world.lights import WorldLights
+from tiscene.world.object_registry import ObjectRegistry, WorldObject
+from tiscene.world.stage_objects import StageObjects, matrix
+from tiscene.world.trajectories import Trajectories, TrajectoryContext
 
 Array = NDArray[np.float64]
 NOW = Fraction(0)
@@ -80,15 +80,15 @@ class World:
         self.next_frame = 0
         self._first_lights: tuple[LightGroups, LightGroups] | None = None
         self._aspect = aspect
-        self._inventory = Inventory(stage, load_template)
+        self._inventory = ObjectRegistry(stage, load_template)
         self._lives = self._log.lives
         inventory = self._inventory
-        self._things = StageThings(stage, inventory.stage_rows, inventory.stage_owner, inventory.stage_tracks, fps)
+        self._things = StageObjects(stage, inventory.stage_rows, inventory.stage_owner, inventory.stage_tracks, fps)
         self._things.settle(self._log.stage)
         self._inventory.settle(self._lives)
-        self._witness = Witness(stage, self._things, self._lives, self.objects)
-        self._lighting = Lighting(stage, scenario.lights)
-        self._setting = Setting(
+        self._witness = EventDetector(stage, self._things, self._lives, self.objects)
+        self._lighting = WorldLights(stage, scenario.lights)
+        self._setting = TrajectoryContext(
             stage=stage,
             cameras=self.cameras,
             fps=fps,
@@ -100,7 +100,7 @@ class World:
             trees=functools.cache(trees or (lambda: MeshTrees.built(stage.meshes))),
             instances=self._things.instances,
         )
-        self._motion = Motion(scenario, self._log, self._setting)
+        self._motion = Trajectories(scenario, self._log, self._setting)
 
     @property
     def scenario(self) -> Scenario:
@@ -159,7 +159,7 @@ class World:
             world[:, count:] = np.einsum("tpij,tpjk->tpik", axes, own)
             world[:, count:, :, 3] += poses[..., :3]
             for time, step in enumerate((-1, 0, 1)):
-                alive = [life.alive(max(frame + step, 0), known=frame) for life in self._lives]
+                alive = [life.alive(max(frame + step, 0), as_of=frame) for life in self._lives]
                 present[time, count:] = np.array(alive)[inventory.owner] & inner[time][1]
         lights = self._lights(frame, shift)
         groups = None if lights is None else self._lighting.groups(lights)
@@ -187,7 +187,7 @@ class World:
         return self._lighting.groups(tuple((0, light) for light in self.stage.lights) if lights is None else lights)
 
     @property
-    def first_lights(self) -> tuple[LightGroups, LightGroups]:
+    def initial_lights(self) -> tuple[LightGroups, LightGroups]:
         """Those at frames 0 and 1: the same object until an edit changes them."""
         if self._first_lights is None:
             self._first_lights = self.light_groups(0), self.light_groups(1)
@@ -200,20 +200,20 @@ class World:
 
     def _lights(self, frame: int, shift: Fraction = NOW) -> tuple[tuple[int, Light], ...] | None:
         """Each with the row of its description; None if they are the stage's as it was read, always."""
-        if not self.lights_change:
+        if not self.has_dynamic_lights:
             return None
         carried = self._inventory.carried
         poses = self._motion.between(frame, shift)
         objects: list[Array | None] = [None] * len(self._lives)
         for row in {each.object for each in carried}:
-            if self._lives[row].alive(frame, known=frame):
+            if self._lives[row].alive(frame, as_of=frame):
                 objects[row] = matrix(poses[row])
         matrices = np.array([matrix(pose) for pose in poses[len(self._lives) + len(self.cameras) :]]).reshape(-1, 4, 4)
         time = max(float(frame + shift), 0.0) / self.fps
         return self._lighting.at(time, matrices, lambda path: self._things.carries(path, frame), carried, objects)
 
     @property
-    def lights_change(self) -> bool:
+    def has_dynamic_lights(self) -> bool:
         """Whether any light may move, come, go or shine otherwise, at some frame."""
         return bool(self._asked.lights or self._inventory.carried or self._things.lives or self._lighting.relit)
 
@@ -222,7 +222,7 @@ class World:
         frame = _frame_number(frame)
         count = self._inventory.columns.stage
         moving = np.zeros(len(self._inventory.columns.mesh), bool)
-        restless = np.array([not life.rests(known=frame) for life in self._lives], bool)
+        restless = np.array([not life.is_static(as_of=frame) for life in self._lives], bool)
         moving[count:] = restless[self._inventory.owner]
         moving[:count] = self._things.restless(frame)
         return moving | self._inventory.changing
@@ -236,9 +236,9 @@ class World:
         row = len(self._lives) + camera
         before, now, after = (self._motion.poses(frame + step)[row].tolist() for step in (-1, 0, 1))
         return (
-            chosen.posed(tuple(before[:3]), tuple(before[3:])),
-            chosen.posed(tuple(now[:3]), tuple(now[3:])),
-            chosen.posed(tuple(after[:3]), tuple(after[3:])),
+            chosen.with_pose(tuple(before[:3]), tuple(before[3:])),
+            chosen.with_pose(tuple(now[:3]), tuple(now[3:])),
+            chosen.with_pose(tuple(after[:3]), tuple(after[3:])),
         )
 
     def camera_at(self, frame: int, shift: Fraction, camera: int = 0) -> Camera:
@@ -247,7 +247,7 @@ class World:
         if chosen.dynamic is None:
             return chosen
         x, y, z, *rotation = self._motion.between(_frame_number(frame), shift)[len(self._lives) + camera].tolist()
-        return chosen.posed((x, y, z), tuple(rotation))
+        return chosen.with_pose((x, y, z), tuple(rotation))
 
     def objects(self, frame: int) -> list[WorldObject]:
         """Everything that is alive at `frame`, in the order of ids."""
@@ -259,7 +259,7 @@ class World:
             blocked = self._motion.blocked(frame)
             states = zip(self._lives, self._inventory.object_rows, now.tolist(), velocities, blocked, strict=False)
             for life, row, pose, velocity, stuck in states:
-                if life.alive(frame, known=frame):
+                if life.alive(frame, as_of=frame):
                     x, y, z, *rotation = pose
                     rows.append(
                         replace(
@@ -273,7 +273,7 @@ class World:
         return rows
 
     @property
-    def at_first(self) -> list[WorldObject]:
+    def initial_objects(self) -> list[WorldObject]:
         """The stage's things as the stage has them, whatever was done to them."""
         return list(self._inventory.stage_rows)
 
@@ -338,7 +338,9 @@ class World:
                 rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
         self._edit(Move(self.next_frame, name, position, rotation))  # type: ignore[arg-type]
 
-    def enclose(self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None) -> None:
+    def set_frustum_walls(
+        self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None
+    ) -> None:
         """Let the walls that hold objects be those of another view from the next frame on.
 
         frustum: None: there are no walls. camera, aspect: whose view, and its width / height; by default what the main
@@ -349,14 +351,14 @@ class World:
         if not isinstance(camera, Camera | None):
             raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
         camera = replace(camera or self.view(self.next_frame)[1], dynamic=None)
-        self._edit(Enclose(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
+        self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
 
     def _live_name(self, object: int | str) -> str:
         """The scenario's name, or the stage's prim path, of something that is there at the next frame."""
         if not isinstance(object, int | str | np.integer):
             raise ArgumentError(f"object={object!r}: must be an id, a name or a prim path")
         frame, rows = self.next_frame, self._inventory.object_rows
-        alive = [life.alive(frame, known=frame) for life in self._lives]
+        alive = [life.alive(frame, as_of=frame) for life in self._lives]
         objects = {row.id: row.name for row, there in zip(rows, alive, strict=True) if there}
         stage = enumerate(self._inventory.stage_rows)
         things = {row.id: row.prim_path for number, row in stage if self._things.there(number, frame)}

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 
 Indices = NDArray[np.int64]
 Obstacle = Callable[[Array], tuple[Array, Array]]
@@ -172,10 +172,10 @@ def pattern(width: float, height: float, cell: float) -> Array:
 
 def box(low: Sequence[float], high: Sequence[float], radius: float) -> Obstacle:
     """A box with round edges."""
-    centre, half = (np.add(low, high)) / 2.0, (np.subtract(high, low)) / 2.0 - radius
+    center, half = (np.add(low, high)) / 2.0, (np.subtract(high, low)) / 2.0 - radius
 
     def measure(points: Array) -> tuple[Array, Array]:
-        local = points - centre
+        local = points - center
         q = np.abs(local) - half
         outside = np.maximum(q, 0.0)
         length = np.sqrt(_dot(outside, outside))
@@ -256,7 +256,7 @@ def refined(points: Array, times: int = 2) -> Array:
     return result
 
 
-def blanket_mesh(points: Array, uv: Array, thickness: float) -> Mesh:
+def blanket_mesh(points: Array, uv: Array, thickness: float) -> PolygonMesh:
     """A single cloth made solid: `points` [rows, columns, 3] are its middle, its front where columns x rows points."""
     middle = grid(points, uv)
     normals = middle.normals.reshape(points.shape)
@@ -272,7 +272,7 @@ def blanket_mesh(points: Array, uv: Array, thickness: float) -> Mesh:
     return merged([grid(points + normals * half, uv), grid(points - normals * half, uv).reversed()])
 
 
-def bag_mesh(cloth: Cloth, uv: Array, refine: int = 1) -> Mesh:
+def bag_mesh(cloth: Cloth, uv: Array, refine: int = 1) -> PolygonMesh:
     """Both pieces of a bag; its first one's front is where columns x rows points away from the second."""
     top, bottom = (refined(cloth.sheet(k), refine) for k in (0, 1))
     coordinates = refined(uv, refine)

@@ -1,4 +1,4 @@
-"""Shapes given by a signed distance: what is stuffed or moulded has no profile. Fields take points [n, 3], give [n]."""
+"""Shapes given by a signed distance: what is stuffed or molded has no profile. Fields take points [n, 3], give [n]."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.polygon_mesh import Array, Mesh, normalized
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, normalized
 
 Field = Callable[[Array], Array]
 
 
-def ellipsoid(centre: ArrayLike, radii: ArrayLike, turn: Array | None = None) -> Field:
-    """turn: [3, 3], a rotation of the ellipsoid about its centre."""
-    middle, reach = np.asarray(centre, dtype=np.float64), np.asarray(radii, dtype=np.float64)
+def ellipsoid(center: ArrayLike, radii: ArrayLike, turn: Array | None = None) -> Field:
+    """turn: [3, 3], a rotation of the ellipsoid about its center."""
+    middle, reach = np.asarray(center, dtype=np.float64), np.asarray(radii, dtype=np.float64)
     axes = np.eye(3) if turn is None else turn
 
     def distance(points: Array) -> Array:
@@ -53,7 +53,7 @@ def union(fields: Sequence[Field], blend: float) -> Field:
     return distance
 
 
-def surface(field: Field, low: ArrayLike, high: ArrayLike, step: float) -> Mesh:
+def surface(field: Field, low: ArrayLike, high: ArrayLike, step: float) -> PolygonMesh:
     """Where the field is zero within the box low..high, in quads of about `step` m (surface nets), uv by `boxed`."""
     corners = [
         np.arange(a - step, b + 2.0 * step, step) for a, b in zip(np.asarray(low), np.asarray(high), strict=True)
@@ -97,7 +97,7 @@ def surface(field: Field, low: ArrayLike, high: ArrayLike, step: float) -> Mesh:
     indices = np.concatenate(quads).reshape(-1).astype(np.int32)
     normals = normalized(gradient(field, points, 0.5 * step))
     counts = np.full(len(indices) // 4, 4, dtype=np.int32)
-    return boxed(Mesh(points, normals, np.zeros((len(points), 2)), counts, indices))
+    return boxed(PolygonMesh(points, normals, np.zeros((len(points), 2)), counts, indices))
 
 
 def gradient(field: Field, points: Array, reach: float) -> Array:
@@ -105,7 +105,7 @@ def gradient(field: Field, points: Array, reach: float) -> Array:
     return np.stack([field(points + axis) - field(points - axis) for axis in axes], axis=-1) / (2.0 * reach)
 
 
-def boxed(mesh: Mesh) -> Mesh:
+def boxed(mesh: PolygonMesh) -> PolygonMesh:
     """With uv along the two axes that each face lies in most, cut where that changes."""
     starts = np.cumsum(mesh.counts) - mesh.counts
     a, b, c = (mesh.points[mesh.indices[starts + k]] for k in range(3))
@@ -116,4 +116,4 @@ def boxed(mesh: Mesh) -> Mesh:
     u, v = np.choose(facing, [2, 0, 0]), np.choose(facing, [1, 2, 1])
     row = np.arange(len(points))
     uv = np.stack([points[row, u], points[row, v]], axis=-1)
-    return Mesh(points, mesh.normals[vertex], uv, mesh.counts, indices.reshape(-1).astype(np.int32))
+    return PolygonMesh(points, mesh.normals[vertex], uv, mesh.counts, indices.reshape(-1).astype(np.int32))

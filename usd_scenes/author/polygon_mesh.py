@@ -1,6 +1,6 @@
 """Polygon meshes on their way to USD, and the handful of operations that shapes are made with.
 
-Lengths in metres, right-handed, +y up, faces counter-clockwise seen from outside. Texture coordinates are metres on
+Lengths in meters, right-handed, +y up, faces counter-clockwise seen from outside. Texture coordinates are meters on
 the surface too; the material's tile size turns them into texture space when a mesh is written.
 """
 
@@ -17,7 +17,7 @@ Indices = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class PolygonMesh:
     """points, normals: [n, 3]; uv: [n, 2], m; counts: corners of each face; indices: the corners, face after face."""
 
     points: Array
@@ -36,24 +36,24 @@ class Mesh:
         """[2, 3]: least and greatest corner."""
         return np.array([self.points.min(axis=0), self.points.max(axis=0)])
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> PolygonMesh:
         return replace(self, points=self.points + np.array([x, y, z]))
 
-    def turned(self, axis: str, degrees: float) -> Mesh:
+    def turned(self, axis: str, degrees: float) -> PolygonMesh:
         """Rotated about an axis through the origin, counter-clockwise seen against the axis."""
         return self.mapped(rotation(axis, degrees))
 
-    def mapped(self, matrix: ArrayLike) -> Mesh:
+    def mapped(self, matrix: ArrayLike) -> PolygonMesh:
         """Under a 3x3 linear map (mirrors keep their faces outward)."""
         linear = np.asarray(matrix, dtype=np.float64)
         normals = normalized(self.normals @ np.linalg.inv(linear))
         mesh = replace(self, points=self.points @ linear.T, normals=normals)
         return mesh.reversed(keep_normals=True) if np.linalg.det(linear) < 0.0 else mesh
 
-    def scaled(self, x: float, y: float, z: float) -> Mesh:
+    def scaled(self, x: float, y: float, z: float) -> PolygonMesh:
         return self.mapped(np.diag([x, y, z]))
 
-    def reversed(self, keep_normals: bool = False) -> Mesh:
+    def reversed(self, keep_normals: bool = False) -> PolygonMesh:
         """Inside out."""
         starts = np.cumsum(self.counts) - self.counts
         face = np.repeat(np.arange(len(self.counts)), self.counts)
@@ -61,11 +61,11 @@ class Mesh:
         indices = self.indices[starts[face] + self.counts[face] - 1 - corner]
         return replace(self, indices=indices, normals=self.normals if keep_normals else -self.normals)
 
-    def deformed(self, function: Callable[[Array], Array], weld: bool = True) -> Mesh:
+    def deformed(self, function: Callable[[Array], Array], weld: bool = True) -> PolygonMesh:
         """Points moved by `function` (points in, points out), with new smooth normals."""
         return smoothed(replace(self, points=function(self.points)), weld=weld)
 
-    def with_uv(self, u: float = 0.0, v: float = 0.0, scale: float = 1.0, swap: bool = False) -> Mesh:
+    def with_uv(self, u: float = 0.0, v: float = 0.0, scale: float = 1.0, swap: bool = False) -> PolygonMesh:
         """Texture coordinates scaled, then shifted (m); swap exchanges the two axes first."""
         uv = self.uv[:, ::-1] if swap else self.uv
         return replace(self, uv=uv * scale + (u, v))
@@ -87,11 +87,11 @@ def normalized(vectors: Array) -> Array:
     return vectors / np.where(length > 1e-12, length, 1.0)
 
 
-def merged(meshes: Iterable[Mesh]) -> Mesh:
+def merged(meshes: Iterable[PolygonMesh]) -> PolygonMesh:
     """All of them as one."""
     parts = list(meshes)
     starts = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
-    return Mesh(
+    return PolygonMesh(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.normals for part in parts]),
         np.concatenate([part.uv for part in parts]),
@@ -100,7 +100,7 @@ def merged(meshes: Iterable[Mesh]) -> Mesh:
     )
 
 
-def grid(points: Array, uv: Array, *, closed: bool = False) -> Mesh:
+def grid(points: Array, uv: Array, *, closed: bool = False) -> PolygonMesh:
     """Quads over points [rows, columns, 3] with uv [rows, columns, 2]; the front sees columns × rows.
 
     closed: the last column lies on the first one (as it must, for its own uv), and normals agree across the seam.
@@ -109,7 +109,7 @@ def grid(points: Array, uv: Array, *, closed: bool = False) -> Mesh:
     at = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     quads = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], axis=-1).reshape(-1, 4)
     flat = points.reshape(-1, 3)
-    mesh = Mesh(
+    mesh = PolygonMesh(
         flat,
         np.zeros_like(flat),
         uv.reshape(-1, 2),
@@ -119,7 +119,7 @@ def grid(points: Array, uv: Array, *, closed: bool = False) -> Mesh:
     return without_slivers(smoothed(mesh, weld=closed))
 
 
-def without_slivers(mesh: Mesh) -> Mesh:
+def without_slivers(mesh: PolygonMesh) -> PolygonMesh:
     """Quads with two coincident corners (at a pole) become triangles; faces without area go."""
     quads = mesh.indices.reshape(-1, 4)
     points = mesh.points[quads]
@@ -133,7 +133,7 @@ def without_slivers(mesh: Mesh) -> Mesh:
     return replace(mesh, counts=np.array(counts, dtype=np.int32), indices=np.concatenate(indices).astype(np.int32))
 
 
-def smoothed(mesh: Mesh, weld: bool = True) -> Mesh:
+def smoothed(mesh: PolygonMesh, weld: bool = True) -> PolygonMesh:
     """With smooth normals, weighted by area: large flat faces keep theirs, so bevels shade as bevels.
 
     weld: vertices at the same place share one normal, whatever their uv.
@@ -155,11 +155,11 @@ def smoothed(mesh: Mesh, weld: bool = True) -> Mesh:
     return replace(mesh, normals=normalized(sums)[group])
 
 
-def polygon(points: ArrayLike, normal: Sequence[float], uv: ArrayLike) -> Mesh:
+def polygon(points: ArrayLike, normal: Sequence[float], uv: ArrayLike) -> PolygonMesh:
     """One flat face."""
     corners = np.asarray(points, dtype=np.float64)
     count = len(corners)
-    return Mesh(
+    return PolygonMesh(
         corners,
         np.tile(np.asarray(normal, dtype=np.float64), (count, 1)),
         np.asarray(uv, dtype=np.float64),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usd_scenes.author.polygon_mesh import Array, Indices, Mesh
+from usd_scenes.author.polygon_mesh import Array, Indices, PolygonMesh
 
 MOST_PIECES = 24
 ROUND = 1.10  # how far beyond the round a piece may reach and still be one
@@ -17,16 +17,16 @@ EQUAL = 0.10
 class Gprim:
     """A Cube, Cylinder (about y), Cone (about y), Sphere or Ellipsoid of `size` (m, along its own axes).
 
-    axes: [3, 3], its x, y and z as columns, a rotation. centre: m.
+    axes: [3, 3], its x, y and z as columns, a rotation. center: m.
     """
 
     kind: str
     size: tuple[float, float, float]
     axes: Array
-    centre: tuple[float, float, float]
+    center: tuple[float, float, float]
 
 
-def fit(*meshes: Mesh) -> list[Gprim]:
+def fit(*meshes: PolygonMesh) -> list[Gprim]:
     """One for each connected piece of a mesh that does not lie in another's box; for the whole if there are many."""
     pieces = [piece for mesh in meshes for piece in _pieces(mesh)]
     if len(pieces) > MOST_PIECES:
@@ -42,12 +42,12 @@ def fit(*meshes: Mesh) -> list[Gprim]:
 def _holds(gprim: Gprim, points: Array) -> bool:
     """Whether the points lie in the gprim's box or stand out of it by little, and fill no more than half of it."""
     size = np.array(gprim.size)
-    local = np.abs((points - np.array(gprim.centre)) @ gprim.axes)
+    local = np.abs((points - np.array(gprim.center)) @ gprim.axes)
     smaller = np.ptp(points, axis=0).prod() < 0.5 * size.prod()
     return bool(smaller and (local.max(axis=0) < 0.53 * size + 0.002).all())
 
 
-def _pieces(mesh: Mesh) -> list[Array]:
+def _pieces(mesh: PolygonMesh) -> list[Array]:
     """The points of each connected piece."""
     piece_of = _labels(mesh)
     used = np.zeros(len(mesh.points), dtype=bool)
@@ -55,7 +55,7 @@ def _pieces(mesh: Mesh) -> list[Array]:
     return [mesh.points[used & (piece_of == piece)] for piece in np.unique(piece_of[used])]
 
 
-def _labels(mesh: Mesh) -> Indices:
+def _labels(mesh: PolygonMesh) -> Indices:
     """The connected piece that each point belongs to, by least labels; points at one place are one."""
     _, place = np.unique(np.round(mesh.points / 1e-5).astype(np.int64), axis=0, return_inverse=True)
     place = place.reshape(-1)

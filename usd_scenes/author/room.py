@@ -12,14 +12,14 @@ from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, UsdPhysics
 
 from usd_scenes.author import templates
 from usd_scenes.author import usd_writer as usd
-from usd_scenes.author.model import Thing
+from usd_scenes.author.model import Model
 from usd_scenes.author.polygon_mesh import rotation
 
 Vector3 = tuple[float, float, float]
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 LIGHTING = ("day", "evening", "night")
 WARM_WHITE: Vector3 = (1.0, 0.76, 0.52)  # 3000 K as a camera balanced for 4500 K sees it
-# Of the rooms with open windows: intensity, picture and colour of their sky; irradiance, colour and angle of their sun.
+# Of the rooms with open windows: intensity, picture and color of their sky; irradiance, color and angle of their sun.
 SKY = (
     {"day": 2.6, "evening": 1.1, "night": 0.10},
     {"day": "afternoon_sky.hdr", "evening": "dusk_sky.hdr", "night": "dusk_sky.hdr"},
@@ -46,15 +46,15 @@ class Room:
         self.name, self.folder = name, folder
         self.stage, self.root = usd.new_stage(name, Kind.Tokens.assembly)
         self.stage.GetRootLayer().comment = f"{folder}: written by usd_scenes.author."
-        self._things: dict[str, Thing] = {}
-        self._bindings: list[tuple[Thing, str]] = []
+        self._things: dict[str, Model] = {}
+        self._bindings: list[tuple[Model, str]] = []
         self._arcs: list[usd.Arc] = []
         self._templates: list[str] = []
         self._glows: dict[str, Varied[float]] = {}
         self._varied: list[tuple[Usd.Attribute, dict[str, Any]]] = []
 
     def put(
-        self, where: str, thing: Thing, at: Vector3 = ORIGIN, turn: Vector3 = ORIGIN, name: str | None = None
+        self, where: str, thing: Model, at: Vector3 = ORIGIN, turn: Vector3 = ORIGIN, name: str | None = None
     ) -> None:
         """A component below group `where`. turn: degrees about x, then y, then z. name: default the thing's."""
         self._things[thing.name] = thing
@@ -227,7 +227,7 @@ class Room:
     ) -> None:
         """A 4:3 camera that looks at `target` or is turned by `turn` (degrees about x, then y). fov: vertical, degrees.
 
-        Apertures and focal length are tenths of a metre here, as UsdGeomCamera has it: a 24 mm high sensor.
+        Apertures and focal length are tenths of a meter here, as UsdGeomCamera has it: a 24 mm high sensor.
         """
         parent = f"/{self.name}/Cameras"
         if not self.stage.GetPrimAtPath(parent):

@@ -6,7 +6,7 @@ drawers at the -x wall. The air before the bed is kept free for objects to fly t
 
 from __future__ import annotations
 
-from usd_scenes.author.model import Thing
+from usd_scenes.author.model import Model
 from usd_scenes.author.models import bathroom, bedding, bedroom, building, plants, small, tables, tableware
 from usd_scenes.author.room import ORIGIN, SKY, SUNLIGHT, Room
 
@@ -31,13 +31,13 @@ def build() -> Room:
 
 
 def _shell(room: Room) -> None:
-    centre = ((LEFT + RIGHT) / 2.0, 0.0, 0.0)
+    center = ((LEFT + RIGHT) / 2.0, 0.0, 0.0)
     width, depth = RIGHT - LEFT, NEAR - FAR
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half = WINDOW_WIDTH / 2.0
     opening = building.Opening(RIGHT - WINDOW - half, RIGHT - WINDOW + half, SILL, HEAD)
-    room.put("Building", building.planks(width, depth, 19), centre)
-    room.put("Building", building.ceiling(width, depth, HEIGHT), centre)
+    room.put("Building", building.planks(width, depth, 19), center)
+    room.put("Building", building.ceiling(width, depth, HEIGHT), center)
     for index, name in enumerate(("WallWardrobe", "WallBed", "WallWindow", "WallDoor")):
         look = "ClayPlaster" if name == "WallBed" else "WallPlaster"
         holes = [opening] if name == "WallWindow" else []
@@ -63,7 +63,7 @@ def _bed(room: Room) -> None:
     place = (RIGHT - 0.002, 0.0, BED)
     top = bedroom.MATTRESS_TOP - 0.014
 
-    def lay(where: str, item: Thing) -> None:
+    def lay(where: str, item: Model) -> None:
         room.put(where, item, place, TOWARDS_BED)
 
     lay("Furniture", bedroom.bed("Bed"))

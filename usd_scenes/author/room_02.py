@@ -14,8 +14,8 @@ from usd_scenes.author.room import ORIGIN, SKY, SUNLIGHT, Room
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -4.4, 3.6, -6.0, 1.0, 2.9
 WALL = 0.32
 SUN = (-0.80, 0.50, 0.33)
-WINDOWS = (-4.25, -1.55)  # centres along z, in the -x wall
-GARDEN_WINDOW = 1.75  # centre along x, in the wall behind the camera
+WINDOWS = (-4.25, -1.55)  # centers along z, in the -x wall
+GARDEN_WINDOW = 1.75  # center along x, in the wall behind the camera
 WINDOW_WIDTH, SILL, HEAD = 1.70, 0.42, 2.52
 SIDE_LAMP = (-2.12, 0.83, NEAR - 0.20)
 
@@ -33,14 +33,14 @@ def build() -> Room:
 
 
 def _shell(room: Room) -> None:
-    centre = ((LEFT + RIGHT) / 2.0, 0.0, (FAR + NEAR) / 2.0)
+    center = ((LEFT + RIGHT) / 2.0, 0.0, (FAR + NEAR) / 2.0)
     width, depth = RIGHT - LEFT, NEAR - FAR
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half = WINDOW_WIDTH / 2.0
     openings = [building.Opening(NEAR - z - half, NEAR - z + half, SILL, HEAD) for z in WINDOWS]
     garden = building.Opening(RIGHT - GARDEN_WINDOW - half, RIGHT - GARDEN_WINDOW + half, SILL, HEAD)
-    room.put("Building", building.planks(width, depth, 17), centre)
-    room.put("Building", building.ceiling(width, depth, HEIGHT), centre)
+    room.put("Building", building.planks(width, depth, 17), center)
+    room.put("Building", building.ceiling(width, depth, HEIGHT), center)
     names = ("WallFar", "WallRight", "WallNear", "WallWindows")
     for index, name in enumerate(names):
         start, end = corners[index], corners[(index + 1) % 4]
@@ -66,8 +66,8 @@ def _shell(room: Room) -> None:
 
 
 def _sitting(room: Room) -> None:
-    rug_centre = (-1.55, 0.0, -3.75)
-    room.put("Furnishings", building.rug("Rug"), rug_centre)
+    rug_center = (-1.55, 0.0, -3.75)
+    room.put("Furnishings", building.rug("Rug"), rug_center)
     room.put("Furniture", seating.sofa("Sofa"), (-1.55, 0.0, -5.42))
     room.put("Furniture", tables.coffee_table("CoffeeTable"), (-1.50, 0.011, -3.95), (0.0, 3.0, 0.0))
     room.put_template("Furniture", "Armchair", "armchair_01", (-3.35, 0.0, -3.45), (0.0, 62.0, 0.0))

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged, normalized, polygon
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged, normalized, polygon
 
 
 def rounded_box(
@@ -17,7 +17,7 @@ def rounded_box(
     segments: int = 1,
     divisions: tuple[int, int, int] = (1, 1, 1),
     grain: int | None = None,
-) -> Mesh:
+) -> PolygonMesh:
     """A box about the origin whose edges are quarter rounds.
 
     segments: of each half edge (up to its 45° line). divisions: of the flat part along x, y, z, for later bending.
@@ -47,7 +47,7 @@ def rounded_box(
             normals = normalized(q - core)
             u, v = (b, a) if along == b else (a, b)
             mesh = grid(core + radius * normals, np.stack([q[..., u], q[..., v] * (1 if u == a else -1)], axis=-1))
-            faces.append(Mesh(mesh.points, normals.reshape(-1, 3), mesh.uv, mesh.counts, mesh.indices))
+            faces.append(PolygonMesh(mesh.points, normals.reshape(-1, 3), mesh.uv, mesh.counts, mesh.indices))
     return merged(faces)
 
 
@@ -70,15 +70,15 @@ def fillet(points: ArrayLike, radius: float | Sequence[float], segments: int = 3
             continue
         cut = min(radii[index] / np.tan(half), 0.49 * back_length, 0.49 * ahead_length)
         actual = cut * np.tan(half)
-        centre = corner + normalized(back + ahead) * actual / np.sin(half)
-        start, end = corner + back * cut - centre, corner + ahead * cut - centre
+        center = corner + normalized(back + ahead) * actual / np.sin(half)
+        start, end = corner + back * cut - center, corner + ahead * cut - center
         sweep = np.pi - 2.0 * half
         t = np.linspace(0.0, 1.0, segments + 1)[:, None]
-        result.append(centre + (np.sin((1.0 - t) * sweep) * start + np.sin(t * sweep) * end) / np.sin(sweep))
+        result.append(center + (np.sin((1.0 - t) * sweep) * start + np.sin(t * sweep) * end) / np.sin(sweep))
     return np.concatenate(result)
 
 
-def lathe(profile: ArrayLike, segments: int = 48) -> Mesh:
+def lathe(profile: ArrayLike, segments: int = 48) -> PolygonMesh:
     """A profile of (radius, height), from bottom to top on the outside, turned about the y axis."""
     outline = np.asarray(profile, dtype=np.float64)
     angle = np.linspace(0.0, 2.0 * np.pi, segments + 1)
@@ -129,7 +129,7 @@ def sweep(
     up: Sequence[float] = (0.0, 1.0, 0.0),
     closed: bool = False,
     bevel: float = 0.002,
-) -> Mesh:
+) -> PolygonMesh:
     """A closed section [m, 2] carried along a path [n, 3], its second axis kept near `up`, with bevelled ends.
 
     scale: of the section, one number, one for each path point, or [n, 2].
@@ -167,18 +167,20 @@ def sweep(
     return merged(parts)
 
 
-def leg(top: ArrayLike, foot: ArrayLike, section: Array, taper: float = 0.65) -> Mesh:
+def leg(top: ArrayLike, foot: ArrayLike, section: Array, taper: float = 0.65) -> PolygonMesh:
     """A straight leg from `top` down to `foot`, its section there scaled by `taper`."""
     return sweep(np.array([top, foot]), section, [1.0, taper], up=(0.0, 0.0, 1.0))
 
 
-def four_legs(top: Sequence[float], foot: Sequence[float], section: Array, taper: float = 0.65) -> list[Mesh]:
+def four_legs(top: Sequence[float], foot: Sequence[float], section: Array, taper: float = 0.65) -> list[PolygonMesh]:
     """The leg from `top` to `foot`, [3] each, and its mirror images in x and in z."""
     mirrors = [np.array([x, 1.0, z]) for x in (-1.0, 1.0) for z in (-1.0, 1.0)]
     return [leg(mirror * top, mirror * foot, section, taper) for mirror in mirrors]
 
 
-def moulding(path: ArrayLike, profile: ArrayLike, up: Sequence[float] = (0.0, 1.0, 0.0), closed: bool = False) -> Mesh:
+def molding(
+    path: ArrayLike, profile: ArrayLike, up: Sequence[float] = (0.0, 1.0, 0.0), closed: bool = False
+) -> PolygonMesh:
     """A profile along straight runs with mitred corners: skirtings, frames. path: [n, 3], m.
 
     The profile's (out, up): out is to the right of the way along the path, seen against `up`; it is drawn so that the
@@ -192,26 +194,26 @@ def moulding(path: ArrayLike, profile: ArrayLike, up: Sequence[float] = (0.0, 1.
     directions = normalized(np.roll(line, -1, axis=0) - line)[:runs]
     outs = np.cross(directions, vertical)
     girth = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
-    parts, travelled = [], 0.0
+    parts, traveled = [], 0.0
     for run in range(runs):
         ends = []
-        for corner, neighbour in ((run, run - 1), ((run + 1) % count, run + 1)):
-            has_neighbour = closed or 0 <= neighbour < runs
+        for corner, neighbor in ((run, run - 1), ((run + 1) % count, run + 1)):
+            has_neighbor = closed or 0 <= neighbor < runs
             out = outs[run]
-            if has_neighbour:
-                middle = normalized(outs[run] + outs[neighbour % runs])
+            if has_neighbor:
+                middle = normalized(outs[run] + outs[neighbor % runs])
                 out = middle / (middle @ outs[run])
             ends.append(line[corner] + outline[:, :1] * out + outline[:, 1:] * vertical)
         points = np.stack(ends, axis=1)
-        u = travelled + (points - line[run]) @ directions[run]
-        travelled += float(np.linalg.norm(line[(run + 1) % count] - line[run]))
+        u = traveled + (points - line[run]) @ directions[run]
+        traveled += float(np.linalg.norm(line[(run + 1) % count] - line[run]))
         uv = np.stack([u, np.broadcast_to(girth[:, None], u.shape)], axis=-1)
         parts.append(grid(points, uv))
     return merged(parts)
 
 
-def bars(path: ArrayLike, width: float, low: float, high: float) -> list[Mesh]:
-    """What a moulding along a path of floor points (x, z) comes to as boxes: `width` to the right, from low to high."""
+def bars(path: ArrayLike, width: float, low: float, high: float) -> list[PolygonMesh]:
+    """What a molding along a path of floor points (x, z) comes to as boxes: `width` to the right, from low to high."""
     line = np.asarray(path, dtype=np.float64)
     boxes = []
     for a, b in itertools.pairwise(line):
@@ -221,12 +223,12 @@ def bars(path: ArrayLike, width: float, low: float, high: float) -> list[Mesh]:
     return boxes
 
 
-def cylinder(radius: float, height: float, bevel: float = 0.003, segments: int = 32) -> Mesh:
+def cylinder(radius: float, height: float, bevel: float = 0.003, segments: int = 32) -> PolygonMesh:
     """Upright, about the origin."""
     h = height / 2.0
     return lathe(fillet([[0.0, -h], [radius, -h], [radius, h], [0.0, h]], bevel, 3), segments)
 
 
-def sphere(radius: float, segments: int = 48) -> Mesh:
+def sphere(radius: float, segments: int = 48) -> PolygonMesh:
     angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, segments // 2 + 1)
     return lathe(np.stack([radius * np.cos(angle).clip(0.0), radius * np.sin(angle)], axis=-1), segments)

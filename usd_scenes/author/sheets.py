@@ -1,4 +1,4 @@
-"""Plates and shells: what is cut from a flat piece or moulded as a thin one, with round edges."""
+"""Plates and shells: what is cut from a flat piece or molded as a thin one, with round edges."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged, normalized, polygon
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged, normalized, polygon
 
 
-def plate(outline: ArrayLike, height: float, radius: float = 0.001, segments: int = 3) -> Mesh:
+def plate(outline: ArrayLike, height: float, radius: float = 0.001, segments: int = 3) -> PolygonMesh:
     """A convex outline [n, 2] (x, z; counter-clockwise with x to the right and z up) from y = 0 to `height`.
 
     Its upper and lower edges are quarter rounds of `radius`; uv is (x, -z) on the flat sides.
@@ -38,13 +38,15 @@ def plate(outline: ArrayLike, height: float, radius: float = 0.001, segments: in
     return merged([wall, top, bottom])
 
 
-def unit_uv(mesh: Mesh, low: Sequence[float], high: Sequence[float], axes: tuple[int, int] = (0, 2)) -> Mesh:
+def unit_uv(
+    mesh: PolygonMesh, low: Sequence[float], high: Sequence[float], axes: tuple[int, int] = (0, 2)
+) -> PolygonMesh:
     """A picture laid over the mesh along two axes: uv 0..1 from the corner `low` to `high` (each [2])."""
     q = (mesh.points[:, list(axes)] - np.asarray(low)) / (np.asarray(high) - np.asarray(low))
     return replace(mesh, uv=q)
 
 
-def shell(points: Array, uv: Array, thickness: float) -> Mesh:
+def shell(points: Array, uv: Array, thickness: float) -> PolygonMesh:
     """A sheet over points [rows, columns, 3] made solid, its front where `grid` has it, with a round rim."""
     front = grid(points, uv)
     normals = front.normals.reshape(points.shape)

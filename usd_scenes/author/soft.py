@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 from usd_scenes.author.shapes import circle, rounded_box, sweep
 
 
@@ -20,7 +20,9 @@ def wrinkles(points: Array, seed: int, wavelength: float, octaves: int = 3) -> A
     return total
 
 
-def pillow(width: float, height: float, thickness: float, seed: int, cells: int = 36, piping: float = 0.0) -> Mesh:
+def pillow(
+    width: float, height: float, thickness: float, seed: int, cells: int = 36, piping: float = 0.0
+) -> PolygonMesh:
     """A scatter pillow standing in the xy plane: two panels sewn along the edge, pulled in between its corners.
 
     uv: the front panel covers the square 0..1 (times width and height, m), the back one its mirror image.
@@ -66,7 +68,7 @@ def cushion(
     crown: float = 0.02,
     radius: float = 0.035,
     pitch: float = 0.045,
-) -> Mesh:
+) -> PolygonMesh:
     """An upholstery cushion about the origin: a filled box, higher in the middle, with welted seams.
 
     pitch: about how long its quads are, m.
@@ -108,7 +110,7 @@ def _rounded_loop(x: float, z: float, radius: float) -> Array:
     return np.concatenate(dense)
 
 
-def curtain(width: float, height: float, seed: int, folds: int = 7, depth: float = 0.055) -> Mesh:
+def curtain(width: float, height: float, seed: int, folds: int = 7, depth: float = 0.055) -> PolygonMesh:
     """A curtain of `width` as hung, in the xy plane, its hem at y = 0: pleats that open and wander downwards."""
     rng = np.random.default_rng(seed)
     columns, rows = folds * 14, 28
@@ -129,13 +131,13 @@ def curtain(width: float, height: float, seed: int, folds: int = 7, depth: float
     return merged([front, backed(front, 0.002)])
 
 
-def backed(front: Mesh, thickness: float) -> Mesh:
+def backed(front: PolygonMesh, thickness: float) -> PolygonMesh:
     """The back of a cloth whose front is given."""
     back = front.reversed()
-    return Mesh(back.points + back.normals * thickness, back.normals, back.uv, back.counts, back.indices)
+    return PolygonMesh(back.points + back.normals * thickness, back.normals, back.uv, back.counts, back.indices)
 
 
-def throw(width: float, length: float, radius: float, drop: float, seed: int) -> Mesh:
+def throw(width: float, length: float, radius: float, drop: float, seed: int) -> PolygonMesh:
     """A woollen throw folded over an arm that runs along z: `drop` m down each side of a half round of `radius`."""
     columns, rows = round(length / 0.02), round(width / 0.025)
     arc = np.pi * radius

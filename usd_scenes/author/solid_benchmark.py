@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models import bathroom, building
-from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.room import WARM_WHITE, Room
 from usd_scenes.author.shapes import cylinder, rounded_box, sphere
 
@@ -15,10 +15,10 @@ WALL = 0.2
 def build() -> Room:
     room = Room("SolidBenchmark", "solid_benchmark")
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
-    centre = (0.0, 0.0, (FAR + NEAR) / 2.0)
+    center = (0.0, 0.0, (FAR + NEAR) / 2.0)
     floor = rounded_box((RIGHT - LEFT, 0.1, NEAR - FAR), 0.002).moved(0.0, -0.05, 0.0)
-    room.put("Building", thing("Floor", "floor", ("Floor", "PlainFloor", floor)), centre)
-    room.put("Building", building.ceiling(RIGHT - LEFT, NEAR - FAR, HEIGHT), centre)
+    room.put("Building", thing("Floor", "floor", ("Floor", "PlainFloor", floor)), center)
+    room.put("Building", building.ceiling(RIGHT - LEFT, NEAR - FAR, HEIGHT), center)
     looks = {"WallFar": "PlainWall", "WallRight": "PlainWallWarm", "WallNear": "PlainWall", "WallLeft": "PlainWallCool"}
     for index, (name, look) in enumerate(looks.items()):
         room.put("Building", building.wall(name, corners[index], corners[(index + 1) % 4], HEIGHT, WALL, look))
@@ -40,7 +40,7 @@ def build() -> Room:
     return room
 
 
-def _solid(name: str, look: str, mesh: Mesh) -> Thing:
+def _solid(name: str, look: str, mesh: PolygonMesh) -> Model:
     return thing(name, name.lower(), ("Body", look, mesh))
 
 

@@ -1,4 +1,4 @@
-"""The templates: things that can be spawned, each about the centre of its bounding box, in a folder of its own.
+"""The templates: things that can be spawned, each about the center of its bounding box, in a folder of its own.
 
 Variant sets on the root: `color` says what each part is made of, `appearance` is photoreal, untextured or primitives.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from pxr import Kind, Usd, UsdGeom, UsdPhysics, UsdSemantics
 
 from usd_scenes.author import usd_writer as usd
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models import (
     bath,
     cutlery,
@@ -27,7 +27,7 @@ from usd_scenes.author.models import (
     tableware,
     toys,
 )
-from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
 
 MATTE_COLORS = ("red", "orange", "yellow", "green", "teal", "blue", "white")
@@ -35,48 +35,48 @@ APPEARANCES = ("photoreal", "untextured", "primitives")
 
 
 @dataclass(frozen=True)
-class Template:
-    """make: the thing in its first colour. colors: for each of them, the looks that take the place of some of these.
+class TemplateModel:
+    """make: the thing in its first color. colors: for each of them, the looks that take the place of some of these.
 
     elementary: it is a primitive as it is.
     """
 
-    make: Callable[[], Thing]
+    make: Callable[[], Model]
     colors: Mapping[str, Mapping[str, str]]
     elementary: bool = False
 
-    def colored(self, color: str) -> Thing:
-        """About the centre of its bounding box."""
-        thing_ = self.make().centred()
+    def colored(self, color: str) -> Model:
+        """About the center of its bounding box."""
+        thing_ = self.make().centered()
         swaps = self.colors[color]
         return replace(thing_, parts=tuple(replace(p, look=swaps.get(p.look, p.look)) for p in thing_.parts))
 
 
-def _primitive(name: str, color: str, make: Callable[[], Mesh]) -> Template:
+def _primitive(name: str, color: str, make: Callable[[], PolygonMesh]) -> TemplateModel:
     colors = {color: "Matte" + color.title(), **{each: "Matte" + each.title() for each in MATTE_COLORS}}
     first = colors[color]
-    return Template(
+    return TemplateModel(
         lambda: thing(name, name.lower(), ("Body", first, make())),
         {each: {first: look} for each, look in colors.items()},
         elementary=True,
     )
 
 
-def _cone() -> Mesh:
+def _cone() -> PolygonMesh:
     return lathe(fillet([[0.0, -0.25], [0.2, -0.25], [0.006, 0.25], [0.0, 0.25]], [0.0, 0.006, 0.004, 0.0], 4), 64)
 
 
-def _capsule() -> Mesh:
+def _capsule() -> PolygonMesh:
     angle = np.linspace(0.0, np.pi / 2.0, 13)
     top = 0.14 * np.stack([np.cos(angle).clip(0.0), np.sin(angle)], axis=-1) + (0.0, 0.14)
     return lathe(np.concatenate([(top * (1.0, -1.0))[::-1], top]), 64)
 
 
-def _torus() -> Mesh:
+def _torus() -> PolygonMesh:
     return sweep(np.insert(circle(0.19, 64), 1, 0.0, axis=1), circle(0.07, 28), closed=True)
 
 
-def _novel() -> Thing:
+def _novel() -> Model:
     """A hardback with a gilt frame and title on its front."""
     book = small.book("Book01", 0, 0.15, 0.22, 0.034)
     lines = [
@@ -92,7 +92,7 @@ def _novel() -> Thing:
 
 
 def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
-    """Colours of pottery, the first of them given."""
+    """Colors of pottery, the first of them given."""
     glazes = {"stoneware": "Stoneware", "blue": "BlueGlaze", "cream": "CreamGlaze", "green": "GreenGlaze"}
     return {color: {}} | {each: {first: look} for each, look in glazes.items() if each != color}
 
@@ -100,8 +100,8 @@ def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
 ENAMELS = {each: {"EnamelRed": f"Enamel{each.title()}"} for each in ("red", "blue", "mint", "cream")}
 CUTLERY = {"steel": {}, "gold": {"Steel": "Brass"}, "black": {"Steel": "BlackSteel"}}
 
-TEMPLATES: dict[str, Template] = {
-    "chair_01": Template(
+TEMPLATES: dict[str, TemplateModel] = {
+    "chair_01": TemplateModel(
         lambda: seating.chair("Chair01"),
         {
             "chestnut": {},
@@ -110,11 +110,11 @@ TEMPLATES: dict[str, Template] = {
             "white": {"Chestnut": "TrimPaint"},
         },
     ),
-    "chair_02": Template(
+    "chair_02": TemplateModel(
         lambda: seating.shell_chair("Chair02"),
         {each: {"ShellWhite": f"Shell{each.title()}"} for each in ("white", "teal", "mustard", "black")},
     ),
-    "armchair_01": Template(
+    "armchair_01": TemplateModel(
         lambda: seating.armchair("Armchair01"),
         {
             "cognac": {},
@@ -122,16 +122,16 @@ TEMPLATES: dict[str, Template] = {
             "green": {"Leather": "LeatherGreen", "Walnut": "Oak"},
         },
     ),
-    "sofa_01": Template(
+    "sofa_01": TemplateModel(
         lambda: seating.settee("Sofa01"),
         {
-            "grey": {},
+            "gray": {},
             "mustard": {"SofaWool": "Mustard", "Mustard": "Cream"},
             "rust": {"SofaWool": "Rust", "Mustard": "Cream"},
             "slate": {"SofaWool": "ThrowWool"},
         },
     ),
-    "pillow_01": Template(
+    "pillow_01": TemplateModel(
         lambda: pillows.painted_pillow("Pillow01"),
         {
             "painted": {},
@@ -140,7 +140,7 @@ TEMPLATES: dict[str, Template] = {
             "rust": {"ScribbleCotton": "PillowRust"},
         },
     ),
-    "pouf_01": Template(
+    "pouf_01": TemplateModel(
         lambda: seating.pouf("Pouf01"),
         {
             "slate": {},
@@ -149,7 +149,7 @@ TEMPLATES: dict[str, Template] = {
             "rust": {"ThrowWool": "Rust"},
         },
     ),
-    "lamp_floor_01": Template(
+    "lamp_floor_01": TemplateModel(
         lambda: lamps.tripod_lamp("LampFloor01"),
         {
             "linen": {},
@@ -157,7 +157,7 @@ TEMPLATES: dict[str, Template] = {
             "blue": {"LampShade": "ShadeBlue", "Oak": "BlackMetal"},
         },
     ),
-    "painting_01": Template(
+    "painting_01": TemplateModel(
         lambda: small.hanging_picture("Painting01"),
         {
             "landscape": {},
@@ -165,7 +165,7 @@ TEMPLATES: dict[str, Template] = {
             "abstract": {"Landscape": "AbstractWarm", "Oak": "Walnut"},
         },
     ),
-    "statue_01": Template(
+    "statue_01": TemplateModel(
         lambda: small.sculpture("Statue01"),
         {
             "stone": {},
@@ -173,11 +173,11 @@ TEMPLATES: dict[str, Template] = {
             "black": {"PaleStone": "BlackMetal", "BlackMetal": "PaleStone"},
         },
     ),
-    "plant_01": Template(
+    "plant_01": TemplateModel(
         lambda: plants.snake_plant("Plant01"),
         {"clay": {}, "white": {"Terracotta": "Porcelain"}, "blue": {"Terracotta": "BlueGlaze"}},
     ),
-    "dish_01": Template(
+    "dish_01": TemplateModel(
         lambda: tableware.dish("Dish01"),
         {
             "blue": {},
@@ -185,21 +185,21 @@ TEMPLATES: dict[str, Template] = {
             "stoneware": {"Porcelain": "Stoneware", "BlueGlaze": "CreamGlaze"},
         },
     ),
-    "bowl_01": Template(lambda: tableware.bowl("Bowl01"), _glazes("Stoneware", "stoneware")),
-    "cup_01": Template(lambda: tableware.cup("Cup01"), _glazes("BlueGlaze", "blue")),
-    "ewer_01": Template(lambda: tableware.ewer("Ewer01"), _glazes("CreamGlaze", "cream")),
-    "fork_01": Template(lambda: cutlery.fork("Fork01"), CUTLERY),
-    "spoon_01": Template(lambda: cutlery.spoon("Spoon01"), CUTLERY),
-    "pot_01": Template(lambda: kitchen.pot("Pot01"), ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
-    "candle_01": Template(
+    "bowl_01": TemplateModel(lambda: tableware.bowl("Bowl01"), _glazes("Stoneware", "stoneware")),
+    "cup_01": TemplateModel(lambda: tableware.cup("Cup01"), _glazes("BlueGlaze", "blue")),
+    "ewer_01": TemplateModel(lambda: tableware.ewer("Ewer01"), _glazes("CreamGlaze", "cream")),
+    "fork_01": TemplateModel(lambda: cutlery.fork("Fork01"), CUTLERY),
+    "spoon_01": TemplateModel(lambda: cutlery.spoon("Spoon01"), CUTLERY),
+    "pot_01": TemplateModel(lambda: kitchen.pot("Pot01"), ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
+    "candle_01": TemplateModel(
         lambda: small.candle("Candle01"),
         {"ivory": {}, "red": {"Candle": "CandleRed"}, "green": {"Candle": "CandleGreen"}},
     ),
-    "book_01": Template(
+    "book_01": TemplateModel(
         _novel,
         {each: {"Spines": f"Spines{each.title()}"} for each in ("red", "blue", "green", "cream")},
     ),
-    "laptop_01": Template(
+    "laptop_01": TemplateModel(
         lambda: small.laptop("Laptop01"),
         {
             "silver": {},
@@ -207,7 +207,7 @@ TEMPLATES: dict[str, Template] = {
             "gold": {"Aluminium": "RoseGold", "Steel": "RoseGold"},
         },
     ),
-    "cellphone_01": Template(
+    "cellphone_01": TemplateModel(
         lambda: desk.cellphone("Cellphone01"),
         {
             "graphite": {},
@@ -215,19 +215,19 @@ TEMPLATES: dict[str, Template] = {
             "silver": {"PhoneCase": "PhoneSilver"},
         },
     ),
-    "remote_controller_01": Template(
+    "remote_controller_01": TemplateModel(
         lambda: small.remote("RemoteController01"),
         {
             "black": {},
             "white": {"BlackPlastic": "WhitePlastic"},
-            "grey": {"BlackPlastic": "GreyPlastic", "GreyPlastic": "BlackPlastic"},
+            "gray": {"BlackPlastic": "GrayPlastic", "GrayPlastic": "BlackPlastic"},
         },
     ),
-    "pen_01": Template(
+    "pen_01": TemplateModel(
         lambda: desk.pen("Pen01"), {each: {"PenBlue": f"Pen{each.title()}"} for each in ("blue", "red", "green")}
     ),
-    "alarm_clock_01": Template(lambda: desk.alarm_clock("AlarmClock01"), ENAMELS),
-    "box_01": Template(
+    "alarm_clock_01": TemplateModel(lambda: desk.alarm_clock("AlarmClock01"), ENAMELS),
+    "box_01": TemplateModel(
         lambda: desk.cardboard_box("Box01"),
         {
             "brown": {},
@@ -235,27 +235,27 @@ TEMPLATES: dict[str, Template] = {
             "blue": {"Cardboard": "CardboardBlue", "BlackPlastic": "WhitePlastic"},
         },
     ),
-    "recycle_bin_02": Template(
+    "recycle_bin_02": TemplateModel(
         lambda: desk.recycle_bin("RecycleBin02"),
-        {each: {"BinBlue": f"Bin{each.title()}"} for each in ("blue", "green", "grey")},
+        {each: {"BinBlue": f"Bin{each.title()}"} for each in ("blue", "green", "gray")},
     ),
-    "towel_01": Template(
+    "towel_01": TemplateModel(
         lambda: bath.towel("Towel01"),
         {each: {"TowelBlue": f"Towel{each.title()}"} for each in ("blue", "white", "rose", "sage")},
     ),
-    "toilet_paper_01": Template(
+    "toilet_paper_01": TemplateModel(
         lambda: bath.toilet_paper("ToiletPaper01"),
         {"white": {}, "peach": {"Tissue": "TissuePeach"}, "blue": {"Tissue": "TissueBlue"}},
     ),
-    "soap_01": Template(
+    "soap_01": TemplateModel(
         lambda: bath.soap("Soap01"),
         {each: {"SoapGreen": f"Soap{each.title()}"} for each in ("green", "pink", "ivory")},
     ),
-    "plunger_01": Template(
+    "plunger_01": TemplateModel(
         lambda: bath.plunger("Plunger01"),
         {each: {"RubberRed": f"Rubber{each.title()}"} for each in ("red", "black", "green")},
     ),
-    "tennis_racket_01": Template(
+    "tennis_racket_01": TemplateModel(
         lambda: small.tennis_racket("TennisRacket01"),
         {
             "red": {},
@@ -263,7 +263,7 @@ TEMPLATES: dict[str, Template] = {
             "black": {"RacketFrame": "RacketBlack", "RacketWhite": "RacketLime"},
         },
     ),
-    "ball_01": Template(
+    "ball_01": TemplateModel(
         lambda: small.beach_ball("Ball01"),
         {
             "primary": {},
@@ -272,12 +272,12 @@ TEMPLATES: dict[str, Template] = {
         },
         elementary=True,
     ),
-    "teddy_bear_01": Template(
+    "teddy_bear_01": TemplateModel(
         lambda: toys.teddy_bear("TeddyBear01"),
         {
             "brown": {},
             "cream": {"PlushBrown": "PlushCream", "RibbonRed": "RibbonBlue"},
-            "grey": {"PlushBrown": "PlushGrey", "PlushTan": "PlushCream"},
+            "gray": {"PlushBrown": "PlushGray", "PlushTan": "PlushCream"},
         },
     ),
     "cube": _primitive("Cube", "red", lambda: rounded_box((0.4, 0.4, 0.4), 0.008, 3)),
@@ -289,8 +289,8 @@ TEMPLATES: dict[str, Template] = {
 }
 
 
-def build(folder: str) -> Thing:
-    """The template of that folder in its first colour, about the centre of its bounding box."""
+def build(folder: str) -> Model:
+    """The template of that folder in its first color, about the center of its bounding box."""
     template = TEMPLATES[folder]
     return template.colored(next(iter(template.colors)))
 
@@ -301,7 +301,7 @@ def facts(file: Path) -> tuple[str, list[float], list[str]]:
     root = stage.GetDefaultPrim()
     (label,) = UsdSemantics.LabelsAPI(root, "class").GetLabelsAttr().Get()
     low, high = UsdGeom.ModelAPI(root).GetExtentsHint()
-    return label, list(high - low), [prim.GetName() for prim in root.GetChildren() if prim.IsA(UsdGeom.Mesh)]
+    return label, list(high - low), [prim.GetName() for prim in root.GetChildren() if prim.IsA(UsdGeom.PolygonMesh)]
 
 
 def write(folder: str, packages: Path) -> None:

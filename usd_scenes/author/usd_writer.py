@@ -10,14 +10,14 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, Vt
 
 from usd_scenes.author import primitives
-from usd_scenes.author.material_presets import LOOKS, Look, plain
-from usd_scenes.author.model import Thing
-from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.material_presets import LOOKS, MaterialPreset, plain
+from usd_scenes.author.model import Model
+from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import sphere
 
 
 def new_stage(root: str, kind: str | None = None) -> tuple[Usd.Stage, Usd.Prim]:
-    """An in-memory stage, metres and y up, whose default prim is the Xform `root`. kind: of a model."""
+    """An in-memory stage, meters and y up, whose default prim is the Xform `root`. kind: of a model."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -75,7 +75,7 @@ def label(prim: Usd.Prim, name: str) -> None:
     UsdSemantics.LabelsAPI.Apply(prim, "class").CreateLabelsAttr([name])
 
 
-def write_geometry(path: Path, things: Iterable[Thing], approximation: str) -> None:
+def write_geometry(path: Path, things: Iterable[Model], approximation: str) -> None:
     """The meshes of `things` as /Geometry/<thing>/<part> in one crate, all of them colliders.
 
     approximation: UsdPhysics' token for how a collider stands in for its mesh.
@@ -91,7 +91,7 @@ def write_geometry(path: Path, things: Iterable[Thing], approximation: str) -> N
     save(stage, path)
 
 
-def write_primitives(path: Path, things: Iterable[Thing]) -> None:
+def write_primitives(path: Path, things: Iterable[Model]) -> None:
     """The things of `write_geometry` under the same paths, each part an Xform of gprims that are close to its mesh."""
     stage, _ = new_stage("Geometry")
     for thing in things:
@@ -125,7 +125,7 @@ def _define_gprim(stage: Usd.Stage, path: str, source: primitives.Gprim) -> None
             prim.GetAttribute(name).Set(value)
     if source.kind != "Ellipsoid":
         gprim.CreateExtentAttr([-half, half])
-    gprim.AddTranslateOp().Set(Gf.Vec3d(*source.centre))
+    gprim.AddTranslateOp().Set(Gf.Vec3d(*source.center))
     if not np.allclose(source.axes, np.eye(3)):
         turn = Gf.Matrix3d(*map(float, source.axes.T.reshape(-1))).ExtractRotation().GetQuat()
         parts = [round(value, 5) + 0.0 for value in (turn.GetReal(), *turn.GetImaginary())]
@@ -135,12 +135,12 @@ def _define_gprim(stage: Usd.Stage, path: str, source: primitives.Gprim) -> None
     UsdPhysics.CollisionAPI.Apply(prim)
 
 
-def _define_mesh(stage: Usd.Stage, path: str, source: Mesh, tile: tuple[float, float]) -> UsdGeom.Mesh:
+def _define_mesh(stage: Usd.Stage, path: str, source: PolygonMesh, tile: tuple[float, float]) -> UsdGeom.PolygonMesh:
     """Rounded to 0.01 mm and 1e-4, so that files do not depend on the last bits of a processor's sine."""
     points = np.round(source.points, 5).astype(np.float32) + np.float32(0.0)
     normals = np.round(source.normals, 4).astype(np.float32) + np.float32(0.0)
     uv = np.round(source.uv / tile, 4).astype(np.float32) + np.float32(0.0)
-    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh = UsdGeom.PolygonMesh.Define(stage, path)
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(source.counts))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(source.indices))
@@ -153,7 +153,7 @@ def _define_mesh(stage: Usd.Stage, path: str, source: Mesh, tile: tuple[float, f
     return mesh
 
 
-def bind(stage: Usd.Stage, thing: Thing, path: str, looks: str) -> None:
+def bind(stage: Usd.Stage, thing: Model, path: str, looks: str) -> None:
     """Materials of a thing's parts, for a prim at `path` that references its geometry; `looks`: where materials are."""
     for part in thing.parts:
         prim = stage.OverridePrim(f"{path}/{part.name}")
@@ -179,7 +179,7 @@ def connect_looks(stage: Usd.Stage, scope: str, names: Iterable[str], shader: st
         material.CreateSurfaceOutput().ConnectToSource(output)
 
 
-def _define_plain(stage: Usd.Stage, path: str, look: Look) -> None:
+def _define_plain(stage: Usd.Stage, path: str, look: MaterialPreset) -> None:
     surface = UsdShade.Shader.Define(stage, path)
     surface.CreateIdAttr("UsdPreviewSurface")
     surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
@@ -190,7 +190,7 @@ def _define_plain(stage: Usd.Stage, path: str, look: Look) -> None:
     _set_numbers(surface, look)
 
 
-def _define_look(stage: Usd.Stage, path: str, look: Look, textures: str) -> None:
+def _define_look(stage: Usd.Stage, path: str, look: MaterialPreset, textures: str) -> None:
     UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, f"{path}/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
@@ -248,7 +248,7 @@ def _define_look(stage: Usd.Stage, path: str, look: Look, textures: str) -> None
     _set_numbers(surface, look)
 
 
-def _set_numbers(surface: UsdShade.Shader, look: Look) -> None:
+def _set_numbers(surface: UsdShade.Shader, look: MaterialPreset) -> None:
     for name, value, default in (
         ("metallic", look.metallic, 0.0),
         ("clearcoat", look.clearcoat, 0.0),

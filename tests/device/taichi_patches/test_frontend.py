@@ -27,7 +27,7 @@ if sys.argv[1] == "own":
     for where, function in own.items():
         setattr(*where, function)
 import tiscene as ts
-print(ts.Stream("object_view", width=16, height=12, quality="fast", differential=False)[0].rgb.mean())
+print(ts.Stream("object_view", width=16, height=12, quality="fast", incremental=False)[0].rgb.mean())
 """
 
 

@@ -44,7 +44,7 @@ def table(stage: Stage, view: View = VIEW) -> ObjectTable:
 
 
 def test_a_plate_half_out_of_the_picture_and_half_hidden() -> None:
-    # 2 m at 4 m: 100 px square, its centre on the right edge. A nearer plate covers the upper half of what is seen.
+    # 2 m at 4 m: 100 px square, its center on the right edge. A nearer plate covers the upper half of what is seen.
     stage = Stage(
         [plate(2.0, 2.0), plate(4.0, 0.5)],
         [Thing(0, [pose((2, 0, -4))]), Thing(1, [pose((0, 0.25, -2))])],
@@ -54,9 +54,9 @@ def test_a_plate_half_out_of_the_picture_and_half_hidden() -> None:
     assert seen.visible_box == (150, 100, 200, 150)
     assert seen.amodal_pixels == 100 * 100
     assert seen.visible_pixels == 50 * 50
-    assert seen.percent_in_frame == 0.5
+    assert seen.fraction_in_frame == 0.5
     assert seen.visibility_in_frame == 0.5
-    assert seen.percent_visible == 0.25
+    assert seen.fraction_visible == 0.25
     image = stage.render(VIEW, "instance")["instance"]
     x0, y0, x1, y1 = map(int, seen.visible_box)
     assert (image[y0:y1, x0:x1] == 1).all()
@@ -77,13 +77,13 @@ def test_out_of_sight() -> None:
     for row in (hidden, behind, aside):
         assert row.visible_box is None
         assert row.visible_pixels == 0
-        assert row.percent_visible == 0.0
+        assert row.fraction_visible == 0.0
     assert hidden.amodal_box == pytest.approx((50, 50, 150, 150))
-    assert (hidden.percent_in_frame, hidden.visibility_in_frame) == (1.0, 0.0)
+    assert (hidden.fraction_in_frame, hidden.visibility_in_frame) == (1.0, 0.0)
     assert behind.amodal_box is None
     assert behind.amodal_pixels == 0
     assert aside.amodal_box == pytest.approx((300, 50, 400, 150))
-    assert (aside.amodal_pixels, aside.percent_in_frame) == (10000, 0.0)
+    assert (aside.amodal_pixels, aside.fraction_in_frame) == (10000, 0.0)
 
 
 def test_an_object_of_several_parts_counts_each_pixel_once() -> None:
@@ -99,7 +99,7 @@ def test_an_object_of_several_parts_counts_each_pixel_once() -> None:
     assert row.amodal_box == pytest.approx((50, 50, 250, 150), abs=0.02)
     assert row.amodal_pixels == 200 * 100
     assert row.visible_pixels == 150 * 100
-    assert row.percent_in_frame == 0.75
+    assert row.fraction_in_frame == 0.75
     assert row.visibility_in_frame == 1.0
     np.testing.assert_allclose(row.world_bounds, [[-1, -1, -4.001], [3, 1, -4]])
 
@@ -109,7 +109,7 @@ def test_what_lies_far_out_is_counted_by_samples() -> None:
     row = table(Stage([plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -4))])]))[0]
     assert 10 * MAX_SAMPLES < 2000 * 2000
     assert row.amodal_pixels == pytest.approx(2000 * 2000, rel=0.01)
-    assert row.percent_in_frame == pytest.approx(0.01, rel=0.01)
+    assert row.fraction_in_frame == pytest.approx(0.01, rel=0.01)
     assert row.visibility_in_frame == 1.0
 
 
@@ -119,7 +119,7 @@ def test_a_floor_that_passes_below_the_camera_is_cut_at_the_near_plane() -> None
     # Nearest, at z = 0.1 m, 2 m right and 1 m down are 4000 and 2000 px; farthest, at z = 10 m, 1 m down is 20 px.
     assert row.amodal_box == pytest.approx((100 - 4000, 120, 100 + 4000, 2100), rel=1e-5)
     assert row.visible_box == (0, 120, 200, 200)
-    assert 0.0 < row.percent_in_frame < 0.1
+    assert 0.0 < row.fraction_in_frame < 0.1
     assert row.visibility_in_frame == 1.0
 
 
@@ -128,7 +128,7 @@ def test_boxes_in_space() -> None:
     stage = Stage([mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))], [Thing(0, [pose((1, 2, -5), turn, scale=2.0)])])
     row = table(stage)[0]
     box = row.box_3d
-    assert box.centre == pytest.approx((1, 2, -5))
+    assert box.center == pytest.approx((1, 2, -5))
     assert box.size == pytest.approx((4, 2, 1))
     assert box.rotation == pytest.approx(turn)
     corners = box.corners()
@@ -154,7 +154,7 @@ def test_rows_can_be_looked_at_after_the_stream_has_moved_on() -> None:
     for name, column in at_once.items():
         np.testing.assert_array_equal(columns[name], column, name)
     assert (columns["visible_pixels"] > 0).sum() > 20
-    assert (columns["visible_pixels"] <= np.rint(columns["percent_in_frame"] * columns["amodal_pixels"])).all()
+    assert (columns["visible_pixels"] <= np.rint(columns["fraction_in_frame"] * columns["amodal_pixels"])).all()
 
 
 def test_the_sum_of_visible_pixels_is_the_picture() -> None:
@@ -225,7 +225,7 @@ def test_amodal_masks_are_what_an_object_shows_alone() -> None:
         alone = stage.render(view, "instance")["instance"] == row.id
         np.testing.assert_array_equal(row.amodal_mask, alone)
         assert row.amodal_mask[image == row.id].all()
-        assert row.percent_in_frame == pytest.approx(alone.sum() / row.amodal_pixels)
+        assert row.fraction_in_frame == pytest.approx(alone.sum() / row.amodal_pixels)
     hidden = table(Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 4))])]))[0]
     assert not hidden.amodal_mask.any()
 

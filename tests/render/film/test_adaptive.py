@@ -111,7 +111,7 @@ def test_estimates_are_standard_errors() -> None:
     black, few = np.zeros((8, 8)), np.full((8, 8), 16, np.int32)
     assert not estimated_error(black, black, few).any()
     light, scatter = black.copy(), black.copy()
-    light[4, 4], scatter[4, 4] = 1.0, 1.0  # one path in one pixel found light: its neighbours may have missed it
+    light[4, 4], scatter[4, 4] = 1.0, 1.0  # one path in one pixel found light: its neighbors may have missed it
     assert (estimated_error(light, scatter, few) > 0.5).sum() > 40
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tiscene.device.memory import upload
 from tiscene.render.film.denoise import denoise
-from tiscene.render.film.postprocess import Cleaner
+from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.integrators.incremental.base_image import Base
 from tiscene.render.integrators.incremental.incremental_pass import ReplayImage
 
@@ -37,18 +37,18 @@ def difference(base: Base, change: float = 0.0) -> ReplayImage:
     return ReplayImage(radiance, albedo, normal, radiance, base, np.ones((1, 3), np.float32), unmoved, patches)
 
 
-@pytest.mark.parametrize("reduction", [1, 2])
-def test_where_nothing_changed_the_base_shows_at_its_best(reduction: int) -> None:
+@pytest.mark.parametrize("downscale", [1, 2])
+def test_where_nothing_changed_the_base_shows_at_its_best(downscale: int) -> None:
     base = noisy_base()
-    shown = Cleaner("fast", reduction, True).difference(difference(base))
+    shown = Postprocessor("fast", downscale, True).difference(difference(base))
     np.testing.assert_allclose(shown, denoise(*base.parts(), "high"), atol=1e-5)
     assert len(base.kept) == 1
 
 
-@pytest.mark.parametrize("reduction", [1, 2])
-def test_movers_show_through_and_leave_the_rest_alone(reduction: int) -> None:
+@pytest.mark.parametrize("downscale", [1, 2])
+def test_movers_show_through_and_leave_the_rest_alone(downscale: int) -> None:
     base = noisy_base()
-    cleaner = Cleaner("fast", reduction, True)
+    cleaner = Postprocessor("fast", downscale, True)
     before, after = (cleaner.difference(difference(base, change)) for change in (0.0, 4.0))
     assert after[:, 40:].mean() == pytest.approx(4.5, rel=0.05)
     assert np.abs(after - before)[:, :24].mean() < 0.02
@@ -58,7 +58,7 @@ def test_without_a_denoiser_nothing_is_touched_but_what_overshoots() -> None:
     base = noisy_base()
     image = difference(base)
     image.hdr[0, 0] = -1.0
-    shown = Cleaner(None, 1, True).difference(image)
+    shown = Postprocessor(None, 1, True).difference(image)
     assert (shown[0, 0] == 0.0).all()
     assert (shown[1:] == image.hdr[1:]).all()
     assert not base.kept
@@ -68,5 +68,5 @@ def test_a_wide_lens_is_told_apart() -> None:
     """Base images serve cameras of one lens, but cleaners of any quality."""
     base = noisy_base()
     for quality in ("fast", "balanced"):
-        Cleaner(quality, 1, True).difference(difference(base))
+        Postprocessor(quality, 1, True).difference(difference(base))
     assert len(base.kept) == 2

@@ -18,14 +18,14 @@ def linear(rgb: np.ndarray) -> np.ndarray:
     return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
 
 
-def test_grey_stays_grey() -> None:
+def test_gray_stays_gray() -> None:
     rgb = tone_map(ramp((1, 1, 1), np.array([0.0, -20.0, 20.0])))[0]
     assert np.abs(linear(rgb[0]) - GREY).max() < 2e-3
     assert rgb[1].tolist() == [0, 0, 0]
     assert rgb[2].tolist() == [255, 255, 255]
 
 
-def test_greys_are_neutral_and_rise_without_clipping_early() -> None:
+def test_grays_are_neutral_and_rise_without_clipping_early() -> None:
     rgb = tone_map(ramp((1, 1, 1), np.linspace(-10.0, 6.5, 200)))[0].astype(int)
     assert (rgb[:, 0] == rgb[:, 1]).all()
     assert (rgb[:, 1] == rgb[:, 2]).all()
@@ -34,7 +34,7 @@ def test_greys_are_neutral_and_rise_without_clipping_early() -> None:
 
 
 @pytest.mark.parametrize("color", HUES)
-def test_bright_colours_keep_their_hue_and_roll_off_to_white(color: tuple[float, float, float]) -> None:
+def test_bright_colors_keep_their_hue_and_roll_off_to_white(color: tuple[float, float, float]) -> None:
     stops = np.linspace(-3.0, 9.0, 60)
     display = linear(tone_map(ramp(color, stops))[0])
     brightness = display @ np.array([0.2126, 0.7152, 0.0722])
@@ -67,7 +67,7 @@ def test_tables_show_what_the_formulas_do() -> None:
     assert np.abs(tone_map(image) - codes).max() < 0.504
 
 
-def test_metering_finds_grey() -> None:
+def test_metering_finds_gray() -> None:
     generator = np.random.default_rng(0)
     image = np.exp(generator.normal(size=(40, 40, 1))).astype(np.float32) * np.ones(3, np.float32)
     stops = meter(image)
@@ -93,7 +93,7 @@ def test_metering_spares_a_bright_window() -> None:
 
 
 @pytest.mark.parametrize("exposure", [0.15, -1.0, 2.3])
-def test_the_radiance_of_a_colour_is_shown_as_it(exposure: float) -> None:
+def test_the_radiance_of_a_color_is_shown_as_it(exposure: float) -> None:
     for color in ((0, 0, 0), (127, 127, 127), (255, 255, 255), (60, 120, 90), (10, 200, 30)):
         radiance = np.full((1, 1, 3), radiance_shown_as(color, exposure), np.float32)
         assert np.abs(tone_map(radiance, exposure)[0, 0].astype(int) - color).max() <= 1

@@ -8,17 +8,17 @@ import pytest
 import tiscene as ts
 from tests.stream.test_stream import moving_scenario
 from tiscene.render.film.upsample import FLOOR, light, reduced, upsample
-from tiscene.render.renderer import QUALITIES, Quality
+from tiscene.render.renderer import QUALITIES, RenderSettings
 
 
 @pytest.mark.parametrize(
-    ("size", "reduction", "expected"),
+    ("size", "downscale", "expected"),
     [((320, 240), 1, (320, 240)), ((320, 240), 2, (160, 120)), ((33, 25), 2, (18, 13)), ((1, 1), 4, (1, 1))],
 )
 def test_the_smaller_picture_is_as_wide_an_angle_at_least(
-    size: tuple[int, int], reduction: int, expected: tuple[int, int]
+    size: tuple[int, int], downscale: int, expected: tuple[int, int]
 ) -> None:
-    width, height = reduced(*size, reduction)
+    width, height = reduced(*size, downscale)
     assert (width, height) == expected
     assert width * size[1] >= size[0] * height
 
@@ -79,12 +79,12 @@ def test_a_slope_keeps_its_place_when_it_is_reduced_and_enlarged(size: tuple[int
 
 def test_a_fast_frame_is_near_a_full_one_and_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
     """64 paths a traced pixel against as many a full one; and a frame is the same bytes whatever came before."""
-    monkeypatch.setitem(QUALITIES, "fast", Quality(64, 3, denoiser="fast", base_spp=64, reduction=2))
-    monkeypatch.setitem(QUALITIES, "full", Quality(16, 3, denoiser="fast", base_spp=64))
+    monkeypatch.setitem(QUALITIES, "fast", RenderSettings(64, 3, denoiser="fast", base_spp=64, downscale=2))
+    monkeypatch.setitem(QUALITIES, "full", RenderSettings(16, 3, denoiser="fast", base_spp=64))
     settings = {"width": 45, "height": 33, "buffers": ("rgb", "hdr", "instance")}
-    for differential in (False, True):
-        fast = ts.Stream(moving_scenario(), quality="fast", differential=differential, **settings)
-        full = ts.Stream(moving_scenario(), quality="full", differential=differential, **settings)
+    for incremental in (False, True):
+        fast = ts.Stream(moving_scenario(), quality="fast", incremental=incremental, **settings)
+        full = ts.Stream(moving_scenario(), quality="full", incremental=incremental, **settings)
         frame, expected = fast[3], full[3]
         assert set(frame.buffers) == {"rgb", "hdr", "instance"}
         assert frame.rgb.shape == (33, 45, 3)

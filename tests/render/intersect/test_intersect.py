@@ -84,8 +84,8 @@ def test_agrees_with_embree(traversal: str) -> None:
 @both_layouts
 def test_agrees_with_brute_force(traversal: str) -> None:
     random = np.random.default_rng(1)
-    centres = random.uniform(-2.0, 2.0, (200, 1, 3))
-    meshes = (soup(centres + random.normal(0.0, 0.6, (200, 3, 3))), SQUARE)
+    centers = random.uniform(-2.0, 2.0, (200, 1, 3))
+    meshes = (soup(centers + random.normal(0.0, 0.6, (200, 3, 3))), SQUARE)
     placement = placed([0, 1, 0], random_matrices(random, 3, 1.0))
     rays = random_rays(random, 3000, 4.0)
     rays[::3, 7] = random.uniform(0.0, 3.0, 1000)
@@ -185,7 +185,7 @@ def test_shared_edges_and_vertices(traversal: str) -> None:
 def closed_meshes() -> dict[str, trimesh.Trimesh]:
     """Without a hole, with the origin inside, and with triangles that are hard to hit."""
     box = trimesh.creation.box((3.0, 2.0, 2.5))
-    bevelled = trimesh.convex.convex_hull(  # edges a hundredth of a millimetre wide
+    bevelled = trimesh.convex.convex_hull(  # edges a hundredth of a millimeter wide
         (box.vertices[:, None] - 1e-5 * np.sign(box.vertices)[:, None] * (1.0 - np.eye(3))).reshape(-1, 3)
     )
     split = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(box.vertices, box.faces, 0.4), process=False)
@@ -248,7 +248,7 @@ def test_degenerate_meshes(traversal: str) -> None:
     sliver = mesh([[-1, 0, 0], [1, 0, 0], [0.3, 0, 0]], [[0, 1, 2], [2, 1, 0]])
     one = mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
     mixed = mesh([*sliver.positions, *one.positions], [[0, 1, 2], [3, 4, 5], [0, 0, 0]])
-    same_centre = soup([[[-s, -s, 0], [s, -s, 0], [0, 2 * s, 0]] for s in np.arange(1, 51) / 64])
+    same_center = soup([[[-s, -s, 0], [s, -s, 0], [0, 2 * s, 0]] for s in np.arange(1, 51) / 64])
     down = rays_of([[0.0, 0.0, 5.0]], [0.0, 0.0, -1.0])
     for meshes, row, hit in (
         ((empty,), 0, -1),
@@ -256,7 +256,7 @@ def test_degenerate_meshes(traversal: str) -> None:
         ((sliver,), 0, -1),
         ((one,), 0, 0),
         ((empty, sliver, mixed), 2, 3),
-        ((same_centre,), 0, 0),
+        ((same_center,), 0, 0),
     ):
         found = trace_rays(scene_of(meshes, placed([row]), traversal), down)
         assert found.triangle.tolist() == [hit], meshes

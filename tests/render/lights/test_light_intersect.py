@@ -7,7 +7,7 @@ import taichi as ti
 from tiscene.device.vector_mode import vector_mode
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import another_blocks, first_met
-from tiscene.render.lights.light_sample import LightNodes, Lights
+from tiscene.render.lights.light_sample import LightNodes, LightTables
 from tiscene.scene.description import CylinderLight, DiskLight, Light, RectLight, SphereLight
 from tiscene.scene.lights.light_bvh import EIGHT_ROWS, LEAST, MEMBER, boxes
 from tiscene.scene.lights.light_table import LightTable
@@ -26,7 +26,7 @@ def meet(
 ):
     """Of rays of an origin, a direction and a reach: the light that is met and its distance, then whether another light
     is in the way; by the tree, and by looking at every light."""
-    lights = ti.static(Lights(values, nodes, distribution))
+    lights = ti.static(LightTables(values, nodes, distribution))
     for ray in range(rays.shape[0]):
         origin = ti.math.vec3(rays[ray, 0], rays[ray, 1], rays[ray, 2])
         direction = ti.math.vec3(rays[ray, 3], rays[ray, 4], rays[ray, 5])

@@ -7,7 +7,7 @@ from scipy import stats
 
 from tests.reference.chi_square import LEAST
 from tiscene.render.lights.importance import weigh
-from tiscene.render.lights.light_sample import LightNodes, Lights
+from tiscene.render.lights.light_sample import LightNodes, LightTables
 from tiscene.render.lights.light_sampler import chances_of, choose
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
 from tiscene.scene.lights.light_table import DISTANT, DOME, KIND, PORTAL, RECT, SPHERE, LightTable
@@ -49,7 +49,7 @@ def choices(
     left: NUMBERS,
     chosen_with: NUMBERS,
 ):
-    lights = ti.static(Lights(values, nodes, distribution))
+    lights = ti.static(LightTables(values, nodes, distribution))
     point = ti.math.vec3(x, y, z)
     ti.loop_config(serialize=True)
     for _ in range(1):

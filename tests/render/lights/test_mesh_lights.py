@@ -143,7 +143,7 @@ def test_a_picture_glows_by_its_mean() -> None:
     _, material, texture = screen()
     mean = texture.pixels[..., :3].mean()
     assert glow_of(material, (texture,)) == pytest.approx(mean * (2.0 * 0.2126 + 1.5 * 0.7152 + 0.0722), rel=1e-5)
-    assert glow_of(matte("grey", (0.5, 0.5, 0.5)), ()) == 0.0
+    assert glow_of(matte("gray", (0.5, 0.5, 0.5)), ()) == 0.0
 
 
 Floats1, Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.f32, ndim=2)

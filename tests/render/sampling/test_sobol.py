@@ -110,7 +110,7 @@ def test_two_of_four_pixels_go_together_every_way_as_often() -> None:
 
 def test_every_point_of_every_frame_is_uniform() -> None:
     """Over frames, any one sample is uniform, and its dimensions and those of other sets are independent; so are a
-    pixel's and its neighbour's points, but for being in one net."""
+    pixel's and its neighbor's points, but for being in one net."""
     sets = [np.empty((20000, 2), np.float32) for _ in range(4)]
     for index in (0, 5 << 29):
         for number, drawn in enumerate(sets):

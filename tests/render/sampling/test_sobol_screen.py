@@ -1,4 +1,4 @@
-"""Noise of a picture: neighbours' errors cancel, so that what remains behind a blur or a denoiser is less than if every
+"""Noise of a picture: neighbors' errors cancel, so that what remains behind a blur or a denoiser is less than if every
 pixel knew nothing of the others."""
 
 from functools import cache

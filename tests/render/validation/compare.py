@@ -81,7 +81,7 @@ def our_pictures(stage: Stage, runs: int = RUNS, spp: int = SPP, depth: int | No
 def mitsuba_pictures(stage: Stage, runs: int = RUNS, spp: int = 2 * SPP, depth: int | None = None) -> Pictures:
     """With different seeds, of twice the paths: it samples independently.
 
-    The seeds lie far apart: pictures of neighbouring ones are correlated there, by a hundredth.
+    The seeds lie far apart: pictures of neighboring ones are correlated there, by a hundredth.
     """
     mitsuba.set_variant("scalar_rgb")
     scene = mitsuba_scene.scene(

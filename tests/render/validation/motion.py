@@ -16,7 +16,7 @@ from tests.reference import mitsuba_scene
 from tests.render.path_scenes import described, matte, quad
 from tests.render.validation.compare import RUNS, SIZE, SPP, Agreement, Pictures, agreement
 from tests.render.validation.stages import CAMERA
-from tiscene.render.renderer import Quality, Renderer
+from tiscene.render.renderer import Renderer, RenderSettings
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, SphereLight, Template
@@ -49,7 +49,7 @@ def placed(position: NDArray[np.float64], turn: float = 0.0) -> NDArray[np.float
 
 
 def block() -> Mesh:
-    """Its two ends are of different colours."""
+    """Its two ends are of different colors."""
     shape = trimesh.creation.box((0.9, 0.5, 0.3))
     right = shape.triangles_center[:, 0] > 0.0
     materials = np.where(right, 2, 3).astype(np.int32)
@@ -101,7 +101,7 @@ def our_pictures(shutter: tuple[float, float] = SHUTTER) -> Pictures:
     placement = world.placement(FRAME)
     for description in world.descriptions:
         scene.add(description)
-    renderer = Renderer(scene, SIZE, SIZE, Quality(spp=SPP, max_depth=DEPTH, denoise=False))
+    renderer = Renderer(scene, SIZE, SIZE, RenderSettings(spp=SPP, max_depth=DEPTH, denoise=False))
     view = View(*world.view(FRAME), SIZE, SIZE)
     pictures = []
     for seed in range(RUNS):

@@ -49,13 +49,13 @@ class Stage:
 
 
 def room(*lights: Light, textures: tuple[Texture, ...] = ()) -> SceneDescription:
-    """Walls in three colours and two blocks, under some lights."""
+    """Walls in three colors and two blocks, under some lights."""
     meshes, materials = box(GREY)
     return described(meshes, materials, list(lights), list(textures))
 
 
 def pedestal(material: Material, *lights: Light) -> SceneDescription:
-    """A ball of a material above a grey floor, before a wall."""
+    """A ball of a material above a gray floor, before a wall."""
     floor = quad((-3.0, -0.8, 3.0), (3.0, -0.8, 3.0), (3.0, -0.8, -3.0), (-3.0, -0.8, -3.0))
     wall = quad((-3.0, -0.8, -1.5), (3.0, -0.8, -1.5), (3.0, 3.0, -1.5), (-3.0, 3.0, -1.5), material=1)
     materials = [matte("floor", (0.5, 0.5, 0.5)), matte("wall", (0.6, 0.3, 0.2)), material]
@@ -88,7 +88,7 @@ def lamps() -> list[Light]:
 
 
 def patches(size: int = 8) -> Texture:
-    """Pixels of random colours."""
+    """Pixels of random colors."""
     pixels = np.random.default_rng(4).random((size, size, 4)).astype(np.float32)
     return Texture("patches", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
 
@@ -159,7 +159,7 @@ STAGES: dict[str, Callable[[], Stage]] = {
     "point": lambda: Stage(room(SphereLight("l", "/l", ABOVE, (1.0, 0.8, 0.6), 0.0))),
     "sun": lambda: Stage(room(DistantLight("l", "/l", towards((0, 0, 0), (0.4, -0.5, -1.0)), (3.0, 2.0, 1.0)))),
     "dome": lambda: Stage(room(DomeLight("l", "/l", np.eye(4), (0.6, 0.8, 1.0)))),
-    # Mitsuba counts pixels of the sky from their edges, and we from their centres.
+    # Mitsuba counts pixels of the sky from their edges, and we from their centers.
     "environment": lambda: Stage(
         room(DomeLight("l", "/l", towards((0, 0, 0), (1.0, 0.2, -1.0)), (1.0, 1.0, 1.0), 0), textures=(sky_image(),)),
         margin=0.015,

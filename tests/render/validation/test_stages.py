@@ -34,7 +34,7 @@ def test_variances_agree(name: str) -> None:
         assert found.ratio < 1.0 + 2.0 * stage.margin + 3.3 * found.precision
     else:
         assert found.z < 3.3, found.ratio
-        assert found.differing <= stage.edges // 4, found.pixels.round(1)  # such pixels are neighbours
+        assert found.differing <= stage.edges // 4, found.pixels.round(1)  # such pixels are neighbors
 
 
 @pytest.mark.slow

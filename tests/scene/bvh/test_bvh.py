@@ -84,7 +84,7 @@ def random_triangles(count: int, seed: int = 0) -> tuple[NDArray[np.float32], ND
 
 
 def nested_triangles(count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Each one is a tenth of the one before: the areas favour peeling off one at a time."""
+    """Each one is a tenth of the one before: the areas favor peeling off one at a time."""
     size = 10.0 ** -np.linspace(0.0, 30.0, count)
     corners = np.array([[1, 1, 1], [2, 1, 1.5], [1, 2, 2]]) * size[:, None, None]
     return corners.reshape(-1, 3).astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
@@ -118,7 +118,7 @@ def test_growth_keeps_what_was_there(layout: str) -> None:
 
 @both_layouts
 @pytest.mark.parametrize("count", [7, 100, 5000])
-def test_equal_centres_are_halved(layout: str, count: int) -> None:
+def test_equal_centers_are_halved(layout: str, count: int) -> None:
     positions = np.tile(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), (count, 1))
     tree = Bvh(layout)
     blas = tree.add_mesh(positions, np.arange(3 * count, dtype=np.int32).reshape(-1, 3), 0)

@@ -34,7 +34,7 @@ def test_straight_tubes(tmp_path):
     assert (outward > 0.8).all()
 
 
-def test_curves_of_different_colours(tmp_path):
+def test_curves_of_different_colors(tmp_path):
     description = read(tmp_path, STRAIGHT % ("[1]", COLORS))
     (mesh,) = description.meshes
     colors = np.array([description.materials[row].diffuse_color for row in mesh.materials])
@@ -136,11 +136,11 @@ def Points "P"
 """
 
 
-def test_points_are_balls_of_their_colours(tmp_path):
+def test_points_are_balls_of_their_colors(tmp_path):
     description = read(tmp_path, POINTS)
     (mesh,) = description.meshes
-    centre = mesh.positions[mesh.triangles].mean(axis=1)
-    big = centre[:, 0] > 2.0
+    center = mesh.positions[mesh.triangles].mean(axis=1)
+    big = center[:, 0] > 2.0
     assert len(mesh.triangles) == 2 * 80
     colors = np.array([description.materials[row].diffuse_color for row in mesh.materials])
     np.testing.assert_array_equal(colors, np.where(big[:, None], (0, 0, 1), (1, 0, 0)))

@@ -188,7 +188,7 @@ def test_subsets_have_materials_of_their_own():
     description = read_stage(STAGES / "subsets.usda")
     (mesh_read,) = description.meshes
     names = [description.materials[row].name for row in mesh_read.materials]
-    assert names == ["Red", "Red", "Blue", "Blue", "Grey", "Grey"]
+    assert names == ["Red", "Red", "Blue", "Blue", "Gray", "Gray"]
 
 
 def test_subsets_of_a_subdivided_mesh_follow_their_faces(tmp_path):
@@ -202,7 +202,7 @@ def test_subsets_of_a_subdivided_mesh_follow_their_faces(tmp_path):
     description = read_stage(path)
     (surface,) = description.meshes
     center = surface.positions[surface.triangles].mean(axis=1)[:, 0]
-    for name, low, high in (("Red", 0, 1), ("Blue", 1, 2), ("Grey", 2, 3)):
+    for name, low, high in (("Red", 0, 1), ("Blue", 1, 2), ("Gray", 2, 3)):
         x = center[[description.materials[row].name == name for row in surface.materials]]
         assert low <= x.min() < x.max() <= high
 

@@ -21,7 +21,7 @@ from tiscene.scene.description import TextureLookup
 from tiscene.usd.importers.import_template import import_asset
 from tiscene.usd.importers.materials import phong
 from tiscene.usd.importers.mesh_file import corner_normals
-from tiscene.usd.importers.sweet_home_3d import Catalogue, label_of, parse_properties
+from tiscene.usd.importers.sweet_home_3d import Catalog, label_of, parse_properties
 from tiscene.usd.read.template import read_template
 
 BOX = """
@@ -75,7 +75,7 @@ def test_obj(box, tmp_path):
     assert tuple(image.pixels[0, 0]) == (200, 100, 50, 255)
     stage = Usd.Stage.Open(str(path))
     kept = stage.GetRootLayer().customLayerData["import"]
-    assert kept == {"source": "box.obj", "licence": "Do as you like.", "author": "Ann"}
+    assert kept == {"source": "box.obj", "license": "Do as you like.", "author": "Ann"}
     root = stage.GetDefaultPrim()
     assert UsdPhysics.RigidBodyAPI(root).GetKinematicEnabledAttr().Get()
     meshes = [prim for prim in Usd.PrimRange(root, Usd.TraverseInstanceProxies()) if prim.GetTypeName() == "Mesh"]
@@ -93,12 +93,12 @@ def test_what_a_material_file_says_of_physical_materials_counts(box, tmp_path):
 
 
 def test_units_axes_and_origin(box, tmp_path):
-    path = import_asset(box, tmp_path / "out", unit=0.01, up_axis="Z", centred=False)
+    path = import_asset(box, tmp_path / "out", unit=0.01, up_axis="Z", centered=False)
     bounds = read_template(path).description.bounds()
     np.testing.assert_allclose(bounds, [(0, -0.04, -0.01), (0.02, 0, 0)], atol=1e-7)
 
 
-def test_stl_is_in_millimetres_and_stands_on_z(tmp_path):
+def test_stl_is_in_millimeters_and_stands_on_z(tmp_path):
     trimesh.creation.box((1000, 2000, 3000)).export(tmp_path / "a.stl")
     template = read_template(import_asset(tmp_path / "a.stl", tmp_path / "out"))
     np.testing.assert_allclose(np.ptp(template.description.bounds(), axis=0), (1, 3, 2), rtol=1e-6)
@@ -108,7 +108,7 @@ def test_stl_is_in_millimetres_and_stands_on_z(tmp_path):
     np.testing.assert_allclose(np.abs(mesh.normals).max(axis=1), 1.0)  # edges of a box stay sharp
 
 
-def test_ply_with_colours(tmp_path):
+def test_ply_with_colors(tmp_path):
     mesh = trimesh.creation.box()
     mesh.visual.vertex_colors = np.tile([255, 0, 0, 255], (8, 1)).astype(np.uint8)
     mesh.export(tmp_path / "a.ply")
@@ -134,7 +134,7 @@ def test_gltf(tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(mesh, transform=trimesh.transformations.translation_matrix((5, 0, 0)))
     scene.export(tmp_path / "a.glb")
-    description = read_template(import_asset(tmp_path / "a.glb", tmp_path / "out", centred=False)).description
+    description = read_template(import_asset(tmp_path / "a.glb", tmp_path / "out", centered=False)).description
     np.testing.assert_allclose(description.bounds(), [(5, 0, 0), (6, 1, 0)])
     (read,) = description.materials
     assert (read.metallic, read.roughness, read.emissive_color) == (0.25, 0.75, (0.5, 0.0, 0.0))
@@ -201,7 +201,7 @@ def test_what_of_a_gltf_file_is_left_out_is_named(tmp_path):
             import_asset(gltf_file(tmp_path / "c.gltf", **{"materials": [{}], **damaged}), tmp_path / "out")
 
 
-def test_usd_in_centimetres_with_z_up(tmp_path):
+def test_usd_in_centimeters_with_z_up(tmp_path):
     body = 'def Xform "Part"\n{\n    def Cube "Box"\n    {\n        double size = 100\n'
     body += "        double3 xformOp:translate = (0, 0, 50)\n"
     body += '        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n}\n'
@@ -211,7 +211,7 @@ def test_usd_in_centimetres_with_z_up(tmp_path):
     template = read_template(path)
     assert template.category == "crate"
     np.testing.assert_allclose(template.description.bounds(), [(-0.5,) * 3, (0.5,) * 3], atol=1e-6)
-    standing = read_template(import_asset(source, tmp_path / "out", centred=False)).description.bounds()
+    standing = read_template(import_asset(source, tmp_path / "out", centered=False)).description.bounds()
     np.testing.assert_allclose(standing, [(-0.5, 0, -0.5), (0.5, 1, 0.5)], atol=1e-6)
     assert (tmp_path / "out" / "source" / "part.usda").is_file()  # what is referred to goes with it
 
@@ -321,7 +321,7 @@ movable#4=false
 
 
 @pytest.fixture
-def catalogue(tmp_path):
+def furniture_catalog(tmp_path):
     file = tmp_path / "test.sh3f"
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("PluginFurnitureCatalog.properties", CATALOGUE)
@@ -335,9 +335,9 @@ def catalogue(tmp_path):
     return file
 
 
-def test_catalogues_of_furniture(catalogue, tmp_path):
+def test_catalogs_of_furniture(furniture_catalog, tmp_path):
     with pytest.warns(StageWarning, match=r"entry 3 \(Bad\) is left out"):
-        opened = Catalogue(catalogue)
+        opened = Catalog(furniture_catalog)
     assert [entry.name for entry in opened.entries] == ["Oak chair", "Wall", "Turned"]
     with pytest.warns(StageWarning, match=r"(?s)Wall is left out.*no model 'models/gone.obj'"):
         made = dict(opened.import_into(lambda entry: tmp_path / entry.name))
@@ -350,19 +350,19 @@ def test_catalogues_of_furniture(catalogue, tmp_path):
     layer = Sdf.Layer.FindOrOpen(str(paths["Oak chair"]))
     kept = layer.customLayerData["import"]
     assert kept["author"] == "Björn"
-    assert kept["licence"] == "CC0\n\nAll of it.\n\nThis one."
+    assert kept["license"] == "CC0\n\nAll of it.\n\nThis one."
     stage = Usd.Stage.Open(str(paths["Turned"]))
     turned = stage.GetDefaultPrim()
     assert not turned.HasAPI(UsdPhysics.RigidBodyAPI)
     assert_valid(paths["Turned"])
 
 
-def test_files_that_are_no_catalogue(tmp_path):
+def test_files_that_are_no_catalog(tmp_path):
     with pytest.raises(MissingFile):
-        Catalogue(tmp_path / "gone.sh3f")
+        Catalog(tmp_path / "gone.sh3f")
     (tmp_path / "bad.sh3f").write_bytes(b"garbage")
-    with pytest.raises(StageError, match="no catalogue of furniture"):
-        Catalogue(tmp_path / "bad.sh3f")
+    with pytest.raises(StageError, match="no catalog of furniture"):
+        Catalog(tmp_path / "bad.sh3f")
 
 
 def test_folders_beside_a_model_that_cannot_be_listed_do_no_harm(box, tmp_path, monkeypatch):

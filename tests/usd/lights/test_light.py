@@ -165,9 +165,9 @@ def test_domes(tmp_path):
 )
 def test_the_pole_of_the_newer_dome(tmp_path, pole, up, tilted):
     matrix = only(read(tmp_path, light("DomeLight_1", f'token poleAxis = "{pole}"'), up=up)).world_from_light
-    top, centre = ((0, 0, 1), (0, -1, 0)) if tilted else ((0, 1, 0), (0, 0, 1))
+    top, center = ((0, 0, 1), (0, -1, 0)) if tilted else ((0, 1, 0), (0, 0, 1))
     np.testing.assert_allclose(matrix[:3, :3] @ (0, 1, 0), top)
-    np.testing.assert_allclose(matrix[:3, :3] @ (0, 0, 1), centre)
+    np.testing.assert_allclose(matrix[:3, :3] @ (0, 0, 1), center)
 
 
 def test_light_textures(tmp_path):

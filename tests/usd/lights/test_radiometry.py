@@ -21,11 +21,11 @@ def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"])
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]
     point3f[] points = [(-1000, 0, 1000), (1000, 0, 1000), (1000, 0, -1000), (-1000, 0, -1000)]
-    rel material:binding = </Grey>
+    rel material:binding = </Gray>
 }
-def Material "Grey"
+def Material "Gray"
 {
-    token outputs:surface.connect = </Grey/Surface.outputs:surface>
+    token outputs:surface.connect = </Gray/Surface.outputs:surface>
     def Shader "Surface"
     {
         uniform token info:id = "UsdPreviewSurface"
@@ -44,9 +44,9 @@ DOWN = """
 
 
 def irradiance(folder, light: str, *, meters: float = 1.0, spp: int = 256) -> np.ndarray:
-    """What reaches the floor at the origin, W/m², by colour: from the light that it reflects to a camera."""
+    """What reaches the floor at the origin, W/m², by color: from the light that it reflects to a camera."""
     path = write(folder, FLOOR + light, meters=meters)
-    # From the side, past the lights; the pixels see a few millimetres.
+    # From the side, past the lights; the pixels see a few millimeters.
     camera = ts.Camera(position=(0.0, 3.0, 9.0), rotation=looking_at_origin(3.0, 9.0), vertical_fov=0.0002)
     stream = ts.Stream(
         path,
@@ -57,7 +57,7 @@ def irradiance(folder, light: str, *, meters: float = 1.0, spp: int = 256) -> np
         spp=spp,
         max_depth=2,
         denoise=False,
-        differential=False,
+        incremental=False,
     )
     return stream[0].hdr.reshape(-1, 3).astype(np.float64).mean(axis=0) * math.pi / ALBEDO
 
@@ -131,7 +131,7 @@ def test_a_rect_and_a_disk_give_nothing_behind_them(tmp_path):
 
 
 def test_the_unit_of_a_stage_changes_no_brightness_but_that_of_normalized_lights(tmp_path):
-    """All sizes and distances in centimetres: radiance is what it was, and `normalize` divides by stage units."""
+    """All sizes and distances in centimeters: radiance is what it was, and `normalize` divides by stage units."""
     body = light("RectLight", "float inputs:width = 200\nfloat inputs:height = 300", (0.0, 200.0))
     np.testing.assert_allclose(irradiance(tmp_path, body, meters=0.01), math.pi * RECT_FACTOR, rtol=5e-3)
     normalized = body.replace(
@@ -140,7 +140,7 @@ def test_the_unit_of_a_stage_changes_no_brightness_but_that_of_normalized_lights
     np.testing.assert_allclose(irradiance(tmp_path, normalized, meters=0.01), math.pi * RECT_FACTOR, rtol=5e-3)
 
 
-def test_colour_and_temperature_multiply(tmp_path):
+def test_color_and_temperature_multiply(tmp_path):
     lines = "color3f inputs:color = (1, 0.5, 0.25)\nbool inputs:enableColorTemperature = 1\n"
     lines += "float inputs:colorTemperature = 3200"
     expected = math.pi * RECT_FACTOR * color_of_temperature(3200.0) * (1.0, 0.5, 0.25)
@@ -174,7 +174,7 @@ def half_factors(x: float) -> tuple[float, float]:
 
 
 def test_a_textured_dome(tmp_path):
-    """Radiance 1 above 30 degrees from the top, and a colour for each half: +x is a quarter from the image's left."""
+    """Radiance 1 above 30 degrees from the top, and a color for each half: +x is a quarter from the image's left."""
     height, width = 180, 360
     pixels = np.zeros((height, width, 3))
     down = (np.arange(height) + 0.5) / height * 180.0

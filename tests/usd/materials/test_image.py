@@ -47,16 +47,16 @@ def test_jpeg(tmp_path, mode):
     assert picture.srgb == (mode != "L")  # one channel of 8 bits is raw
 
 
-def test_grey_is_repeated_and_raw(tmp_path):
-    grey = np.array([[0, 100, 255]], dtype=np.uint8)
-    Image.fromarray(grey).save(tmp_path / "a.png")
+def test_gray_is_repeated_and_raw(tmp_path):
+    gray = np.array([[0, 100, 255]], dtype=np.uint8)
+    Image.fromarray(gray).save(tmp_path / "a.png")
     picture = read_picture(str(tmp_path / "a.png"))
-    np.testing.assert_array_equal(picture.pixels[0, :, :3], np.repeat(grey[0][:, None], 3, axis=1))
+    np.testing.assert_array_equal(picture.pixels[0, :, :3], np.repeat(gray[0][:, None], 3, axis=1))
     assert (picture.pixels[..., 3] == 255).all()
     assert not picture.srgb
 
 
-def test_grey_with_alpha(tmp_path):
+def test_gray_with_alpha(tmp_path):
     channels = [Image.fromarray(np.array([values], dtype=np.uint8)) for values in ([10, 30], [20, 40])]
     Image.merge("LA", channels).save(tmp_path / "a.png")
     picture = read_picture(str(tmp_path / "a.png"))
@@ -71,7 +71,7 @@ def test_palettes(tmp_path):
     assert picture.srgb
 
 
-def test_sixteen_bit_grey_is_float_and_raw(tmp_path):
+def test_sixteen_bit_gray_is_float_and_raw(tmp_path):
     values = np.array([[0, 1000, 65535]], dtype=np.uint16)
     Image.fromarray(values).save(tmp_path / "a.png")
     picture = read_picture(str(tmp_path / "a.png"))

@@ -127,7 +127,7 @@ def test_display_color_of_faces(tmp_path, scheme, lines):
         assert (material.opacity, material.opacity_mode) == ((1.0, "transparent") if left else (0.5, "presence"))
 
 
-def test_many_colours_become_fewer_materials():
+def test_many_colors_become_fewer_materials():
     from tiscene.usd.geometry.display_color import quantized
 
     values = np.random.default_rng(3).random((20000, 4))
@@ -334,7 +334,7 @@ def test_srgb_floats_are_decoded(tmp_path):
 def test_unknown_wraps_and_color_spaces_are_named(textures):
     lines = "asset inputs:file = @./textures/color.png@\n"
     lines += 'token inputs:wrapS = "weird"\ntoken inputs:sourceColorSpace = "ACES"'
-    description = read_with_warning(textures, texture(lines), "(?s)colour space 'ACES'.*wrap mode 'weird'")
+    description = read_with_warning(textures, texture(lines), "(?s)color space 'ACES'.*wrap mode 'weird'")
     assert (description.textures[0].wrap_s, description.textures[0].encoding) == ("black", "srgb")
 
 

@@ -59,7 +59,7 @@ def test_every_filter(shape, interlaced):
 
 
 @pytest.mark.parametrize("more", [chunk(b"sRGB", b"\0"), chunk(b"gAMA", struct.pack(">I", 45455))])
-def test_what_a_file_says_of_its_colours(tmp_path, more):
+def test_what_a_file_says_of_its_colors(tmp_path, more):
     values = np.array([[[65535, 0, 257]]], np.uint16)
     (tmp_path / "a.png").write_bytes(png(values, [0], more))
     picture = read_picture(str(tmp_path / "a.png"))

@@ -1,4 +1,4 @@
-"""Colours and second texture coordinates that vertices have: what interpolates over faces, to the pixel."""
+"""Colors and second texture coordinates that vertices have: what interpolates over faces, to the pixel."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ BOUND = 'prepend apiSchemas = ["MaterialBindingAPI"]'
 
 
 def albedo(path, width=40, height=40, buffers=("albedo", "instance")):
-    """What a camera 2 m high sees that looks straight at the quad: pixel centres at -0.975 .. 0.975."""
+    """What a camera 2 m high sees that looks straight at the quad: pixel centers at -0.975 .. 0.975."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        camera = ts.Camera(position=(0, 0, 3), view_height=2.0)
+        camera = ts.Camera(position=(0, 0, 3), orthographic_height=2.0)
         return ts.Stream(path, width=width, height=height, buffers=buffers, camera=camera)[0]
 
 
@@ -63,7 +63,7 @@ def test_display_color_interpolates(tmp_path, interpolation):
 
 
 def test_display_color_of_corners_has_edges(tmp_path):
-    """Two faces with an edge between them and different colours at it: nothing bleeds across."""
+    """Two faces with an edge between them and different colors at it: nothing bleeds across."""
     body = """
 def Mesh "M"
 {
@@ -124,7 +124,7 @@ def test_a_material_reads_a_primvar_that_varies(tmp_path, kind, type):
 
 
 def test_meshes_with_and_without_colors_share_a_material(tmp_path):
-    """One has a colour for all, one for each face, one for each vertex, one none: the reader's fallback."""
+    """One has a color for all, one for each face, one for each vertex, one none: the reader's fallback."""
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
     reader = """
     def Shader "Reader"
@@ -226,7 +226,7 @@ def test_colors_of_a_mesh_that_deforms(tmp_path):
         "point3f[] points = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]", moving
     )
     path = write(tmp_path, body)
-    camera = ts.Camera(position=(0, 0, 3), view_height=2.0)
+    camera = ts.Camera(position=(0, 0, 3), orthographic_height=2.0)
     frame = ts.Stream(path, width=40, height=40, buffers=("albedo",), camera=camera, fps=24.0)[24]
     u, v = expected()
     np.testing.assert_allclose(frame.albedo[..., 0], 0.5 + 0.5 * u, atol=1e-5)
@@ -245,10 +245,10 @@ def test_a_third_set_is_named(tmp_path):
 
 
 def test_light_comes_by_vertex_colors(tmp_path):
-    """The path pass reads them as labels do: a floor under an even sky shows its colours."""
+    """The path pass reads them as labels do: a floor under an even sky shows its colors."""
     sky = 'def DomeLight "Sky"\n{\n float inputs:intensity = 1\n}\n'
     path = write(tmp_path, sky + QUAD % ("", COLORS % "vertex"))
-    camera = ts.Camera(position=(0, 0, 3), view_height=2.0)
+    camera = ts.Camera(position=(0, 0, 3), orthographic_height=2.0)
     stream = ts.Stream(path, width=8, height=8, buffers=("hdr",), camera=camera, spp=256, max_depth=2)
     u, v = expected(8)
     hdr = stream[0].hdr

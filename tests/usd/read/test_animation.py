@@ -383,7 +383,7 @@ def PointInstancer "Mills"
 
 
 def test_a_skin_is_posed_at_every_frame():
-    """The upper joint turns by nine degrees a frame, and a point a metre above it goes round with it."""
+    """The upper joint turns by nine degrees a frame, and a point a meter above it goes round with it."""
     description = read_stage(STAGES / "skinned.usda")
     (mesh,), (instance,) = description.meshes, description.instances
     rate = len(mesh.deformation.times) - 1

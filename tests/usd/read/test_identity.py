@@ -18,7 +18,7 @@ def test_native_instances():
     assert things == [
         ("Left", "/World/Left", "table"),
         ("Right", "/World/Right", "table"),
-        ("Set", "/World/Set", "table"),  # a component, named by its first labelled part
+        ("Set", "/World/Set", "table"),  # a component, named by its first labeled part
     ]
     assert [i.object for i in description.instances] == [0, 0, 1, 1, 2, 2, 2]
     assert len(description.meshes) == 3  # the two cubes once, and the vase
@@ -513,26 +513,26 @@ def test_rigid_bodies_are_movable(tmp_path):
     assert not read(tmp_path, off).objects[0].movable
 
 
-def labelled(path, **options):
+def labeled(path, **options):
     return tiscene.Stream(path, buffers=("semantic",), **options)
 
 
 def test_a_stream_reads_the_taxonomy_that_it_is_asked_for(tmp_path):
     path = write(tmp_path, TWO_TAXONOMIES)
-    default, chosen = (labelled(path, taxonomy=taxonomy) for taxonomy in (None, "wikidata"))
+    default, chosen = (labeled(path, taxonomy=taxonomy) for taxonomy in (None, "wikidata"))
     assert set(default.categories.values()) == {"", "bed", "furniture"}
     assert set(chosen.categories.values()) == {"", "Q42177"}
     assert chosen.settings()["taxonomy"] == "wikidata"
     assert chosen.state_dict() != default.state_dict()
     with pytest.raises(UnknownName, match="no taxonomy 'x'"):
-        labelled(path, taxonomy="x")
+        labeled(path, taxonomy="x")
 
 
 def test_a_stream_of_a_stage_that_is_not_trusted(tmp_path):
     path = write(tmp_path, TWO_TAXONOMIES)
-    assert labelled(path, untrusted=True).categories == labelled(path).categories
+    assert labeled(path, untrusted=True).categories == labeled(path).categories
     (tmp_path / "empty").mkdir()
     with pytest.raises(StageError, match="is outside"):
-        labelled(path, root=tmp_path / "empty")
+        labeled(path, root=tmp_path / "empty")
     with pytest.raises(StageError, match="is outside"):
-        labelled(path, root=tmp_path / "empty", untrusted=True)
+        labeled(path, root=tmp_path / "empty", untrusted=True)

@@ -104,13 +104,13 @@ def test_an_orthographic_camera_sees_its_aperture(tmp_path):
     float fStop = 2
     float focusDistance = 5"""
     eye = only(read(tmp_path, camera(lines), meters=0.01))
-    assert eye.view_height == pytest.approx(0.3)
+    assert eye.orthographic_height == pytest.approx(0.3)
     assert eye.lens_radius == 0.0
 
 
 def test_an_orthographic_camera_survives_a_file(tmp_path):
     write(tmp_path, 'def Cube "C"\n{\n}', meters=0.01, name="scene.usda")
-    eye = ts.Camera((1, 2, 3), view_height=1.7, name="Plan")
+    eye = ts.Camera((1, 2, 3), orthographic_height=1.7, name="Plan")
     for name in ("run.usda", "run.json"):
         ts.Scenario(str(tmp_path / "scene.usda"), camera=eye).save(tmp_path / name)
         assert ts.Scenario.load(tmp_path / name).camera == eye

@@ -165,7 +165,7 @@ def test_wrong_variants(tmp_path, variants, error, text):
 
 
 @pytest.mark.parametrize("meters", [1000.0, 1.0, 0.01])
-def test_everything_becomes_metres(tmp_path, meters):
+def test_everything_becomes_meters(tmp_path, meters):
     body = """
     def Xform "X"
     {
@@ -185,7 +185,7 @@ def test_everything_becomes_metres(tmp_path, meters):
     np.testing.assert_allclose(description.meshes[0].positions.max(axis=0), np.full(3, 2 * meters), rtol=1e-6)
 
 
-def test_metres_per_unit_is_a_centimetre_unless_authored(tmp_path):
+def test_meters_per_unit_is_a_centimeter_unless_authored(tmp_path):
     path = tmp_path / "bare.usda"
     path.write_text('#usda 1.0\ndef Cube "C"\n{\n}\n')
     np.testing.assert_allclose(read_stage(path).meshes[0].positions.max(), 0.01)

@@ -127,8 +127,8 @@ def test_variants_of_a_template_can_be_chosen(tmp_path):
     assert width(variants={"size": "large"}) == pytest.approx(0.4)
     with pytest.raises(UnknownName, match="huge"):
         read_template(path, variants={"size": "huge"})
-    with pytest.raises(UnknownName, match="colour"):
-        read_template(path, variants={"colour": "red"})
+    with pytest.raises(UnknownName, match="color"):
+        read_template(path, variants={"color": "red"})
 
 
 def test_errors(tmp_path):

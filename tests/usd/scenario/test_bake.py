@@ -54,7 +54,7 @@ def Xform "Block" (
 FRAMES = 12
 
 
-@pytest.fixture(params=[1.0, 0.01], ids=["metres", "centimetres"])
+@pytest.fixture(params=[1.0, 0.01], ids=["meters", "centimeters"])
 def stream(request, tmp_path) -> ts.Stream:
     room = write(tmp_path, SCENE, name="room.usda", meters=request.param, more='defaultPrim = "Room"')
     block = str(write(tmp_path, BLOCK, name="block.usda", up="Z", more='defaultPrim = "Block"'))

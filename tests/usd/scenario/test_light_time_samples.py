@@ -7,7 +7,7 @@ import pytest
 
 import tiscene as ts
 from tiscene.errors import ArgumentError
-from tiscene.scenario.edits import Despawn, Enclose, Move
+from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.world.world import World
 
@@ -115,7 +115,7 @@ def edited(file):
         camera=("Side", ts.Camera((0, 2, 5), name="Own", dynamic=ts.Orbit((0, 0, 0), period=8.0))),
         edits=[
             Move(4, "/Room/Box", (0.0, 1.0, 0.5), (0, 30, 0)),
-            Enclose(5, ts.Frustum(3.0), ts.Camera(), 1.5),
+            SetFrustumWalls(5, ts.Frustum(3.0), ts.Camera(), 1.5),
             Despawn(8, "/Room/Box"),
         ],
     )
@@ -140,7 +140,9 @@ def test_written_motion_has_edited_things_lights_and_cameras(file, tmp_path):
         assert len(boxes) == (1 if frame < 8 else 0)
         if boxes:
             first = next(i for i in there.instances if there.objects[i.object].prim_path == "/Room/Box")
-            number = stream.world.at_first.index(next(r for r in stream.world.at_first if r.name == "Box"))
+            number = stream.world.initial_objects.index(
+                next(r for r in stream.world.initial_objects if r.name == "Box")
+            )
             part = int(np.flatnonzero(stream.world._inventory.stage_owner == number)[0])
             expected = stream.world.placement(frame).world_from_object[1, part]
             np.testing.assert_allclose(first.world_from_object[:3], expected, atol=1e-6)

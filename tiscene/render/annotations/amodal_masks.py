@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.frame.object_table import Alone
+from tiscene.frame.object_table import AmodalMask
 from tiscene.render.annotations.measurement_kernels import COLUMNS, OWNER, ROWS, STRIDE, WINDOW, X, Y, pixel_rays
 from tiscene.render.intersect.ray_queue import AnyHitArrays
 from tiscene.render.intersect.trace import occluded_by_instance
@@ -46,9 +46,9 @@ class PixelCounter:
         self.scene = scene
         self._wave = AnyHitArrays()
 
-    def count(self, view: View, objects: Sequence[Sequence[PartInView]]) -> list[Alone]:
+    def count(self, view: View, objects: Sequence[Sequence[PartInView]]) -> list[AmodalMask]:
         """The pixels of each of the objects, given by their parts in view."""
-        result: list[Alone] = []
+        result: list[AmodalMask] = []
         waiting: list[list[tuple[int, ...]]] = []
         size = 0
         for parts in objects:
@@ -59,7 +59,7 @@ class PixelCounter:
                 waiting, size = [], 0
         return result + self._batch(view, waiting)
 
-    def _batch(self, view: View, objects: Sequence[Sequence[tuple[int, ...]]]) -> list[Alone]:
+    def _batch(self, view: View, objects: Sequence[Sequence[tuple[int, ...]]]) -> list[AmodalMask]:
         """The pixels of objects with those windows."""
         windows = np.array([window for each in objects for window in each], np.int32).reshape(-1, 8)
         samples = self._hits(view, windows)
@@ -76,7 +76,7 @@ class PixelCounter:
         return [_alone(view, samples[a:b], windows) for a, b in itertools.pairwise(ends)]
 
     def _hits(self, view: View, windows: NDArray[np.int32]) -> NDArray[np.int32]:
-        """int32 [n, 3], x, y and window of the pixels at whose centre a ray meets the window's instance."""
+        """int32 [n, 3], x, y and window of the pixels at whose center a ray meets the window's instance."""
         firsts = np.cumsum([0, *(windows[:, COLUMNS] * windows[:, ROWS])]).astype(np.int32)
         count = int(firsts[-1])
         samples = np.empty((count, 3), np.int32)
@@ -114,7 +114,7 @@ def _windows(view: View, row: int, parts: Sequence[PartInView]) -> list[tuple[in
     return [window for window in windows if window[COLUMNS] > 0 and window[ROWS] > 0]
 
 
-def _alone(view: View, samples: NDArray[np.int32], windows: NDArray[np.int32]) -> Alone:
+def _alone(view: View, samples: NDArray[np.int32], windows: NDArray[np.int32]) -> AmodalMask:
     """Of the distinct pixels of one object."""
     x, y = samples[:, X], samples[:, Y]
     within = (x >= 0) & (y >= 0) & (x < view.width) & (y < view.height)
@@ -126,7 +126,7 @@ def _alone(view: View, samples: NDArray[np.int32], windows: NDArray[np.int32]) -
         width, height = int(x.max()) + 1 - left, int(y.max()) + 1 - top
     mask = np.zeros((height, width), bool)
     mask[y - top, x - left] = True
-    return Alone(len(x), outside, (view.height, view.width), (left, top, width, height), np.packbits(mask))
+    return AmodalMask(len(x), outside, (view.height, view.width), (left, top, width, height), np.packbits(mask))
 
 
 def _distinct(x: NDArray[np.int32], y: NDArray[np.int32], owner: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -26,7 +26,7 @@ def pixel_rays(
     rays: Rays,
     targets: INTS_1D,
 ):
-    """Rays through the centres of pixels, in the picture or not, and what they ask about.
+    """Rays through the centers of pixels, in the picture or not, and what they ask about.
 
     windows: i32 [w, 8], the rows below. firsts: i32 [w + 1], its first sample. samples: i32 [n, 3], x, y and window.
     """

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.frame.object_table import Alone, Measured, ObjectState, ObjectTable, OrientedBox
+from tiscene.frame.object_table import AmodalMask, ObjectState, ObjectTable, OrientedBox, StoredMeasurements
 from tiscene.render.annotations.amodal_masks import PartInView, PixelCounter
 from tiscene.render.annotations.measurement_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT, WORLD, measure_extents
 from tiscene.render.integrators.labels.label_pass import LabelPass
@@ -38,7 +38,7 @@ class _Known:
     world_bounds: NDArray[np.float64]
     box_3d: OrientedBox
     parts: list[PartInView]
-    alone: Alone | None = None
+    alone: AmodalMask | None = None
 
     @property
     def amodal_box(self) -> NDArray[np.float64]:
@@ -101,9 +101,9 @@ class SceneMeasures:
         self._ids = ids
         self._instance = instance
 
-    def __reduce__(self) -> tuple[type[Measured], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[type[StoredMeasurements], tuple[object, ...]]:
         """Device arrays cannot leave the process: a copy or pickle takes the measures and forgets the scene."""
-        return Measured, tuple(getattr(self, field.name) for field in fields(Measured))
+        return StoredMeasurements, tuple(getattr(self, field.name) for field in fields(StoredMeasurements))
 
     @cached_property
     def _seen(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -235,12 +235,12 @@ class SceneMeasures:
         world_from_box = world_from_mesh @ np.linalg.inv(box_from_mesh)
         edges = world_from_box[:, :3, :3]
         sizes = np.linalg.norm(edges, axis=1)
-        centres = world_from_box[:, :3] @ (0.5, 0.5, 0.5, 1.0)
+        centers = world_from_box[:, :3] @ (0.5, 0.5, 0.5, 1.0)
         rotations = _rotations_of(edges)
         nothing = (np.nan,) * 3
         boxes = [OrientedBox(nothing, nothing, (1.0, 0.0, 0.0, 0.0))] * len(firsts)
-        for row, centre, size, rotation in zip(np.flatnonzero(firsts >= 0), centres, sizes, rotations, strict=True):
-            boxes[row] = OrientedBox(tuple(centre.tolist()), tuple(size.tolist()), quaternion_from_matrix(rotation))
+        for row, center, size, rotation in zip(np.flatnonzero(firsts >= 0), centers, sizes, rotations, strict=True):
+            boxes[row] = OrientedBox(tuple(center.tolist()), tuple(size.tolist()), quaternion_from_matrix(rotation))
         return boxes
 
     def _box_in_front(self, instance: int) -> NDArray[np.float64]:
@@ -259,9 +259,9 @@ class SceneMeasures:
         a, b = points[edges[:, 0]], points[edges[:, 1]]
         share = (near - a[:, 2]) / (b[:, 2] - a[:, 2])
         points = np.concatenate([points[inside], a + share[:, None] * (b - a)])
-        centre = 0.5 * self._view.width, 0.5 * self._view.height
+        center = 0.5 * self._view.width, 0.5 * self._view.height
         depths = np.ones((len(points), 1)) if self._view.orthographic else points[:, 2:]
-        pixels = points[:, :2] / depths * self._view.focal_lengths()[CURRENT] + centre
+        pixels = points[:, :2] / depths * self._view.focal_lengths()[CURRENT] + center
         return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
     @cached_property
@@ -281,7 +281,7 @@ class SceneMeasures:
         return np.array(boxes, np.float64).reshape(-1, 4)
 
     @cached_property
-    def alone(self) -> list[Alone]:
+    def alone(self) -> list[AmodalMask]:
         """The pixels that each object would have alone."""
         new = [row for row, each in enumerate(self._objects) if each.alone is None]
         if new:

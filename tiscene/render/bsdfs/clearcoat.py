@@ -1,4 +1,4 @@
-"""A second, colourless GGX layer on top of everything: lacquer."""
+"""A second, colorless GGX layer on top of everything: lacquer."""
 
 import taichi as ti
 

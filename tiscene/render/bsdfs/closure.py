@@ -61,7 +61,7 @@ def grazing_reflectance(f0: vec3) -> ti.f32:
 
 @ti.func
 def dielectric(cosine: ti.f32, eta: ti.f32) -> ti.f32:
-    """Fresnel reflectance of unpolarised light; 1 under total internal reflection."""
+    """Fresnel reflectance of unpolarized light; 1 under total internal reflection."""
     sine2 = ti.max(1.0 - cosine * cosine, 0.0) / (eta * eta)
     result = 1.0
     if sine2 < 1.0:
@@ -118,7 +118,7 @@ def glass_transfer(energy: ti.template(), glass: ti.i32, inside: ti.i32, cosine:
 
 @ti.func
 def multiple_reflectance(f0: vec3, f90: ti.f32, mean: vec2) -> vec3:
-    """The colour of light after many reflections between microfacets: Kulla and Conty's term with Hill's numerator."""
+    """The color of light after many reflections between microfacets: Kulla and Conty's term with Hill's numerator."""
     mean_fresnel = f0 + (f90 - f0) * (1.0 / 21.0)
     mean_kept = mean.x + mean.y
     return mean_fresnel * mean_fresnel * mean_kept / (1.0 - mean_fresnel * (1.0 - mean_kept))

@@ -87,7 +87,7 @@ class Footprint:
 
 @ti.func
 def footprint_at(surface: ti.template(), direction: vec3, width: ti.f32, key: ti.u32):
-    """The Footprint of a cone that is `width` metres wide where it meets the surface."""
+    """The Footprint of a cone that is `width` meters wide where it meets the surface."""
     world_per_uv = surface.dp_du.cross(surface.dp_dv).norm()
     cosine = ti.max(ti.abs(surface.normal.dot(direction)), 0.01)
     bits = mix(key)
@@ -231,8 +231,8 @@ def shaded_material_at(
     width: ti.f32,
     key: ti.u32,
 ):
-    """The material of a surface as far as light is concerned, for a path that comes as a cone `width` metres wide: of a
-    plain material only the colours are read. key: of numbers that choose among pixels."""
+    """The material of a surface as far as light is concerned, for a path that comes as a cone `width` meters wide: of a
+    plain material only the colors are read. key: of numbers that choose among pixels."""
     values = ti.static(materials.values)
     row = surface.material
     point = MaterialPoint(normal=vec3(0.0, 0.0, 1.0), flags=materials.info[row, FLAGS])

@@ -2,7 +2,7 @@
 
 Layers from the top: clearcoat; specular reflection with Schlick's Fresnel term; then, below it, diffuse reflection.
 Metal has no diffuse part. Where the material is glass (see `material_table.flags_of`), 1 - opacity of it is a
-dielectric boundary instead, rough as the material is and colourless, of the solid that the mesh encloses: light
+dielectric boundary instead, rough as the material is and colorless, of the solid that the mesh encloses: light
 refracts in and out by `ior`. A roughness of 0 is a mirror as sharp as a pixel can show (`energy.SMALLEST_ALPHA`), not a
 singular one, so that every direction has a finite density. All lobes together reflect what they should: see `energy`.
 """
@@ -124,7 +124,7 @@ def sample(c: ti.template(), u: vec3) -> vec3:
 
 
 @ti.dataclass
-class Frame:
+class ShadingFrame:
     """Three unit vectors at right angles; the third is the shading normal."""
 
     s: vec3
@@ -134,9 +134,9 @@ class Frame:
 
 @ti.func
 def frame_of(n: vec3):
-    """Some Frame about n."""
+    """Some ShadingFrame about n."""
     s, t = warp.tangents(n)
-    return Frame(s, t, n)
+    return ShadingFrame(s, t, n)
 
 
 @ti.func

@@ -1,8 +1,8 @@
 """Adaptive sampling: paths in rounds, pixel by pixel until the error of each is estimated to be small enough.
 
 A round is two nets of points, scrambled apart, whose difference tells their error without a bias. One pixel's
-differences tell little, and to stop where they happen to be small would favour pictures that lack what is rare: a
-decision looks at the pixel's neighbourhood and takes the worst pixel around. It is a pure function of the picture so
+differences tell little, and to stop where they happen to be small would favor pictures that lack what is rare: a
+decision looks at the pixel's neighborhood and takes the worst pixel around. It is a pure function of the picture so
 far, and the picture is one of (scene, view, frame, seed, error, most).
 """
 
@@ -22,7 +22,7 @@ from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
 
 FIRST_NET = 8  # paths per pixel; every other round they are twice as many
-RADIUS = 2  # px, of the neighbourhood that shares its scatter
+RADIUS = 2  # px, of the neighborhood that shares its scatter
 REACH = 2  # px, how far a pixel that needs more keeps others going
 DARKEST = 0.1  # of the picture's mean luminance: what is darker may err as much as that would
 

@@ -20,20 +20,20 @@ COARSE, FINE = "coarse", "fine"  # how they are there, and how they are where mu
 
 
 @dataclass(frozen=True)
-class Cleaner:
+class Postprocessor:
     """What is done to a picture before it is shown.
 
-    denoiser: one of `denoise.QUALITIES`; None: the noise stays. reduction: light is denoised in a picture so many times
+    denoiser: one of `denoise.QUALITIES`; None: the noise stays. downscale: light is denoised in a picture so many times
     smaller each way. sharp: albedo and normal have no noise themselves, as they have under a wide lens.
     """
 
     denoiser: str | None
-    reduction: int
+    downscale: int
     sharp: bool
 
     def traced(self, image: PathImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
         """Radiance of a picture of the reduced size, along the albedo and normal of full size."""
-        if self.reduction == 1:
+        if self.downscale == 1:
             return self._denoised(image.hdr, image.albedo, image.normal, self.sharp)
         reached, white, _ = light(image.hdr, image.albedo, image.normal)
         return upsample(self._denoised(reached, white, image.normal, False), image.normal, albedo, normal)
@@ -49,7 +49,7 @@ class Cleaner:
             return np.maximum(image.hdr, 0.0)  # a difference may overshoot
         noisy = np.maximum(image.even, 0.0), image.albedo, image.normal
         shown = self._refined(self._quick(*noisy), image, (slice(None), slice(None)), COARSE)
-        if self.reduction > 1:
+        if self.downscale > 1:
             for rows, columns in image.patches:
                 here = rows, columns
                 radiance, albedo, normal = (each[here] for each in noisy)
@@ -77,9 +77,9 @@ class Cleaner:
         return base.kept[name]
 
     def _quick(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
-        if self.reduction == 1:
+        if self.downscale == 1:
             return self._denoised(radiance, albedo, normal, self.sharp)
-        smaller = COARSER * self.reduction
+        smaller = COARSER * self.downscale
         reached, white, coarse = light(radiance, albedo, normal, smaller)
         return upsample(self._denoised(reached, white, coarse, False), coarse, albedo, normal, smaller)
 

@@ -1,8 +1,8 @@
 """From scene-linear radiance to a picture for the screen: exposure, a filmic tone curve, sRGB.
 
 The curve is a sigmoid over stops of exposure, applied to each channel of a slightly less saturated RGB, in the manner
-of Sobotka's AgX: bright saturated colours roll off towards white instead of turning into the nearest primary. Middle
-grey (0.18) stays itself; black is 10 stops below it and white 6.5 above.
+of Sobotka's AgX: bright saturated colors roll off towards white instead of turning into the nearest primary. Middle
+gray (0.18) stays itself; black is 10 stops below it and white 6.5 above.
 """
 
 import math
@@ -19,8 +19,8 @@ vec3 = ti.math.vec3
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 GREY = 0.18
-DARKEST, BRIGHTEST = -10.0, 6.5  # stops about grey
-CONTRAST = 0.165  # of the encoded value per stop, at grey; an sRGB screen without any curve has 0.145
+DARKEST, BRIGHTEST = -10.0, 6.5  # stops about gray
+CONTRAST = 0.165  # of the encoded value per stop, at gray; an sRGB screen without any curve has 0.145
 PIVOT = GREY ** (1.0 / 2.2)
 # How much of each channel is spread over all three before the curve, and taken back after it.
 INSET, OUTSET = 0.16, 0.13
@@ -110,7 +110,7 @@ def tone_map(hdr: NDArray[np.float32], exposure: float = 0.0) -> NDArray[np.uint
 
 
 def radiance_shown_as(color: tuple[int, int, int], exposure: float) -> tuple[float, float, float]:
-    """What `tone_map` shows as an 8-bit colour; of those that it cannot show, what comes near."""
+    """What `tone_map` shows as an 8-bit color; of those that it cannot show, what comes near."""
     display = decode_srgb(np.asarray(color, np.float64) / 255.0)
     curved = display * (1.0 - OUTSET) + display.sum() * (OUTSET / 3.0)
     above = curved ** (1.0 / 2.2) - PIVOT
@@ -124,10 +124,10 @@ def radiance_shown_as(color: tuple[int, int, int], exposure: float) -> tuple[flo
 
 
 def meter(hdr: NDArray[Any]) -> float:
-    """The exposure in stops that shows an image well: its geometric mean becomes middle grey.
+    """The exposure in stops that shows an image well: its geometric mean becomes middle gray.
 
     The darkest and the brightest twentieth count as what lies next to them, and what is black (there is nothing) not at
-    all. Where more than a twentieth would then be almost white (5 stops above grey), it is exposed for that instead.
+    all. Where more than a twentieth would then be almost white (5 stops above gray), it is exposed for that instead.
     0 for a black image.
     """
     luminance = np.asarray(hdr, np.float64) @ np.array(LUMINANCE)

@@ -1,7 +1,7 @@
 """Light traced in a smaller picture, brought to full size along the surfaces that the labels show.
 
 What varies least over a surface is the light that reaches it: radiance over albedo. That is what is denoised and
-enlarged, from neighbours with a like normal only (joint bilateral upsampling, Kopf et al. 2007), before the albedo of
+enlarged, from neighbors with a like normal only (joint bilateral upsampling, Kopf et al. 2007), before the albedo of
 each pixel, which is free of noise, makes radiance of it again. Mirrors and glass are as coarse as they were traced.
 """
 
@@ -14,24 +14,24 @@ FloatImage = NDArray[np.float32]
 Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 FLOOR = 0.08  # added to every albedo: what shines on black is not diffuse
-ANY = 1e-5  # the weight, of all, that a neighbour of quite another kind has
+ANY = 1e-5  # the weight, of all, that a neighbor of quite another kind has
 
 
-def reduced(width: int, height: int, reduction: int) -> tuple[int, int]:
+def reduced(width: int, height: int, downscale: int) -> tuple[int, int]:
     """The size, px, of the picture in which light is traced for one of that size: as wide an angle at least."""
-    low_height = -(-height // reduction)
+    low_height = -(-height // downscale)
     return -(-width * low_height // height), low_height
 
 
 def light(
-    radiance: FloatImage, albedo: FloatImage, normal: FloatImage, reduction: int = 1
+    radiance: FloatImage, albedo: FloatImage, normal: FloatImage, downscale: int = 1
 ) -> tuple[FloatImage, FloatImage, FloatImage]:
     """What reaches the surfaces, the albedo of that [h, w, 3]: 1, and 0 where there is no surface and the light is the
     radiance; and the normal. All as means of squares of so many pixels; the last rows and columns count as often as it
     takes to fill them."""
-    height, width = (-(-length // reduction) for length in radiance.shape[:2])
+    height, width = (-(-length // downscale) for length in radiance.shape[:2])
     reached, white, coarse = (np.empty((height, width, 3), np.float32) for _ in range(3))
-    _light(radiance, albedo, normal, reduction, reached, white, coarse)
+    _light(radiance, albedo, normal, downscale, reached, white, coarse)
     return reached, white, coarse
 
 
@@ -40,19 +40,19 @@ def upsample(
     normal: FloatImage,
     full_albedo: FloatImage,
     full_normal: FloatImage,
-    reduction: int | None = None,
+    downscale: int | None = None,
 ) -> FloatImage:
     """Radiance, float32 [h, w, 3], of the size of the full albedo and normal; no normal (0) says that nothing is there.
 
-    light, normal: as of `light`, of a picture of the size that `reduced` says, or with that reduction.
+    light, normal: as of `light`, of a picture of the size that `reduced` says, or with that downscale.
     """
     height, width = full_albedo.shape[:2]
     low_height, low_width = light.shape[:2]
-    if reduction is None:
+    if downscale is None:
         scale = low_height / height
         first_y, first_x = 0.5 * (low_height - 1 - (height - 1) * scale), 0.5 * (low_width - 1 - (width - 1) * scale)
     else:
-        scale = 1.0 / reduction
+        scale = 1.0 / downscale
         first_y = first_x = 0.5 * scale - 0.5
     radiance = np.empty_like(full_albedo)
     _upsample(light, normal, full_albedo, full_normal, scale, first_y, first_x, radiance)
@@ -66,14 +66,14 @@ def read(image: ti.template(), y: ti.i32, x: ti.i32) -> vec3:
 
 @ti.kernel
 def _light(
-    radiance: Image, albedo: Image, normal: Image, reduction: ti.i32, reached: Image, white: Image, coarse: Image
+    radiance: Image, albedo: Image, normal: Image, downscale: ti.i32, reached: Image, white: Image, coarse: Image
 ):
     height, width = radiance.shape[0], radiance.shape[1]
     for y, x in ti.ndrange(reached.shape[0], reached.shape[1]):
         light_sum, surface_sum, normal_sum = vec3(0.0), 0.0, vec3(0.0)
-        for place in range(reduction * reduction):
-            row = ti.min(y * reduction + place // reduction, height - 1)
-            column = ti.min(x * reduction + place % reduction, width - 1)
+        for place in range(downscale * downscale):
+            row = ti.min(y * downscale + place // downscale, height - 1)
+            column = ti.min(x * downscale + place % downscale, width - 1)
             n, shown = read(normal, row, column), read(radiance, row, column)
             if n.norm_sqr() > 0.0:
                 shown /= read(albedo, row, column) + FLOOR
@@ -81,9 +81,9 @@ def _light(
             light_sum += shown
             normal_sum += n
         for c in ti.static(range(3)):
-            reached[y, x, c] = light_sum[c] / (reduction * reduction)
-            white[y, x, c] = surface_sum / (reduction * reduction)
-            coarse[y, x, c] = normal_sum[c] / (reduction * reduction)
+            reached[y, x, c] = light_sum[c] / (downscale * downscale)
+            white[y, x, c] = surface_sum / (downscale * downscale)
+            coarse[y, x, c] = normal_sum[c] / (downscale * downscale)
 
 
 @ti.func
@@ -103,20 +103,20 @@ def _upsample(
     first_x: ti.f32,
     radiance: Image,
 ):
-    """first_y, first_x: where in the smaller picture the first pixel's centre is."""
+    """first_y, first_x: where in the smaller picture the first pixel's center is."""
     height, width = full_albedo.shape[0], full_albedo.shape[1]
     low_height, low_width = light.shape[0], light.shape[1]
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
         low_y, low_x = first_y + y * scale, first_x + x * scale
-        centre_y, centre_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
-        weights_y, weights_x = spline(low_y - centre_y), spline(low_x - centre_x)
+        center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
+        weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
         n = read(full_normal, y, x)
         surface = n.norm_sqr() > 0.0
         sums, total = vec3(0.0), 0.0
         for row, column in ti.static(ti.ndrange(3, 3)):
-            at_y = ti.math.clamp(centre_y + row - 1, 0, low_height - 1)
-            at_x = ti.math.clamp(centre_x + column - 1, 0, low_width - 1)
+            at_y = ti.math.clamp(center_y + row - 1, 0, low_height - 1)
+            at_x = ti.math.clamp(center_x + column - 1, 0, low_width - 1)
             other = read(normal, at_y, at_x)
             alike = ti.max(n.dot(other), 0.0) ** 4
             if not surface:

@@ -1,4 +1,4 @@
-"""Sixteen neighbouring camera rays at once: the same hits as wide.closest, bit for bit. Compiled in vector mode only.
+"""Sixteen neighboring camera rays at once: the same hits as wide.closest, bit for bit. Compiled in vector mode only.
 
 Boxes are tested against all directions of a bundle together, by intervals; triangles against the sixteen rays, one a
 lane (a packet in the sense of Wald et al., "Interactive Rendering with Coherent Ray Tracing", 2001). What is no bundle,

@@ -151,7 +151,7 @@ class AnyHitArrays:
 def tiled_order(width: int, height: int) -> NDArray[np.int32]:
     """Every pixel's row, int32 [width * height], tile by tile, the tiles strewn over the picture.
 
-    Neighbouring rays share the nodes they visit; Taichi gives each thread one contiguous part of a loop, so without
+    Neighboring rays share the nodes they visit; Taichi gives each thread one contiguous part of a loop, so without
     the strewing one thread would get the sky and the other one the furniture.
     """
     rows = np.arange(width * height, dtype=np.int32).reshape(height, width)

@@ -1,7 +1,7 @@
 """The surface that a ray met, from the hit's triangle and barycentric coordinates.
 
-Positions are interpolated from the triangle's vertices, never origin + t * direction: as exact at a kilometre as at a
-metre, and the same point of the object at every time.
+Positions are interpolated from the triangle's vertices, never origin + t * direction: as exact at a kilometer as at a
+meter, and the same point of the object at every time.
 """
 
 from typing import Any, NamedTuple
@@ -54,7 +54,7 @@ class VisibleSurface:
     geometric_normal: vec3  # of the triangle, on the side that the ray came from
     normal: vec3  # interpolated, on the same side of the triangle as geometric_normal
     uv: vec2  # 0 where the mesh has none
-    second_uv: vec2  # and the colours of the vertices, with opacity; 0 where the mesh has none
+    second_uv: vec2  # and the colors of the vertices, with opacity; 0 where the mesh has none
     color: vec4
     dp_du: vec3  # change of the position with u, and with v; not unit, and not of one length
     dp_dv: vec3
@@ -94,7 +94,7 @@ def transform_vector(matrices: ti.template(), time: ti.i32, row: ti.i32, v: vec3
 
 @ti.func
 def transform_normal(inverses: ti.template(), time: ti.i32, row: ti.i32, n: vec3) -> vec3:
-    """A normal by the transpose of the inverse [time, row]; outward stays outward under a mirror. Not normalised."""
+    """A normal by the transpose of the inverse [time, row]; outward stays outward under a mirror. Not normalized."""
     return vec3(
         inverses[time, row, 0] * n.x + inverses[time, row, 4] * n.y + inverses[time, row, 8] * n.z,
         inverses[time, row, 1] * n.x + inverses[time, row, 5] * n.y + inverses[time, row, 9] * n.z,

@@ -59,7 +59,7 @@ def of_entry(nodes: ti.template(), entry: ti.i32, which: ti.template()) -> ti.f3
 
 @ti.func
 def towards(nodes: ti.template(), node: ti.i32, origin: vec3):
-    """(x, y, z) from a point to the centre of each member of a node."""
+    """(x, y, z) from a point to the center of each member of a node."""
     x = attribute(nodes, node, CENTRE) - origin.x
     y = attribute(nodes, node, CENTRE + 1) - origin.y
     z = attribute(nodes, node, CENTRE + 2) - origin.z

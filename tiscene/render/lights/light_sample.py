@@ -15,7 +15,7 @@ LightNodes = ti.types.ndarray(lanes, 1)
 FAR = 1e30  # stands for infinity where a ray has to have an end
 
 
-class Lights(NamedTuple):
+class LightTables(NamedTuple):
     """The arrays of a LightTable, bundled inside a kernel; with the Geometry and Materials where meshes are sampled."""
 
     values: Any
@@ -30,9 +30,9 @@ class Lights(NamedTuple):
         return self.geometry is not None
 
 
-def lights_of(values: Any, nodes: Any, distribution: Any, geometry: Any, materials: Any, meshes: bool) -> Lights:
-    """Lights with meshes or without: where no surface emits, the code for them is left out."""
-    return Lights(values, nodes, distribution, *((geometry, materials) if meshes else ()))
+def lights_of(values: Any, nodes: Any, distribution: Any, geometry: Any, materials: Any, meshes: bool) -> LightTables:
+    """LightTables with meshes or without: where no surface emits, the code for them is left out."""
+    return LightTables(values, nodes, distribution, *((geometry, materials) if meshes else ()))
 
 
 @ti.dataclass

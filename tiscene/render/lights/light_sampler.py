@@ -80,7 +80,7 @@ def choose(
     """(row, its place, its chances, a number) of the light or portal to sample from a point; chances 0 for none.
 
     Chances: of being chosen, and were the surface to face every light. The number is what is left of u, uniform in
-    [0, 1) again: neighbours in u choose one light and are neighbours there. Of a mesh the place is that of a triangle,
+    [0, 1) again: neighbors in u choose one light and are neighbors there. Of a mesh the place is that of a triangle,
     and so are the chances. weights ... faced_scale: `weigh`.
     """
     nodes = ti.static(lights.nodes)

@@ -12,7 +12,7 @@ vec3 = ti.math.vec3
 
 @ti.func
 def one_minus_cosine(values: ti.template(), row: ti.i32, offset: vec3) -> ti.f32:
-    """Of the angle from the centre to the rim; 0 from inside."""
+    """Of the angle from the center to the rim; 0 from inside."""
     sine2 = values[row, SIZE] * values[row, SIZE] / offset.dot(offset)
     result = 0.0
     if sine2 < 1.0:
@@ -28,16 +28,16 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
     offset = axis(values, row, 3) - origin
     height = one_minus_cosine(values, row, offset)
     if height > 0.0:
-        centre_distance = offset.norm()
-        towards = offset / centre_distance
+        center_distance = offset.norm()
+        towards = offset / center_distance
         w = warp.cone(u, height)
         s, t = warp.tangents(towards)
         result.direction = s * w.x + t * w.y + towards * w.z
-        # From the nearest point of the ray to the centre back to the sphere; the rim's rounding must not go below 0.
+        # From the nearest point of the ray to the center back to the sphere; the rim's rounding must not go below 0.
         radius = values[row, SIZE]
         sine2 = w.x * w.x + w.y * w.y
-        back2 = radius * radius - centre_distance * centre_distance * sine2
-        result.distance = centre_distance * w.z - ti.sqrt(ti.max(back2, 0.0))
+        back2 = radius * radius - center_distance * center_distance * sine2
+        result.distance = center_distance * w.z - ti.sqrt(ti.max(back2, 0.0))
         result.pdf = warp.cone_pdf(w, height)
         result.radiance = color(values, row)
     return result

@@ -1,8 +1,8 @@
 """Pixel filters, sampled by importance: paths are sent where the filter weighs, and then all count the same.
 
-So a path belongs to one pixel, and neighbours do not share their noise (Ernst, Stamminger and Greiner, "Filter
+So a path belongs to one pixel, and neighbors do not share their noise (Ernst, Stamminger and Greiner, "Filter
 Importance Sampling", 2006). Filters are products of one function for each axis. Labels know no filter: they are those
-of the pixel's centre.
+of the pixel's center.
 """
 
 import math
@@ -20,7 +20,7 @@ _STEPS = 1 << 15  # of the integral that cells are made by
 
 @dataclass(frozen=True)
 class PixelFilter:
-    """radius: px. weight: of a place up to the radius away from the pixel's centre along an axis, px.
+    """radius: px. weight: of a place up to the radius away from the pixel's center along an axis, px.
 
     cells: of equal probability; within each it is even, so many are wanted where the weight falls off gently.
     """
@@ -73,7 +73,7 @@ def pixel_filter(name: str) -> PixelFilter:
 
 @ti.func
 def sample_offset(table: ti.template(), u: ti.f32) -> ti.f32:
-    """How far from the pixel's centre along an axis, px, for a number in [0, 1)."""
+    """How far from the pixel's center along an axis, px, for a number in [0, 1)."""
     cells = table.shape[0] - 3
     place = u * cells
     cell = ti.min(ti.cast(place, ti.i32), cells - 1)

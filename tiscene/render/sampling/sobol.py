@@ -2,7 +2,7 @@
 
 Every two dimensions of a path are another copy of the first two of the Sobol sequence, scrambled and shuffled by
 hashing (Burley, "Practical Hash-Based Owen Scrambling", 2020, with Vegdahl's hash) under a key of the frame and the
-set. All pixels of a picture share it: the points of one are consecutive, and those of its neighbours are near them
+set. All pixels of a picture share it: the points of one are consecutive, and those of its neighbors are near them
 (`pixel_order`), so that they are spread as a net together, too, and what remains of noise is high in frequency (Ahmed
 and Wonka, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels", 2020).
 """
@@ -103,7 +103,7 @@ def draw_words(keys: SetKeys, index: ti.template()):
 
 @lru_cache(maxsize=8)
 def pixel_order(width: int, height: int) -> NDArray[np.int32]:
-    """The place of every pixel in a hierarchical order, int32 [width * height]: neighbours are near each other in it.
+    """The place of every pixel in a hierarchical order, int32 [width * height]: neighbors are near each other in it.
 
     Morton's order of quarters within quarters. Which two of four go together, side by side, one above the other or
     across, is drawn for each four, as all orders of them would do; the sampler's shuffle does the rest.

@@ -110,7 +110,7 @@ def on_arc(radius, part):
 
 @ti.func
 def disk(u: vec2) -> vec2:
-    """Uniform on the unit disk, concentric: neighbours in the square stay neighbours."""
+    """Uniform on the unit disk, concentric: neighbors in the square stay neighbors."""
     p = 2.0 * u - 1.0
     flat = ti.abs(p.x) > ti.abs(p.y)
     radius = p.x if flat else p.y

@@ -129,35 +129,35 @@ def split(
     """Set the node's box; sort its primitives into two sides and return where the second begins, -1 for a leaf."""
     low = ti.Vector([FAR, FAR, FAR])
     high = -low
-    centre_low = low
-    centre_high = -low
+    center_low = low
+    center_high = -low
     for i in range(begin, end):
         for c in ti.static(range(3)):
             a = boxes[i, c]
             b = boxes[i, 3 + c]
             low[c] = ti.min(low[c], a)
             high[c] = ti.max(high[c], b)
-            centre_low[c] = ti.min(centre_low[c], a + b)
-            centre_high[c] = ti.max(centre_high[c], a + b)
+            center_low[c] = ti.min(center_low[c], a + b)
+            center_high[c] = ti.max(center_high[c], a + b)
     for c in ti.static(range(3)):
         node_box[slot, c] = low[c]
         node_box[slot, 3 + c] = high[c]
     middle = -1
     count = end - begin
     if count > 1:
-        size = centre_high - centre_low
+        size = center_high - center_low
         axis = -1
         last = 0
         cost = 0.0
         if depth < sah_depth and count > 2:
-            axis, last, cost = choose_split(boxes, begin, end, centre_low, size, block)
+            axis, last, cost = choose_split(boxes, begin, end, center_low, size, block)
         area = half_area(low, high)
         worthwhile = axis >= 0 and cost + node_cost * area < area * blocks(count, block)
         if worthwhile or count > leaf_size:
             middle = (begin + end) // 2
             if axis >= 0:
                 scale = BINS * 0.99999 / size[axis]
-                middle = partition(boxes, order, begin, end, axis, last, centre_low[axis], scale)
+                middle = partition(boxes, order, begin, end, axis, last, center_low[axis], scale)
     return middle
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
-from tiscene.scene.bvh.rebraid import Parts, parts_of
+from tiscene.scene.bvh.rebraid import SplitInstances, parts_of
 from tiscene.scene.bvh.workspace import KEPT_WORKSPACE, LAYOUTS, WIDE, Boxes, Workspace
 
 TREES = 4  # over instances: one for each time, one over the movers
@@ -82,7 +82,7 @@ class Bvh:
         """Build the tree of a mesh whose triangles are rows `first_triangle` and on of the scene.
 
         Triangles with two corners at one point are left out, unless the mesh deforms. Thin ones stay: without them
-        their neighbours would gape.
+        their neighbors would gape.
         """
         return self._add([positions], [triangles], first_triangle, deforms)[0]
 
@@ -158,7 +158,7 @@ class Bvh:
             result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
         return result
 
-    def parts(self, meshes: Sequence[Blas]) -> Parts:
+    def parts(self, meshes: Sequence[Blas]) -> SplitInstances:
         """The children of the meshes' roots; none of a mesh of one pack, and none in the binary layout."""
         if self.layout is not WIDE:
             return parts_of(np.zeros((len(meshes), 8, 8), np.float32))

@@ -51,11 +51,11 @@ class ObstacleTree:
             matrix = np.asarray(instance.world_from_object, np.float64)[:3]
             if blas.empty or not instance.collides or abs(np.linalg.det(matrix[:, :3])) < 1e-18:
                 continue
-            centre = matrix[:, :3] @ blas.box.mean(axis=0) + matrix[:, 3]
+            center = matrix[:, :3] @ blas.box.mean(axis=0) + matrix[:, 3]
             half = np.abs(matrix[:, :3]) @ (0.5 * (blas.box[1] - blas.box[0]))
             rows.append(row)
             roots.append(blas.root)
-            boxes.append([*(centre - half), *(centre + half)])
+            boxes.append([*(center - half), *(center + half)])
         self.rows: NDArray[np.int64] = np.array(rows, np.int64)
         self.roots: NDArray[np.int32] = np.array(roots, np.int32)
         self.matrices = np.array([instances[row].world_from_object[:3] for row in rows], np.float64).reshape(-1, 3, 4)

@@ -22,18 +22,18 @@ INFO_PARTS = 9  # the first of the columns of `instance_info` that say where ray
 
 
 @dataclass(frozen=True)
-class Parts:
+class SplitInstances:
     """Of each mesh the children of its root. boxes: [n, 8, 2, 3], m. entries: int32 [n, 8], 0 where there is none."""
 
     boxes: NDArray[np.float64]
     entries: NDArray[np.int32]
 
 
-def parts_of(nodes: NDArray[np.float32]) -> Parts:
+def parts_of(nodes: NDArray[np.float32]) -> SplitInstances:
     """Of roots' nodes of the wide layout, float32 [n, 8, 8]."""
     boxes = nodes[:, :6].astype(np.float64).reshape(-1, 2, 3, PARTS)
     entries = np.ascontiguousarray(nodes[:, 6]).view(np.int32)
-    return Parts(boxes.transpose(0, 3, 1, 2), entries)
+    return SplitInstances(boxes.transpose(0, 3, 1, 2), entries)
 
 
 def largest(boxes: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -75,7 +75,7 @@ def _luminance(texture: Texture) -> NDArray[np.float64]:
 
 
 def _pixel_means(luminance: NDArray[np.float64], wrap: bool) -> NDArray[np.float64]:
-    """Lookups interpolate between pixel centres: each pixel's mean over its own square. wrap: from left to right."""
+    """Lookups interpolate between pixel centers: each pixel's mean over its own square. wrap: from left to right."""
     padded = np.pad(luminance, ((0, 0), (1, 1)), mode="wrap" if wrap else "edge")
     luminance = 0.75 * luminance + 0.125 * (padded[:, :-2] + padded[:, 2:])
     padded = np.pad(luminance, ((1, 1), (0, 0)), mode="edge")

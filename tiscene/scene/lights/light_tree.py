@@ -18,7 +18,7 @@ LANES = 1 << LANE_BITS
 # NORMAL: against which a flat light shines. To a point at distance d and at height h against the normal a member
 # gives STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * max(d * d + SIZE2, SPREAD2)), about the irradiance by
 # luminance, W/m²; where BACK is CONE, its light has a cone besides. SPREAD2: how far a group's members are from its
-# centre, squared, in the mean; 0 of a light. EVEN: the least chance of an entry. ROW: the light's, or -1 for a group or
+# center, squared, in the mean; 0 of a light. EVEN: the least chance of an entry. ROW: the light's, or -1 for a group or
 # no member. CHILD: the node of a group's members, else 0. EXTENT: the root of SIZE2 + SPREAD2, about how far a member
 # reaches.
 # Of a dome ROUND is 1 where it has no portals; SIZE2: its part of samples by its image, over that by its portals.
@@ -152,13 +152,13 @@ def _groups(leaves: NDArray[np.float64], starts: NDArray[np.int64], of: NDArray[
     strength = np.add.reduceat(leaves[:, STRENGTH], starts)
     weight = np.where(strength[of] > 0.0, leaves[:, STRENGTH], 1.0)
     weight = (weight / np.add.reduceat(weight, starts)[of])[:, None]
-    centre = np.add.reduceat(weight * leaves[:, CENTRE : CENTRE + 3], starts)
-    offset2 = ((leaves[:, CENTRE : CENTRE + 3] - centre[of]) ** 2).sum(axis=1)
+    center = np.add.reduceat(weight * leaves[:, CENTRE : CENTRE + 3], starts)
+    offset2 = ((leaves[:, CENTRE : CENTRE + 3] - center[of]) ** 2).sum(axis=1)
     normals = leaves[:, NORMAL : NORMAL + 3]
     both_sides = leaves[:, BACK] > 0.5
     opposite = both_sides & ((normals * normals[starts][of]).sum(axis=1) < 0.0)
     normals = np.where(opposite[:, None], -normals, normals)
-    result[:, CENTRE : CENTRE + 3] = centre
+    result[:, CENTRE : CENTRE + 3] = center
     result[:, NORMAL : NORMAL + 3] = _FLATTEST * np.add.reduceat(weight * normals, starts)
     result[:, ROUND] = 1.0 - np.linalg.norm(result[:, NORMAL : NORMAL + 3], axis=1)
     result[:, STRENGTH] = strength

@@ -51,8 +51,8 @@ def mesh_light(mesh: Mesh, glow: NDArray[np.float64]) -> MeshLight | None:
         return None
     leaves = no_members(len(shining))
     corners, area = corners[shining], area[shining]
-    centre = corners.mean(axis=1)
-    leaves[:, CENTRE : CENTRE + 3] = centre
+    center = corners.mean(axis=1)
+    leaves[:, CENTRE : CENTRE + 3] = center
     leaves[:, NORMAL : NORMAL + 3] = -normal[shining] / (2.0 * area[:, None])
     leaves[:, STRENGTH] = area * glow[shining]
     leaves[:, SIZE2] = area / (2.0 * math.pi)

@@ -9,7 +9,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.pose import read_pose
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import filled
 from tiscene.usd.core.units import Units
 
@@ -39,7 +39,7 @@ def sample_times(prim: Usd.Prim) -> list[float]:
     return filled(times, MOST_TIMES) if angles else sorted(times)
 
 
-def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:
+def read_life(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
     """First and last frame of a prim whose own visibility is animated, None for no last; None if it is always there.
 
     Frames are time codes, counted from the start of the stage's range: as when it is played at its own rate.
@@ -60,7 +60,7 @@ def read_life(prim: Usd.Prim, report: Report) -> tuple[int, int | None] | None:
     return None if last is not None and last < first else (first, last)
 
 
-def read_keyframes(prim: Usd.Prim, units: Units, report: Report, first_frame: int = 0) -> dict[str, Any] | None:
+def read_keyframes(prim: Usd.Prim, units: Units, report: StageReport, first_frame: int = 0) -> dict[str, Any] | None:
     """A prim's animated transform as the JSON object of Keyframes; None if it stands still.
 
     Time 0 is the start of the stage's range of time codes, or so many frames later when the prim appears. What is

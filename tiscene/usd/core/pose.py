@@ -22,7 +22,7 @@ _NEAR = 1e-6
 
 
 @dataclass(frozen=True)
-class Pose:
+class PrimPose:
     """Where a prim is in the world.
 
     position: m. rotation: Euler degrees or a quaternion. scale: along its own axes.
@@ -35,7 +35,7 @@ class Pose:
     stretch: Matrix
 
 
-def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> Pose | str:
+def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> PrimPose | str:
     """A prim's pose at a time; a text that says why if it has none.
 
     What `PoseOperations` wrote is read to the bit. Of any other transform the nearest rotation is taken; the rest is
@@ -56,11 +56,13 @@ def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> Pose | str:
         if f"transform:{STRETCH}" in values:
             stretch = to_matrix(values[f"transform:{STRETCH}"], units.meters)
         position = units.to_json(values["translate"], True)
-        return Pose(tuple(position), tuple(rotation), tuple(values.get("scale", (1.0, 1.0, 1.0))), stretch)
+        return PrimPose(tuple(position), tuple(rotation), tuple(values.get("scale", (1.0, 1.0, 1.0))), stretch)
     pose = rigid(matrix)
     stretch = np.linalg.inv(pose) @ matrix
     stretch[:3, 3] = 0.0
-    return Pose(tuple(matrix[:3, 3].tolist()), tuple(quaternion_from_matrix(pose[:3, :3])), (1.0, 1.0, 1.0), stretch)
+    return PrimPose(
+        tuple(matrix[:3, 3].tolist()), tuple(quaternion_from_matrix(pose[:3, :3])), (1.0, 1.0, 1.0), stretch
+    )
 
 
 def _own_values(prim: Usd.Prim, time: Usd.TimeCode) -> dict[str, Any] | None:

@@ -34,7 +34,7 @@ def one_line(error: Any) -> str:
         return "USD's message about it is not valid UTF-8, so that the file is likely damaged"
 
 
-class Report:
+class StageReport:
     """Problems (the stage cannot be rendered) and omissions (it can, but not as its author meant it)."""
 
     def __init__(self, stage: str, plays: bool = True, root: Root | None = None, spent: Spent | None = None) -> None:

@@ -42,7 +42,7 @@ def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = N
 
 
 def taxonomies_of(stage: Usd.Stage) -> set[str]:
-    """The taxonomies in which anything on a stage is labelled, in what may be instanced or spawned too."""
+    """The taxonomies in which anything on a stage is labeled, in what may be instanced or spawned too."""
     found: set[str] = set()
     roots = [stage.GetPseudoRoot(), *stage.GetPrototypes()]
     for prim in (prim for root in roots for prim in Usd.PrimRange(root, Usd.PrimAllPrimsPredicate)):
@@ -52,7 +52,7 @@ def taxonomies_of(stage: Usd.Stage) -> set[str]:
 
 
 def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:
-    """Raises UnknownName for a taxonomy that nothing on the stage is labelled in."""
+    """Raises UnknownName for a taxonomy that nothing on the stage is labeled in."""
     known = set() if taxonomy is None else taxonomies_of(stage)
     if taxonomy is not None and (not isinstance(taxonomy, str) or taxonomy not in known):
         hint = "" if known else "Nothing on the stage has a semantic label."

@@ -39,7 +39,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Connection:
+class ShaderConnection:
     """An input's source, or else its value and the attribute that holds it."""
 
     attribute: Usd.Attribute
@@ -47,7 +47,7 @@ class Connection:
     source: Source | None = None
 
 
-def connections_of(shader: UsdShade.Shader, time: Usd.TimeCode) -> dict[str, Connection]:
+def connections_of(shader: UsdShade.Shader, time: Usd.TimeCode) -> dict[str, ShaderConnection]:
     """The shader's authored inputs by name; those that lead nowhere are left out."""
     found = {}
     for item in shader.GetInputs(onlyAuthored=True):
@@ -55,8 +55,8 @@ def connections_of(shader: UsdShade.Shader, time: Usd.TimeCode) -> dict[str, Con
             if attribute.GetName().startswith("outputs:"):
                 other = UsdShade.Shader(attribute.GetPrim())
                 source = Source(other, shader_id(other), attribute.GetName().removeprefix("outputs:"))
-                found[item.GetBaseName()] = Connection(attribute, source=source)
+                found[item.GetBaseName()] = ShaderConnection(attribute, source=source)
             else:
-                found[item.GetBaseName()] = Connection(attribute, value=attribute.Get(time))
+                found[item.GetBaseName()] = ShaderConnection(attribute, value=attribute.Get(time))
             break
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom
 
-from tiscene.scene.animation import Track
+from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import to_matrix
 
@@ -71,7 +71,7 @@ NOTHING = Inherited()
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class TransformSamples:
     """An instance at some time codes. matrices: float64 [s, 4, 4], m. present: bool [s]."""
 
     times: tuple[float, ...]
@@ -84,7 +84,7 @@ class Samples:
         return bool((self.matrices != self.matrices[:1]).any()) or not bool(self.present.all())
 
     @classmethod
-    def of(cls, inherited: Inherited, otherwise: Gf.Matrix4d, meters: float) -> Samples | None:
+    def of(cls, inherited: Inherited, otherwise: Gf.Matrix4d, meters: float) -> TransformSamples | None:
         """Where and when a prim is drawn that inherits this; None if that is always the same."""
         times = inherited.times()
         if not times:
@@ -112,7 +112,7 @@ def in_seconds(stage: Usd.Stage, times: Sequence[float]) -> NDArray[np.float64]:
     return since / float(stage.GetTimeCodesPerSecond())
 
 
-def tracks_of(stage: Usd.Stage, samples: Sequence[Samples | None]) -> tuple[Track, ...]:
+def tracks_of(stage: Usd.Stage, samples: Sequence[TransformSamples | None]) -> tuple[InstanceTrack, ...]:
     """Tracks of instances by their rows; those with the same times share one."""
     rows: dict[tuple[float, ...], list[int]] = {}
     for row, each in enumerate(samples):
@@ -123,11 +123,11 @@ def tracks_of(stage: Usd.Stage, samples: Sequence[Samples | None]) -> tuple[Trac
         chosen = [each for row in group if (each := samples[row]) is not None]
         matrices = np.stack([each.matrices[:, :3] for each in chosen], axis=1)
         present = np.stack([each.present for each in chosen], axis=1)
-        tracks.append(Track(np.array(group, np.int32), in_seconds(stage, times), matrices, present))
+        tracks.append(InstanceTrack(np.array(group, np.int32), in_seconds(stage, times), matrices, present))
     return tuple(tracks)
 
 
-def moved(tracks: Iterable[Track], matrix: Matrix) -> tuple[Track, ...]:
+def moved(tracks: Iterable[InstanceTrack], matrix: Matrix) -> tuple[InstanceTrack, ...]:
     """Tracks in a space that a 4x4 matrix leads to."""
     rotated = (np.einsum("ij,snjk->snik", matrix[:3, :3], track.matrices) for track in tracks)
     result = []

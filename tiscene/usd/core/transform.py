@@ -1,4 +1,4 @@
-"""USD's row-vector matrices in stage units to column-vector matrices in metres."""
+"""USD's row-vector matrices in stage units to column-vector matrices in meters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FARTHEST = 1e18  # m; areas of what is larger are beyond single precision
 
 
 def to_matrix(matrix: Gf.Matrix4d, meters_per_unit: float) -> Matrix:
-    """A USD transform as float64 4x4 for column vectors. Both its spaces turn from stage units to metres."""
+    """A USD transform as float64 4x4 for column vectors. Both its spaces turn from stage units to meters."""
     result = np.array(matrix, dtype=np.float64).T
     result[:3, 3] *= meters_per_unit
     return result

@@ -1,4 +1,4 @@
-"""Between metres and a stage's unit, so that numbers that people write come back as they were written."""
+"""Between meters and a stage's unit, so that numbers that people write come back as they were written."""
 
 from __future__ import annotations
 

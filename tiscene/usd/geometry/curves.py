@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.primvar import array_of
 from tiscene.usd.geometry.triangulate import cross
-from tiscene.usd.geometry.vertex_weld import Surface
+from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.floating]
 _MOST = 2_000_000  # points, of Points or along curves
@@ -25,7 +25,7 @@ _BASES = {  # rows: powers of t from 3 to 0
 }
 
 
-def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface | None:
+def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
     """Tubes of the curves' widths; ribbons that face their normals where these are authored. None, which is reported,
     if nothing can be drawn.
     """
@@ -85,7 +85,7 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface |
     )
 
 
-def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface | None:
+def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
     """A ball at each point, as wide as `widths` says (1 if unauthored, as USD's own renderers have it)."""
     points = UsdGeom.Points(prim)
     at = array_of(points.GetPointsAttr(), time, np.float32, width=3)
@@ -110,7 +110,7 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface |
     radius = np.broadcast_to(widths, len(at))[rows] / 2.0
     positions = at[rows][:, None] + ball * radius[:, None, None]
     triangles = faces + np.arange(len(rows))[:, None, None] * len(ball)
-    surface = Surface(
+    surface = WeldedMesh(
         positions.reshape(-1, 3).astype(np.float32),
         triangles.reshape(-1, 3).astype(np.int32),
         np.tile(ball, (len(rows), 1)).astype(np.float32),
@@ -236,7 +236,7 @@ def _frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
     return tangent, side, cross(tangent, side)
 
 
-def _tubes(line: Floats, width: Floats, which: NDArray[np.int64], sides: int, closed: bool) -> Surface:
+def _tubes(line: Floats, width: Floats, which: NDArray[np.int64], sides: int, closed: bool) -> WeldedMesh:
     curves, samples = line.shape[:2]
     tangent, side, other = _frames(line, closed)
     turn = 2.0 * math.pi * np.arange(sides) / sides
@@ -259,7 +259,7 @@ def _tubes(line: Floats, width: Floats, which: NDArray[np.int64], sides: int, cl
     return _batch(positions, normals, triangles, which)
 
 
-def _ribbons(line: Floats, width: Floats, normal: Floats, which: NDArray[np.int64]) -> Surface:
+def _ribbons(line: Floats, width: Floats, normal: Floats, which: NDArray[np.int64]) -> WeldedMesh:
     tangent, _, _ = _frames(line, closed=False)
     side = cross(tangent, normal)
     side = side / np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-30) * (0.5 * width)[..., None]
@@ -271,11 +271,11 @@ def _ribbons(line: Floats, width: Floats, normal: Floats, which: NDArray[np.int6
     return _batch(positions, np.repeat(facing, 2, axis=1), triangles, which)
 
 
-def _batch(positions: Floats, normals: Floats, triangles: NDArray[Any], which: NDArray[np.int64]) -> Surface:
+def _batch(positions: Floats, normals: Floats, triangles: NDArray[Any], which: NDArray[np.int64]) -> WeldedMesh:
     """The same triangles for each of some curves: positions and normals [c, v, 3]."""
     curves, vertices = positions.shape[:2]
     every = triangles + (np.arange(curves) * vertices)[:, None, None]
-    return Surface(
+    return WeldedMesh(
         positions.reshape(-1, 3).astype(np.float32),
         every.reshape(-1, 3).astype(np.int32),
         normals.reshape(-1, 3).astype(np.float32),
@@ -284,13 +284,13 @@ def _batch(positions: Floats, normals: Floats, triangles: NDArray[Any], which: N
     )
 
 
-def _joined(surfaces: list[Surface], prim: Usd.Prim, report: Report) -> Surface | None:
+def _joined(surfaces: list[WeldedMesh], prim: Usd.Prim, report: StageReport) -> WeldedMesh | None:
     surfaces = [surface for surface in surfaces if len(surface.triangles)]
     if not surfaces:
         report.omission(prim.GetPath(), f"{prim.GetTypeName()} without anything to draw")
         return None
     first = np.cumsum([0, *(len(surface.positions) for surface in surfaces)])
-    return Surface(
+    return WeldedMesh(
         np.concatenate([surface.positions for surface in surfaces]),
         np.concatenate([s.triangles + np.int32(start) for s, start in zip(surfaces, first, strict=False)]),
         np.concatenate([surface.normals for surface in surfaces if surface.normals is not None]),

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.scene.animation import Deformation
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.primvar import array_of
-from tiscene.usd.geometry.vertex_weld import Surface
+from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 MOST_BYTES = 4 << 30  # of one gprim's vertices over time
 _MOVES = (
@@ -26,7 +26,7 @@ _TOPOLOGY = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVerte
 _HELD = ("primvars:st", "primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
 
 
-def shape_times(prim: Usd.Prim, report: Report) -> list[float]:
+def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
     """The time codes at which a gprim's shape is authored; none if it never changes, or cannot be played."""
     if not report.plays:
         return []
@@ -50,7 +50,9 @@ def varies(attribute: Usd.Attribute) -> bool:
     return any(attribute.Get(time) != first for time in times[1:])
 
 
-def points_over_time(prim: Usd.Prim, times: Sequence[float], count: int, report: Report) -> NDArray[np.float32] | None:
+def points_over_time(
+    prim: Usd.Prim, times: Sequence[float], count: int, report: StageReport
+) -> NDArray[np.float32] | None:
     """float32 [s, n, 3], the points of a gprim; None, with the reason reported, if they are not the same ones."""
     if not times:
         return None
@@ -73,11 +75,11 @@ def points_over_time(prim: Usd.Prim, times: Sequence[float], count: int, report:
 
 def read_again(
     prim: Usd.Prim,
-    surface: Surface,
+    surface: WeldedMesh,
     times: Sequence[float],
-    report: Report,
-    read: Callable[[Usd.Prim, Usd.TimeCode, Report], Surface | None],
-) -> Surface:
+    report: StageReport,
+    read: Callable[[Usd.Prim, Usd.TimeCode, StageReport], WeldedMesh | None],
+) -> WeldedMesh:
     """A gprim's surface with what it is at other times, read as it was itself."""
     found = [read(prim, Usd.TimeCode(time), report) for time in times]
     moments = [each for each in found if each is not None and np.array_equal(each.triangles, surface.triangles)]
@@ -91,8 +93,8 @@ def read_again(
     return replace(surface, moved=moved, moved_normals=normals, times=times)
 
 
-def deformation_of(surface: Surface, stage: Usd.Stage, meters: float) -> Deformation | None:
-    """What becomes of a surface over time, in metres and seconds."""
+def deformation_of(surface: WeldedMesh, stage: Usd.Stage, meters: float) -> Deformation | None:
+    """What becomes of a surface over time, in meters and seconds."""
     if surface.moved is None:
         return None
     positions = surface.moved * np.float32(meters)

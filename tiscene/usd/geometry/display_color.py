@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.primvar import Topology, elements_of, read_primvar
 from tiscene.usd.geometry.vertex_weld import sum_rows
 
 Floats = NDArray[np.floating]
-_MOST_COLORS = 4096  # materials that one gprim's colours become
+_MOST_COLORS = 4096  # materials that one gprim's colors become
 _DEFAULTS = {"displayColor": (0.18, 0.18, 0.18), "displayOpacity": (1.0,)}
 
 
 def constant_primvar(
-    gprim: Usd.Prim, name: str, width: int, time: Usd.TimeCode, report: Report, *, tell_if_it_varies: bool = True
+    gprim: Usd.Prim, name: str, width: int, time: Usd.TimeCode, report: StageReport, *, tell_if_it_varies: bool = True
 ) -> tuple[float, ...] | None:
     """One value for the whole gprim: its constant primvar, or the mean of one that varies; None if unauthored."""
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
@@ -48,8 +48,8 @@ def varies(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool
     return len(values) > 1 and bool((values != values[0]).any())
 
 
-def varying_display(gprim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Floats | None:
-    """Colour and opacity [elements, 4] of each face, point or curve; None if they are the same everywhere."""
+def varying_display(gprim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Floats | None:
+    """Color and opacity [elements, 4] of each face, point or curve; None if they are the same everywhere."""
     if not any(_varies(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):
         return None
     topology = elements_of(gprim, time)
@@ -70,7 +70,7 @@ def _varies(primvar: UsdGeom.Primvar) -> bool:
 
 
 def _of_elements(
-    gprim: Usd.Prim, name: str, width: int, topology: Topology, time: Usd.TimeCode, report: Report
+    gprim: Usd.Prim, name: str, width: int, topology: Topology, time: Usd.TimeCode, report: StageReport
 ) -> Floats | None:
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
     if not _varies(primvar) or len(topology.counts) == 0:
@@ -87,7 +87,7 @@ def _of_elements(
 
 
 def quantized(values: Floats) -> tuple[list[tuple[float, float, float, float]], list[NDArray[np.int64]]]:
-    """Distinct colours of some rows, not more than can be materials, and the rows of each. Each is its rows' mean."""
+    """Distinct colors of some rows, not more than can be materials, and the rows of each. Each is its rows' mean."""
     steps = 255.0
     distinct, row = np.unique(np.rint(values * steps), axis=0, return_inverse=True)
     while len(distinct) > _MOST_COLORS:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd
 
-from tiscene.usd.core.report import Report
-from tiscene.usd.geometry.vertex_weld import Surface
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _LARGEST = 1e30  # stage units; single precision goes little farther
 _AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # column of a shape about z that becomes x, y, z
 
 
-def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface | None:
+def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
     """The triangles of a shape, with smooth normals and uv; None, with a problem reported, for an impossible size."""
     kind = str(prim.GetTypeName())
     sizes = {}
@@ -45,15 +45,15 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> Surface | 
     return _turned(surface, order)
 
 
-def _turned(surface: Surface, order: tuple[int, int, int]) -> Surface:
+def _turned(surface: WeldedMesh, order: tuple[int, int, int]) -> WeldedMesh:
     positions = np.ascontiguousarray(surface.positions[:, order])
     normals = None if surface.normals is None else np.ascontiguousarray(surface.normals[:, order])
     even = order in _AXES.values()  # an odd permutation mirrors
     triangles = surface.triangles if even else np.ascontiguousarray(surface.triangles[:, ::-1])
-    return Surface(positions, triangles, normals, surface.uv, surface.face)
+    return WeldedMesh(positions, triangles, normals, surface.uv, surface.face)
 
 
-def _cube(size: dict[str, float]) -> Surface:
+def _cube(size: dict[str, float]) -> WeldedMesh:
     corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     positions, normals = [], []
     for axis in range(3):
@@ -72,7 +72,7 @@ def _cube(size: dict[str, float]) -> Surface:
     return _surface(np.concatenate(positions) * size["size"] / 2.0, triangles, np.concatenate(normals), uv)
 
 
-def _plane(size: dict[str, float]) -> Surface:
+def _plane(size: dict[str, float]) -> WeldedMesh:
     corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     half = np.array([size["width"], size["length"]]) / 2.0
     positions = np.concatenate([corner * half, np.zeros((4, 1))], axis=1)
@@ -80,24 +80,24 @@ def _plane(size: dict[str, float]) -> Surface:
     return _surface(positions, np.array([[0, 1, 2], [0, 2, 3]]), normals, (corner + 1.0) / 2.0)
 
 
-def _sphere(size: dict[str, float]) -> Surface:
+def _sphere(size: dict[str, float]) -> WeldedMesh:
     angle = np.linspace(-math.pi / 2.0, math.pi / 2.0, RINGS + 1)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return _revolve([(normal * size["radius"], normal)])
 
 
-def _cylinder(size: dict[str, float]) -> Surface:
+def _cylinder(size: dict[str, float]) -> WeldedMesh:
     """Also Cylinder_1, whose two ends have radii of their own."""
     bottom = size.get("radiusBottom", size.get("radius", 0.0))
     top = size.get("radiusTop", size.get("radius", 0.0))
     return _frustum(bottom, top, size["height"] / 2.0)
 
 
-def _cone(size: dict[str, float]) -> Surface:
+def _cone(size: dict[str, float]) -> WeldedMesh:
     return _frustum(size["radius"], 0.0, size["height"] / 2.0)
 
 
-def _frustum(bottom: float, top: float, half: float) -> Surface:
+def _frustum(bottom: float, top: float, half: float) -> WeldedMesh:
     slope = np.array([2.0 * half, bottom - top])
     normal = slope / max(float(np.linalg.norm(slope)), 1e-300)
     strips = [(np.array([[bottom, -half], [top, half]]), np.tile(normal, (2, 1)))]
@@ -108,7 +108,7 @@ def _frustum(bottom: float, top: float, half: float) -> Surface:
     return _revolve(strips)
 
 
-def _capsule(size: dict[str, float]) -> Surface:
+def _capsule(size: dict[str, float]) -> WeldedMesh:
     radius = size["radius"] if "radius" in size else (size["radiusTop"] + size["radiusBottom"]) / 2.0
     quarter = np.linspace(0.0, math.pi / 2.0, RINGS // 2 + 1)
     angle = np.concatenate([quarter - math.pi / 2.0, quarter])
@@ -118,7 +118,7 @@ def _capsule(size: dict[str, float]) -> Surface:
     return _revolve([(profile, normal)])
 
 
-def _revolve(strips: list[tuple[Floats, Floats]]) -> Surface:
+def _revolve(strips: list[tuple[Floats, Floats]]) -> WeldedMesh:
     """Turn profiles about the z axis. Each strip: points and normals [k, 2] as (distance from the axis, z), going up
     the outside. u runs around counter-clockwise from +x, v along the profile by its length."""
     turn = np.linspace(0.0, 2.0 * math.pi, SEGMENTS + 1)
@@ -152,8 +152,8 @@ def _swept(profile: Floats, around: Floats) -> Floats:
     return grid.reshape(-1, 3)
 
 
-def _surface(positions: Floats, triangles: NDArray[Any], normals: Floats, uv: Floats) -> Surface:
-    return Surface(
+def _surface(positions: Floats, triangles: NDArray[Any], normals: Floats, uv: Floats) -> WeldedMesh:
+    return WeldedMesh(
         positions.astype(np.float32),
         triangles.astype(np.int32),
         normals.astype(np.float32),
@@ -162,7 +162,7 @@ def _surface(positions: Floats, triangles: NDArray[Any], normals: Floats, uv: Fl
     )
 
 
-TYPES: dict[str, Callable[[dict[str, float]], Surface]] = {
+TYPES: dict[str, Callable[[dict[str, float]], WeldedMesh]] = {
     "Cube": _cube,
     "Sphere": _sphere,
     "Cylinder": _cylinder,

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.deforming import points_over_time
 from tiscene.usd.geometry.primvar import Primvars, Topology, array_of, read_normals, read_vertex_values
 from tiscene.usd.geometry.subdivision import Creases, subdivide
 from tiscene.usd.geometry.triangulate import triangulate
-from tiscene.usd.geometry.vertex_weld import Attribute, Surface, weld, with_moved
+from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh, weld, with_moved
 
 _INFINITE_SHARPNESS = 10.0  # UsdGeomMesh's SHARPNESS_INFINITE
 
@@ -22,11 +22,11 @@ _INFINITE_SHARPNESS = 10.0  # UsdGeomMesh's SHARPNESS_INFINITE
 def read_mesh(
     prim: Usd.Prim,
     time: Usd.TimeCode,
-    report: Report,
+    report: StageReport,
     wanted: Sequence[Primvars],
     of_face: NDArray[np.intp] | None,
     times: Sequence[float] = (),
-) -> Surface | None:
+) -> WeldedMesh | None:
     """The triangles of a mesh, counter-clockwise from outside. None, with a reason reported, if it has none.
 
     wanted: what its vertices must have; of_face: [faces] which of it each face uses.
@@ -74,7 +74,7 @@ def read_mesh(
 
 
 def _normals_over_time(
-    prim: Usd.Prim, topology: Topology, normals: Attribute | None, times: Sequence[float], report: Report
+    prim: Usd.Prim, topology: Topology, normals: Attribute | None, times: Sequence[float], report: StageReport
 ) -> list[Attribute] | None:
     """A mesh's normals at other times; None if they do not change."""
     names = ("primvars:normals", "normals")
@@ -90,7 +90,7 @@ def face_count(prim: Usd.Prim, time: Usd.TimeCode) -> int:
 
 
 def _read_topology(
-    mesh: UsdGeom.Mesh, time: Usd.TimeCode, report: Report
+    mesh: UsdGeom.Mesh, time: Usd.TimeCode, report: StageReport
 ) -> tuple[NDArray[np.float32], Topology] | None:
     """Points and faces; None and a problem if they contradict each other."""
     path = mesh.GetPath()
@@ -126,7 +126,7 @@ def _read_topology(
     return points, topology
 
 
-def _report_outside(topology: Topology, outside: NDArray[np.bool_], path: object, report: Report) -> None:
+def _report_outside(topology: Topology, outside: NDArray[np.bool_], path: object, report: StageReport) -> None:
     wrong = topology.indices[outside]
     worst = int(wrong[0])
     faces = len(np.unique(topology.face_of_corner[outside]))
@@ -141,11 +141,11 @@ def _read_values(
     prim: Usd.Prim,
     topology: Topology,
     time: Usd.TimeCode,
-    report: Report,
+    report: StageReport,
     wanted: Sequence[Primvars],
     of_face: NDArray[np.intp] | None,
 ) -> Attribute | None:
-    """Texture coordinates and colours; where faces use different ones, each corner has those its face uses."""
+    """Texture coordinates and colors; where faces use different ones, each corner has those its face uses."""
     many = any(each.many for each in wanted)
     read = [read_vertex_values(prim, each, many, topology, time, report) for each in wanted]
     if len(read) == 1 or of_face is None:
@@ -159,7 +159,7 @@ def _read_values(
     return Attribute(per_corner, per_corner=True)
 
 
-def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, report: Report) -> Creases:
+def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Creases:
     """Sharp edges and points; those that contradict the mesh are reported and left out."""
     path = mesh.GetPath()
     corners = array_of(mesh.GetCornerIndicesAttr(), time, np.int64)
@@ -199,7 +199,7 @@ def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, re
     )
 
 
-def _reversed(surface: Surface, flip_normals: bool) -> Surface:
+def _reversed(surface: WeldedMesh, flip_normals: bool) -> WeldedMesh:
     """The other winding. Authored normals already face outwards; those made from the winding turn with it."""
     normals = surface.normals
     if flip_normals and normals is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.vertex_weld import Attribute
 
 _TEXTURE_COORDINATE_TYPES = (
@@ -81,7 +81,7 @@ def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any, width: in
     return result
 
 
-def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report: Report) -> Attribute | None:
+def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
     """The authored normals of a polygon mesh; `primvars:normals` comes before `normals`. None for flat shading."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     if primvar and primvar.HasAuthoredValue():
@@ -93,7 +93,7 @@ def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report:
     return _checked(prim, "normals", values, None, mesh.GetNormalsInterpolation(), 3, topology, report)
 
 
-def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, report: Report) -> Attribute | None:
+def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
     """The texture coordinates of that name ("" for whichever there are: `st`, else the first of such a type)."""
     api = UsdGeom.PrimvarsAPI(prim)
     primvar = api.FindPrimvarWithInheritance(name or "st")
@@ -109,9 +109,9 @@ def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, r
 
 
 def read_vertex_values(
-    prim: Usd.Prim, names: Primvars, many: bool, topology: Topology, time: Usd.TimeCode, report: Report
+    prim: Usd.Prim, names: Primvars, many: bool, topology: Topology, time: Usd.TimeCode, report: StageReport
 ) -> Attribute | None:
-    """The uv of a mesh; where many, with the second one, the colour and the opacity of its vertices: 8 columns."""
+    """The uv of a mesh; where many, with the second one, the color and the opacity of its vertices: 8 columns."""
     uv = read_uv(prim, names.uv, topology, time, report)
     if not many:
         return uv
@@ -140,7 +140,7 @@ def _width(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
 
 
 def read_primvar(
-    primvar: UsdGeom.Primvar, width: int, topology: Topology, time: Usd.TimeCode, report: Report
+    primvar: UsdGeom.Primvar, width: int, topology: Topology, time: Usd.TimeCode, report: StageReport
 ) -> Attribute | None:
     """A primvar of `width` numbers; None, which is reported, if it does not fit the mesh."""
     attribute = primvar.GetAttr()
@@ -162,7 +162,7 @@ def _checked(
     interpolation: str,
     width: int,
     topology: Topology,
-    report: Report,
+    report: StageReport,
 ) -> Attribute | None:
     fault = _fault(values, indices, interpolation, width, topology.elements(interpolation))
     if fault:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import filled
 
 _EVERYTHING = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 _LONGEST = 10_000_000  # time codes of a stage: USD counts through them all, in a microsecond each
 
 
-def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: Report) -> None:
+def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) -> None:
     """Author the skinned points and normals of every SkelRoot in the session layer: no file is changed.
 
     As time samples if the stage plays, else those of one time. Instances that hold a SkelRoot become ordinary prims,

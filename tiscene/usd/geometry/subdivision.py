@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from tiscene.usd.geometry.primvar import Topology
 from tiscene.usd.geometry.triangulate import cross, triangulate
-from tiscene.usd.geometry.vertex_weld import Attribute, Surface, sum_rows, unique_rows, weld, with_moved
+from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh, sum_rows, unique_rows, weld, with_moved
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MAX_LEVELS = 4
 MAX_QUADS = 1 << 18
-FLAT_ENOUGH = np.radians(8.0)  # between neighbouring faces: below it a silhouette shows no corners at usual sizes
+FLAT_ENOUGH = np.radians(8.0)  # between neighboring faces: below it a silhouette shows no corners at usual sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,11 +197,11 @@ def limit(cage: Cage, values: Floats) -> Floats:
     """Where the points of a cage of quadrilaterals end after endless refinement, its sharp edges taken as endless."""
     at, other, edge = cage.incident
     valence = np.bincount(at, minlength=cage.points)[:, None].astype(np.float64)
-    neighbours = sum_rows(at, values[other], cage.points)
+    neighbors = sum_rows(at, values[other], cage.points)
     opposite = cage.indices[cage.following[cage.following]]
     diagonals = sum_rows(cage.indices, values[opposite], cage.points)
     with np.errstate(divide="ignore", invalid="ignore"):
-        smooth = (valence**2 * values + 4.0 * neighbours + diagonals) / (valence * (valence + 5.0))
+        smooth = (valence**2 * values + 4.0 * neighbors + diagonals) / (valence * (valence + 5.0))
     sharp = cage.sharpness[edge] > 0.0
     count = np.bincount(at[sharp], minlength=cage.points)[:, None]
     crease = (4.0 * values + sum_rows(at[sharp], values[other[sharp]], cage.points)) / 6.0
@@ -218,10 +218,10 @@ def subdivide(
     boundary: str = "edgeAndCorner",
     uv_rule: str = "cornersPlus1",
     moved: NDArray[np.float32] | None = None,
-) -> Surface:
+) -> WeldedMesh:
     """The limit surface as triangles with smooth normals, split where edges stay sharp.
 
-    Refines until neighbouring faces are nearly flat, at most MAX_LEVELS times; a mesh that would become more than
+    Refines until neighboring faces are nearly flat, at most MAX_LEVELS times; a mesh that would become more than
     MAX_QUADS faces at once stays as it is, with smooth normals. drawn: [faces], False for holes.
     boundary: interpolateBoundary. uv_rule: faceVaryingLinearInterpolation. moved: [s, n, 3], the points at other times.
     """
@@ -325,7 +325,7 @@ def _face_normals(cage: Cage, positions: Floats) -> Floats:
 
 
 def _is_flat(cage: Cage, positions: Floats) -> bool:
-    """Whether nine of ten pairs of neighbouring faces meet at less than FLAT_ENOUGH."""
+    """Whether nine of ten pairs of neighboring faces meet at less than FLAT_ENOUGH."""
     normal = _face_normals(cage, positions)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     c, d = cage.smooth_pairs
@@ -337,7 +337,7 @@ def _is_flat(cage: Cage, positions: Floats) -> bool:
 
 def _as_surface(
     cage: Cage, positions: Floats, drawn: NDArray[np.bool_], source: Ints, uv: Attribute | None, moved: Floats
-) -> Surface:
+) -> WeldedMesh:
     """moved: [points, 3 s], the positions at other times side by side."""
     group = _smoothing_groups(cage)
 

@@ -13,11 +13,11 @@ from tiscene.usd.geometry.triangulate import cross
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class WeldedMesh:
     """A gprim's triangles in its own space, before materials.
 
     positions: float32 [n, 3], stage units. triangles: int32 [m, 3]. normals: float32 [n, 3] or None for flat.
-    uv: float32 [n, 2] or None; or [n, 8], with a second one, colour and opacity.
+    uv: float32 [n, 2] or None; or [n, 8], with a second one, color and opacity.
     face: int32 [m], the authored face that each triangle is part of.
     point, corner: [n], the authored ones that each vertex was made of.
     moved, moved_normals: float32 [s, n, 3], positions and normals at other `times` (time codes).
@@ -56,7 +56,7 @@ def weld(
     normals: Attribute | None,
     uv: Attribute | None,
     apart: NDArray[np.integer] | None = None,
-) -> Surface:
+) -> WeldedMesh:
     """Make vertices: corners at the same point with equal attributes become one vertex.
 
     corner_point: the point of every corner. triangles: [m, 3] corners. face: [m] authored face of each triangle.
@@ -76,7 +76,7 @@ def weld(
         vertex_corner = vertex_point  # not looked at: every attribute belongs to points
         vertex = (np.cumsum(referenced) - 1)[used_point]
     shape = vertex.reshape(-1, 3).astype(np.int32)
-    return Surface(
+    return WeldedMesh(
         positions=np.ascontiguousarray(points[vertex_point], dtype=np.float32),
         triangles=shape,
         normals=None if normals is None else unit(normals.at(vertex_point, vertex_corner), points[vertex_point], shape),
@@ -87,7 +87,9 @@ def weld(
     )
 
 
-def with_moved(surface: Surface, points: NDArray[np.floating], normals: Sequence[Attribute] | None = None) -> Surface:
+def with_moved(
+    surface: WeldedMesh, points: NDArray[np.floating], normals: Sequence[Attribute] | None = None
+) -> WeldedMesh:
     """A welded surface with its vertices at other times.
 
     points: [s, points, 3], of the authored ones. normals: of each time, if they change; else what they are stays.

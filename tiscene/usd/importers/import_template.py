@@ -1,4 +1,4 @@
-"""Models of other people as templates: one folder each, with geometry, textures, label, colliders and licence."""
+"""Models of other people as templates: one folder each, with geometry, textures, label, colliders and license."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Credit:
     """Who made a model, and under which terms: kept in the template's layer as customLayerData `import`."""
 
     source: str = ""
-    licence: str = ""
+    license: str = ""
     author: str = ""
 
 
@@ -45,16 +45,16 @@ def import_asset(
     label: str = "",
     unit: float | None = None,
     up_axis: str | None = None,
-    centred: bool = True,
-    licence: str = "",
+    centered: bool = True,
+    license: str = "",
     author: str = "",
 ) -> Path:
     """Make a template of a model file (OBJ, glTF, PLY, STL, any USD). Returns the file `folder`/template.usda.
 
     name: its displayName; "" for the file's. label: its semantic class; "" for what a USD file says, else none.
-    unit: metres per unit of the file, up_axis: "Y" or "Z"; None for what its format means (a USD file knows).
-    centred: the template's origin is the centre of its box; else that of the file.
-    licence: its text; "" for that of the licence files beside it.
+    unit: meters per unit of the file, up_axis: "Y" or "Z"; None for what its format means (a USD file knows).
+    centered: the template's origin is the center of its box; else that of the file.
+    license: its text; "" for that of the license files beside it.
     Raises MissingFile, ArgumentError, StageError and ExportError. What the file lacks is named in a StageWarning.
     """
     path, folder = Path(path), Path(folder)
@@ -62,15 +62,15 @@ def import_asset(
     if not path.is_file():
         raise MissingFile(f"no file {str(path)!r}")
     if unit is not None and not 0.0 < unit < np.inf:
-        raise ArgumentError(f"unit={unit}: must be a positive number of metres")
+        raise ArgumentError(f"unit={unit}: must be a positive number of meters")
     if up_axis not in (None, "Y", "Z"):
         raise ArgumentError(f"up_axis={up_axis!r}: must be 'Y' or 'Z'")
     name = name or path.stem
-    credit = Credit(path.name, licence or licence_beside(path), author)
+    credit = Credit(path.name, license or license_beside(path), author)
     if suffix in USD_SUFFIXES:
         if unit is not None or up_axis is not None:
             raise ArgumentError(f"{path.name} says its unit and its up axis itself")
-        return _import_usd(path, folder, name, label, centred, credit)
+        return _import_usd(path, folder, name, label, centered, credit)
     if suffix not in CONVENTIONS:
         known = ", ".join((*CONVENTIONS, *USD_SUFFIXES, ".sh3f"))
         raise ArgumentError(f"{path.name}: a {suffix or 'nameless kind of'} file cannot be imported; {known} can")
@@ -78,11 +78,11 @@ def import_asset(
     pieces = load_model(path.name, _Bytes(files))
     usual_unit, usual_up = CONVENTIONS[suffix]
     matrix = (usual_unit if unit is None else unit) * (_Z_TO_Y if (up_axis or usual_up) == "Z" else np.eye(3))
-    return write_template(pieces, folder, name, label, matrix, credit, centred=centred)
+    return write_template(pieces, folder, name, label, matrix, credit, centered=centered)
 
 
-def licence_beside(path: Path) -> str:
-    """The text of the licence files in a model's folder."""
+def license_beside(path: Path) -> str:
+    """The text of the license files in a model's folder."""
     found = [each for each in _listed(path.parent) if LICENCE_FILES.fullmatch(each.name) and os.path.isfile(each)]
     texts = (each.read_text("utf-8", "replace") for each in found if each.suffix.lower() in ("", ".txt", ".md"))
     return "\n\n".join(texts)
@@ -96,19 +96,19 @@ def write_template(
     matrix: NDArray[np.float64],
     credit: Credit,
     *,
-    centred: bool = True,
+    centered: bool = True,
     size: NDArray[np.float64] | None = None,
     movable: bool = True,
 ) -> Path:
-    """Author a template of some pieces. matrix: [3, 3], to metres with y up. size: of its box then, m; None: as it is.
+    """Author a template of some pieces. matrix: [3, 3], to meters with y up. size: of its box then, m; None: as it is.
 
     Raises ExportError.
     """
     points = [piece.points @ matrix.T for piece in pieces]
     low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
     stretch = np.ones(3) if size is None else size / np.where(high - low > 1e-9, high - low, size)
-    centre = 0.5 * (low + high) if centred else np.zeros(3)
-    points = [(p - centre) * stretch for p in points]
+    center = 0.5 * (low + high) if centered else np.zeros(3)
+    points = [(p - center) * stretch for p in points]
     turn = np.linalg.inv(stretch[:, None] * matrix)  # normals, as rows
     identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
     stage = _new_stage(identifier, name, label, credit, movable=movable)
@@ -235,8 +235,8 @@ def _unused(stage: Usd.Stage, folder: Sdf.Path, name: str) -> Sdf.Path:
     return path
 
 
-def _import_usd(path: Path, folder: Path, name: str, label: str, centred: bool, credit: Credit) -> Path:
-    """A template that refers to a copy of a USD file and of all it needs, in metres, y up and about its centre."""
+def _import_usd(path: Path, folder: Path, name: str, label: str, centered: bool, credit: Credit) -> Path:
+    """A template that refers to a copy of a USD file and of all it needs, in meters, y up and about its center."""
     with quiet(), readable(path):
         source = open_stage(path)
         prim = root_prim(source)
@@ -248,7 +248,7 @@ def _import_usd(path: Path, folder: Path, name: str, label: str, centred: bool, 
         matrix = meters * (_Z_TO_Y if UsdGeom.GetStageUpAxis(source) == UsdGeom.Tokens.z else np.eye(3))
         cache = UsdGeom.BBoxCache(reading_time(source, None), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
         box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
-        centre = np.array(box.GetMidpoint()) if centred and not box.IsEmpty() else np.zeros(3)
+        center = np.array(box.GetMidpoint()) if centered and not box.IsEmpty() else np.zeros(3)
         with _writing(folder):
             _copy(path, folder / "source")
         identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
@@ -256,7 +256,7 @@ def _import_usd(path: Path, folder: Path, name: str, label: str, centred: bool, 
         child = UsdGeom.Xform.Define(stage, f"/{identifier}/Source")
         placed = np.eye(4)
         placed[:3, :3] = matrix.T  # rows, as USD has it
-        placed[3, :3] = -matrix @ centre
+        placed[3, :3] = -matrix @ center
         child.AddTransformOp().Set(Gf.Matrix4d(*placed.reshape(-1).tolist()))
         child.GetPrim().CreateAttribute("xformOpOrder", Sdf.ValueTypeNames.TokenArray, False)
         inner = stage.DefinePrim(f"/{identifier}/Source/Asset")

@@ -21,7 +21,7 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """An image for an input. channel: which of it. scale: a factor. raw: its values are no colours."""
+    """An image for an input. channel: which of it. scale: a factor. raw: its values are no colors."""
 
     image: Image.Image
     channel: Literal["rgb", "r", "g", "b", "a"] = "rgb"
@@ -30,7 +30,7 @@ class Map:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class ImportedMaterial:
     """Inputs of UsdPreviewSurface by their names; those that an image gives are in `maps`."""
 
     name: str
@@ -60,7 +60,7 @@ _KINDS: tuple[tuple[str, dict[str, float]], ...] = (
 
 def phong(
     name: str, diffuse: Color, *, shininess: float | None = None, opacity: float = 1.0, image: Image.Image | None = None
-) -> Look:
+) -> ImportedMaterial:
     """A Phong material. diffuse: as displayed (sRGB). shininess: the exponent, None if unknown."""
     words = re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower()
     kind = next((dict(kind) for pattern, kind in _KINDS if re.search(pattern, words)), {})
@@ -75,10 +75,10 @@ def phong(
     if image is not None and has_holes(image):
         maps["opacity"] = Map(image, "a")
         inputs |= {"opacityThreshold": 0.5}
-    return Look(name, inputs, maps)
+    return ImportedMaterial(name, inputs, maps)
 
 
-def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -> Look:
+def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -> ImportedMaterial:
     """A glTF material, as trimesh gives it, and its extensions as the file has them."""
 
     def factor(value: Any, default: float) -> float:
@@ -122,7 +122,7 @@ def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -
     if transmission > 0.0:
         inputs |= {"opacity": 1.0 - transmission, "opacityMode": "transparent"}
         maps.pop("opacity", None)
-    return Look(name, inputs, maps)
+    return ImportedMaterial(name, inputs, maps)
 
 
 def _unit_color(value: Any) -> tuple[float, float, float, float]:
@@ -142,7 +142,7 @@ def has_holes(image: Image.Image) -> bool:
     return bool((np.asarray(image.convert("RGBA"))[..., 3] < 128).any())
 
 
-def define_look(stage: Usd.Stage, path: Sdf.Path, look: Look, folder: Path) -> UsdShade.Material:
+def define_look(stage: Usd.Stage, path: Sdf.Path, look: ImportedMaterial, folder: Path) -> UsdShade.Material:
     """Author a material; its images go to `folder`/textures."""
     material = UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))

@@ -19,9 +19,9 @@ from tiscene.scene.color import decode_srgb
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import unique_rows
 from tiscene.usd.importers import gltf
-from tiscene.usd.importers.materials import Look, pbr, phong
+from tiscene.usd.importers.materials import ImportedMaterial, pbr, phong
 
-# Metres per unit and the axis that is up, as each format has it, by its definition or by habit.
+# Meters per unit and the axis that is up, as each format has it, by its definition or by habit.
 CONVENTIONS = {
     ".obj": (1.0, "Y"),
     ".gltf": (1.0, "Y"),
@@ -45,7 +45,7 @@ class Piece:
     normals: NDArray[np.float64]
     uv: NDArray[np.float64] | None
     colors: NDArray[np.float64] | None
-    look: Look
+    look: ImportedMaterial
 
 
 def load_model(name: str, files: Mapping[str, bytes]) -> list[Piece]:
@@ -153,11 +153,11 @@ def _piece(node: str, mesh: Any, matrix: NDArray[np.float64], extensions: Mappin
         look = _simple(str(material.name or node), material)
     if uv is None and look.maps:  # images without coordinates
         inputs = {"diffuseColor": (0.5, 0.5, 0.5)} | {k: v for k, v in look.inputs.items() if k != "diffuseColor"}
-        look = Look(look.name, inputs)
+        look = ImportedMaterial(look.name, inputs)
     return Piece(look.name, points, triangles, normals, uv, colors, look)
 
 
-def _simple(name: str, material: Any) -> Look:
+def _simple(name: str, material: Any) -> ImportedMaterial:
     """A material of an MTL file: Phong's numbers, but for what it says of physical ones (Ke, Pr, Pm)."""
     diffuse = np.asarray(material.diffuse, np.float64)[:3] / 255.0
     opacity = 1.0

@@ -1,4 +1,4 @@
-"""Catalogues of furniture for Sweet Home 3D (.sh3f): a zip of OBJ models and a list of names, categories and sizes."""
+"""Catalogs of furniture for Sweet Home 3D (.sh3f): a zip of OBJ models and a list of names, categories and sizes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CATALOGUE = "PluginFurnitureCatalog.properties"
 
 @dataclass(frozen=True)
 class Entry:
-    """One model of a catalogue. size: width, height, depth, m."""
+    """One model of a catalog. size: width, height, depth, m."""
 
     name: str
     category: str
@@ -29,10 +29,10 @@ class Entry:
     rotation: tuple[float, ...]
     movable: bool
     author: str
-    licence: str
+    license: str
 
 
-class Catalogue:
+class Catalog:
     """An open .sh3f file."""
 
     def __init__(self, path: str | Path) -> None:
@@ -44,17 +44,17 @@ class Catalogue:
             self._zip = zipfile.ZipFile(self.path)
             text = self._zip.read(_CATALOGUE).decode("latin-1")
         except (zipfile.BadZipFile, KeyError, OSError) as error:
-            raise StageError(str(path), [f"is no catalogue of furniture: {error}"]) from error
+            raise StageError(str(path), [f"is no catalog of furniture: {error}"]) from error
         self.properties = parse_properties(text)
         self.entries = list(self._entries())
 
     def _entries(self) -> Iterator[Entry]:
-        licences = [name for name in self._zip.namelist() if LICENCE_FILES.fullmatch(name)]
+        licenses = [name for name in self._zip.namelist() if LICENCE_FILES.fullmatch(name)]
         texts = [
             self.properties.get("license", ""),
-            *(self._zip.read(name).decode("utf-8", "replace") for name in licences),
+            *(self._zip.read(name).decode("utf-8", "replace") for name in licenses),
         ]
-        licence = "\n\n".join(text for text in texts if text)
+        license = "\n\n".join(text for text in texts if text)
         number = 0
         while f"name#{(number := number + 1)}" in self.properties:
             row = {key: self.properties.get(f"{key}#{number}", "") for key in _KEYS}
@@ -75,7 +75,7 @@ class Catalogue:
                 rotation,
                 row["movable"] != "false",
                 row["creator"],
-                row["license"] or licence,
+                row["license"] or license,
             )
 
     def import_into(self, folder_of: Callable[[Entry], Path]) -> Iterator[tuple[Entry, Path | None]]:
@@ -94,7 +94,7 @@ class Catalogue:
             raise StageError(str(self.path), [f"there is no model {entry.model!r} in it"])
         pieces = load_model(model.name, files)
         notes = [files[name].decode("utf-8", "replace") for name in files if LICENCE_FILES.fullmatch(name)]
-        credit = Credit(f"{self.path.name}: {entry.model}", "\n\n".join([entry.licence, *notes]), entry.author)
+        credit = Credit(f"{self.path.name}: {entry.model}", "\n\n".join([entry.license, *notes]), entry.author)
         return write_template(
             pieces,
             folder,

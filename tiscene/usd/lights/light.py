@@ -21,7 +21,7 @@ from tiscene.scene.description import (
     RectLight,
     SphereLight,
 )
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix, unscaled
 from tiscene.usd.geometry.deforming import varies
 from tiscene.usd.lights.shaping import light_input, read_shaping, report_unrendered
@@ -36,7 +36,7 @@ class LightReader:
     """Turns UsdLux prims into the description's lights."""
 
     def __init__(
-        self, textures: TextureTable, time: Usd.TimeCode, report: Report, meters_per_unit: float, up_axis: str
+        self, textures: TextureTable, time: Usd.TimeCode, report: StageReport, meters_per_unit: float, up_axis: str
     ) -> None:
         self.lights: list[Light] = []
         self._textures = textures
@@ -46,7 +46,7 @@ class LightReader:
         self._up_axis = up_axis
 
     def add(self, prim: Usd.Prim, world_from_prim: NDArray[np.float64]) -> None:
-        """Read one light. world_from_prim: 4x4 for column vectors, its translation in metres."""
+        """Read one light. world_from_prim: 4x4 for column vectors, its translation in meters."""
         path = prim.GetPath()
         emission = self._emission(prim)
         if emission is None or not (any(emission) or self._is_animated(prim)):
@@ -102,7 +102,7 @@ class LightReader:
         return None if emission is None else self._per_area(prim, emission, area)
 
     def _emission(self, prim: Usd.Prim) -> Color | None:
-        """Radiance before `normalize`, W/m²/sr: intensity · 2^exposure · color · colour temperature."""
+        """Radiance before `normalize`, W/m²/sr: intensity · 2^exposure · color · color temperature."""
         intensity = self._float(prim, "intensity", 50000.0 if prim.GetTypeName() == "DistantLight" else 1.0)
         exposure = self._float(prim, "exposure", 0.0)
         color = np.asarray(self._input(prim, "color", (1.0, 1.0, 1.0)), dtype=np.float64)
@@ -221,7 +221,7 @@ class LightReader:
         return tuple(portals)
 
     def _per_area(self, prim: Usd.Prim, emission: Color, area: float) -> Color | None:
-        """`normalize` divides by the area in the stage's world space, whose unit is the stage's, not the metre."""
+        """`normalize` divides by the area in the stage's world space, whose unit is the stage's, not the meter."""
         if not math.isfinite(area) or area < 0.0 or (area == 0.0 and self._input(prim, "normalize", False)):
             self._report.problem(prim.GetPath(), "light", f"its area is {area}")
             return None

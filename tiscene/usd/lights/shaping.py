@@ -10,7 +10,7 @@ from typing import Any
 from pxr import Sdf, Usd, UsdLux
 
 from tiscene.scene.description import Shaping
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.lights.ies import read_ies
 from tiscene.usd.materials.image import read_file
 from tiscene.usd.materials.texture import TextureTable
@@ -30,7 +30,7 @@ def light_input(prim: Usd.Prim, name: str, time: Usd.TimeCode, default: Any) -> 
     return default if value is None else value
 
 
-def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: Report) -> Shaping | None:
+def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport) -> Shaping | None:
     """The shaping of a light; None if it changes nothing."""
     if not prim.HasAPI(UsdLux.ShapingAPI):
         return None
@@ -57,7 +57,7 @@ def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, rep
     )
 
 
-def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: Report) -> int | None:
+def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport) -> int | None:
     """The row of the texture that holds a light's IES profile."""
     asset = light_input(prim, "shaping:ies:file", time, None)
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
@@ -79,7 +79,7 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
     return textures.add_pixels(key, Path(asset.path).name, profile.image(scale, normalize))
 
 
-def report_unrendered(prim: Usd.Prim, time: Usd.TimeCode, report: Report) -> None:
+def report_unrendered(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> None:
     """Name the controls of a light that no integrator here knows."""
     path = prim.GetPath()
     if prim.HasAPI(UsdLux.ShadowAPI):

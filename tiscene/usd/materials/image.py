@@ -21,10 +21,10 @@ from tiscene.usd.materials.png16 import is_deep_color, read_deep_color
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class ImageData:
     """A decoded image file, row 0 at the top.
 
-    pixels: uint8 or float32 [h, w, 4]; grey is repeated, a missing alpha is opaque. srgb: whether UsdUVTexture's
+    pixels: uint8 or float32 [h, w, 4]; gray is repeated, a missing alpha is opaque. srgb: whether UsdUVTexture's
     "auto" takes its values for sRGB: 8 bits with 3 or 4 channels, or the file says so.
     """
 
@@ -32,7 +32,7 @@ class Picture:
     srgb: bool
 
 
-def read_picture(path: str) -> Picture:
+def read_picture(path: str) -> ImageData:
     """Read an image file, or one inside a package ("room.usdz[wood.png]"). Raises OSError or ValueError."""
     return _decode(read_file(path), Path(split_package(path)[-1]).suffix.lower())
 
@@ -50,14 +50,14 @@ def read_file(path: str) -> bytes:
     return data
 
 
-def _decode(data: bytes, suffix: str) -> Picture:
+def _decode(data: bytes, suffix: str) -> ImageData:
     if data[:4] == b"\x76\x2f\x31\x01":
-        return Picture(_with_alpha(_read_exr(data)), srgb=False)
+        return ImageData(_with_alpha(_read_exr(data)), srgb=False)
     if data[:2] == b"#?":
-        return Picture(_with_alpha(read_radiance(data)), srgb=False)
+        return ImageData(_with_alpha(read_radiance(data)), srgb=False)
     if is_deep_color(data):
         values, says_srgb = read_deep_color(data)
-        return Picture(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
+        return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what Pillow merely wonders about
@@ -68,18 +68,18 @@ def _decode(data: bytes, suffix: str) -> Picture:
         raise ValueError(f"not a readable {suffix or 'image'} file: {error}") from error
 
 
-def _from_pillow(image: Image.Image) -> Picture:
+def _from_pillow(image: Image.Image) -> ImageData:
     says_srgb = "srgb" in image.info or abs(image.info.get("gamma", 1.0) - 0.45455) < 0.01
     if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV", "PA", "RGBX", "1"):
         transparent = "transparency" in image.info or image.mode == "PA"
         image = image.convert("L" if image.mode == "1" else "RGBA" if transparent else "RGB")
     values = np.asarray(image)
     if image.mode.startswith("I") or values.dtype in (np.uint16, np.int32, np.uint32):
-        return Picture(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
+        return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
     if values.dtype == np.float32:
-        return Picture(_with_alpha(values), srgb=False)
+        return ImageData(_with_alpha(values), srgb=False)
     channels = 1 if values.ndim == 2 else values.shape[2]
-    return Picture(_with_alpha(values), srgb=says_srgb or channels >= 3)
+    return ImageData(_with_alpha(values), srgb=says_srgb or channels >= 3)
 
 
 def _with_alpha(values: NDArray[Any]) -> NDArray[Any]:
@@ -96,7 +96,7 @@ def _with_alpha(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _read_exr(data: bytes) -> FloatArray:
-    """The first part's colour channels; one layer's or grey where there is no plain RGB."""
+    """The first part's color channels; one layer's or gray where there is no plain RGB."""
     with tempfile.TemporaryDirectory() as folder:  # OpenEXR reads only from files
         file = Path(folder, "picture.exr")
         file.write_bytes(data)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, Color, ColorInput, Material, TextureLookup
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.display_color import constant_primvar, quantized, varies, varying_display
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, Primvars
 from tiscene.usd.materials.preview_surface import NetworkReader
@@ -32,10 +32,10 @@ class Binding:
     is_display_color: bool = False
 
 
-class MaterialTable:
+class MaterialTableBuilder:
     """Reads each material once and numbers it."""
 
-    def __init__(self, textures: TextureTable, time: Usd.TimeCode, report: Report) -> None:
+    def __init__(self, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
         self.materials: list[Material] = []
         self._textures = textures
         self._time = time
@@ -106,7 +106,7 @@ class MaterialTable:
         return self._display_color(cast(Any, color or _DEFAULT.diffuse_color), 1.0 if opacity is None else opacity[0])
 
     def _colored_vertices(self, opacity: bool) -> Binding:
-        """What Hydra shows for a mesh without a material whose colours vary within its faces."""
+        """What Hydra shows for a mesh without a material whose colors vary within its faces."""
         name = "displayColor"
         color = Material(name, TextureLookup(VERTEX_COLORS))
         if opacity:

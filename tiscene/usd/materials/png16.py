@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-_CHANNELS = {2: 3, 4: 2, 6: 4}  # by colour type: RGB, grey and alpha, RGBA
+_CHANNELS = {2: 3, 4: 2, 6: 4}  # by color type: RGB, gray and alpha, RGBA
 _LARGEST = 1 << 16
 # Adam7: first column, first row, step between columns, step between rows of each pass.
 _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))

@@ -10,8 +10,8 @@ import numpy as np
 from pxr import Sdf, Usd, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Material, TextureLookup
-from tiscene.usd.core.report import Report
-from tiscene.usd.core.shader_network import Connection, Source, connections_of, shader_id
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, Primvars
 from tiscene.usd.materials.texture import Affine, TextureTable
@@ -26,7 +26,7 @@ class NetworkReader:
     constants: the gprim's primvars that inputs come from. primvars: those that its vertices must have.
     """
 
-    def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: Report) -> None:
+    def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
         self.constants: list[str] = []
         self.primvars = NO_PRIMVARS
         self._gprim = gprim
@@ -93,7 +93,7 @@ class NetworkReader:
     def _unsupported(self, material: UsdShade.Material, name: str, instead: str) -> None:
         self._report.omission(material.GetPath(), f"shader {name!r} is not supported, {instead}")
 
-    def _color(self, inputs: dict[str, Connection], name: str, default: ColorInput) -> ColorInput:
+    def _color(self, inputs: dict[str, ShaderConnection], name: str, default: ColorInput) -> ColorInput:
         value = self._value(inputs, name)
         if value is None or isinstance(value, TextureLookup):
             return default if value is None else value
@@ -101,7 +101,7 @@ class NetworkReader:
             value = value * 3
         return (value[0], value[1], value[2])
 
-    def _float(self, inputs: dict[str, Connection], name: str, default: FloatInput) -> FloatInput:
+    def _float(self, inputs: dict[str, ShaderConnection], name: str, default: FloatInput) -> FloatInput:
         value = self._value(inputs, name)
         if value is None:
             return default
@@ -109,18 +109,18 @@ class NetworkReader:
             return value if value.channel != "rgb" else replace(value, channel="r")
         return value[0]
 
-    def _number(self, inputs: dict[str, Connection], name: str, default: float) -> float:
+    def _number(self, inputs: dict[str, ShaderConnection], name: str, default: float) -> float:
         value = self._value(inputs, name)
         if isinstance(value, TextureLookup):
             self._report.omission(self._path, f"{name} cannot come from a texture, {default} is used")
             return default
         return default if value is None else value[0]
 
-    def _token(self, inputs: dict[str, Connection], name: str, default: str) -> str:
+    def _token(self, inputs: dict[str, ShaderConnection], name: str, default: str) -> str:
         connection = inputs.get(name)
         return default if connection is None or connection.value is None else str(connection.value)
 
-    def _normal(self, inputs: dict[str, Connection]) -> TextureLookup | None:
+    def _normal(self, inputs: dict[str, ShaderConnection]) -> TextureLookup | None:
         value = self._value(inputs, "normal")
         if value is None or isinstance(value, TextureLookup):
             return value
@@ -128,7 +128,7 @@ class NetworkReader:
             self._report.omission(self._path, "a constant normal other than (0, 0, 1) is not applied")
         return None
 
-    def _value(self, inputs: dict[str, Connection], name: str) -> tuple[float, ...] | TextureLookup | None:
+    def _value(self, inputs: dict[str, ShaderConnection], name: str) -> tuple[float, ...] | TextureLookup | None:
         """Numbers, a texture, or None for the input's default."""
         connection = inputs.get(name)
         if connection is None:
@@ -161,7 +161,7 @@ class NetworkReader:
         return numbers
 
     def _primvar(self, source: Source) -> tuple[float, ...] | TextureLookup | None:
-        """A primvar: a number, or the colour or opacity of the vertices if it varies."""
+        """A primvar: a number, or the color or opacity of the vertices if it varies."""
         inputs = connections_of(source.shader, self._time)
         name = self._token(inputs, "varname", "")
         fallback = inputs.get("fallback")
@@ -217,12 +217,12 @@ class NetworkReader:
         self.primvars = replace(self.primvars, second_uv=name)
         return 1
 
-    def _four(self, inputs: dict[str, Connection], name: str, default: tuple[float, ...]) -> tuple[float, ...]:
+    def _four(self, inputs: dict[str, ShaderConnection], name: str, default: tuple[float, ...]) -> tuple[float, ...]:
         connection = inputs.get(name)
         value = self._numbers(connection.value, name) if connection and connection.value is not None else None
         return default if value is None or len(value) != 4 else value
 
-    def _coordinates(self, st: Connection | None) -> tuple[np.ndarray[Any, Any], str]:
+    def _coordinates(self, st: ShaderConnection | None) -> tuple[np.ndarray[Any, Any], str]:
         """The affine map, 3x3, and the primvar that a texture's coordinates come from."""
         transform, passed = np.eye(3), set()
         while st is not None and st.source is not None:
@@ -239,7 +239,7 @@ class NetworkReader:
             st = inputs.get("in")
         return transform, ""
 
-    def _transform2d(self, inputs: dict[str, Connection]) -> np.ndarray[Any, Any]:
+    def _transform2d(self, inputs: dict[str, ShaderConnection]) -> np.ndarray[Any, Any]:
         """Scale, then rotate counter-clockwise by degrees, then translate."""
         angle = math.radians(self._number(inputs, "rotation", 0.0))
         scale = self._value(inputs, "scale") or (1.0, 1.0)

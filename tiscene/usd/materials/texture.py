@@ -13,8 +13,8 @@ from pxr import Sdf, Usd, UsdShade
 from tiscene.scene.color import decode_srgb, encode_srgb
 from tiscene.scene.description import FloatArray, Texture
 from tiscene.usd.core.package import split_package
-from tiscene.usd.core.report import Report
-from tiscene.usd.materials.image import Picture, read_picture
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.materials.image import ImageData, read_picture
 
 Wrap = Literal["repeat", "clamp", "mirror", "black"]
 Encoding = Literal["srgb", "raw"]
@@ -27,11 +27,11 @@ _WRAPS = ("repeat", "clamp", "mirror", "black")
 class TextureTable:
     """Reads image files and numbers them."""
 
-    def __init__(self, report: Report) -> None:
+    def __init__(self, report: StageReport) -> None:
         """What cannot be read is reported, and its place is the caller's to fill."""
         self.textures: list[Texture] = []
         self._report = report
-        self._pictures: dict[str, Picture | None] = {}
+        self._pictures: dict[str, ImageData | None] = {}
         self._rows: dict[tuple[str, str, str, str], int] = {}
 
     def add(
@@ -65,7 +65,7 @@ class TextureTable:
     ) -> tuple[int, Affine] | None:
         """The row of a texture that holds all tiles of "wood.<UDIM>.png" side by side, and the map of uv into it.
 
-        Tile 1001 + u + 10 v covers the unit square at (u, v). fallback: the colour of tiles between that are not there.
+        Tile 1001 + u + 10 v covers the unit square at (u, v). fallback: the color of tiles between that are not there.
         None, which is reported, if there are no tiles or one cannot be read.
         """
         prim_path = attribute.GetPrim().GetPath()
@@ -84,21 +84,21 @@ class TextureTable:
         columns, rows = (high - low).tolist()
         first = next(iter(read.values()))
         encoding = self._encoding(color_space, first, prim_path)
-        sheet = Picture(_sheet(read, low, (columns, rows), fallback, encoding), first.srgb)
+        sheet = ImageData(_sheet(read, low, (columns, rows), fallback, encoding), first.srgb)
         row = self._row(_anchored(attribute, asset), sheet, encoding, ("clamp", "clamp"))
         return row, (1.0 / columns, 0.0, -float(low[0]) / columns, 0.0, 1.0 / rows, -float(low[1]) / rows)
 
     def add_pixels(self, key: str, name: str, pixels: FloatArray) -> int:
         """The row of an image [h, w, 4] that was made here, once for each key."""
-        return self._row(key, Picture(pixels, srgb=False), "raw", ("repeat", "clamp"), name)
+        return self._row(key, ImageData(pixels, srgb=False), "raw", ("repeat", "clamp"), name)
 
-    def _encoding(self, color_space: str, picture: Picture, prim_path: Any) -> Encoding:
+    def _encoding(self, color_space: str, picture: ImageData, prim_path: Any) -> Encoding:
         if color_space not in ("auto", "sRGB", "raw"):
-            self._report.omission(prim_path, f"colour space {color_space!r} is not known, 'auto' is used")
+            self._report.omission(prim_path, f"color space {color_space!r} is not known, 'auto' is used")
             color_space = "auto"
         return "srgb" if (picture.srgb if color_space == "auto" else color_space == "sRGB") else "raw"
 
-    def _row(self, path: str, picture: Picture, encoding: Encoding, wraps: tuple[Wrap, Wrap], name: str = "") -> int:
+    def _row(self, path: str, picture: ImageData, encoding: Encoding, wraps: tuple[Wrap, Wrap], name: str = "") -> int:
         key = (path, encoding, *wraps)
         if key not in self._rows:
             self._rows[key] = len(self.textures)
@@ -108,7 +108,7 @@ class TextureTable:
             self.textures.append(Texture(name or Path(split_package(path)[-1]).name, pixels, encoding, *wraps))
         return self._rows[key]
 
-    def _read(self, path: str, prim_path: Any, instead: str = _INSTEAD) -> Picture | None:
+    def _read(self, path: str, prim_path: Any, instead: str = _INSTEAD) -> ImageData | None:
         if path not in self._pictures:
             if not self._report.root.holds(path):
                 self._report.problem(prim_path, "texture", f"@{path}@ is outside {self._report.root.folder}")
@@ -121,7 +121,7 @@ class TextureTable:
                 self._report.omission(prim_path, f"texture @{path}@ cannot be read ({error}); {instead}")
         return self._pictures[path]
 
-    def _finite(self, picture: Picture, path: str, prim_path: Any) -> Picture:
+    def _finite(self, picture: ImageData, path: str, prim_path: Any) -> ImageData:
         """The picture without what is no finite number: suns too bright for half precision, pixels never written."""
         if picture.pixels.dtype == np.uint8 or np.isfinite(picture.pixels).all():
             return picture
@@ -129,7 +129,7 @@ class TextureTable:
         text = f"{count} pixels of texture @{path}@ are not finite: what is endless is {_BRIGHTEST:g}, else 0"
         self._report.omission(prim_path, text)
         pixels = np.nan_to_num(picture.pixels, nan=0.0, posinf=_BRIGHTEST, neginf=0.0)
-        return Picture(np.asarray(pixels, np.float32), picture.srgb)
+        return ImageData(np.asarray(pixels, np.float32), picture.srgb)
 
     def _wrap(self, wrap: str, prim_path: Any) -> Wrap:
         if wrap in _WRAPS:
@@ -162,7 +162,7 @@ def _anchored(attribute: Usd.Attribute, asset: Sdf.AssetPath) -> str:
 
 
 def _sheet(
-    tiles: dict[tuple[int, int], Picture],
+    tiles: dict[tuple[int, int], ImageData],
     low: NDArray[np.int64],
     size: tuple[int, int],
     fallback: tuple[float, ...],

@@ -13,21 +13,21 @@ from tiscene.errors import TemplateNotFound
 from tiscene.scene.assembly import as_one
 from tiscene.scene.description import Template
 from tiscene.usd.core.pose import placed, read_pose
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOTHING, moved
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.traversal import Context, StageReader
 
 
-class RemainingReader(StageReader):
+class RemainderReader(StageReader):
     """Reads a stage without some of its prims and all below them."""
 
     def __init__(
         self,
         stage: Usd.Stage,
         time: Usd.TimeCode,
-        report: Report,
+        report: StageReport,
         lifted: Collection[str],
         taxonomy: str | None = None,
     ) -> None:
@@ -38,10 +38,10 @@ class RemainingReader(StageReader):
         return str(prim.GetPath()) not in self._lifted and super()._read(prim, here, predicate)
 
 
-class _LiftedReader(StageReader):
+class _ExtractedReader(StageReader):
     """Reads one prim as if it were visible: when it is seen is a matter of its life span."""
 
-    def __init__(self, root: Usd.Prim, time: Usd.TimeCode, report: Report, taxonomy: str | None) -> None:
+    def __init__(self, root: Usd.Prim, time: Usd.TimeCode, report: StageReport, taxonomy: str | None) -> None:
         super().__init__(root.GetStage(), time, report, taxonomy)
         self._root = root.GetPath()
 
@@ -51,7 +51,7 @@ class _LiftedReader(StageReader):
 
 
 def lifted_templates(
-    stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: Report, taxonomy: str | None = None
+    stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: StageReport, taxonomy: str | None = None
 ) -> tuple[Template, ...]:
     """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps its scale.
 
@@ -60,13 +60,13 @@ def lifted_templates(
     return tuple(_template(stage, path, time, report, taxonomy) for path in sorted(set(lifted)))
 
 
-def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: Report, taxonomy: str | None) -> Template:
+def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageReport, taxonomy: str | None) -> Template:
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     if not prim or not prim.IsA(UsdGeom.Xformable):
         things = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdGeom.Xformable)]
         raise TemplateNotFound("prim", path, things, " to move on the stage")
     pose = read_pose(prim, time, Units.of(stage))
-    reader = _LiftedReader(prim, time, report, taxonomy)
+    reader = _ExtractedReader(prim, time, report, taxonomy)
     above = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
     # Its label may be inherited.
     label = inherited_label(prim, time, taxonomy)

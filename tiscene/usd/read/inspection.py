@@ -19,7 +19,7 @@ class StageFacts:
 
     variants: {"/Prim{set}": (what is selected, what there is)}. time_codes: first and last, None if unauthored.
     animated: how many prims have time samples. unit_is_authored: else `meters_per_unit` is USD's default, 0.01.
-    licence: what `tiscene import` kept of a model's terms.
+    license: what `tiscene import` kept of a model's terms.
     """
 
     layers: tuple[str, ...]
@@ -33,7 +33,7 @@ class StageFacts:
     time_codes_per_second: float
     animated: int
     instances: int
-    licence: dict[str, str]
+    license: dict[str, str]
 
 
 def stage_facts(path: str | Path, variants: Variants | None = None, root: str | Path | None = None) -> StageFacts:
@@ -62,5 +62,5 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
             time_codes_per_second=stage.GetTimeCodesPerSecond(),
             animated=sum(any(a.GetNumTimeSamples() > 1 for a in prim.GetAuthoredAttributes()) for prim in prims),
             instances=sum(bool(prim.IsInstance()) for prim in prims),
-            licence={str(key): str(value) for key, value in kept.items()} if isinstance(kept, dict) else {},
+            license={str(key): str(value) for key, value in kept.items()} if isinstance(kept, dict) else {},
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import Matrix, Mesh
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import FARTHEST
 from tiscene.usd.geometry import gprim
 from tiscene.usd.geometry.curves import read_curves, read_points
@@ -20,8 +20,8 @@ from tiscene.usd.geometry.gprim import read_gprim
 from tiscene.usd.geometry.mesh import face_count, read_mesh
 from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of
 from tiscene.usd.geometry.triangulate import cross
-from tiscene.usd.geometry.vertex_weld import Surface
-from tiscene.usd.materials.material import Binding, MaterialTable
+from tiscene.usd.geometry.vertex_weld import WeldedMesh
+from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]
@@ -40,14 +40,16 @@ def is_drawable(prim: Usd.Prim) -> bool:
 class MeshTable:
     """Reads gprims and numbers their meshes. Prims of one prototype share a mesh, and so do equal meshes."""
 
-    def __init__(self, materials: MaterialTable, time: Usd.TimeCode, report: Report, meters_per_unit: float) -> None:
+    def __init__(
+        self, materials: MaterialTableBuilder, time: Usd.TimeCode, report: StageReport, meters_per_unit: float
+    ) -> None:
         self.meshes: list[Mesh] = []
         self._materials = materials
         self._time = time
         self._report = report
         self._meters = meters_per_unit
         self._partitions: dict[Any, Partition] = {}
-        self._surfaces: dict[Any, Surface | None] = {}
+        self._surfaces: dict[Any, WeldedMesh | None] = {}
         self._rows: dict[Any, int | None] = {}
         self._rows_by_content: dict[bytes, int] = {}
 
@@ -128,7 +130,9 @@ class MeshTable:
             found.append((self._materials.binding(subset.GetPrim(), prim), indices))
         return found
 
-    def _surface(self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets) -> Surface | None:
+    def _surface(
+        self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets
+    ) -> WeldedMesh | None:
         """The triangles of a gprim, read once for each prototype and choice of texture coordinates."""
         wanted = tuple(dict.fromkeys(binding.primvars for binding in bindings))
         of_face = None
@@ -150,7 +154,7 @@ class MeshTable:
             self._surfaces[key] = surface
         return self._surfaces[key]
 
-    def _add(self, prim: Usd.Prim, surface: Surface, whole: Binding, subsets: Subsets, partition: Partition) -> int:
+    def _add(self, prim: Usd.Prim, surface: WeldedMesh, whole: Binding, subsets: Subsets, partition: Partition) -> int:
         self._report.spent.mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
         if subsets:

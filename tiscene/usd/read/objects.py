@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 
 from pxr import Usd, UsdPhysics
 
-from tiscene.scene.animation import Track
+from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Collider, Instance, Matrix, SceneObject
 from tiscene.usd.core.semantics import asset_name, name_label
-from tiscene.usd.core.time_samples import Samples, tracks_of
+from tiscene.usd.core.time_samples import TransformSamples, tracks_of
 
 
 @dataclass
-class Thing:
-    """What becomes one SceneObject once something of it is drawn. labelled: `category` is its own, not inherited.
+class StageObject:
+    """What becomes one SceneObject once something of it is drawn. labeled: `category` is its own, not inherited.
 
     name_label: what its name says it is. parts: names of its meshes and their subsets. colliders: how many of its
     meshes are ones. asset: `asset_name`.
@@ -23,7 +23,7 @@ class Thing:
     name: str
     path: str
     category: str
-    labelled: bool
+    labeled: bool
     name_label: str = ""
     asset: str = ""
     row: int | None = None
@@ -32,9 +32,9 @@ class Thing:
     colliders: int = 0
 
     @classmethod
-    def of(cls, prim: Usd.Prim, category: str, labelled: bool) -> Thing:
+    def of(cls, prim: Usd.Prim, category: str, labeled: bool) -> StageObject:
         """The thing that a prim is."""
-        return cls(prim.GetName(), str(prim.GetPath()), category, labelled, name_label(prim), asset_name(prim))
+        return cls(prim.GetName(), str(prim.GetPath()), category, labeled, name_label(prim), asset_name(prim))
 
     def add_parts(self, names: tuple[str, ...]) -> int:
         """The number of the first of some new parts."""
@@ -42,7 +42,7 @@ class Thing:
         return len(self.parts) - len(names)
 
 
-class ThingTable:
+class StageObjectTable:
     """Everything drawn, by the thing it is part of.
 
     Colliders are decided by the rules of UsdPhysics where a stage has a PhysicsScene: what has an enabled CollisionAPI
@@ -50,20 +50,20 @@ class ThingTable:
     """
 
     def __init__(self, stage: Usd.Stage) -> None:
-        self.things: list[Thing] = []
-        self._instances: list[tuple[int, Thing, Matrix, int, bool | None]] = []
-        self._samples: list[Samples | None] = []  # of every instance
-        self._colliders: list[tuple[int, Thing, Matrix, str]] = []
+        self.things: list[StageObject] = []
+        self._instances: list[tuple[int, StageObject, Matrix, int, bool | None]] = []
+        self._samples: list[TransformSamples | None] = []  # of every instance
+        self._colliders: list[tuple[int, StageObject, Matrix, str]] = []
         self._stage = stage
 
     def add(
         self,
-        thing: Thing,
+        thing: StageObject,
         mesh: int,
         matrix: Matrix,
         names: tuple[str, ...],
         collides: bool | None,
-        samples: Samples | None = None,
+        samples: TransformSamples | None = None,
     ) -> None:
         """A mesh of a thing. collides: None if no physics is authored on it. samples: where it is over time."""
         if thing.row is None:
@@ -73,7 +73,7 @@ class ThingTable:
         self._instances.append((mesh, thing, matrix, thing.add_parts(names), collides))
         self._samples.append(samples)
 
-    def add_collider(self, thing: Thing, mesh: int, matrix: Matrix, path: str) -> None:
+    def add_collider(self, thing: StageObject, mesh: int, matrix: Matrix, path: str) -> None:
         """A mesh of a thing that is not drawn."""
         thing.colliders += 1
         self._colliders.append((mesh, thing, matrix, path))
@@ -85,7 +85,7 @@ class ThingTable:
             for mesh, thing, matrix, path in self._colliders
         )
 
-    def tracks(self) -> tuple[Track, ...]:
+    def tracks(self) -> tuple[InstanceTrack, ...]:
         """How instances move, come and go by themselves."""
         return tracks_of(self._stage, self._samples)
 

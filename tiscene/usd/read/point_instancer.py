@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.description import Matrix
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import NOTHING, Inherited, filled
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.geometry.primvar import array_of
@@ -24,7 +24,7 @@ _ARRAYS = (
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A mesh of a prototype. matrix: from the mesh to the prototype's parent, metres. label: what is said of it.
+    """A mesh of a prototype. matrix: from the mesh to the prototype's parent, meters. label: what is said of it.
 
     names: of its parts. collides: whether it is a collider, None if nothing is said. drawn: False for a collider alone.
     inherited: what of its place changes over time, before `placed` leads on to the prototype's parent.
@@ -56,7 +56,7 @@ class Placed:
 class PointInstances:
     """The visible points of an instancer.
 
-    prototypes: prims. prototype_of_point: int [n]. matrices: float64 [n, 4, 4] to the instancer's space, metres.
+    prototypes: prims. prototype_of_point: int [n]. matrices: float64 [n, 4, 4] to the instancer's space, meters.
     ids: int64 [n], the authored ids, else the points' positions in the arrays.
     """
 
@@ -67,7 +67,7 @@ class PointInstances:
 
 
 def point_instances(
-    prim: Usd.Prim, time: Usd.TimeCode, meters_per_unit: float, report: Report
+    prim: Usd.Prim, time: Usd.TimeCode, meters_per_unit: float, report: StageReport
 ) -> PointInstances | None:
     """Read an instancer at a time; None, with a problem reported, if its arrays contradict each other."""
     instancer = UsdGeom.PointInstancer(prim)

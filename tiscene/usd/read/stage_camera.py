@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.description import Matrix
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import unmirrored, unscaled
 from tiscene.usd.geometry.deforming import varies
 
@@ -23,7 +23,7 @@ _LENS = (
 
 
 def read_camera(
-    prim: Usd.Prim, world_from_prim: Matrix, time: Usd.TimeCode, meters_per_unit: float, report: Report
+    prim: Usd.Prim, world_from_prim: Matrix, time: Usd.TimeCode, meters_per_unit: float, report: StageReport
 ) -> Camera | None:
     """A camera; None, with the reason reported, for one that cannot be used.
 
@@ -60,7 +60,7 @@ def read_camera(
     others: dict[str, Any] = {}
     f_stop, focus = number("fStop"), number("focusDistance")
     if orthographic:
-        others["view_height"] = aperture / 10.0 * meters_per_unit
+        others["orthographic_height"] = aperture / 10.0 * meters_per_unit
     elif f_stop > 0.0 and focus > 0.0:
         others["lens_radius"] = focal_length / 10.0 * meters_per_unit / (2.0 * f_stop)
     if focus > 0.0:

@@ -9,12 +9,12 @@ from typing import cast
 
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.core.limits import Limits, Root, Spent
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import check_taxonomy
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.geometry.skinning import bake_skinning
-from tiscene.usd.read.extracted_prims import RemainingReader, lifted_templates
-from tiscene.usd.read.subprocess_reader import Reading
+from tiscene.usd.read.extracted_prims import RemainderReader, lifted_templates
+from tiscene.usd.read.subprocess_reader import SubprocessReader
 from tiscene.usd.read.template import stage_templates
 from tiscene.usd.read.traversal import Context
 
@@ -42,7 +42,7 @@ def read_stage(
     limits: what reading may take, see `Limits`.
     lifted: paths of prims that are to move: each is left out, and becomes a template whose name is its path.
 
-    The world keeps the stage's own axes (`up_axis` says which one is up); lengths become metres. A thing with an
+    The world keeps the stage's own axes (`up_axis` says which one is up); lengths become meters. A thing with an
     identity is the nearest enclosing prim of kind `component`, else a native instance, else the gprim itself; each
     point of a PointInstancer is one thing.
 
@@ -53,19 +53,19 @@ def read_stage(
     if untrusted:
         root = Path(path).resolve().parent if root is None else root
         options = {"time_code": time_code, "variants": variants, "lifted": tuple(lifted)}
-        with Reading(path, options | {"taxonomy": taxonomy, "root": Path(root)}, limits) as reading:
+        with SubprocessReader(path, options | {"taxonomy": taxonomy, "root": Path(root)}, limits) as reading:
             return cast(SceneDescription, reading.result())
     inside = Root(root)
     with quiet(), readable(path):
         stage = open_stage(path, variants)
         inside.check(stage, str(path))
-        report = Report(
+        report = StageReport(
             str(path), plays=time_code is None and changes_over_time(stage), root=inside, spent=Spent(str(path), limits)
         )
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
         bake_skinning(stage, time, report)
-        reader = RemainingReader(stage, time, report, lifted, taxonomy)
+        reader = RemainderReader(stage, time, report, lifted, taxonomy)
         reader.walk(stage.GetPseudoRoot(), Context())
         templates = (
             *stage_templates(stage, report, taxonomy),

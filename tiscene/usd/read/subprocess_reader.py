@@ -1,4 +1,4 @@
-"""Reading in a process of its own, which hands back arrays: files that may be damaged or hostile, with limits; and any
+"""SubprocessReader in a process of its own, which hands back arrays: files that may be damaged or hostile, with limits; and any
 file while this process does something else."""
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ _MOMENT = 2.0  # s
 _KILLED = -9  # what a process returns that the system stopped (SIGKILL, which Windows does not know)
 
 
-class NoAnswer(StageError):
+class SubprocessFailed(StageError):
     """The other process could not even begin."""
 
 
-class Reading:
+class SubprocessReader:
     """`read_stage(path, **options)` in a process of its own, which has begun. To be used in a `with`, which ends it."""
 
     def __init__(self, path: str | Path, options: dict[str, Any], limits: Limits | None = None) -> None:
@@ -67,9 +67,9 @@ class Reading:
             )
         except OSError as error:
             self._folder.cleanup()
-            raise NoAnswer(self._path, [f"no process to read it in: {error}"]) from error
+            raise SubprocessFailed(self._path, [f"no process to read it in: {error}"]) from error
 
-    def __enter__(self) -> Reading:
+    def __enter__(self) -> SubprocessReader:
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -91,7 +91,7 @@ class Reading:
     def result(self) -> Any:
         """What was read. Its errors and warnings are given here.
 
-        Raises StageError too for a file that crashes USD, or takes more time or memory than it may; NoAnswer.
+        Raises StageError too for a file that crashes USD, or takes more time or memory than it may; SubprocessFailed.
         """
         left = None if self._limits is None else max(0.0, self._began + self._limits.seconds - time.monotonic())
         try:
@@ -101,7 +101,7 @@ class Reading:
             raise StageError(self._path, [f"reading it took longer than {self._limits.seconds:g} s"]) from None
         code = self._process.returncode
         if code != 0 or not self._result.is_file():
-            refused = NoAnswer if code > 0 else StageError
+            refused = SubprocessFailed if code > 0 else StageError
             raise refused(self._path, [_reason(code, said, self._limits)])
         try:
             kind, content, told = _loaded(self._result)

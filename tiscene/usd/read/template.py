@@ -12,7 +12,7 @@ from pxr import Gf, Usd, UsdGeom
 from tiscene.errors import StageError
 from tiscene.scene.assembly import as_one
 from tiscene.scene.description import Template
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label, readable_name, spaced
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time, select_variants
 from tiscene.usd.geometry.skinning import bake_skinning
@@ -32,7 +32,7 @@ def read_template(
 
     Its origin is that of the default prim, wherever the file has placed it; rotation and scale stay. up_axis: turn
     the template so that its up is this axis; None leaves it in the axes of its file. The name is the prim's
-    displayName, else made from the file's name; the category is the prim's label, else its first labelled part's, else
+    displayName, else made from the file's name; the category is the prim's label, else its first labeled part's, else
     what its name says. taxonomy: of the labels; None for "class", else "category", else any. variants: what to select
     of the prim's variant sets, `{"color": "walnut"}`.
 
@@ -40,7 +40,7 @@ def read_template(
     """
     with quiet(), readable(path):
         stage = open_stage(path)
-        report = Report(str(path))
+        report = StageReport(str(path))
         prim = root_prim(stage)
         if prim is None:
             raise StageError(
@@ -72,7 +72,7 @@ def root_prim(stage: Usd.Stage) -> Usd.Prim | None:
     return roots[0] if len(roots) == 1 else None
 
 
-def stage_templates(stage: Usd.Stage, report: Report, taxonomy: str | None = None) -> tuple[Template, ...]:
+def stage_templates(stage: Usd.Stage, report: StageReport, taxonomy: str | None = None) -> tuple[Template, ...]:
     """The children of the class prim "Templates" at the root of a stage."""
     folder = stage.GetPrimAtPath(TEMPLATES_PRIM)
     if not folder or not folder.IsAbstract():
@@ -85,7 +85,7 @@ def stage_templates(stage: Usd.Stage, report: Report, taxonomy: str | None = Non
 
 
 def template_of(
-    prim: Usd.Prim, name: str, report: Report, up_axis: str | None = None, taxonomy: str | None = None
+    prim: Usd.Prim, name: str, report: StageReport, up_axis: str | None = None, taxonomy: str | None = None
 ) -> Template:
     """A prim and all below it as a template; a problem if nothing of it draws."""
     stage = prim.GetStage()

@@ -11,7 +11,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription, Template
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import (
     asset_name,
     direct_label,
@@ -21,15 +21,15 @@ from tiscene.usd.core.semantics import (
     name_label,
     taxonomies_of,
 )
-from tiscene.usd.core.time_samples import NOTHING, Inherited, Samples
+from tiscene.usd.core.time_samples import NOTHING, Inherited, TransformSamples
 from tiscene.usd.core.transform import beyond, is_flat, to_matrix
 from tiscene.usd.geometry.deforming import varies
 from tiscene.usd.geometry.skinning import is_unskinned
 from tiscene.usd.lights.light import LightReader, is_light
-from tiscene.usd.materials.material import Binding, MaterialTable
+from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.read.mesh_table import MeshTable, is_drawable
-from tiscene.usd.read.objects import Thing, ThingTable, collides, is_rigid_body
+from tiscene.usd.read.objects import StageObject, StageObjectTable, collides, is_rigid_body
 from tiscene.usd.read.point_instancer import Placed, PointInstances, PointSamples, instancer_times, point_instances
 from tiscene.usd.read.stage_camera import read_camera
 
@@ -53,7 +53,7 @@ class Context:
     purpose: str = UsdGeom.Tokens.default_
     label: str = ""
     label_is_own: bool = False
-    thing: Thing | None = None
+    thing: StageObject | None = None
     inherited: Inherited = NOTHING
 
     @property
@@ -65,9 +65,9 @@ class Context:
 class StageReader:
     """Collects a SceneDescription from the prims it is shown."""
 
-    def __init__(self, stage: Usd.Stage, time: Usd.TimeCode, report: Report, taxonomy: str | None = None) -> None:
+    def __init__(self, stage: Usd.Stage, time: Usd.TimeCode, report: StageReport, taxonomy: str | None = None) -> None:
         """taxonomy: of the labels; None for the preferred ones."""
-        self.by_name = not taxonomies_of(stage)  # what nobody labelled is what its name says
+        self.by_name = not taxonomies_of(stage)  # what nobody labeled is what its name says
         self._taxonomy = taxonomy
         self.up_axis = cast(Literal["Y", "Z"], str(UsdGeom.GetStageUpAxis(stage)))
         self._stage = stage
@@ -75,11 +75,11 @@ class StageReader:
         self._report = report
         self._meters = float(UsdGeom.GetStageMetersPerUnit(stage))
         self._textures = TextureTable(report)
-        self._materials = MaterialTable(self._textures, time, report)
+        self._materials = MaterialTableBuilder(self._textures, time, report)
         self._meshes = MeshTable(self._materials, time, report, self._meters)
         self._lights = LightReader(self._textures, time, report, self._meters, self.up_axis)
         self._cameras: list[Camera] = []
-        self._things = ThingTable(stage)
+        self._things = StageObjectTable(stage)
         self._parts: list[Placed] | None = None  # where gprims go while they are parts of a prototype
         self._root = Sdf.Path.absoluteRootPath  # of that prototype
         self._top = Sdf.Path.absoluteRootPath  # of what is read
@@ -144,7 +144,7 @@ class StageReader:
         thing = above.thing
         if is_thing:
             own = bool(direct)
-            thing = Thing.of(prim, label, own)
+            thing = StageObject.of(prim, label, own)
         if thing is not None and is_rigid_body(prim):
             thing.movable = True
         return Context(world, visible, purpose, label, own, thing, inherited)
@@ -219,7 +219,7 @@ class StageReader:
         if here.drawn and is_unskinned(prim):
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
-        samples = Samples.of(here.inherited, here.world, self._meters) if self._parts is None else None
+        samples = TransformSamples.of(here.inherited, here.world, self._meters) if self._parts is None else None
         wrong = beyond(matrix if samples is None else samples.matrices)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
@@ -230,13 +230,13 @@ class StageReader:
             placed = Placed(mesh, matrix, here.label, names, collides(prim), here.drawn, here.inherited)
             self._parts.append(placed)
         elif not here.drawn:
-            thing = here.thing or Thing.of(prim, here.label, True)
+            thing = here.thing or StageObject.of(prim, here.label, True)
             self._things.add_collider(thing, mesh, matrix, str(prim.GetPath()))
         else:
-            thing = here.thing or Thing.of(prim, here.label, True)
+            thing = here.thing or StageObject.of(prim, here.label, True)
             thing.movable = thing.movable or (here.thing is None and is_rigid_body(prim))
-            if here.label_is_own and not thing.labelled:  # its first labelled part says what the whole is
-                thing.category, thing.labelled = here.label, True
+            if here.label_is_own and not thing.labeled:  # its first labeled part says what the whole is
+                thing.category, thing.labeled = here.label, True
             names = self._part_names(prim, Sdf.Path(thing.path))
             self._things.add(thing, mesh, matrix, names, collides(prim), samples)
 
@@ -282,7 +282,7 @@ class StageReader:
         for row, code in enumerate(moments):
             matrix = to_matrix(here.inherited.world(code, here.world), self._meters)
             points.matrices[row] = matrix @ points.matrices[row]
-        things: dict[int, Thing] = {}
+        things: dict[int, StageObject] = {}
         for number, root, parts in zip(used, roots, prototypes, strict=True):
             if parts:
                 self._place_points(prim, here, root, parts, points, number, times, things)
@@ -308,7 +308,7 @@ class StageReader:
         points: PointSamples,
         number: int,
         times: Sequence[float],
-        things: dict[int, Thing],
+        things: dict[int, StageObject],
     ) -> None:
         """The points that show one prototype, by its number. things: those of the points so far, by their ids."""
         labels = (
@@ -328,13 +328,13 @@ class StageReader:
         placed = [points.matrices[:, rows] @ matrix[:, None] for matrix in own]
         movable, asset = is_rigid_body(root), asset_name(root)
         for row, point in enumerate(points.ids[rows].tolist()):
-            new = Thing(f"{name}[{point}]", f"{path}[{point}]", category, True, by_name, asset, movable=movable)
+            new = StageObject(f"{name}[{point}]", f"{path}[{point}]", category, True, by_name, asset, movable=movable)
             thing = things.setdefault(point, new)
             for part, world, present in zip(parts, placed, shown, strict=True):
                 if not part.drawn:
                     self._things.add_collider(thing, part.mesh, world[0, row], thing.path)
                     continue
-                samples = Samples(tuple(times), world[order, row], present[order, row]) if times else None
+                samples = TransformSamples(tuple(times), world[order, row], present[order, row]) if times else None
                 self._things.add(thing, part.mesh, world[0, row], part.names, part.collides, samples)
 
     def _prototype(self, instancer: Usd.Prim, root: Usd.Prim, purpose: str) -> Sequence[Placed]:

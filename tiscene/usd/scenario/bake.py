@@ -53,7 +53,7 @@ class Motion(Protocol):
     @property
     def cameras(self) -> Sequence[Camera]: ...
     @property
-    def at_first(self) -> Sequence[Posed]: ...
+    def initial_objects(self) -> Sequence[Posed]: ...
     def objects(self, frame: int) -> Sequence[Posed]: ...
     def lights(self, frame: int) -> Sequence[Light]: ...
     def view(self, frame: int, camera: int = 0) -> tuple[Camera, Camera, Camera]: ...
@@ -81,7 +81,7 @@ def write_motion(world: Motion, path: str | os.PathLike[str], frames: int | Iter
 
 def _write_objects(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
     standing = len(world.stage.objects)
-    asked = {life.planned.id: life.planned for life in world.scenario.lives()}
+    asked = {life.spec.id: life.spec for life in world.scenario.lives()}
     poses: dict[str, dict[int, Array]] = {}
     for frame in frames:
         for row in world.objects(frame):
@@ -114,9 +114,9 @@ def _play_samples(prim: Usd.Prim) -> None:
 
 def _write_things(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
     """Where things of the stage are that edits have moved or taken away."""
-    at_first = {row.prim_path: row for row in world.at_first}
+    initial_objects = {row.prim_path: row for row in world.initial_objects}
     for path in world.scenario.stage_lives():
-        start = at_first[path]
+        start = initial_objects[path]
         moved: dict[int, Array] = {}
         for frame in frames:
             for row in world.objects(frame):

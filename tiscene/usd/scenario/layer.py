@@ -141,9 +141,9 @@ class OverLayer:
         per_meter = 1.0 / self.units.meters
         height = _APERTURE * per_meter * 10.0  # apertures and focal length are tenths of a stage unit
         focal_length = height / (2.0 * math.tan(0.5 * camera.vertical_fov))
-        if camera.view_height is not None:
+        if camera.orthographic_height is not None:
             lens.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
-            height = camera.view_height * per_meter * 10.0
+            height = camera.orthographic_height * per_meter * 10.0
         lens.CreateVerticalApertureAttr(height)
         lens.CreateHorizontalApertureAttr(height * 4.0 / 3.0)
         lens.CreateFocalLengthAttr(focal_length)

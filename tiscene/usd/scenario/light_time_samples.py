@@ -12,7 +12,7 @@ from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Color, DistantLight, Light
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import MOST_TIMES, sample_times
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import filled
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -24,7 +24,7 @@ _LINEAR = ("inputs:intensity", "inputs:color")
 _CURVED = ("inputs:exposure", "inputs:colorTemperature")  # what the light is does not change in proportion to these
 
 
-def read_light_motion(prim: Usd.Prim, units: Units, report: Report) -> dict[str, Any] | None:
+def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict[str, Any] | None:
     """How a light moves and shines as the JSON object of LightMotion; None if it does neither.
 
     Time 0 is the start of the stage's range of time codes.
@@ -82,7 +82,7 @@ def _lights(prim: Usd.Prim, times: list[float]) -> dict[float, Light]:
 
 
 def _light(prim: Usd.Prim, time: Usd.TimeCode) -> Light | None:
-    stage, unheard = prim.GetStage(), Report("")
+    stage, unheard = prim.GetStage(), StageReport("")
     meters = UsdGeom.GetStageMetersPerUnit(stage)
     reader = LightReader(TextureTable(unheard), time, unheard, meters, str(UsdGeom.GetStageUpAxis(stage)))
     reader.add(prim, to_matrix(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time), meters))
@@ -95,7 +95,7 @@ def _seconds(prim: Usd.Prim, lights: Mapping[float, Light]) -> list[float]:
 
 
 def write_emission(prim: Usd.Prim, radiance: Mapping[int, Color]) -> None:
-    """Author what a light emits at some time codes: intensity and colour, without exposure or temperature."""
+    """Author what a light emits at some time codes: intensity and color, without exposure or temperature."""
     values: dict[str, Any] = {
         "intensity": 1.0,
         "exposure": 0.0,

@@ -1,10 +1,10 @@
 """Dynamics as attributes of TisceneMotionAPI, both ways: to and from the JSON values of a scenario's dynamics.
 
 The attributes of a kind of motion are those of its JSON object, by the table below. Values on the stage are stage units
-and camelCase, those of JSON metres and snake_case. What is not authored is left out, and so has the default of the
+and camelCase, those of JSON meters and snake_case. What is not authored is left out, and so has the default of the
 class that reads the JSON.
 
-A motion that somebody wrote in Python is of type `stepped`: its class by name, its fields as in JSON, in metres.
+A motion that somebody wrote in Python is of type `stepped`: its class by name, its fields as in JSON, in meters.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from pxr import Gf, Sdf, Usd, Vt
 
 from tiscene.usd.core import schema
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.units import Units
 
 Content = Mapping[str, Any]
@@ -66,12 +66,12 @@ _KEYS = {
 _CLASSES = {name[0].lower() + name[1:]: name for name in _KEYS}
 
 
-def read_dynamic(prim: Usd.Prim, units: Units, report: Report) -> dict[str, Any] | None:
+def read_dynamic(prim: Usd.Prim, units: Units, report: StageReport) -> dict[str, Any] | None:
     """The motion authored on a prim as a JSON object; None if there is none. Faults go to the report."""
     return _read(prim, units, report, ())
 
 
-def _read(prim: Usd.Prim, units: Units, report: Report, above: Sequence[Sdf.Path]) -> dict[str, Any] | None:
+def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf.Path]) -> dict[str, Any] | None:
     path = prim.GetPath()
     kind = _authored(prim, "type")
     if kind is None or kind == NO_MOTION:
@@ -106,7 +106,7 @@ def _read(prim: Usd.Prim, units: Units, report: Report, above: Sequence[Sdf.Path
     return content
 
 
-def _read_stepped(prim: Usd.Prim, report: Report) -> dict[str, Any] | None:
+def _read_stepped(prim: Usd.Prim, report: StageReport) -> dict[str, Any] | None:
     name, text = _authored(prim, "class"), _authored(prim, "fields")
     if not name:
         report.problem(prim.GetPath(), "motion", "it is stepped, but tiscene:motion:class does not name its class")
@@ -122,7 +122,7 @@ def _read_stepped(prim: Usd.Prim, report: Report) -> dict[str, Any] | None:
     return fields | {"type": str(name)}
 
 
-def read_waypoints(prim: Usd.Prim, units: Units, report: Report) -> list[dict[str, Any]]:
+def read_waypoints(prim: Usd.Prim, units: Units, report: StageReport) -> list[dict[str, Any]]:
     """Waypoints from the arrays `positions`, `rotations` and `orientations`."""
     positions = _authored(prim, "positions") or ()
     rotations = _authored(prim, "rotations") or ()
@@ -142,7 +142,7 @@ def read_waypoints(prim: Usd.Prim, units: Units, report: Report) -> list[dict[st
     return waypoints
 
 
-def _read_parts(prim: Usd.Prim, units: Units, report: Report, above: Sequence[Sdf.Path]) -> list[dict[str, Any]]:
+def _read_parts(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf.Path]) -> list[dict[str, Any]]:
     parts = []
     for target in schema.targets(prim, f"{_PREFIX}:parts"):
         part = prim.GetStage().GetPrimAtPath(target)
@@ -155,7 +155,7 @@ def _read_parts(prim: Usd.Prim, units: Units, report: Report, above: Sequence[Sd
 
 
 def write_dynamic(
-    prim: Usd.Prim, content: Content | None, units: Units, part_path: Callable[[], Sdf.Path], report: Report
+    prim: Usd.Prim, content: Content | None, units: Units, part_path: Callable[[], Sdf.Path], report: StageReport
 ) -> None:
     """Author a dynamic's JSON object on a prim, or that it has none.
 

@@ -18,8 +18,8 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import read_keyframes, read_life
-from tiscene.usd.core.pose import Pose, agrees, read_pose
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.pose import PrimPose, agrees, read_pose
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
 from tiscene.usd.core.semantics import is_component, is_lone_instance
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
@@ -57,7 +57,7 @@ def read_scenario(path: str | Path, *, variants: Variants | None = None) -> Auth
     """
     with quiet(), readable(path):
         stage = open_stage(path, variants)
-        report = Report(str(path))
+        report = StageReport(str(path))
         reader = _ScenarioReader(stage, report)
         result = reader.read()
         report.raise_problems()
@@ -68,7 +68,7 @@ def read_scenario(path: str | Path, *, variants: Variants | None = None) -> Auth
 class _ScenarioReader:
     """Reads the scenario of one stage."""
 
-    def __init__(self, stage: Usd.Stage, report: Report) -> None:
+    def __init__(self, stage: Usd.Stage, report: StageReport) -> None:
         self._stage = stage
         self._report = report
         self._units = Units.of(stage)
@@ -284,7 +284,7 @@ class _ScenarioReader:
         return self._exact_camera(prim, camera, pose) | {"dynamic": dynamic}
 
     @staticmethod
-    def _exact_camera(prim: Usd.Prim, camera: Camera, pose: Pose) -> dict[str, Any]:
+    def _exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose) -> dict[str, Any]:
         """A camera's JSON object, with what TisceneCameraAPI states to the last bit."""
         content = dataclasses.asdict(dataclasses.replace(camera, dynamic=None))
         content["position"] = list(pose.position)
@@ -310,7 +310,7 @@ CAMERA_VALUES = {
     "near": "near",
     "far": "far",
     "exposure": "exposure",
-    "view_height": "viewHeight",
+    "orthographic_height": "viewHeight",
 }
 
 

@@ -13,7 +13,7 @@ from tiscene.errors import CameraNotFound
 from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.pose import unit_rotation
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import quiet, readable
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.motion_schema import write_dynamic
@@ -26,12 +26,12 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
     """Write a scenario, given as its JSON object, as a USD layer (.usda, .usdc, .usd) over its scene.
 
     Objects stand at their start poses; `read_scenario` gives the same JSON values back. (In a scene whose unit is not
-    the metre, lengths of more than 15 digits may change in the last one.)
+    the meter, lengths of more than 15 digits may change in the last one.)
     Raises SceneNotFound, TemplateNotFound, CameraNotFound, StageError, ArgumentError and ExportError.
     """
     with quiet(), readable(os.fspath(path)):
         over = OverLayer(content["scene"], "Scenario")
-        report = Report(os.fspath(path))
+        report = StageReport(os.fspath(path))
         root = over.stage.GetPrimAtPath(over.root)
         root.AddAppliedSchema(schema.SCENARIO)
         _set(root, "tiscene:scenario:scene", _TYPES.String, content["scene"])
@@ -57,7 +57,7 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
         over.export(path)
 
 
-def _write_object(over: OverLayer, content: Mapping[str, Any], report: Report) -> Usd.Prim:
+def _write_object(over: OverLayer, content: Mapping[str, Any], report: StageReport) -> Usd.Prim:
     rotation = content["rotation"]
     prim, operations = over.define_object(
         content["id"], content["template"], euler=len(rotation) == 3, scale=content["scale"]
@@ -101,7 +101,7 @@ def _write_timings(root: Usd.Prim, content: Mapping[str, Any]) -> None:
         _set(root, "tiscene:scenario:turnTimes", _TYPES.DoubleArray, Vt.DoubleArray(times))
 
 
-def _write_camera(over: OverLayer, content: Mapping[str, Any], report: Report) -> Usd.Prim:
+def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageReport) -> Usd.Prim:
     values = {key: value for key, value in content.items() if key != "dynamic"}
     prim, operations = over.define_camera(Camera(**values))
     operations.set(content["position"], content["rotation"], over.units)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.implicit import surface
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, rounded_box, sweep
 from usd_scenes.author.soft import backed, wrinkles
 
 
-def towel(name: str) -> Thing:
+def towel(name: str) -> Model:
     """A bath towel folded to 0.32 × 0.22 m, its folds to the front, with a woven border."""
     thick = 0.0140
     path = np.add(_folded(6, 0.0165, 0.096), (0.0, thick / 2.0))
@@ -70,7 +70,7 @@ def _folded(layers: int, pitch: float, reach: float) -> Array:
     return np.concatenate(pieces)
 
 
-def _border(cloth: Mesh, z: float, width: float) -> Mesh:
+def _border(cloth: PolygonMesh, z: float, width: float) -> PolygonMesh:
     """A woven band across the towel's upper layer: the surface there, 1 mm higher."""
     x = np.linspace(-0.1575, 0.1575, 33)
     zs = np.linspace(z - width / 2.0, z + width / 2.0, 4)
@@ -83,7 +83,7 @@ def _border(cloth: Mesh, z: float, width: float) -> Mesh:
     return grid(points, points[..., [0, 2]])
 
 
-def toilet_paper(name: str) -> Thing:
+def toilet_paper(name: str) -> Model:
     """A roll standing on its end, 0.10 m high, its last sheet a little loose."""
     height, radius, core = 0.100, 0.056, 0.0205
     outer = lathe(
@@ -133,7 +133,7 @@ def toilet_paper(name: str) -> Thing:
     ).simplified(Sheet=rounded_box((0.002, height, 0.062), 0.0005).moved(0.062, height / 2.0, -0.027))
 
 
-def soap(name: str) -> Thing:
+def soap(name: str) -> Model:
     """A used bar, 0.09 m: a soft oval with the maker's mark pressed into it."""
 
     def bar(points: Array) -> Array:
@@ -157,7 +157,7 @@ def _mark(x: Array, z: Array) -> Array:
     return np.asarray(depth)
 
 
-def plunger(name: str) -> Thing:
+def plunger(name: str) -> Model:
     """A rubber cup on a wooden stick, 0.52 m."""
     outside = curve(
         [

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.bedroom import plate
 from usd_scenes.author.models.building import ROOT
 from usd_scenes.author.models.tableware import shell
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid
 from usd_scenes.author.shapes import (
     bars,
     circle,
@@ -19,7 +19,7 @@ from usd_scenes.author.shapes import (
     fillet,
     lathe,
     leg,
-    moulding,
+    molding,
     rectangle,
     rounded_box,
     sphere,
@@ -28,17 +28,17 @@ from usd_scenes.author.shapes import (
 from usd_scenes.author.soft import backed
 
 
-def rail(name: str, runs: Sequence[Sequence[Sequence[float]]], height: float) -> Thing:
+def rail(name: str, runs: Sequence[Sequence[Sequence[float]]], height: float) -> Model:
     """A rounded ceramic trim on top of tiles, along runs of (x, z) with the room to the right of the way."""
     outline = [[-ROOT, -0.002], [0.013, -0.002], [0.016, 0.012], [0.010, 0.022], [-ROOT, 0.024]]
     profile = fillet(outline, 0.004, 4)
     paths = [np.insert(np.asarray(run, dtype=np.float64), 1, height, axis=1) for run in runs]
     boxes = [box for run in runs for box in bars(run, 0.016, height - 0.002, height + 0.024)]
-    trim = [moulding(path, profile) for path in paths]
+    trim = [molding(path, profile) for path in paths]
     return thing(name, "tiles", ("Trim", "ZelligeTrim", trim)).simplified(Trim=boxes)
 
 
-def frosted_window(name: str, width: float, height: float, thickness: float) -> Thing:
+def frosted_window(name: str, width: float, height: float, thickness: float) -> Model:
     """A single timber sash with a frosted pane over a stone sill, its opening's lower middle at the origin."""
     z, frame, sash = -thickness * 0.62, 0.05, 0.055
     parts = []
@@ -81,7 +81,7 @@ def frosted_window(name: str, width: float, height: float, thickness: float) -> 
     )
 
 
-def globe_lamp(name: str, radius: float = 0.10) -> Thing:
+def globe_lamp(name: str, radius: float = 0.10) -> Model:
     """An opal globe close below the ceiling at y = 0, its middle at -0.21; its light is the room's."""
     rose = lathe(fillet([[0.0, -0.028], [0.055, -0.028], [0.06, 0.0], [0.0, 0.0]], 0.005, 3), 40)
     stem = cylinder(0.010, 0.09, 0.002, 20).moved(0.0, -0.07, 0.0)
@@ -94,7 +94,7 @@ def globe_lamp(name: str, radius: float = 0.10) -> Thing:
     )
 
 
-def round_mirror(name: str, radius: float) -> Thing:
+def round_mirror(name: str, radius: float) -> Model:
     """A round mirror in a thin brass rim, facing +z from the wall at z = 0."""
     outline = circle(radius, 96)
     rim = sweep(np.insert(outline * 1.01, 2, 0.013, axis=1), rectangle(0.012, 0.026, 0.004), up=(0, 0, 1), closed=True)
@@ -102,7 +102,7 @@ def round_mirror(name: str, radius: float) -> Thing:
     return whole.simplified(Rim=cylinder(radius * 1.02, 0.014).turned("x", 90.0).moved(0.0, 0.0, 0.007))
 
 
-def stool(name: str) -> Thing:
+def stool(name: str) -> Model:
     """A round oak stool, 0.45 m, its three legs splayed."""
     top = lathe(
         fillet([[0.0, 0.418], [0.150, 0.418], [0.165, 0.430], [0.165, 0.446], [0.155, 0.450], [0.0, 0.446]], 0.006, 3),
@@ -116,7 +116,7 @@ def stool(name: str) -> Thing:
     return thing(name, "stool", ("Seat", "Oak", top), ("Legs", "Oak", legs))
 
 
-def bottle(name: str, look: str, height: float) -> Thing:
+def bottle(name: str, look: str, height: float) -> Model:
     """A bottle of shampoo with a cap and a paper label."""
     r = 0.19 * height + 0.003
     body = lathe(
@@ -145,7 +145,7 @@ def bottle(name: str, look: str, height: float) -> Thing:
     return thing(name, "bottle", ("Body", look, body), ("Cap", "BlackPlastic", cap), ("Label", "Paper", label))
 
 
-def soap_dispenser(name: str) -> Thing:
+def soap_dispenser(name: str) -> Model:
     """A ribbed ceramic pump bottle, 0.18 m; its spout points along +z."""
     body = lathe(
         curve(
@@ -169,7 +169,7 @@ def soap_dispenser(name: str) -> Thing:
     return thing(name, "soap dispenser", ("Body", "Stoneware", body), ("Pump", "Brass", pump))
 
 
-def soap_dish(name: str) -> Thing:
+def soap_dish(name: str) -> Model:
     """A small dish with a used bar of soap."""
     dish = shell(
         curve([[0.0, 0.003], [0.040, 0.002], [0.045, 0.0], [0.050, 0.004], [0.062, 0.012], [0.066, 0.019]], 24),
@@ -189,15 +189,15 @@ def soap_dish(name: str) -> Thing:
     )
 
 
-def brush_cup(name: str) -> Thing:
+def brush_cup(name: str) -> Model:
     """A tumbler with two toothbrushes and a tube."""
     cup = shell(
         np.array(fillet([[0.0, 0.004], [0.030, 0.004], [0.033, 0.0], [0.036, 0.006], [0.037, 0.100]], 0.003, 3)),
         0.003,
         40,
     )
-    brushes: dict[str, list[Mesh]] = {}
-    bristles: list[Mesh] = []
+    brushes: dict[str, list[PolygonMesh]] = {}
+    bristles: list[PolygonMesh] = []
     for look, turn, lean in (("BrushTeal", 25.0, 11.0), ("BrushCoral", 170.0, 12.0)):
         line = curve([[0.0, 0.0, 0.0], [0.0, 0.09, 0.0], [0.0, 0.14, 0.001], [0.0, 0.19, 0.0]], 24)
         widths = np.interp(np.linspace(0, 1, 24), [0.0, 0.45, 0.70, 0.80, 0.86, 1.0], [1.0, 1.15, 0.55, 0.6, 1.1, 1.05])
@@ -214,7 +214,7 @@ def brush_cup(name: str) -> Thing:
     )
 
 
-def brush(name: str) -> Thing:
+def brush(name: str) -> Model:
     """An oval hairbrush of oak, 0.22 m along x, lying on its back with the bristles up."""
     angle = np.arange(40) * (2.0 * np.pi / 40)
     pad = lathe(fillet([[0.0, 0.0], [0.034, 0.0], [0.037, 0.008], [0.033, 0.016], [0.0, 0.017]], 0.004, 3), 48)
@@ -232,7 +232,7 @@ def brush(name: str) -> Thing:
     return thing(name, "brush", ("Wood", "Oak", [pad, handle]), ("Bristles", "BlackPlastic", bristles))
 
 
-def waste_bin(name: str) -> Thing:
+def waste_bin(name: str) -> Model:
     """A pedal bin, 0.28 m, of brushed steel."""
     body = lathe(fillet([[0.0, 0.008], [0.098, 0.008], [0.100, 0.24], [0.0, 0.24]], 0.006, 3), 56)
     lid = lathe(fillet([[0.0, 0.240], [0.103, 0.240], [0.103, 0.256], [0.06, 0.272], [0.0, 0.276]], 0.006, 4), 56)
@@ -241,7 +241,7 @@ def waste_bin(name: str) -> Thing:
     return thing(name, "bin", ("Body", "BrushedSteel", [body, lid]), ("Foot", "BlackPlastic", [foot, pedal]))
 
 
-def paper_holder(name: str) -> Thing:
+def paper_holder(name: str) -> Model:
     """A brass hook with a roll of paper, facing +z from the wall at z = 0: the roll's axis along x at z = 0.075."""
     plate_ = cylinder(0.024, 0.008, 0.002, 32).turned("x", 90.0).moved(-0.075, 0.0, 0.004)
     arm = sweep(
@@ -265,7 +265,7 @@ def paper_holder(name: str) -> Thing:
     )
 
 
-def toilet_brush(name: str) -> Thing:
+def toilet_brush(name: str) -> Model:
     """A brush in a ceramic pot, 0.40 m."""
     pot = shell(
         np.array(fillet([[0.0, 0.004], [0.042, 0.004], [0.046, 0.0], [0.048, 0.006], [0.046, 0.125]], 0.003, 3)),
@@ -277,7 +277,7 @@ def toilet_brush(name: str) -> Thing:
     return thing(name, "toilet brush", ("Pot", "Ceramic", pot), ("Handle", "Chrome", [stick, knob]))
 
 
-def hook(name: str) -> Thing:
+def hook(name: str) -> Model:
     """A brass wall hook facing +z from the wall at z = 0."""
     plate_ = cylinder(0.018, 0.006, 0.002, 28).turned("x", 90.0).moved(0.0, 0.0, 0.003)
     arm = sweep(

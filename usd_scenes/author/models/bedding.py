@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from usd_scenes.author import cloth_simulation as cloth
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.bedroom import BED_LENGTH, BED_WIDTH, HEADBOARD, MATTRESS_TOP
 from usd_scenes.author.models.pillows import stuffed
 
@@ -39,7 +39,7 @@ def _duvet() -> cloth.Cloth:
     return made
 
 
-def duvet(name: str) -> Thing:
+def duvet(name: str) -> Model:
     uv = cloth.pattern(2.12, 1.78, 0.026)
     return thing(name, "duvet", ("Cover", "DuvetLinen", cloth.bag_mesh(_duvet(), uv, 2)))
 
@@ -53,7 +53,7 @@ def _under_a_throw() -> cloth.Obstacle:
     return cloth.landscape(np.concatenate([cloth.refined(made.sheet(0), 3).reshape(-1, 3), bed]), 0.012, 0.021)
 
 
-def bed_throw(name: str, look: str = "ThrowWool") -> Thing:
+def bed_throw(name: str, look: str = "ThrowWool") -> Model:
     """A knitted throw across the foot, sliding off one side."""
     width, length = 2.30, 0.78
     flat = cloth.pattern(width, length, 0.022)
@@ -67,12 +67,12 @@ def bed_throw(name: str, look: str = "ThrowWool") -> Thing:
     return thing(name, "blanket", ("Wool", look, mesh))
 
 
-def bed_pillow(name: str, look: str, width: float, height: float, thick: float, seed: int) -> Thing:
+def bed_pillow(name: str, look: str, width: float, height: float, thick: float, seed: int) -> Model:
     """A stuffed pillow that lies in the xz plane, its height along z."""
     return thing(name, "pillow", ("Cover", look, stuffed(width, thick, seed, 0.0125, height).turned("x", -90.0)))
 
 
-def leaning(item: Thing, at: tuple[float, float, float], pitch: float, yaw: float = 0.0, roll: float = 0.0) -> Thing:
+def leaning(item: Model, at: tuple[float, float, float], pitch: float, yaw: float = 0.0, roll: float = 0.0) -> Model:
     """A thing whose -z end is lifted by `pitch` degrees, turned by yaw about y; its lowest point is at y."""
     turned = item.turned("z", roll).turned("x", pitch).turned("y", yaw)
     low = turned.bounds[0][1]

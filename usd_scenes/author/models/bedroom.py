@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.tables import drum_shade
 from usd_scenes.author.models.tableware import shell
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid
 from usd_scenes.author.shapes import (
     circle,
     curve,
@@ -26,7 +26,7 @@ BED_WIDTH, BED_LENGTH, MATTRESS_TOP = 1.60, 2.00, 0.55
 HEADBOARD = 0.10  # m, how thick; the mattress begins there
 
 
-def bed(name: str) -> Thing:
+def bed(name: str) -> Model:
     """An oak bed for a mattress of 1.60 × 2.00 m: head at z = 0 against a wall, foot at +z; a channelled headboard."""
     width, length = BED_WIDTH + 0.07, HEADBOARD + BED_LENGTH + 0.03
     channels = []
@@ -81,7 +81,7 @@ def bed(name: str) -> Thing:
     )
 
 
-def bedside_table(name: str) -> Thing:
+def bedside_table(name: str) -> Model:
     """An oak bedside table, 0.45 × 0.40 × 0.50 m: a drawer over an open shelf, on turned legs. Its back is at -0.20."""
     width, depth, top = 0.45, 0.40, 0.50
     boards = [
@@ -112,7 +112,7 @@ def bedside_table(name: str) -> Thing:
     )
 
 
-def table_lamp(name: str) -> Thing:
+def table_lamp(name: str) -> Model:
     """A bedside lamp, 0.44 m: a ribbed ceramic foot under a linen drum; the bulb is a light of the room at 0.33 m."""
     profile = curve(
         [
@@ -155,7 +155,7 @@ def table_lamp(name: str) -> Thing:
     )
 
 
-def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float = 0.60) -> Thing:
+def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float = 0.60) -> Model:
     """A painted wardrobe of three doors with fluted fronts, its back on z = 0."""
     case = [
         rounded_box((width, 0.025, depth), 0.003).moved(0.0, height - 0.0125, depth / 2.0),
@@ -193,7 +193,7 @@ def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float 
     )
 
 
-def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth: float = 0.45) -> Thing:
+def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth: float = 0.45) -> Model:
     """An oak chest of six drawers on short legs, its back at z = -depth / 2."""
     case = [
         rounded_box((width, 0.024, depth), 0.003, 2).with_uv(0.2, 0.1).moved(0.0, height - 0.012, 0.0),
@@ -233,7 +233,7 @@ def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth
     )
 
 
-def bench(name: str, width: float = 1.10) -> Thing:
+def bench(name: str, width: float = 1.10) -> Model:
     """An upholstered bench, 0.44 m high, on splayed oak legs."""
     seat = cushion(width, 0.10, 0.38, 320, 0.014, 0.032).moved(0.0, 0.395, 0.0)
     frame = [rounded_box((width - 0.05, 0.045, 0.020), 0.004).moved(0.0, 0.325, z) for z in (-0.15, 0.15)]
@@ -242,8 +242,8 @@ def bench(name: str, width: float = 1.10) -> Thing:
     return thing(name, "bench", ("Seat", "Oatmeal", seat), ("Frame", "Oak", frame))
 
 
-def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Thing:
-    """A framed mirror with round corners, facing +z from the wall at z = 0, about its centre."""
+def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Model:
+    """A framed mirror with round corners, facing +z from the wall at z = 0, about its center."""
     corner = 0.09
     outline = rectangle(width, height, corner, 10)
     path = np.insert(outline, 2, 0.013, axis=1)
@@ -252,7 +252,7 @@ def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Thi
     return whole.simplified(Rim=rounded_box((width + 0.018, height + 0.018, 0.014)).moved(0.0, 0.0, 0.007))
 
 
-def plate(outline: Array, z: float) -> Mesh:
+def plate(outline: Array, z: float) -> PolygonMesh:
     """A flat convex face at height z that looks along +z, as a fan of rings about its middle."""
     ring = np.insert(np.concatenate([outline, outline[:1]]), 2, z, axis=1)
     points = np.stack([ring, 0.5 * ring + (0.0, 0.0, 0.5 * z), np.tile((0.0, 0.0, z), (len(ring), 1))])
@@ -260,7 +260,7 @@ def plate(outline: Array, z: float) -> Mesh:
     return mesh if mesh.normals[:, 2].mean() > 0.0 else mesh.reversed()
 
 
-def glass_of_water(name: str) -> Thing:
+def glass_of_water(name: str) -> Model:
     """A tumbler, 0.10 m, of thick glass, two thirds full."""
     outside = fillet([[0.0, 0.0], [0.030, 0.0], [0.036, 0.10]], 0.005, 3)
     glass = shell(np.concatenate([outside[:-1], np.linspace(outside[-2], outside[-1], 8)[1:]]), 0.0022, 40)

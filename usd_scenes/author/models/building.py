@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Mesh, grid, merged
-from usd_scenes.author.shapes import bars, circle, cylinder, fillet, moulding, rounded_box, sphere, sweep
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import PolygonMesh, grid, merged
+from usd_scenes.author.shapes import bars, circle, cylinder, fillet, molding, rounded_box, sphere, sweep
 from usd_scenes.author.soft import curtain
 from usd_scenes.author.textures.wood import STRIPS
 
-ROOT = 0.004  # m; how deep mouldings reach into what they lie against: edges that merely touch let light through
+ROOT = 0.004  # m; how deep moldings reach into what they lie against: edges that merely touch let light through
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Opening:
     head: float
 
 
-def planks(width: float, depth: float, seed: int) -> Thing:
+def planks(width: float, depth: float, seed: int) -> Model:
     """An oak floor about the origin, its top at y = 0: boards 0.16 m wide along z, bevelled, each from its own tree."""
     rng = np.random.default_rng(seed)
     board, boards = 0.16, []
@@ -52,7 +52,7 @@ def planks(width: float, depth: float, seed: int) -> Thing:
     return thing("Floor", "floor", ("Planks", "OakFloor", boards), ("Underlay", "FloorGap", under))
 
 
-def _plank(x0: float, x1: float, z0: float, z1: float, rng: np.random.Generator) -> Mesh:
+def _plank(x0: float, x1: float, z0: float, z1: float, rng: np.random.Generator) -> PolygonMesh:
     gap, bevel, drop = 0.0004, 0.0022, 0.0016
     xs = [x0 + gap, x0 + gap, x0 + gap + bevel, x1 - gap - bevel, x1 - gap, x1 - gap]
     zs = [z1 - gap, z1 - gap, z1 - gap - bevel, z0 + gap + bevel, z0 + gap, z0 + gap]
@@ -79,7 +79,7 @@ def wall(
     thickness: float,
     look: str,
     openings: Sequence[Opening] = (),
-) -> Thing:
+) -> Model:
     """A wall from start to end (x, z), the room to the right of the way, its body to the left.
 
     Cut into boxes round its openings; faces that meet are not made.
@@ -96,7 +96,7 @@ def wall(
         x, y = (cuts_x[i] + cuts_x[i + 1]) / 2.0, (cuts_y[j] + cuts_y[j + 1]) / 2.0
         return not any(o.start < x < o.end and o.sill < y < o.head for o in openings)
 
-    faces: list[Mesh] = []
+    faces: list[PolygonMesh] = []
 
     def face(corners: Sequence[Sequence[float]], du: int, dv: int) -> None:
         p = np.array(corners, dtype=np.float64)
@@ -125,7 +125,9 @@ def wall(
     return thing(name, "wall", ("Plaster", look, plaster)).simplified(Plaster=boxes)
 
 
-def blocks(start: float, end: float, height: float, depth: float, openings: Sequence[Opening] = ()) -> list[Mesh]:
+def blocks(
+    start: float, end: float, height: float, depth: float, openings: Sequence[Opening] = ()
+) -> list[PolygonMesh]:
     """A wall from start to end along x and from z = 0 to depth as boxes: beside, below and above its openings."""
     boxes = []
 
@@ -144,7 +146,7 @@ def blocks(start: float, end: float, height: float, depth: float, openings: Sequ
     return boxes
 
 
-def window(name: str, width: float, height: float, thickness: float) -> Thing:
+def window(name: str, width: float, height: float, thickness: float) -> Model:
     """A timber casement pair with glazing bars and a sill board, in the xy plane about its opening's lower middle.
 
     The room is on the +z side, z = 0 being the wall's inner face. Open to the air: there is no pane.
@@ -157,17 +159,17 @@ def window(name: str, width: float, height: float, thickness: float) -> Thing:
         parts.append(rounded_box((width - 2.0 * frame + 0.002, frame, 0.075), 0.004).moved(0.0, y, z))
     leaf_width, leaf_height = width / 2.0 - frame, height - 2.0 * frame
     for side in (-1.0, 1.0):
-        centre = side * leaf_width / 2.0
+        center = side * leaf_width / 2.0
         for x in (-1.0, 1.0):
             parts.append(
                 rounded_box((sash, leaf_height - 0.006, 0.052), 0.005).moved(
-                    centre + x * (leaf_width - sash - 0.004) / 2.0, height / 2.0, z + 0.018
+                    center + x * (leaf_width - sash - 0.004) / 2.0, height / 2.0, z + 0.018
                 )
             )
         for y in (frame + sash / 2.0 + 0.003, height - frame - sash / 2.0 - 0.003):
-            parts.append(rounded_box((leaf_width - 2.0 * sash, sash, 0.052), 0.005).moved(centre, y, z + 0.018))
+            parts.append(rounded_box((leaf_width - 2.0 * sash, sash, 0.052), 0.005).moved(center, y, z + 0.018))
         bar = frame + leaf_height * 0.70
-        parts.append(rounded_box((leaf_width - 2.0 * sash, 0.024, 0.030), 0.004).moved(centre, bar, z + 0.018))
+        parts.append(rounded_box((leaf_width - 2.0 * sash, 0.024, 0.030), 0.004).moved(center, bar, z + 0.018))
     sill = rounded_box((width + 0.12, 0.028, thickness * 0.62 + 0.045), 0.007, 2).moved(
         0.0, -0.013, -thickness * 0.31 + 0.0225
     )
@@ -184,7 +186,7 @@ def window(name: str, width: float, height: float, thickness: float) -> Thing:
     return thing(name, "window", ("Timber", "TrimPaint", [*parts, sill]), ("Handle", "Steel", handle))
 
 
-def curtain_pair(name: str, opening: float, height: float, seed: int, width: float = 0.42) -> Thing:
+def curtain_pair(name: str, opening: float, height: float, seed: int, width: float = 0.42) -> Model:
     """Two curtains drawn aside and their rod, in the xy plane; hem at y = 0, rod at y = height."""
     cloth = [
         curtain(width, height - 0.02, seed + i, 6).moved(side * (opening / 2.0 + width * 0.38), 0.0, 0.0)
@@ -200,33 +202,33 @@ def curtain_pair(name: str, opening: float, height: float, seed: int, width: flo
     return thing(name, "curtain", ("Cloth", "Linen", cloth), ("Rod", "BlackMetal", [rod, *ends, *brackets]))
 
 
-def skirting(name: str, runs: Sequence[Sequence[Sequence[float]]]) -> Thing:
+def skirting(name: str, runs: Sequence[Sequence[Sequence[float]]]) -> Model:
     """A skirting board, 0.10 m, along runs of floor points (x, z), the room to the right of the way."""
     outline = [[0.0165, -ROOT], [0.0165, 0.082], [0.010, 0.094], [0.008, 0.102], [-ROOT, 0.102]]
     profile = fillet(outline, 0.004, 3)
-    boards = [moulding(np.insert(np.asarray(run, dtype=np.float64), 1, 0.0, axis=1), profile) for run in runs]
+    boards = [molding(np.insert(np.asarray(run, dtype=np.float64), 1, 0.0, axis=1), profile) for run in runs]
     boxes = [box for run in runs for box in bars(run, 0.0165, 0.0, 0.102)]
     return thing(name, "skirting", ("Timber", "TrimPaint", boards)).simplified(Timber=boxes)
 
 
-def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Thing:
+def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Model:
     """A plain coved cornice round a ceiling; corners (x, z) with the room to the right of the way."""
     angle = np.linspace(0.0, np.pi / 2.0, 7)
     cove = np.stack([0.012 + 0.055 * (1.0 - np.cos(angle)), -0.067 + 0.055 * np.sin(angle)], -1)
     # It meets the ceiling at a slant: an upright edge there, thinner than a pixel, is a dotted line from afar.
     profile = np.concatenate([[[-ROOT, -0.085], [0.012, -0.085]], cove, [[0.095, ROOT]]])
     path = np.insert(np.asarray(corners, dtype=np.float64), 1, height, axis=1)
-    plaster = moulding(path, fillet(profile, 0.002, 2), closed=True)
+    plaster = molding(path, fillet(profile, 0.002, 2), closed=True)
     boxes = bars([*corners, corners[0]], 0.06, height - 0.085, height)
     return thing(name, "cornice", ("Plaster", "CeilingPaint", plaster)).simplified(Plaster=boxes)
 
 
-def ceiling(width: float, depth: float, height: float, thickness: float = 0.25) -> Thing:
+def ceiling(width: float, depth: float, height: float, thickness: float = 0.25) -> Model:
     slab = rounded_box((width + 0.6, thickness, depth + 0.6), 0.002).moved(0.0, height + thickness / 2.0, 0.0)
     return thing("Ceiling", "ceiling", ("Paint", "CeilingPaint", slab))
 
 
-def door(name: str, width: float = 0.90, height: float = 2.05) -> Thing:
+def door(name: str, width: float = 0.90, height: float = 2.05) -> Model:
     """A panelled door in its casing, facing +z from the wall at z = 0."""
     leaf = [rounded_box((width - 0.008, height - 0.004, 0.020), 0.003).moved(0.0, height / 2.0, 0.006)]
     for x in (-0.195, 0.195):
@@ -234,7 +236,7 @@ def door(name: str, width: float = 0.90, height: float = 2.05) -> Thing:
             corners = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) * (0.145, tall / 2.0) + (x, y)
             path = np.concatenate([corners, np.full((4, 1), 0.016)], axis=1)[::-1]
             leaf.append(
-                moulding(
+                molding(
                     path,
                     fillet([[0.0, 0.0], [0.0, 0.010], [-0.022, 0.004], [-0.026, 0.0]], 0.002, 2),
                     up=(0.0, 0.0, 1.0),
@@ -256,14 +258,14 @@ def door(name: str, width: float = 0.90, height: float = 2.05) -> Thing:
     return thing(name, "door", ("Timber", "TrimPaint", [*leaf, *casing]), ("Handle", "Steel", [rose, *lever]))
 
 
-def switch(name: str) -> Thing:
+def switch(name: str) -> Model:
     """A rocker switch on the wall at z = 0."""
     plate = rounded_box((0.082, 0.082, 0.009), 0.003, 2).moved(0.0, 0.0, 0.0045)
     rocker = rounded_box((0.044, 0.060, 0.007), 0.002, 2).turned("x", 4.0).moved(0.0, 0.0, 0.010)
     return thing(name, "light switch", ("Plate", "WhitePlastic", [plate, rocker]))
 
 
-def rug(name: str, width: float = 3.2, depth: float = 2.3, look: str = "Rug") -> Thing:
+def rug(name: str, width: float = 3.2, depth: float = 2.3, look: str = "Rug") -> Model:
     """A wool rug, 11 mm thick, with a fringe at its short ends."""
     rng = np.random.default_rng(3)
     pile = rounded_box((width, 0.011, depth), 0.005, 2, (40, 1, 30), grain=0).moved(0.0, 0.0056, 0.0)
@@ -282,8 +284,8 @@ def rug(name: str, width: float = 3.2, depth: float = 2.3, look: str = "Rug") ->
     return thing(name, "rug", ("Pile", look, pile), ("Fringe", "Cream", strands))
 
 
-def socket(name: str) -> Thing:
+def socket(name: str) -> Model:
     """A double socket on the wall at z = 0."""
     plate = rounded_box((0.15, 0.08, 0.009), 0.003, 2).moved(0.0, 0.0, 0.0045)
     wells = [cylinder(0.019, 0.004, 0.001, 32).turned("x", 90.0).moved(x, 0.0, 0.0085) for x in (-0.036, 0.036)]
-    return thing(name, "socket", ("Plate", "WhitePlastic", plate), ("Wells", "GreyPlastic", wells))
+    return thing(name, "socket", ("Plate", "WhitePlastic", plate), ("Wells", "GrayPlastic", wells))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.tableware import shell
-from usd_scenes.author.polygon_mesh import Array, Mesh
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh
 from usd_scenes.author.shapes import curve, rectangle, rounded_box, sweep
 
 HANDLE_WIDTHS = np.array([0.9, 0.8, 0.75, 0.8, 1.0, 1.35, 1.75, 2.0, 1.7, 0.9])
 
 
-def _handle(start: float, end: float) -> Mesh:
+def _handle(start: float, end: float) -> PolygonMesh:
     """A flat handle that rises from the neck and rests on its end."""
     z = np.linspace(start, end, 10)
     y = 0.004 + 0.010 * np.sin(np.pi * np.clip((z - start) / (end - start), 0.0, 1.0)) ** 0.8
@@ -20,7 +20,7 @@ def _handle(start: float, end: float) -> Mesh:
     return sweep(np.stack([0.0 * z, y, z], axis=-1), rectangle(0.0085, 0.0030, 0.0013, 2), widths, bevel=0.001)
 
 
-def fork(name: str) -> Thing:
+def fork(name: str) -> Model:
     """A table fork, 0.20 m, with four tines."""
     root = curve([[0.0, 0.004, 0.012], [0.0, 0.0015, -0.005], [0.0, 0.002, -0.028]], 10)
     palm = sweep(root, rectangle(0.024, 0.0024, 0.001, 2), np.stack([np.linspace(0.32, 1.0, 10), np.ones(10)], -1))
@@ -32,7 +32,7 @@ def fork(name: str) -> Thing:
     return thing(name, "fork", ("Tines", "Steel", [palm, *tines]), ("Handle", "Steel", _handle(0.010, 0.120)))
 
 
-def spoon(name: str) -> Thing:
+def spoon(name: str) -> Model:
     """A table spoon, 0.20 m: an egg-shaped bowl on the handle."""
     angle = np.linspace(0.0, np.pi / 2.0, 14)
     round_bowl = shell(np.stack([0.021 * np.sin(angle), 0.011 * (1.0 - np.cos(angle))], axis=-1), 0.0012, 40)
@@ -50,7 +50,7 @@ def spoon(name: str) -> Thing:
     )
 
 
-def knife(name: str) -> Thing:
+def knife(name: str) -> Model:
     """A table knife, 0.22 m."""
     blade = rounded_box((0.0014, 0.020, 0.105), 0.0006, 1, (1, 2, 10), grain=2)
 
@@ -65,7 +65,7 @@ def knife(name: str) -> Thing:
     return thing(name, "knife", ("Steel", "Steel", [flat, grip]))
 
 
-def napkin(name: str) -> Thing:
+def napkin(name: str) -> Model:
     """A linen napkin folded in three."""
     folds = []
     for i in range(3):

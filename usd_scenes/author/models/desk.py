@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.implicit import Field, surface
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 from usd_scenes.author.shapes import circle, curve, cylinder, fillet, lathe, rectangle, rounded_box, sphere, sweep
 from usd_scenes.author.sheets import plate, unit_uv
 from usd_scenes.author.soft import wrinkles
 
 
-def cellphone(name: str) -> Thing:
+def cellphone(name: str) -> Model:
     """A telephone on its back, 0.0715 × 0.147 m, its screen lit, three lenses behind."""
     width, length, thick = 0.0715, 0.147, 0.0078
     body = plate(rectangle(width, length, 0.011, 8), thick, 0.0024, 4)
@@ -41,11 +41,11 @@ def cellphone(name: str) -> Thing:
     )
 
 
-def pen(name: str) -> Thing:
+def pen(name: str) -> Model:
     """A retractable ball pen along z, 0.142 m, its point towards -z, its clip up."""
     radius = 0.0052
 
-    def turned(profile: list[list[float]], rounding: float = 0.0004) -> Mesh:
+    def turned(profile: list[list[float]], rounding: float = 0.0004) -> PolygonMesh:
         """About the z axis, from -z to +z."""
         return lathe(fillet(profile, rounding, 2), 28).turned("x", 90.0).moved(0.0, radius, 0.0)
 
@@ -88,11 +88,11 @@ def pen(name: str) -> Thing:
     )
 
 
-def alarm_clock(name: str) -> Thing:
+def alarm_clock(name: str) -> Model:
     """A twin-bell alarm clock, 0.16 m, its dial towards +z: ten past ten."""
     lift = 0.072
 
-    def turned(profile: list[list[float]], rounding: float = 0.002, segments: int = 64) -> Mesh:
+    def turned(profile: list[list[float]], rounding: float = 0.002, segments: int = 64) -> PolygonMesh:
         return lathe(fillet(profile, rounding, 3), segments).turned("x", 90.0).moved(0.0, lift, 0.0)
 
     drum = turned([[0.0, -0.026], [0.044, -0.026], [0.055, -0.016], [0.055, 0.017], [0.050, 0.0175]], 0.004)
@@ -101,7 +101,7 @@ def alarm_clock(name: str) -> Thing:
         0.0012,
     )
     dial = turned([[0.0490, 0.0150], [0.0, 0.0150]], 0.0)
-    marks: list[Mesh] = []
+    marks: list[PolygonMesh] = []
     for hour in range(60):
         long = hour % 5 == 0
         size = (0.0022, 0.0075, 0.0006) if long else (0.0007, 0.0026, 0.0005)
@@ -159,7 +159,7 @@ def alarm_clock(name: str) -> Thing:
     )
 
 
-def _hand(length: float, width: float, level: float) -> Mesh:
+def _hand(length: float, width: float, level: float) -> PolygonMesh:
     """A clock's hand that points to twelve, with a short tail."""
     outline = [
         [-width / 2.0, 0.006],
@@ -171,7 +171,7 @@ def _hand(length: float, width: float, level: float) -> Mesh:
     return plate(outline[::-1], 0.0005, 0.0001, 1).turned("x", 90.0).moved(0.0, 0.0, level)
 
 
-def cardboard_box(name: str) -> Thing:
+def cardboard_box(name: str) -> Model:
     """A parcel, 0.40 × 0.26 × 0.30 m: two flaps that do not quite meet under brown tape, arrows and a glass on it."""
     width, height, depth = 0.40, 0.26, 0.30
     body = rounded_box((width, height - 0.004, depth), 0.004, 2, (8, 6, 8), grain=0)
@@ -224,14 +224,14 @@ def cardboard_box(name: str) -> Thing:
     )
 
 
-def _arrow() -> Mesh:
+def _arrow() -> PolygonMesh:
     """This side up: 0.06 m."""
     head = plate([[-0.017, 0.0], [0.0, -0.022], [0.017, 0.0]], 0.0008, 0.0001, 1).turned("x", 90.0)
     shaft = rounded_box((0.014, 0.036, 0.0008), 0.0002).moved(0.0, 0.018, 0.0004)
     return merged([head.moved(0.0, 0.036, 0.0), shaft])
 
 
-def recycle_bin(name: str) -> Thing:
+def recycle_bin(name: str) -> Model:
     """A tapered bin, 0.32 m, with the sign of three arrows on it, crumpled paper inside."""
     height, wall = 0.32, 0.003
     low, high, corner = (0.185, 0.135), (0.265, 0.205), 0.035
@@ -280,7 +280,7 @@ def recycle_bin(name: str) -> Thing:
     )
 
 
-def _recycling_arrow() -> Mesh:
+def _recycling_arrow() -> PolygonMesh:
     """One of three arrows that chase each other round a triangle of about 0.12 m, in the xy plane, 0.6 mm thick."""
     width = 0.0085
     corner = np.radians(90.0)
@@ -302,7 +302,7 @@ def _recycling_arrow() -> Mesh:
     return merged([band, head])
 
 
-def _crumpled(radius: float, seed: int) -> Mesh:
+def _crumpled(radius: float, seed: int) -> PolygonMesh:
     """A sheet of paper made into a ball: flat facets between sharp creases."""
     rng = np.random.default_rng(seed)
     normals = rng.normal(size=(46, 3))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.polygon_mesh import merged
 from usd_scenes.author.shapes import curve, cylinder, fillet, lathe, rectangle, sphere, sweep
 
 
-def pot(name: str) -> Thing:
+def pot(name: str) -> Model:
     """A casserole of 0.24 m with its lid on, two handles and a knob."""
     radius, height = 0.12, 0.125
     outside = fillet(

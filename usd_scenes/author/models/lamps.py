@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.tables import drum_shade
-from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, sphere, sweep
 
 
-def tripod_lamp(name: str) -> Thing:
+def tripod_lamp(name: str) -> Model:
     """A floor lamp, 1.52 m: a drum of linen on three oak legs that cross a brass collar."""
-    legs: list[Mesh] = []
+    legs: list[PolygonMesh] = []
     for turn in np.arange(3) * 2.0 * np.pi / 3.0 + 0.5:
         out = np.array([np.sin(turn), 0.0, np.cos(turn)])
         foot, head = out * 0.30, out * 0.036 + (0.0, 1.17, 0.0)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author import cloth_simulation as cloth
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Mesh
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import PolygonMesh
 
 
-def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105, height: float | None = None) -> Mesh:
+def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105, height: float | None = None) -> PolygonMesh:
     """Two pieces of cloth sewn together, standing in the xy plane about the origin; uv in m over the front.
 
     size: their width, and their height where none is given.
@@ -25,7 +25,7 @@ def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105, height: 
     return cloth.bag_mesh(made, flat + size / 2.0).turned("x", 90.0)
 
 
-def painted_pillow(name: str) -> Thing:
+def painted_pillow(name: str) -> Model:
     """A cotton pillow that a child has painted, 0.45 m; the picture on either side."""
     cover = stuffed(0.475, 0.135, 3).with_uv(scale=1.0 / 0.475)
     return thing(name, "pillow", ("Cover", "ScribbleCotton", cover))

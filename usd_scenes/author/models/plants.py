@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.tableware import shell
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged, normalized, rotation
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged, normalized, rotation
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, sphere, sweep
 from usd_scenes.author.sheets import shell as solid_sheet
 
 
-def leaf(length: float, width: float, droop: float, fold: float) -> Mesh:
+def leaf(length: float, width: float, droop: float, fold: float) -> PolygonMesh:
     """A blade along +z from the origin, its upper side up: pointed, folded along the midrib, drooping."""
     t = np.linspace(0.0, 1.0, 11)[:, None]
     s = np.linspace(-1.0, 1.0, 7)[None, :]
@@ -25,11 +25,13 @@ def leaf(length: float, width: float, droop: float, fold: float) -> Mesh:
     uv = points[..., [0, 2]]
     top = grid(points, uv).reversed()
     bottom = top.reversed()
-    thickness = Mesh(bottom.points + bottom.normals * 0.0006, bottom.normals, bottom.uv, bottom.counts, bottom.indices)
+    thickness = PolygonMesh(
+        bottom.points + bottom.normals * 0.0006, bottom.normals, bottom.uv, bottom.counts, bottom.indices
+    )
     return merged([top, thickness])
 
 
-def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 1.0) -> Thing:
+def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 1.0) -> Model:
     """Three stems with large glossy leaves in a ceramic pot. scale: of pot and leaves, for a cutting on a sill."""
     height = height / scale
     rng = np.random.default_rng(seed)
@@ -41,10 +43,10 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
         64,
     )
     soil = lathe([[0.176, 0.285], [0.10, 0.292], [0.0, 0.296]], 32)
-    trunks: list[Mesh] = []
-    stems: list[Mesh] = []
-    young: list[Mesh] = []
-    old: list[Mesh] = []
+    trunks: list[PolygonMesh] = []
+    stems: list[PolygonMesh] = []
+    young: list[PolygonMesh] = []
+    old: list[PolygonMesh] = []
     for index in range(3):
         turn = index * 2.1 + rng.uniform(-0.3, 0.3)
         lean = rng.uniform(0.10, 0.20)
@@ -66,7 +68,7 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
             turn_matrix: Array = rotation("y", yaw) @ rotation("x", pitch)
             (young if t > 0.8 else old).append(blade.moved(0.0, 0.0, 0.06).mapped(turn_matrix).moved(*at))
             stems.append(stalk.mapped(turn_matrix).moved(*at))
-    parts: tuple[tuple[str, str, list[Mesh]], ...] = (
+    parts: tuple[tuple[str, str, list[PolygonMesh]], ...] = (
         ("Pot", "Stoneware", [pot]),
         ("Soil", "Soil", [soil]),
         ("Stems", "Bark", stems),
@@ -79,17 +81,17 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
     return replace(plant, parts=tuple(sized))
 
 
-def _crown(leaves: list[Mesh]) -> Mesh:
+def _crown(leaves: list[PolygonMesh]) -> PolygonMesh:
     """The ellipsoid that leaves fill."""
     bounds = merged(leaves).bounds
     return sphere(0.5, 24).scaled(*(bounds[1] - bounds[0])).moved(*bounds.mean(axis=0))
 
 
-def branches(name: str, seed: int = 9) -> Thing:
+def branches(name: str, seed: int = 9) -> Model:
     """Dry twigs with small leaves for a vase; they stand on y = 0."""
     rng = np.random.default_rng(seed)
-    twigs: list[Mesh] = []
-    leaves: list[Mesh] = []
+    twigs: list[PolygonMesh] = []
+    leaves: list[PolygonMesh] = []
     for index in range(6):
         turn = index * 1.05 + rng.uniform(-0.3, 0.3)
         reach, top = rng.uniform(0.08, 0.20), rng.uniform(0.42, 0.66)
@@ -112,7 +114,7 @@ def branches(name: str, seed: int = 9) -> Thing:
     return whole.simplified(Leaves=_crown(leaves))
 
 
-def snake_plant(name: str) -> Thing:
+def snake_plant(name: str) -> Model:
     """Swords of banded green with yellow edges in a clay pot on its saucer, 0.42 m."""
     rng = np.random.default_rng(12)
     profile = [
@@ -149,7 +151,7 @@ def snake_plant(name: str) -> Thing:
     )
 
 
-def _sword(length: float, width: float, twist: float) -> Mesh:
+def _sword(length: float, width: float, twist: float) -> PolygonMesh:
     """A thick upright leaf, hollow in front; uv 0..1 across and along."""
     t = np.linspace(0.0, 1.0, 19)[:, None]
     s = np.linspace(-1.0, 1.0, 9)[None, :]

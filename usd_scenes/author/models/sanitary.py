@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Mesh, grid, merged
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import PolygonMesh, grid, merged
 from usd_scenes.author.shapes import circle, curve, cylinder, fillet, lathe, rounded_box, sphere, sweep
 
 Ring = tuple[float, float, float, float, float]
 """Half width along x, half depth along z, height, exponent of the superellipse (2 an ellipse), middle along z."""
 
 
-def rings(outline: Sequence[Ring], egg: float = 0.0, segments: int = 72, smooth: int = 3) -> Mesh:
+def rings(outline: Sequence[Ring], egg: float = 0.0, segments: int = 72, smooth: int = 3) -> PolygonMesh:
     """Superellipses one above the other, from the bottom on the outside, as a skin. egg: how much narrower towards -z.
 
     smooth: how many rings a spline puts for each given one.
@@ -36,7 +36,7 @@ def rings(outline: Sequence[Ring], egg: float = 0.0, segments: int = 72, smooth:
     return grid(points, uv, closed=True)
 
 
-def bathtub(name: str) -> Thing:
+def bathtub(name: str) -> Model:
     """A free-standing oval tub, 1.68 × 0.76 × 0.58 m, its length along x, its waste in the middle."""
     shell = rings(
         [
@@ -65,7 +65,7 @@ def bathtub(name: str) -> Thing:
     return thing(name, "bathtub", ("Tub", "Acrylic", shell), ("Waste", "Chrome", [waste, overflow]))
 
 
-def toilet(name: str) -> Thing:
+def toilet(name: str) -> Model:
     """A close-coupled toilet with its lid down, 0.37 × 0.78 × 0.66 m, its cistern's back on z = 0."""
     bowl = rings(
         [
@@ -112,7 +112,7 @@ def _slab(a: float, b: float, y: float, thick: float, z: float) -> list[Ring]:
     return [(0.0, 0.0, y, 2.2, z), (a * 0.7, b * 0.7, y, 2.2, z), *edge, *dome]
 
 
-def vanity(name: str, width: float = 1.10, depth: float = 0.48) -> Thing:
+def vanity(name: str, width: float = 1.10, depth: float = 0.48) -> Model:
     """A hung oak cabinet of two drawers under a stone slab, its top at 0.82 m, its back on z = 0."""
     case = [
         rounded_box((width, 0.46, depth - 0.022), 0.003, grain=0).moved(0.0, 0.565, (depth - 0.022) / 2.0),
@@ -138,7 +138,7 @@ def vanity(name: str, width: float = 1.10, depth: float = 0.48) -> Thing:
     )
 
 
-def basin(name: str) -> Thing:
+def basin(name: str) -> Model:
     """A vessel washbasin, 0.52 × 0.38 × 0.13 m, standing on y = 0."""
     shell = rings(
         [
@@ -161,7 +161,7 @@ def basin(name: str) -> Thing:
     return thing(name, "washbasin", ("Basin", "Ceramic", shell), ("Waste", "Chrome", waste))
 
 
-def basin_tap(name: str) -> Thing:
+def basin_tap(name: str) -> Model:
     """A tall single-lever mixer; its spout reaches 0.15 m towards +z."""
     body = lathe(
         fillet([[0.0, 0.0], [0.028, 0.0], [0.028, 0.006], [0.021, 0.012], [0.021, 0.30], [0.0, 0.30]], 0.004, 3), 36
@@ -177,7 +177,7 @@ def basin_tap(name: str) -> Thing:
     return thing(name, "tap", ("Chrome", "Chrome", [body, spout, head, lever]))
 
 
-def bath_tap(name: str) -> Thing:
+def bath_tap(name: str) -> Model:
     """A floor-standing bath filler with a hand shower in its cradle; its spout reaches 0.22 m towards +z."""
     post = sweep([[0.0, 0.0, 0.0], [0.0, 0.80, 0.0]], circle(0.016, 24), up=(0.0, 0.0, 1.0))
     foot = lathe(fillet([[0.0, 0.0], [0.050, 0.0], [0.050, 0.010], [0.018, 0.014], [0.0, 0.014]], 0.003, 3), 40)
@@ -220,7 +220,7 @@ def bath_tap(name: str) -> Thing:
     return thing(name, "tap", ("Chrome", "Chrome", [post, foot, bar, spout, *wheels, *handset, hose]))
 
 
-def towel_radiator(name: str, width: float = 0.50, height: float = 1.10) -> Thing:
+def towel_radiator(name: str, width: float = 0.50, height: float = 1.10) -> Model:
     """A chrome ladder on the wall at z = 0, its foot at y = 0; `radiator_bars` says where its bars are."""
     posts = [
         sweep([[x, 0.0, 0.055], [x, height, 0.055]], circle(0.013, 18), up=(0.0, 0.0, 1.0))
@@ -244,7 +244,7 @@ def radiator_bars(height: float = 1.10) -> list[float]:
     return [0.05 + group * third + step * 0.062 for group in range(3) for step in range(5)]
 
 
-def wall_lamp(name: str) -> Thing:
+def wall_lamp(name: str) -> Model:
     """An opal globe, 0.14 m, on a brass arm from the wall at z = 0; the globe's middle is at z = 0.11."""
     plate = cylinder(0.042, 0.012, 0.003, 36).turned("x", 90.0).moved(0.0, -0.09, 0.006)
     arm = sweep(

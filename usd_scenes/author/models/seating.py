@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.pillows import stuffed
-from usd_scenes.author.polygon_mesh import Array, Mesh
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh
 from usd_scenes.author.shapes import circle, curve, cylinder, lathe, leg, rectangle, rounded_box, sphere, sweep
 from usd_scenes.author.sheets import shell
 from usd_scenes.author.soft import cushion, pillow, throw, wrinkles
 
 
-def chair(name: str) -> Thing:
+def chair(name: str) -> Model:
     """A dining chair, 0.90 m: turned-out legs, a dished seat, three back slats between raked posts."""
     seat = rounded_box((0.44, 0.026, 0.42), 0.010, 3, (14, 1, 14), grain=2)
 
@@ -66,7 +66,7 @@ def chair(name: str) -> Thing:
     )
 
 
-def _slat(height: float, depth: float, tall: float) -> Mesh:
+def _slat(height: float, depth: float, tall: float) -> PolygonMesh:
     """A back slat, bowed backwards between the posts and raked with them."""
     slat = rounded_box((0.366, tall, 0.016), 0.005, 2, (12, 1, 1))
 
@@ -79,8 +79,8 @@ def _slat(height: float, depth: float, tall: float) -> Mesh:
     return slat.deformed(bow).turned("x", 10.0).moved(0.0, height, depth)
 
 
-def shell_chair(name: str) -> Thing:
-    """A chair of one moulded shell, 0.82 m, on four splayed dowels braced with wire."""
+def shell_chair(name: str) -> Model:
+    """A chair of one molded shell, 0.82 m, on four splayed dowels braced with wire."""
     rows = [  # height, depth, half width, how far its sides rise or come forward
         (0.425, 0.225, 0.195, 0.000),
         (0.446, 0.200, 0.205, 0.006),
@@ -134,7 +134,7 @@ def shell_chair(name: str) -> Thing:
     )
 
 
-def settee(name: str) -> Thing:
+def settee(name: str) -> Model:
     """A two-seat sofa, 1.78 m, with a pillow in either corner."""
     base = sofa(name, 1.78, 2)
     pillows = [
@@ -147,7 +147,7 @@ def settee(name: str) -> Thing:
     return thing(name, "sofa", *((p.name, p.look, p.mesh) for p in base.parts), ("Pillows", "Mustard", pillows))
 
 
-def sofa(name: str, width: float = 2.30, seats: int = 3) -> Thing:
+def sofa(name: str, width: float = 2.30, seats: int = 3) -> Model:
     """A sofa, 0.95 m deep: loose seat and back cushions between upholstered arms, on walnut legs."""
     arm, depth, seat_height = 0.19, 0.95, 0.43
     inner = width - 2.0 * arm
@@ -185,7 +185,7 @@ def sofa(name: str, width: float = 2.30, seats: int = 3) -> Thing:
     )
 
 
-def _upholstered(size: tuple[float, float, float], seed: int) -> Mesh:
+def _upholstered(size: tuple[float, float, float], seed: int) -> PolygonMesh:
     divisions = tuple(max(2, round(length / 0.09)) for length in size)
     box = rounded_box(size, 0.032, 3, divisions)  # type: ignore[arg-type]
 
@@ -200,7 +200,7 @@ def _upholstered(size: tuple[float, float, float], seed: int) -> Mesh:
     return box.deformed(pad)
 
 
-def armchair(name: str) -> Thing:
+def armchair(name: str) -> Model:
     """A lounge chair in leather: a walnut frame with bent arms, one deep cushion each for seat and back."""
     frame = []
     for side in (-1.0, 1.0):
@@ -239,19 +239,19 @@ def armchair(name: str) -> Thing:
     return thing(name, "armchair", ("Frame", "Walnut", frame), ("Seat", "Leather", seat), ("Back", "Leather", back))
 
 
-def scatter_pillow(name: str, look: str, size: float, seed: int) -> Thing:
+def scatter_pillow(name: str, look: str, size: float, seed: int) -> Model:
     """A square pillow standing upright."""
     return thing(
         name, "pillow", ("Cover", look, pillow(size, size, 0.15, seed, piping=0.004).moved(0.0, size / 2.0, 0.0))
     )
 
 
-def folded_throw(name: str) -> Thing:
+def folded_throw(name: str) -> Model:
     """A throw over a sofa's arm: its ridge at y = 0."""
     return thing(name, "blanket", ("Wool", "ThrowWool", throw(0.42, 0.9, 0.108, 0.27, 7)))
 
 
-def pouf(name: str) -> Thing:
+def pouf(name: str) -> Model:
     """A round upholstered pouf, 0.39 m: six panels in piping, dimpled at a button."""
     outline = [
         [0.0, 0.0],

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 from usd_scenes.author.shapes import (
     circle,
     curve,
     cylinder,
     fillet,
     lathe,
-    moulding,
+    molding,
     rectangle,
     rounded_box,
     sphere,
@@ -23,7 +23,7 @@ from usd_scenes.author.shapes import (
 )
 
 
-def candle(name: str, height: float = 0.14, radius: float = 0.036) -> Thing:
+def candle(name: str, height: float = 0.14, radius: float = 0.036) -> Model:
     wax = lathe(
         fillet(
             [[0.0, 0.0], [radius, 0.0], [radius, height], [radius * 0.7, height - 0.006], [0.0, height - 0.008]],
@@ -41,10 +41,10 @@ def candle(name: str, height: float = 0.14, radius: float = 0.036) -> Thing:
     return thing(name, "candle", ("Wax", "Candle", wax), ("Wick", "BlackPlastic", wick))
 
 
-def book(name: str, spine: int, width: float, height: float, thick: float) -> Thing:
+def book(name: str, spine: int, width: float, height: float, thick: float) -> Model:
     """A hardback lying on its back cover, spine towards -x: height along z, width along x. spine: 0..15 of the sheet.
 
-    The boards take their colour from the spine's column of the sheet, at a place above its print.
+    The boards take their color from the spine's column of the sheet, at a place above its print.
     """
     board = 0.0025
     u0, u1 = spine / 16.0 + 0.004, (spine + 1) / 16.0 - 0.004
@@ -66,7 +66,7 @@ def book(name: str, spine: int, width: float, height: float, thick: float) -> Th
     return thing(name, "book", ("Cover", "Spines", [*boards, back]), ("Pages", "Pages", pages))
 
 
-def remote(name: str) -> Thing:
+def remote(name: str) -> Model:
     """A remote control, 0.17 m, with keys in rows."""
     body = rounded_box((0.045, 0.018, 0.170), 0.007, 3).moved(0.0, 0.009, 0.0)
     keys = [
@@ -82,12 +82,12 @@ def remote(name: str) -> Thing:
         name,
         "remote control",
         ("Body", "BlackPlastic", body),
-        ("Keys", "GreyPlastic", [*keys, ring]),
+        ("Keys", "GrayPlastic", [*keys, ring]),
         ("Power", "RedButton", power),
     )
 
 
-def fruit(name: str, look: str, seed: int) -> Thing:
+def fruit(name: str, look: str, seed: int) -> Model:
     """A lemon or an apple."""
     if look == "Lemon":
         profile = [
@@ -128,14 +128,14 @@ def fruit(name: str, look: str, seed: int) -> Thing:
     return thing(name, "apple", ("Fruit", look, lathe(curve(profile, 30), 32)), ("Stalk", "Bark", stalk))
 
 
-def picture(name: str, look: str, width: float, height: float, frame: str = "Oak", mat: float = 0.0) -> Thing:
-    """A framed picture facing +z, its back on z = 0, centred on the origin; mat: width of a paper border, m."""
+def picture(name: str, look: str, width: float, height: float, frame: str = "Oak", mat: float = 0.0) -> Model:
+    """A framed picture facing +z, its back on z = 0, centered on the origin; mat: width of a paper border, m."""
     face = 0.022
     profile = fillet([[0.0, 0.0], [0.0, 0.030], [-face, 0.026], [-face, 0.006]], 0.0025, 2)
     corners = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) * (width / 2.0 + face, height / 2.0 + face)
     path = np.concatenate([corners, np.zeros((4, 1))], axis=1)
-    border = moulding(path[::-1], profile, up=(0.0, 0.0, 1.0), closed=True)
-    parts: list[tuple[str, str, Mesh | Sequence[Mesh]]] = [("Frame", frame, border)]
+    border = molding(path[::-1], profile, up=(0.0, 0.0, 1.0), closed=True)
+    parts: list[tuple[str, str, PolygonMesh | Sequence[PolygonMesh]]] = [("Frame", frame, border)]
     w, h = width / 2.0 + 0.004, height / 2.0 + 0.004
     if mat > 0.0:
         parts.append(("Mat", "Paper", _quad(w, h, 0.010)))
@@ -147,7 +147,7 @@ def picture(name: str, look: str, width: float, height: float, frame: str = "Oak
     return thing(name, "painting", *parts).simplified(Frame=sides)
 
 
-def hanging_picture(name: str) -> Thing:
+def hanging_picture(name: str) -> Model:
     """A landscape of 0.72 × 0.48 m in its frame, with its canvas, stretcher and wire behind."""
     front = picture(name, "Landscape", 0.72, 0.48, "Oak")
     canvas = rounded_box((0.735, 0.495, 0.004), 0.001).moved(0.0, 0.0, 0.008)
@@ -163,7 +163,7 @@ def hanging_picture(name: str) -> Thing:
     return replace(front, parts=front.parts + back.parts)
 
 
-def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -> Mesh:
+def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -> PolygonMesh:
     points = np.array(
         [
             [[-half_width, -half_height, z], [half_width, -half_height, z]],
@@ -174,7 +174,7 @@ def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -
     return grid(points, uv if unit else points[..., :2])
 
 
-def laptop(name: str) -> Thing:
+def laptop(name: str) -> Model:
     """A laptop, 0.33 m wide, open to 108°: keyboard, trackpad and a bright screen."""
     base = rounded_box((0.33, 0.014, 0.228), 0.006, 2).moved(0.0, 0.007, 0.0)
     well = rounded_box((0.286, 0.002, 0.108), 0.001).moved(0.0, 0.0135, -0.038)
@@ -192,7 +192,7 @@ def laptop(name: str) -> Thing:
     display = _quad(0.152, 0.095, 0.0038, unit=True).moved(0.0, 0.113, 0.0)
     hinge = sweep([[-0.12, 0.013, -0.112], [0.12, 0.013, -0.112]], circle(0.005, 12))
 
-    def open_lid(mesh: Mesh) -> Mesh:
+    def open_lid(mesh: PolygonMesh) -> PolygonMesh:
         return mesh.turned("x", -18.0).moved(0.0, 0.013, -0.112)
 
     return thing(
@@ -206,7 +206,7 @@ def laptop(name: str) -> Thing:
     )
 
 
-def _key(width: float, depth: float) -> Mesh:
+def _key(width: float, depth: float) -> PolygonMesh:
     """A key cap: a low frustum."""
     bottom = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * (width / 2.0, depth / 2.0)
     rings = [np.insert(bottom * s, 1, y, axis=1) for s, y in ((1.0, 0.0), (1.0, 0.0012), (0.93, 0.0018))]
@@ -215,10 +215,10 @@ def _key(width: float, depth: float) -> Mesh:
     return grid(points, points[..., [0, 2]])
 
 
-def beach_ball(name: str, radius: float = 0.13) -> Thing:
-    """A ball of six coloured gores and two caps."""
+def beach_ball(name: str, radius: float = 0.13) -> Model:
+    """A ball of six colored gores and two caps."""
     looks = ("BallRed", "BallWhite", "BallBlue", "BallWhite", "BallYellow", "BallWhite")
-    parts: dict[str, list[Mesh]] = {}
+    parts: dict[str, list[PolygonMesh]] = {}
     latitude = np.linspace(-1.37, 1.37, 25)[:, None]
     for gore, look in enumerate(looks):
         angle = (gore + np.linspace(0.0, 1.0, 11)[None]) * np.pi / 3.0
@@ -240,7 +240,7 @@ def beach_ball(name: str, radius: float = 0.13) -> Thing:
     return thing(name, "ball", *((look.removeprefix("Ball"), look, meshes) for look, meshes in parts.items()))
 
 
-def tennis_racket(name: str) -> Thing:
+def tennis_racket(name: str) -> Model:
     """A racket, 0.685 m, lying in the xy plane with its head up: frame, throat, 16 × 19 strings, wrapped grip."""
     angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     a, b = 0.124, 0.165
@@ -295,18 +295,18 @@ def tennis_racket(name: str) -> Thing:
     )
 
 
-def _arcs(ring: Array, section: Array, count: int = 12) -> list[Mesh]:
+def _arcs(ring: Array, section: Array, count: int = 12) -> list[PolygonMesh]:
     """A closed sweep in straight pieces."""
     knots = ring[:: len(ring) // count]
     return [sweep([p, q], section, up=(0.0, 0.0, 1.0)) for p, q in zip(knots, np.roll(knots, -1, axis=0), strict=True)]
 
 
-def ornament(name: str) -> Thing:
+def ornament(name: str) -> Model:
     """A brass sphere on the shelf."""
     return thing(name, "ornament", ("Sphere", "Brass", merged([sphere(0.055, 40).moved(0.0, 0.055)])))
 
 
-def sculpture(name: str) -> Thing:
+def sculpture(name: str) -> Model:
     """An abstract figure in pale stone on a black plinth: a twisted, waisted loop, 0.36 m."""
     angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     ring = np.stack([0.075 * np.sin(angle), 0.205 - 0.125 * np.cos(angle), 0.022 * np.sin(2.0 * angle)], axis=-1)
@@ -317,7 +317,7 @@ def sculpture(name: str) -> Thing:
     return figure.simplified(Figure=_arcs(ring, rectangle(0.046, 0.030, 0.0149, 5), 8))
 
 
-def set_top_box(name: str) -> Thing:
+def set_top_box(name: str) -> Model:
     """A small black box with a light."""
     body = rounded_box((0.24, 0.040, 0.16), 0.005, 2).moved(0.0, 0.020, 0.0)
     lamp = sphere(0.002, 12).moved(0.09, 0.020, 0.080)

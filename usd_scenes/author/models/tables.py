@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Mesh, merged
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import PolygonMesh, merged
 from usd_scenes.author.shapes import (
     circle,
     curve,
@@ -22,7 +22,7 @@ from usd_scenes.author.shapes import (
 )
 
 
-def coffee_table(name: str) -> Thing:
+def coffee_table(name: str) -> Model:
     """An oval walnut table, 1.20 × 0.68 × 0.40 m, with a shelf below, on splayed legs."""
     top = _oval_slab(1.20, 0.68, 0.026).moved(0.0, 0.387, 0.0)
     shelf = _oval_slab(0.86, 0.42, 0.016).moved(0.0, 0.155, 0.0)
@@ -30,7 +30,7 @@ def coffee_table(name: str) -> Thing:
     return thing(name, "coffee table", ("Top", "Walnut", top), ("Shelf", "Walnut", shelf), ("Legs", "Walnut", legs))
 
 
-def _oval_slab(width: float, depth: float, height: float) -> Mesh:
+def _oval_slab(width: float, depth: float, height: float) -> PolygonMesh:
     """A superellipse with a rounded edge, grain along x."""
     h, r = height / 2.0, height * 0.42
     slab = lathe(
@@ -49,16 +49,16 @@ def _oval_slab(width: float, depth: float, height: float) -> Mesh:
         return bent
 
     bent = slab.deformed(stretch)
-    return Mesh(bent.points, bent.normals, bent.points[:, [0, 2]] * 1.0, bent.counts, bent.indices)
+    return PolygonMesh(bent.points, bent.normals, bent.points[:, [0, 2]] * 1.0, bent.counts, bent.indices)
 
 
-def dining_table(name: str) -> Thing:
+def dining_table(name: str) -> Model:
     """An oak table, 1.80 × 0.90 × 0.75 m: three boards on a black steel frame."""
     boards = [
         rounded_box((1.80, 0.032, 0.2985), 0.003, 2).with_uv(0.37 * i, 0.26 * i).moved(0.0, 0.734, (i - 1) * 0.30)
         for i in range(3)
     ]
-    frame: list[Mesh] = []
+    frame: list[PolygonMesh] = []
     for x in (-0.72, 0.72):
         loop = [[x, 0.0125, -0.36], [x, 0.0125, 0.36]], [[x, 0.7055, -0.36], [x, 0.7055, 0.36]]
         frame += [sweep(line, rectangle(0.06, 0.025, 0.004)) for line in loop]
@@ -70,7 +70,7 @@ def dining_table(name: str) -> Thing:
     return thing(name, "dining table", ("Top", "Oak", boards), ("Frame", "BlackMetal", frame))
 
 
-def bookcase(name: str, width: float = 1.20, height: float = 2.10, depth: float = 0.30) -> Thing:
+def bookcase(name: str, width: float = 1.20, height: float = 2.10, depth: float = 0.30) -> Model:
     """An open oak case with five shelves and a back."""
     sides = [
         rounded_box((0.024, height, depth), 0.002)
@@ -90,11 +90,11 @@ def bookcase(name: str, width: float = 1.20, height: float = 2.10, depth: float 
 
 
 def shelf_heights(height: float = 2.10) -> list[float]:
-    """Centres of a bookcase's boards; books stand 0.012 m above."""
+    """Centers of a bookcase's boards; books stand 0.012 m above."""
     return [0.072 + i * (height - 0.084) / 5.0 for i in range(6)]
 
 
-def sideboard(name: str, width: float = 1.80) -> Thing:
+def sideboard(name: str, width: float = 1.80) -> Model:
     """A low walnut cabinet with three fronts on black legs, for the television."""
     case = [
         rounded_box((width, 0.022, 0.42), 0.003).moved(0.0, 0.489, 0.0),
@@ -122,7 +122,7 @@ def sideboard(name: str, width: float = 1.80) -> Thing:
     )
 
 
-def television(name: str) -> Thing:
+def television(name: str) -> Model:
     """A 55-inch set on two feet."""
     body = rounded_box((1.235, 0.715, 0.028), 0.006, 2).moved(0.0, 0.44, 0.0)
     screen = rounded_box((1.215, 0.690, 0.004), 0.001).moved(0.0, 0.445, 0.0135)
@@ -133,7 +133,7 @@ def television(name: str) -> Thing:
     return thing(name, "television", ("Body", "BlackPlastic", [body, *feet]), ("Screen", "ScreenOff", screen))
 
 
-def floor_lamp(name: str) -> Thing:
+def floor_lamp(name: str) -> Model:
     """A brass floor lamp, 1.58 m, with a linen drum shade; its bulb is a light of the room, its plug 0.45 m behind."""
     base = lathe(
         fillet([[0.0, 0.0], [0.14, 0.0], [0.14, 0.018], [0.03, 0.026], [0.012, 0.05], [0.0, 0.05]], 0.004, 3), 48
@@ -160,14 +160,14 @@ def floor_lamp(name: str) -> Thing:
     )
 
 
-def drum_shade(top: float, bottom: float, height: float) -> Mesh:
+def drum_shade(top: float, bottom: float, height: float) -> PolygonMesh:
     """A shade of cloth on a wire at either rim, open above and below, 3 mm thick."""
     wall = [[bottom - 0.003, 0.0], [bottom, 0.0], [top, height], [top - 0.003, height], [bottom - 0.003, 0.0]]
     rims = [lathe(circle(0.004, 8)[[*range(8), 0]] + (r - 0.0015, y), 64) for r, y in ((bottom, 0.0), (top, height))]
     return merged([lathe(wall[1:3], 64), lathe([wall[3], wall[4]], 64), *rims])
 
 
-def pendant(name: str, drop: float) -> Thing:
+def pendant(name: str, drop: float) -> Model:
     """A black metal dome on a cord: the ceiling is at y = 0, the rim at -drop."""
     outer = curve([[0.026, 0.20], [0.10, 0.185], [0.18, 0.12], [0.225, 0.0]], 16)[::-1]
     shell = lathe(np.concatenate([outer, outer[::-1] - (0.004, 0.003)]), 56)
@@ -179,7 +179,7 @@ def pendant(name: str, drop: float) -> Thing:
     )
 
 
-def side_table(name: str) -> Thing:
+def side_table(name: str) -> Model:
     """A round table, 0.45 m across and 0.50 m high, on a turned foot."""
     outline = [[0.0, 0.480], [0.210, 0.480], [0.225, 0.488], [0.225, 0.498], [0.215, 0.505], [0.0, 0.505]]
     stem = curve([[0.030, 0.02], [0.022, 0.10], [0.016, 0.26], [0.020, 0.40], [0.045, 0.478]], 24)
@@ -189,7 +189,7 @@ def side_table(name: str) -> Thing:
     return thing(name, "side table", ("Top", "Oak", top), ("Foot", "BlackMetal", [lathe(stem, 32), lathe(foot, 48)]))
 
 
-def mirror(name: str, radius: float = 0.38) -> Thing:
+def mirror(name: str, radius: float = 0.38) -> Model:
     """A round mirror in a brass rim, facing +z from the wall at z = 0."""
     ring = np.insert(circle(radius + 0.004, 96), 2, 0.012, axis=1)
     rim = sweep(ring, rectangle(0.014, 0.024, 0.004), up=(0.0, 0.0, 1.0), closed=True)
@@ -197,7 +197,7 @@ def mirror(name: str, radius: float = 0.38) -> Thing:
     return thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", glass))
 
 
-def basket(name: str) -> Thing:
+def basket(name: str) -> Model:
     """A basket of coiled rope, 0.42 m across."""
     coils = []
     for level in range(15):

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Array, Mesh
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, rectangle, sweep
 
 
@@ -20,8 +20,8 @@ def offset(profile: ArrayLike, distance: float) -> Array:
     return np.asarray(outer + distance * normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 
-def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> Mesh:
-    """A vessel with a round lip: its outside profile from the foot's centre to the rim, (radius, height)."""
+def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> PolygonMesh:
+    """A vessel with a round lip: its outside profile from the foot's center to the rim, (radius, height)."""
     outer = np.asarray(outside, dtype=np.float64)
     inner = offset(outer, thickness)
     inner = inner[(inner[:, 0] > 0.0) & (inner[:, 1] > outer[0, 1] + 0.5 * thickness)]
@@ -34,7 +34,7 @@ def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> Mesh:
     return lathe(np.concatenate([outer, lip, inner[::-1]]), segments)
 
 
-def dish(name: str) -> Thing:
+def dish(name: str) -> Model:
     """A dinner plate, 0.27 m, with a blue band on its rim."""
     corners = [[0.0, 0.003], [0.070, 0.003], [0.074, 0.0], [0.080, 0.0], [0.084, 0.006], [0.096, 0.012], [0.134, 0.024]]
     profile = _dense(fillet(corners, 0.006, 3))
@@ -44,7 +44,7 @@ def dish(name: str) -> Thing:
     return thing(name, "dish", ("Plate", "Porcelain", shell(profile, 0.0045, 72)), ("Band", "BlueGlaze", band))
 
 
-def bowl(name: str, look: str = "Stoneware", radius: float = 0.14) -> Thing:
+def bowl(name: str, look: str = "Stoneware", radius: float = 0.14) -> Model:
     """A wide bowl on a foot."""
     r = radius
     profile = curve(
@@ -62,7 +62,7 @@ def bowl(name: str, look: str = "Stoneware", radius: float = 0.14) -> Thing:
     return thing(name, "bowl", ("Bowl", look, shell(profile, 0.006)))
 
 
-def cup(name: str) -> Thing:
+def cup(name: str) -> Model:
     """A mug, 0.095 m, with a handle."""
     profile = fillet([[0.0, 0.004], [0.030, 0.004], [0.033, 0.0], [0.040, 0.004], [0.042, 0.095]], 0.006, 4)
     loop = curve(
@@ -81,7 +81,7 @@ def _dense(profile: Array, step: float = 0.008) -> Array:
     return np.concatenate([*pieces, profile[-1:]])
 
 
-def ewer(name: str) -> Thing:
+def ewer(name: str) -> Model:
     """A glazed jug with spout, lid and handle, 0.26 m: what SAILenv called a ewer."""
     outline = curve(
         [
@@ -130,7 +130,7 @@ def ewer(name: str) -> Thing:
     )
 
 
-def vase(name: str, look: str = "Terracotta") -> Thing:
+def vase(name: str, look: str = "Terracotta") -> Model:
     profile = curve(
         [
             [0.0, 0.004],

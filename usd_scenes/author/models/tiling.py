@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.models.building import Opening, blocks
-from usd_scenes.author.polygon_mesh import Array, Mesh, grid, merged
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 
 JOINT, THICK, RECESS = 0.0022, 0.0085, 0.0016
 
@@ -25,7 +25,7 @@ def tiled_wall(
     openings: Sequence[Opening] = (),
     bond: float = 0.0,
     crooked: float = 0.35,
-) -> Thing:
+) -> Model:
     """Tiles over 0..width along x and 0..height, facing +z from the wall at z = 0, cut at its openings.
 
     tile: width and height, m. bond: how far each row is shifted against the one below, in tiles. crooked: degrees.
@@ -57,7 +57,7 @@ def tiled_wall(
     return whole.simplified(**dict(zip(("Tiles", "Grout"), slabs, strict=True)))
 
 
-def tiled_floor(name: str, width: float, depth: float, look: str, tile: float, seed: int) -> Thing:
+def tiled_floor(name: str, width: float, depth: float, look: str, tile: float, seed: int) -> Model:
     """Square tiles about the origin, their top at y = 0."""
     wall = tiled_wall(name, width, depth, look, (tile, tile), seed, crooked=0.05)
     return replace(wall.turned("x", -90.0).moved(-width / 2.0, -THICK, depth / 2.0), label="floor")
@@ -73,7 +73,7 @@ def _without(piece: tuple[float, float, float, float], hole: Opening) -> list[tu
     return [part for part in parts if part[1] - part[0] > 1e-6 and part[3] - part[2] > 1e-6]
 
 
-def _tile(x0: float, x1: float, y0: float, y1: float, rng: np.random.Generator, crooked: float) -> Mesh:
+def _tile(x0: float, x1: float, y0: float, y1: float, rng: np.random.Generator, crooked: float) -> PolygonMesh:
     """A pillowed face whose edges fall back into the joint."""
     gap, bevel = JOINT / 2.0, 0.0022
     xs = np.array(
@@ -87,18 +87,18 @@ def _tile(x0: float, x1: float, y0: float, y1: float, rng: np.random.Generator, 
     points[..., 0], points[..., 1] = xs[None], ys[:, None]
     points[..., 2] = THICK - np.maximum(fall[None], fall[:, None])
     lean = np.radians(rng.normal(0.0, crooked, 2)).clip(-0.012, 0.012)
-    centre = np.array([(x0 + x1) / 2.0, (y0 + y1) / 2.0])
-    slope: Array = (points[..., :2] - centre) @ lean
+    center = np.array([(x0 + x1) / 2.0, (y0 + y1) / 2.0])
+    slope: Array = (points[..., :2] - center) @ lean
     points[..., 2] += np.where(points[..., 2] > THICK - RECESS, slope.clip(-0.0007, 0.0007), 0.0)
     return grid(points, points[..., :2] + rng.uniform(0.0, 1.0, 2))
 
 
-def _plane(x0: float, x1: float, y0: float, y1: float, z: float) -> Mesh:
+def _plane(x0: float, x1: float, y0: float, y1: float, z: float) -> PolygonMesh:
     points = np.array([[[x0, y0, z], [x1, y0, z]], [[x0, y1, z], [x1, y1, z]]])
     return grid(points, points[..., :2])
 
 
-def _plane_edge(width: float, height: float) -> Mesh:
+def _plane_edge(width: float, height: float) -> PolygonMesh:
     """The top of the bed of grout, where the tiles end below a ceiling."""
     z = THICK - RECESS
     points = np.array([[[0.0, height, z], [width, height, z]], [[0.0, height, 0.0], [width, height, 0.0]]])

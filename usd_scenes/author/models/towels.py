@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author import cloth_simulation as cloth
-from usd_scenes.author.model import Thing, thing
+from usd_scenes.author.model import Model, thing
 from usd_scenes.author.polygon_mesh import grid, merged
 from usd_scenes.author.shapes import rounded_box
 from usd_scenes.author.soft import wrinkles
@@ -13,7 +13,7 @@ from usd_scenes.author.soft import wrinkles
 
 def hanging_towel(
     name: str, look: str, width: float, front: float, back: float, radius: float, seed: int, thick: float = 0.009
-) -> Thing:
+) -> Model:
     """A towel over a bar along x of `radius`, whose top is at y = 0: `front` m hang at +z, `back` m at -z."""
     length = front + back
     flat = cloth.pattern(width, length, 0.016)
@@ -39,7 +39,7 @@ def hanging_towel(
     return thing(name, "towel", ("Terry", look, mesh))
 
 
-def hooked_towel(name: str, look: str, width: float, length: float, seed: int) -> Thing:
+def hooked_towel(name: str, look: str, width: float, length: float, seed: int) -> Model:
     """A towel by its loop on a `bathroom.hook` at the origin, hanging before the wall at z = 0."""
     flat = cloth.pattern(width, length, 0.018)
     s = length / 2.0 - flat[..., 1]  # down from its upper edge
@@ -61,7 +61,7 @@ def hooked_towel(name: str, look: str, width: float, length: float, seed: int) -
 
 def folded_towel(
     name: str, look: str, width: float = 0.34, depth: float = 0.24, layers: int = 3, seed: int = 1
-) -> Thing:
+) -> Model:
     """A bath towel folded into a soft block that lies on y = 0, its fold towards +z."""
     parts = []
     for layer in range(layers):
@@ -79,7 +79,7 @@ def folded_towel(
     return thing(name, "towel", ("Terry", look, parts))
 
 
-def bath_mat(name: str, look: str, width: float = 0.80, depth: float = 0.52) -> Thing:
+def bath_mat(name: str, look: str, width: float = 0.80, depth: float = 0.52) -> Model:
     """A thick tufted mat lying on y = 0 with a hemmed edge."""
     cell = 0.02
     flat = cloth.pattern(width, depth, cell)

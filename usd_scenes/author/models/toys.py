@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.implicit import Field, ellipsoid, limb, surface, union
-from usd_scenes.author.model import Thing, thing
-from usd_scenes.author.polygon_mesh import Array, Mesh, rotation
+from usd_scenes.author.model import Model, thing
+from usd_scenes.author.polygon_mesh import Array, PolygonMesh, rotation
 from usd_scenes.author.shapes import circle, curve, sphere, sweep
 from usd_scenes.author.soft import wrinkles
 
 HEAD, BODY = (0.0, 0.262, 0.008), (0.0, 0.112, 0.0)
 
 
-def teddy_bear(name: str) -> Thing:
+def teddy_bear(name: str) -> Model:
     """A plush bear that sits, 0.36 m: stuffed pieces sewn together, lighter muzzle, ears and soles, a bow."""
     pieces: list[Field] = [ellipsoid(BODY, (0.086, 0.108, 0.078)), ellipsoid(HEAD, (0.083, 0.074, 0.073))]
     for side in (-1.0, 1.0):
@@ -77,7 +77,7 @@ def teddy_bear(name: str) -> Thing:
     ).simplified(Body=_balls(), Muzzle=sphere(0.030, 24).scaled(1.3, 1.0, 1.0).moved(0.0, 0.242, 0.070), Bow=_bow()[:4])
 
 
-def _balls() -> list[Mesh]:
+def _balls() -> list[PolygonMesh]:
     """The bear as a child would draw it."""
     balls = [sphere(1.0, 24).scaled(0.086, 0.108, 0.078).moved(*BODY), sphere(0.078, 24).moved(*HEAD)]
     for side in (-1.0, 1.0):
@@ -91,7 +91,7 @@ def _balls() -> list[Mesh]:
     return balls
 
 
-def _plush(field: Field, low: Array | list[float], high: Array | list[float], step: float, seed: int) -> Mesh:
+def _plush(field: Field, low: Array | list[float], high: Array | list[float], step: float, seed: int) -> PolygonMesh:
     """Stuffing that bulges here and there, under short pile."""
 
     def stuffed(points: Array) -> Array:
@@ -101,9 +101,9 @@ def _plush(field: Field, low: Array | list[float], high: Array | list[float], st
     return surface(stuffed, low, high, step)
 
 
-def _bow() -> list[Mesh]:
+def _bow() -> list[PolygonMesh]:
     """A ribbon's bow under the chin: two loops, a knot, two ends, and the band round the neck."""
-    parts: list[Mesh] = []
+    parts: list[PolygonMesh] = []
     ribbon = np.array([[0.0009, 0.013], [-0.0009, 0.013], [-0.0009, -0.013], [0.0009, -0.013]])[::-1]
     at = np.array((0.0, 0.192, 0.084))
     for side in (-1.0, 1.0):

@@ -1,4 +1,4 @@
 """Tileable textures, generated: every function is a pure function of its size and a seed.
 
-Colours are scene-linear albedos until `images.save` encodes them; u runs along columns, row 0 is the top.
+Colors are scene-linear albedos until `images.save` encodes them; u runs along columns, row 0 is the top.
 """

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usd_scenes.author.textures.noise import mix, normals_from_height, smoothstep, spectral
-from usd_scenes.author.textures.wood import Surface
+from usd_scenes.author.textures.wood import WoodSurface
 
 Array = NDArray[np.float64]
 
 
-def weave(size: int, seed: int, tile: float, threads: int, color: object, contrast: float = 0.2) -> Surface:
+def weave(size: int, seed: int, tile: float, threads: int, color: object, contrast: float = 0.2) -> WoodSurface:
     """Plain weave with slubs: `threads` each way over a tile of `tile` m; threads must be even."""
     shape = (size, size)
     at = (np.arange(size) + 0.5) / size * threads
@@ -28,7 +28,7 @@ def weave(size: int, seed: int, tile: float, threads: int, color: object, contra
     fuzz = spectral(shape, seed + 4, 0.01, slope=0.8)
     gain = (1.0 - contrast * (1.3 - height).clip(0.0)) * np.exp(0.05 * tone + 0.04 * fuzz)
     relief = 0.2 * tile / threads * height
-    return Surface(
+    return WoodSurface(
         np.asarray(color, dtype=np.float64) * gain[..., None],
         np.full(shape, 0.9),
         normals_from_height(relief, size / tile),
@@ -36,13 +36,13 @@ def weave(size: int, seed: int, tile: float, threads: int, color: object, contra
 
 
 def ticking(size: int, ground: object, stripe: object) -> Array:
-    """Colours [1, size, 3] of warp threads for `weave`: pairs of fine stripes, two to a tile."""
+    """Colors [1, size, 3] of warp threads for `weave`: pairs of fine stripes, two to a tile."""
     at = (np.arange(size) + 0.5) / size * 2.0 % 1.0
     lines = np.maximum(np.abs(at - 0.46) < 0.011, np.abs(at - 0.54) < 0.011)
     return mix(np.broadcast_to(np.asarray(ground), (1, size, 3)), stripe, lines[None] * 0.85)
 
 
-def berber(width: int, height: int, seed: int) -> Surface:
+def berber(width: int, height: int, seed: int) -> WoodSurface:
     """A shaggy wool rug, 2.3 x 1.6 m, whole: a hand-drawn lattice of dark lines on undyed wool."""
     shape = (height, width)
     y, x = np.mgrid[0:height, 0:width]
@@ -56,10 +56,10 @@ def berber(width: int, height: int, seed: int) -> Surface:
     tufts = spectral(shape, seed + 2, 0.0055, slope=1.1)
     clouds = spectral(shape, seed + 3, 0.22, slope=1.6)
     color = color * np.exp(0.10 * tufts + 0.05 * clouds)[..., None]
-    return Surface(color, np.full(shape, 0.95), normals_from_height(1.5e-3 * tufts, width / 2.3))
+    return WoodSurface(color, np.full(shape, 0.95), normals_from_height(1.5e-3 * tufts, width / 2.3))
 
 
-def leather(size: int, seed: int, tile: float, color: object) -> Surface:
+def leather(size: int, seed: int, tile: float, color: object) -> WoodSurface:
     """Aniline leather: a net of fine creases, cloudy dye, worn highs."""
     shape = (size, size)
     cells = np.abs(spectral(shape, seed, 0.022, slope=3.0))
@@ -68,23 +68,23 @@ def leather(size: int, seed: int, tile: float, color: object) -> Surface:
     clouds = spectral(shape, seed + 2, 0.35, slope=1.6)
     gain = np.exp(0.055 * clouds + 0.02 * fine) * (1.0 - 0.22 * creases)
     height = 1.2e-4 * (-creases) + 8.0e-6 * fine
-    return Surface(
+    return WoodSurface(
         np.asarray(color, dtype=np.float64) * gain[..., None],
         0.42 + 0.14 * creases + 0.025 * clouds,
         normals_from_height(height, size / tile),
     )
 
 
-def rug(width: int, height: int, seed: int) -> Surface:
+def rug(width: int, height: int, seed: int) -> WoodSurface:
     """A hand-knotted wool rug, whole: a lattice of diamonds on ivory and a border, its dye uneven (abrash)."""
     y, x = np.mgrid[0:height, 0:width]
     wobble = 0.0025 * spectral((height, width), seed, 0.01, slope=1.0)
-    metres_x = (x + 0.5) / width * 3.2 + wobble
-    metres_y = (y + 0.5) / height * 2.3 + np.roll(wobble, 7, axis=1)
+    meters_x = (x + 0.5) / width * 3.2 + wobble
+    meters_y = (y + 0.5) / height * 2.3 + np.roll(wobble, 7, axis=1)
     ivory, slate, rust, ochre = (0.56, 0.50, 0.40), (0.075, 0.105, 0.135), (0.30, 0.085, 0.045), (0.42, 0.25, 0.085)
-    edge = np.minimum(np.minimum(metres_x, 3.2 - metres_x), np.minimum(metres_y, 2.3 - metres_y))
-    u = (metres_x - 1.6) / 0.40
-    v = (metres_y - 1.15) / 0.40
+    edge = np.minimum(np.minimum(meters_x, 3.2 - meters_x), np.minimum(meters_y, 2.3 - meters_y))
+    u = (meters_x - 1.6) / 0.40
+    v = (meters_y - 1.15) / 0.40
     diamond = np.abs((u + v) % 1.0 - 0.5) * 2.0, np.abs((u - v) % 1.0 - 0.5) * 2.0
     lines = np.maximum(diamond[0], diamond[1])
     core = np.minimum(1.0 - diamond[0], 1.0 - diamond[1])
@@ -93,7 +93,7 @@ def rug(width: int, height: int, seed: int) -> Surface:
     color = mix(color, ochre, smoothstep(0.90, 0.92, core))
     inner = smoothstep(0.262, 0.258, edge)
     band = mix(np.broadcast_to(slate, (height, width, 3)), ivory, _band(edge, 0.225, 0.240))
-    along = np.where(np.minimum(metres_x, 3.2 - metres_x) < np.minimum(metres_y, 2.3 - metres_y), metres_y, metres_x)
+    along = np.where(np.minimum(meters_x, 3.2 - meters_x) < np.minimum(meters_y, 2.3 - meters_y), meters_y, meters_x)
     teeth = np.abs((along / 0.115) % 1.0 - 0.5) * 2.0
     zigzag = _band(edge - 0.055 * teeth, 0.085, 0.120)
     band = mix(band, rust, zigzag)
@@ -102,7 +102,7 @@ def rug(width: int, height: int, seed: int) -> Surface:
     abrash = spectral((height, width), seed + 1, (0.05, 0.9), slope=1.4)
     pile = spectral((height, width), seed + 2, 0.004, slope=0.7)
     color = color * np.exp(0.07 * abrash + 0.06 * pile)[..., None]
-    return Surface(color, np.full((height, width), 0.95), normals_from_height(6.0e-4 * pile, width / 3.2))
+    return WoodSurface(color, np.full((height, width), 0.95), normals_from_height(6.0e-4 * pile, width / 3.2))
 
 
 def _band(x: Array, low: float, high: float) -> Array:

@@ -28,7 +28,7 @@ def save_color(path: Path, linear: Array) -> None:
 
 
 def save_raw(path: Path, values: Array) -> None:
-    """Values 0..1, [h, w], as 8-bit greyscale PNG."""
+    """Values 0..1, [h, w], as 8-bit grayscale PNG."""
     _save(path, np.clip(values, 0.0, 1.0))
 
 

@@ -16,7 +16,7 @@ WALNUT = (0.165, 0.094, 0.052), (0.066, 0.036, 0.021)
 CHESTNUT = (0.33, 0.155, 0.07), (0.15, 0.058, 0.026)
 
 
-def _surface(name: str, make: Callable[[], wood.Surface], roughness: bool = True) -> Maker:
+def _surface(name: str, make: Callable[[], wood.WoodSurface], roughness: bool = True) -> Maker:
     def write(folder: Path) -> None:
         surface = make()
         images.save_color(folder / f"{name}_color.png", surface.color)

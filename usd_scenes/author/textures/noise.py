@@ -34,15 +34,15 @@ def smoothstep(low: float, high: float, x: Array) -> Array:
 
 
 def mix(a: object, b: object, t: Array) -> Array:
-    """Colours a and b [3] blended by t [h, w]; or fields by fields."""
+    """Colors a and b [3] blended by t [h, w]; or fields by fields."""
     first, second = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     weight = t[..., None] if first.shape[-1:] == (3,) or second.shape[-1:] == (3,) else t
     return np.asarray(first + (second - first) * weight)
 
 
-def normals_from_height(height: Array, pixels_per_metre: float) -> Array:
+def normals_from_height(height: Array, pixels_per_meter: float) -> Array:
     """Tangent-space normals [h, w, 3] of a tileable height field, m. +x along u, +y along v (up the image)."""
-    slope_u = (np.roll(height, -1, axis=1) - np.roll(height, 1, axis=1)) * (0.5 * pixels_per_metre)
-    slope_v = (np.roll(height, 1, axis=0) - np.roll(height, -1, axis=0)) * (0.5 * pixels_per_metre)
+    slope_u = (np.roll(height, -1, axis=1) - np.roll(height, 1, axis=1)) * (0.5 * pixels_per_meter)
+    slope_v = (np.roll(height, 1, axis=0) - np.roll(height, -1, axis=0)) * (0.5 * pixels_per_meter)
     normals = np.stack([-slope_u, -slope_v, np.ones_like(height)], axis=-1)
     return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))

@@ -35,7 +35,7 @@ def landscape(width: int, height: int, seed: int, light: tuple[float, float, flo
 
 
 def _brushed(picture: Array, seed: int) -> Array:
-    """A picture in strokes of a brush, broad ones first, each of the colour under its middle."""
+    """A picture in strokes of a brush, broad ones first, each of the color under its middle."""
     height, width = picture.shape[:2]
     rng = np.random.default_rng(seed)
     canvas = picture.copy()
@@ -112,7 +112,7 @@ def arches(width: int, height: int, seed: int) -> Array:
 
 
 def abstract(width: int, height: int, seed: int, palette: list[tuple[float, float, float]]) -> Array:
-    """Soft-edged fields of colour and a few arcs on a pale ground, on paper."""
+    """Soft-edged fields of color and a few arcs on a pale ground, on paper."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / height, (y + 0.5) / height
@@ -135,7 +135,7 @@ def abstract(width: int, height: int, seed: int, palette: list[tuple[float, floa
 
 
 def spines(size: int, seed: int, count: int) -> Array:
-    """`count` book spines side by side: cloth in a colour, bands, and a title as a worn foil texture."""
+    """`count` book spines side by side: cloth in a color, bands, and a title as a worn foil texture."""
     rng = np.random.default_rng(seed)
     cloths = [
         (0.30, 0.055, 0.045), (0.05, 0.085, 0.17), (0.055, 0.12, 0.085), (0.42, 0.30, 0.13), (0.60, 0.55, 0.46),
@@ -199,8 +199,8 @@ def screen(width: int, height: int, seed: int) -> Array:
         (0.7, 0.7, 0.7),
     ]
     for index, color in enumerate(icons):
-        centre = 0.5 + (index - 2.5) * 0.09
-        inside = np.maximum(np.abs(u - centre) * width / height, np.abs(v - 0.0725)) < 0.030
+        center = 0.5 + (index - 2.5) * 0.09
+        inside = np.maximum(np.abs(u - center) * width / height, np.abs(v - 0.0725)) < 0.030
         picture = mix(picture, color, inside * 1.0)
     bar = v > 0.968
     return np.asarray(mix(picture, (0.04, 0.04, 0.05), 0.7 * bar))

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usd_scenes.author.textures.noise import mix, normals_from_height, smoothstep, spectral
-from usd_scenes.author.textures.wood import Surface
+from usd_scenes.author.textures.wood import WoodSurface
 
 Array = NDArray[np.float64]
 
 
 def phone_screen(width: int, height: int, seed: int) -> Array:
-    """A home screen: soft colours, the time, four columns of icons and a dock."""
+    """A home screen: soft colors, the time, four columns of icons and a dock."""
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / width, 1.0 - (y + 0.5) / height
     drift = 0.16 * spectral((height, width), seed, 0.35, slope=3.0)
@@ -70,14 +70,14 @@ def _digit(digit: int, x: Array, y: Array) -> NDArray[np.bool_]:
     return found
 
 
-def plush(size: int, seed: int, tile: float, color: object) -> Surface:
+def plush(size: int, seed: int, tile: float, color: object) -> WoodSurface:
     """Short pile, brushed one way in one place and another in the next."""
     shape = (size, size)
     clumps = spectral(shape, seed, 0.035, slope=1.8)
     hair = spectral(shape, seed + 1, (0.006, 0.016), slope=1.4) + spectral(shape, seed + 2, (0.016, 0.006), slope=1.4)
     gain = np.exp(0.08 * clumps + 0.11 * hair)
     height = 1.6e-4 * clumps + 1.3e-4 * hair
-    return Surface(
+    return WoodSurface(
         np.asarray(color, dtype=np.float64) * gain[..., None],
         np.full(shape, 0.95),
         normals_from_height(height, size / tile),
@@ -117,7 +117,7 @@ def quilted(size: int, tile: float) -> Array:
 
 
 def snake_leaf(width: int, height: int, seed: int) -> Array:
-    """A sword of dark green with grey-green bands across and yellow edges; u across it, v along."""
+    """A sword of dark green with gray-green bands across and yellow edges; u across it, v along."""
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / width * 2.0 - 1.0, 1.0 - (y + 0.5) / height
     wobble = spectral((height, width), seed, (0.01, 0.25), slope=1.6)

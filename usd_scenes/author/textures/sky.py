@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def directions(width: int, height: int) -> Array:
-    """Unit directions [h, w, 3] of a latlong picture in OpenUSD's convention (+z in the centre, +x left of it)."""
+    """Unit directions [h, w, 3] of a latlong picture in OpenUSD's convention (+z in the center, +x left of it)."""
     v = (np.arange(height) + 0.5) / height
     u = (np.arange(width) + 0.5) / width
     theta, phi = np.pi * v[:, None], 2.0 * np.pi * u[None, :] - np.pi / 2.0

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usd_scenes.author.textures.noise import mix, normals_from_height, smoothstep, spectral
-from usd_scenes.author.textures.wood import Surface
+from usd_scenes.author.textures.wood import WoodSurface
 
 Array = NDArray[np.float64]
 
 
-def glaze(size: int, seed: int, tile: float, light: object, dark: object) -> Surface:
-    """Hand-poured glaze: clouds of thinner and thicker colour, pinholes, a wavy face. Cut anywhere for one tile."""
+def glaze(size: int, seed: int, tile: float, light: object, dark: object) -> WoodSurface:
+    """Hand-poured glaze: clouds of thinner and thicker color, pinholes, a wavy face. Cut anywhere for one tile."""
     shape = (size, size)
     pools = spectral(shape, seed, 0.09, slope=1.8)
     drift = spectral(shape, seed + 1, 0.5, slope=2.0)
@@ -20,7 +20,7 @@ def glaze(size: int, seed: int, tile: float, light: object, dark: object) -> Sur
     tone = np.clip(0.5 + 0.20 * pools + 0.24 * drift, 0.0, 1.0)
     color = mix(light, dark, tone) * (1.0 - 0.5 * pits)[..., None]
     height = 1.4e-4 * spectral(shape, seed + 3, 0.035, slope=2.4) - 1.0e-4 * pits
-    return Surface(color, 0.10 + 0.03 * np.abs(pools) + 0.3 * pits, normals_from_height(height, size / tile))
+    return WoodSurface(color, 0.10 + 0.03 * np.abs(pools) + 0.3 * pits, normals_from_height(height, size / tile))
 
 
 def terrazzo(size: int, seed: int) -> Array:

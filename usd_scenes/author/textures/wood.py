@@ -14,7 +14,7 @@ STRIPS = 12
 
 
 @dataclass(frozen=True)
-class Surface:
+class WoodSurface:
     """color: [h, w, 3] linear; roughness: [h, w]; normal: [h, w, 3]."""
 
     color: Array
@@ -22,7 +22,7 @@ class Surface:
     normal: Array
 
 
-def board(rows: int, columns: int, seed: int, length: float, light: object, dark: object) -> Surface:
+def board(rows: int, columns: int, seed: int, length: float, light: object, dark: object) -> WoodSurface:
     """A board, `length` m along the grain and in proportion across it, between two albedos."""
     shape = (rows, columns)
     width = length * rows / columns
@@ -37,10 +37,10 @@ def board(rows: int, columns: int, seed: int, length: float, light: object, dark
     color = mix(light, dark, tone) * (1.0 - 0.35 * pores * (0.3 + 0.7 * late_wood))[..., None]
     height = -3.0e-5 * late_wood - 1.2e-4 * pores + 1.0e-5 * streaks
     roughness = 0.40 + 0.07 * late_wood + 0.22 * pores + 0.02 * streaks
-    return Surface(color, roughness, normals_from_height(height, columns / length))
+    return WoodSurface(color, roughness, normals_from_height(height, columns / length))
 
 
-def boards(size: int, seed: int, length: float, light: object, dark: object) -> Surface:
+def boards(size: int, seed: int, length: float, light: object, dark: object) -> WoodSurface:
     """STRIPS different boards one above the other, each its own tree: hue, tone and figure differ."""
     rng = np.random.default_rng(seed)
     edges = np.round(np.linspace(0, size, STRIPS + 1)).astype(int)
@@ -53,4 +53,4 @@ def boards(size: int, seed: int, length: float, light: object, dark: object) -> 
         colors.append(surface.color * gain * warmth)
         roughnesses.append(surface.roughness + rng.normal(0.0, 0.025))
         normals.append(surface.normal)
-    return Surface(np.concatenate(colors), np.concatenate(roughnesses), np.concatenate(normals))
+    return WoodSurface(np.concatenate(colors), np.concatenate(roughnesses), np.concatenate(normals))

@@ -11,8 +11,8 @@ import pytest
 
 from tests.render.integrators.incremental.test_incremental_pass import AT, BLUE, LAMP, QUALITY, SIZE, Box, stacked
 from tests.render.path_scenes import CORNELL, WHITE, ball, box, described, matte
-from tiscene.render.integrators.incremental.base_image_cache import BaseImages, cache_folder
-from tiscene.render.integrators.incremental.incremental_pass import ReplayPass
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, cache_folder
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.scene.description import SceneDescription, Texture, TextureLookup
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -22,10 +22,10 @@ IMAGE = np.arange(24.0, dtype=np.float32).reshape(2, 4, 3)
 
 
 def test_an_image_is_found_again(tmp_path: Path) -> None:
-    images = BaseImages(tmp_path / "new" / "folder")
+    images = BaseImageCache(tmp_path / "new" / "folder")
     images.save("a", IMAGE)
     np.testing.assert_array_equal(images.load("a", IMAGE.shape), IMAGE)
-    assert BaseImages(tmp_path / "new" / "folder").load("b", IMAGE.shape) is None
+    assert BaseImageCache(tmp_path / "new" / "folder").load("b", IMAGE.shape) is None
     assert [path.name for path in images.folder.iterdir()] == ["a.base"]
 
 
@@ -33,7 +33,7 @@ def test_an_image_is_found_again(tmp_path: Path) -> None:
     "damage", [lambda data: data[:-5], lambda data: data[:50] + b"?" + data[51:], lambda data: b""]
 )
 def test_a_damaged_file_is_no_image(tmp_path: Path, damage: object) -> None:
-    images = BaseImages(tmp_path)
+    images = BaseImageCache(tmp_path)
     images.save("a", IMAGE)
     path = tmp_path / "a.base"
     path.write_bytes(damage(path.read_bytes()))  # type: ignore[operator]
@@ -45,7 +45,7 @@ def test_a_damaged_file_is_no_image(tmp_path: Path, damage: object) -> None:
 
 def test_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    images = BaseImages(tmp_path / "file")
+    images = BaseImageCache(tmp_path / "file")
     images.save("a", IMAGE)
     assert images.load("a", IMAGE.shape) is None
 
@@ -53,7 +53,7 @@ def test_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
 def test_the_folder_stays_small(tmp_path: Path) -> None:
     """What was used longest ago goes first, and what a writer left that died; other files are not ours."""
     size = IMAGE.nbytes + 32
-    images = BaseImages(tmp_path, size_limit=3 * size)
+    images = BaseImageCache(tmp_path, size_limit=3 * size)
     (tmp_path / "other.txt").write_text("x" * 10 * size)
     (tmp_path / "died.part").write_bytes(b"x" * size)
     os.utime(tmp_path / "died.part", (0, 0))
@@ -76,7 +76,7 @@ def test_the_platforms_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
 
 def key_of(scene: Box, **others: int) -> str:
     scene.device.place(scene.at(*AT))
-    return BaseImages(Path()).key(scene.device, ~scene.moving, scene.view, SETTINGS | others)
+    return BaseImageCache(Path()).key(scene.device, ~scene.moving, scene.view, SETTINGS | others)
 
 
 def test_a_key_tells_what_matters() -> None:
@@ -120,14 +120,14 @@ def test_a_key_tells_textures_and_materials() -> None:
 
 def test_a_kept_base_gives_the_same_picture(tmp_path: Path) -> None:
     """And is not rendered again: of a file with other pixels, the picture shows those."""
-    images = BaseImages(tmp_path)
+    images = BaseImageCache(tmp_path)
     scene = Box()
     plain = stacked(scene.replay(*AT))
     for _ in range(2):
-        scene.passes = ReplayPass(scene.device, *SIZE, images=images)
+        scene.passes = IncrementalPass(scene.device, *SIZE, images=images)
         np.testing.assert_array_equal(stacked(scene.replay(*AT)), plain)
     (path,) = tmp_path.iterdir()
     images.save(path.stem, np.full((SIZE[1], SIZE[0], 9), 7.0, np.float32))
-    scene.passes = ReplayPass(scene.device, *SIZE, images=images)
+    scene.passes = IncrementalPass(scene.device, *SIZE, images=images)
     assert (scene.replay().hdr == 7.0).all()
     assert QUALITY["spp"] == scene.passes.cached_spp

@@ -16,7 +16,7 @@ from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, desc
 from tiscene.device.memory import upload
 from tiscene.render.integrators.incremental import path_cache
 from tiscene.render.integrators.incremental.base_lights import BaseLights
-from tiscene.render.integrators.incremental.incremental_pass import CACHE_FRAME, NEAR_FRAME, ReplayPass, grouped
+from tiscene.render.integrators.incremental.incremental_pass import CACHE_FRAME, NEAR_FRAME, IncrementalPass, grouped
 from tiscene.render.integrators.incremental.outlier_filter import evened
 from tiscene.render.integrators.incremental.path_cache import BLOCK
 from tiscene.render.integrators.incremental.path_recording import light_column
@@ -81,7 +81,7 @@ class Box:
         self.moving = np.arange(len(meshes)) >= standing
         self.groups: LightGroups | None = None
         self.view = View(camera, camera, camera, *SIZE)
-        self.passes = ReplayPass(self.device, *SIZE)
+        self.passes = IncrementalPass(self.device, *SIZE)
 
     def at(self, *positions: tuple[float, float, float]) -> Placement:
         """The balls at those positions; without one a ball is not there."""
@@ -342,7 +342,7 @@ def test_a_tight_memory_keeps_fewer_paths() -> None:
     whole = scene.passes.cached_bytes
     scene.replay(*AT, seed=2)
     assert scene.passes.cached_bytes > 1.9 * whole  # both are kept
-    scene.passes = ReplayPass(scene.device, *SIZE, memory_limit=whole * 6 // 10)
+    scene.passes = IncrementalPass(scene.device, *SIZE, memory_limit=whole * 6 // 10)
     scene.replay(*AT, seed=2)
     scene.replay(*AT)
     assert scene.passes.cached_spp == 2

@@ -28,8 +28,8 @@ def coverage(scene: Box, across: int = 16) -> NDArray[np.float64]:
     rays = (x - 0.5 * (WIDTH - 1))[..., None] * scale * right - (y - 0.5 * (HEIGHT - 1))[..., None] * scale * up - back
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     hit = np.zeros(rays.shape[:2], bool)
-    for centre, radius in zip(AT, RADII, strict=True):
-        offset = np.array(centre) - camera.position
+    for center, radius in zip(AT, RADII, strict=True):
+        offset = np.array(center) - camera.position
         along = rays @ offset
         hit |= (along > 0.0) & (offset @ offset - along**2 < radius**2)
     return hit.reshape(HEIGHT, across, WIDTH, across).mean(axis=(1, 3))

@@ -138,9 +138,9 @@ def test_a_replayed_frame_has_the_expectation_of_path_tracing(name: str, tmp_pat
     """Globally and by tiles of 16x16 pixels; every seed has its own base image and its own paths."""
     scenario = SCENARIOS[name](tmp_path)
 
-    def pictures(differential: bool, spp: int) -> NDArray[np.float64]:
-        settings = {"spp": spp, "max_depth": 5, "buffers": ("hdr",), "differential": differential}
-        quality = "fast" if differential else "preview"  # with more paths where a mover is seen
+    def pictures(incremental: bool, spp: int) -> NDArray[np.float64]:
+        settings = {"spp": spp, "max_depth": 5, "buffers": ("hdr",), "incremental": incremental}
+        quality = "fast" if incremental else "preview"  # with more paths where a mover is seen
         stream = ts.Stream(scenario, width=SIZE[0], height=SIZE[1], quality=quality, **settings)
         images = []
         for stream.seed in range(SEEDS):
@@ -160,7 +160,7 @@ def test_what_stands_still_does_not_flicker(quality: str) -> None:
     settings = {"width": SIZE[0], "height": SIZE[1], "quality": quality, "buffers": ("rgb", "hdr")}
     replayed, traced = (
         [stream[9], stream[10]]
-        for stream in (ts.Stream(living_room(), differential=way, **settings) for way in (True, False))
+        for stream in (ts.Stream(living_room(), incremental=way, **settings) for way in (True, False))
     )
     same = (replayed[0].hdr == replayed[1].hdr).all(axis=-1)
     assert same.mean() > 0.5

@@ -59,10 +59,10 @@ def test_weights_are_those_of_a_picture_with_more_pixels() -> None:
         assert error.max() < 0.3
     assert (np.diff(coverage[..., 1], axis=-1) <= 0.0).all()
     assert coverage[..., 1].sum(axis=-1).max() <= 1.0
-    centre = stage.render(view, "instance")["instance"]
+    center = stage.render(view, "instance")["instance"]
     alone = (coverage[..., 0, 1] == 1.0) & (coverage[..., 1, 1] == 0.0)
     assert alone.mean() > 0.1
-    np.testing.assert_array_equal(coverage[..., 0, 0][alone], centre[alone])
+    np.testing.assert_array_equal(coverage[..., 0, 0][alone], center[alone])
 
 
 def test_materials_share_a_pixel_as_objects_do() -> None:

@@ -23,7 +23,7 @@ SECONDS = np.array([0.25, 0.5, 0.75])
 
 
 def stretching(width: float = 2.0, height: float = 1.0):
-    """A plate that becomes twice as wide in one second, by its middle line, and comes a metre nearer."""
+    """A plate that becomes twice as wide in one second, by its middle line, and comes a meter nearer."""
     still_plate = plate(width, height)
     start = still_plate.positions
     end = start * np.array([2.0, 1.0, 1.0], np.float32) + np.array([0.0, 0.0, 1.0], np.float32)

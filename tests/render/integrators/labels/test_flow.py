@@ -43,7 +43,7 @@ def moving_view(origin: tuple[float, float, float]) -> View:
 
 
 def pixel_directions(camera: Camera) -> NDArray[np.float64]:
-    """Through every pixel's centre, world, z = 1 in the camera: [height, width, 3]."""
+    """Through every pixel's center, world, z = 1 in the camera: [height, width, 3]."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
     return pixels @ np.linalg.inv(camera.intrinsics(WIDTH, HEIGHT)).T @ camera.world_from_camera()[:3, :3].T
@@ -86,7 +86,7 @@ def flow_errors(name: str, time: int, origin: tuple[float, float, float]) -> NDA
     there = projected(view.cameras[time], moved(stage, time, instance, points))
     hit = instance > 0
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    np.testing.assert_allclose(here[hit], np.stack([x, y], axis=-1)[hit], atol=1e-6)  # the reference hits the centres
+    np.testing.assert_allclose(here[hit], np.stack([x, y], axis=-1)[hit], atol=1e-6)  # the reference hits the centers
     assert np.abs(there - here)[hit].max() > 5.0
     return np.abs(labels[name] - (there - here)).max(axis=-1)[hit]
 
@@ -97,7 +97,7 @@ def test_flow_is_the_projection_of_the_moved_point(name: str, time: int) -> None
 
 
 @pytest.mark.parametrize(("name", "time"), OTHER_TIMES)
-def test_flow_stays_exact_a_kilometre_from_the_origin(name: str, time: int) -> None:
+def test_flow_stays_exact_a_kilometer_from_the_origin(name: str, time: int) -> None:
     """Rays start at rounded places there (0.06 mm), which only surfaces seen at a grazing angle notice."""
     errors = flow_errors(name, time, (300.0, -20.0, 1000.0))
     assert np.mean(errors < 1e-3) > 0.99
@@ -108,7 +108,7 @@ def test_flow_stays_exact_a_kilometre_from_the_origin(name: str, time: int) -> N
 def test_background_flow_is_the_camera_s_turn(name: str, time: int) -> None:
     stage, view = moving_boxes((0.0, 0.0, 0.0)), moving_view((0.0, 0.0, 0.0))
     labels = stage.render(view, name, "instance")
-    # Infinitely far: 1e9 m is near enough for a camera that moved by centimetres.
+    # Infinitely far: 1e9 m is near enough for a camera that moved by centimeters.
     far = np.asarray(view.current.position) + 1e9 * pixel_directions(view.current)
     expected = projected(view.cameras[time], far) - projected(view.current, far)
     background = labels["instance"] == 0

@@ -12,7 +12,7 @@ import trimesh
 from tests.render.label_scenes import Stage, Thing, crowd, mesh_of, plate, pose, still
 from tests.render.tracing import described, mesh, placed
 from tiscene.errors import BufferNotFound
-from tiscene.frame.buffers import AOVS, LABELS
+from tiscene.frame.buffers import BUFFERS, LABELS
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
 from tiscene.render.intersect.ray_queue import tiled_order
@@ -32,7 +32,7 @@ def test_every_label_has_its_type_shape_and_background() -> None:
     labels = stage.render(VIEW, *LABELS)
     assert list(labels) == list(LABELS)
     for name, array in labels.items():
-        aov = AOVS[name]
+        aov = BUFFERS[name]
         assert array.shape == aov.shape(WIDTH, HEIGHT)
         assert array.dtype == aov.dtype
         assert array.flags.writeable
@@ -92,10 +92,10 @@ def test_normals_face_the_viewer_from_both_sides_and_under_a_mirror(smooth: bool
     outside = Stage([ball], [Thing(0, [pose((0, 0, -3))])]).render(VIEW, "normal", "position")
     mirror = Stage([ball], [Thing(0, [mirrored])]).render(VIEW, "normal", "position")
     inside = Stage([ball], [Thing(0, [pose((0, 0, 0))])]).render(VIEW, "normal", "geometric_normal", "position")
-    for labels, centre, sign in ((outside, (0, 0, -3), 1.0), (mirror, (0, 0, -3), 1.0), (inside, (0, 0, 0), -1.0)):
+    for labels, center, sign in ((outside, (0, 0, -3), 1.0), (mirror, (0, 0, -3), 1.0), (inside, (0, 0, 0), -1.0)):
         hit = ~np.isnan(labels["position"][..., 0])
         assert hit.any()
-        exact = sign * (labels["position"][hit] - centre)
+        exact = sign * (labels["position"][hit] - center)
         exact /= np.linalg.norm(exact, axis=1, keepdims=True)
         cosine = np.sum(labels["normal"][hit] * exact, axis=1)
         assert cosine.min() > (0.9999 if smooth else 0.98)
@@ -245,7 +245,7 @@ from tiscene.scene.camera import Camera
 from tiscene.render.aovs import LABELS
 from tiscene.render.view import View
 camera = Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0))
-view = View(camera, camera, camera.posed((1.1, 0.8, 7.5), camera.rotation), 96, 72)
+view = View(camera, camera, camera.with_pose((1.1, 0.8, 7.5), camera.rotation), 96, 72)
 labels = crowd(120).render(view, *LABELS)
 print(json.dumps({name: hashlib.sha256(array.tobytes()).hexdigest() for name, array in labels.items()}))
 """

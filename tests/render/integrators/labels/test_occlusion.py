@@ -13,8 +13,8 @@ CAMERA = Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5 * HEIGH
 MASKS = ("forward_occlusion", "backward_occlusion")
 
 
-def centres() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of all pixels, from the picture's centre, px right and up."""
+def centers() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of all pixels, from the picture's center, px right and up."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     return x - 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1) - y
 
@@ -26,7 +26,7 @@ def test_a_plate_that_passes_before_another_one() -> None:
         [near, far], [Thing(0, [pose((0.4 * time, 0, -2)) for time in (-1, 0, 1)]), Thing(1, [pose((0, 0, -4))])]
     )
     labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
-    right, up = centres()
+    right, up = centers()
     now = (np.abs(right) < 25) & (np.abs(up) < 25)
     after = (np.abs(right - 20) < 25) & (np.abs(up) < 25)
     before = (np.abs(right + 20) < 25) & (np.abs(up) < 25)
@@ -40,7 +40,7 @@ def test_a_plate_that_leaves_the_picture() -> None:
     start = (80 - 5 - 25) * 2.0 / FOCAL
     stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((start + 0.3 * time, 0, -2)) for time in (-1, 0, 1)])])
     labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
-    right, up = centres()
+    right, up = centers()
     hit = (right > 25) & (right < 75) & (np.abs(up) < 25)
     np.testing.assert_array_equal(labels["instance"] == 1, hit)
     np.testing.assert_array_equal(labels["forward_occlusion"], ~hit | (right + 15 > 80))
@@ -69,7 +69,7 @@ def test_what_appears_in_front_hides() -> None:
         [Thing(0, [pose((0, 0, -2))], present=(False, False, True)), Thing(1, [pose((0, 0, -4))])],
     )
     labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
-    right, up = centres()
+    right, up = centers()
     assert (labels["instance"] == 2).all()
     np.testing.assert_array_equal(labels["forward_occlusion"], (np.abs(right) < 25) & (np.abs(up) < 25))
     assert not labels["backward_occlusion"].any()
@@ -79,9 +79,9 @@ def test_a_camera_that_steps_aside_uncovers_by_parallax() -> None:
     # A 1 m plate at 2 m before a wall at 4 m; the camera steps 0.48 m to the right. In the new picture the plate
     # covers -49..1 px and a wall point moves by 12 px, so old wall pixels x with -49 < x - 12 < 1 lose sight.
     stage = Stage([plate(1.0, 1.0), plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -2))]), Thing(1, [pose((0, 0, -4))])])
-    after = CAMERA.posed((0.48, 0.0, 0.0), CAMERA.rotation)
+    after = CAMERA.with_pose((0.48, 0.0, 0.0), CAMERA.rotation)
     labels = stage.render(View(CAMERA, CAMERA, after, WIDTH, HEIGHT), *MASKS, "instance")
-    right, up = centres()
+    right, up = centers()
     wall = ~((np.abs(right) < 25) & (np.abs(up) < 25))
     hidden = (right - 12 > -49) & (right - 12 < 1) & (np.abs(up) < 25)
     outside = np.where(wall, right - 12, right - 24) < -80
@@ -93,7 +93,7 @@ def test_grazing_surfaces_do_not_hide_themselves() -> None:
     # A floor seen at under one degree, rolling past a camera that moves: everything in view stays in view.
     turn = (np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0)
     stage = Stage([plate(400.0, 400.0)], [Thing(0, [pose((0.01 * time, -0.3, 0), turn) for time in (-1, 0, 1)])])
-    view = View(*(CAMERA.posed((0, 0, 0.05 * time), CAMERA.rotation) for time in (-1, 0, 1)), WIDTH, HEIGHT)
+    view = View(*(CAMERA.with_pose((0, 0, 0.05 * time), CAMERA.rotation) for time in (-1, 0, 1)), WIDTH, HEIGHT)
     labels = stage.render(view, *MASKS, "instance", "forward_flow", "backward_flow")
     floor = labels["instance"] == 1
     assert floor.sum() > 8000

@@ -1,4 +1,4 @@
-"""What stands still before a camera that does not move is labelled once, and nobody can tell."""
+"""What stands still before a camera that does not move is labeled once, and nobody can tell."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -41,7 +41,7 @@ class Room(Stage):
         ]
         lattice = TextureLookup(0, channel="a")
         materials = [
-            Material("grey", diffuse_color=(0.3, 0.4, 0.5)),
+            Material("gray", diffuse_color=(0.3, 0.4, 0.5)),
             Material("mirror", diffuse_color=(0.9, 0.9, 0.9), roughness=0.0, metallic=1.0),
             Material("lattice", opacity=lattice, opacity_threshold=0.5),
         ]
@@ -127,7 +127,7 @@ def test_a_camera_that_moves_has_nothing_kept(monkeypatch: pytest.MonkeyPatch) -
     drawn = count_pixels(monkeypatch)
     labels = LabelPass(room.scene)
     room.scene.place(room.at(0), ALL_TIMES)
-    moved = View(CAMERA, CAMERA, CAMERA.posed((0.1, 0.2, 3.0), CAMERA.rotation), 64, 48)
+    moved = View(CAMERA, CAMERA, CAMERA.with_pose((0.1, 0.2, 3.0), CAMERA.rotation), 64, 48)
     for _ in range(3):
         labels.render(moved, ("instance", "forward_flow"))
     assert drawn == [64 * 48] * 3

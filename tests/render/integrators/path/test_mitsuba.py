@@ -24,7 +24,7 @@ RUNS, SPP, DEPTH = 16, 48, 6
 
 
 def cornell() -> SceneDescription:
-    """Two coloured walls, two blocks, a rectangle of light below the ceiling."""
+    """Two colored walls, two blocks, a rectangle of light below the ceiling."""
     meshes, materials = box(CORNELL)
     lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
     return described(meshes, materials, [lamp])

@@ -164,7 +164,7 @@ def test_a_textured_floor_shows_its_texture() -> None:
 
 
 def test_detail_finer_than_a_pixel_does_not_shimmer() -> None:
-    """A chequered floor seen from afar is grey with one sample a pixel."""
+    """A chequered floor seen from afar is gray with one sample a pixel."""
     pixels = np.zeros((512, 512, 4), np.uint8)
     pixels[np.indices((512, 512)).sum(axis=0) % 2 == 0] = 255
     plate = quad((-20.0, 0.0, 20.0), (20.0, 0.0, 20.0), (20.0, 0.0, -20.0), (-20.0, 0.0, -20.0))
@@ -370,8 +370,8 @@ def test_a_floor_is_not_in_its_own_shadow(size: float, tilted: bool) -> None:
     around = [[k, 4 + k, 4 + (k + 1) % 4] for k in range(4)] + [[k, 4 + (k + 1) % 4, (k + 1) % 4] for k in range(4)]
     triangles = np.array([[0, 1, 2], [0, 2, 3], *around], np.int32)
     floor = Mesh("floor", corners.astype(np.float32), triangles, np.zeros(len(triangles), np.int32))
-    centre = corners[:4].mean(axis=0)
-    camera = Camera.look_at(tuple(centre + rotation @ (0.3, 0.2, 0.1)), tuple(centre), vertical_fov=math.radians(30.0))
+    center = corners[:4].mean(axis=0)
+    camera = Camera.look_at(tuple(center + rotation @ (0.3, 0.2, 0.1)), tuple(center), vertical_fov=math.radians(30.0))
     seen = render(described([floor], [matte("white", WHITE)], [SKY]), camera, (8, 8), spp=64, max_depth=2).hdr
     assert seen.mean() == pytest.approx(1.0, abs=2e-3)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device.memory import upload
-from tiscene.render.integrators.incremental.base_image_cache import BaseImages
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.mover_coverage import Looks
 from tiscene.render.integrators.incremental.path_cache import PathCache
@@ -24,7 +24,7 @@ BASE_FRAME = -1  # what stands for the frame in the keys of random numbers
 ROUGHNESS = 0.5  # how much of the kept paths' own picture is in the base that the denoiser is shown
 
 FloatImage = NDArray[np.float32]
-Report = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
+ProgressCallback = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +109,8 @@ def under_group(paths: PathPass, group: int, lights: BaseLights | None) -> Scene
 
 def base_image(
     paths: PathPass,
-    images: BaseImages | None,
-    report: Report,
+    images: BaseImageCache | None,
+    progress: ProgressCallback,
     view: View,
     standing: Placement,
     *,
@@ -140,10 +140,10 @@ def base_image(
         if image is None:
 
             def part(done: float, group: int = group) -> None:
-                report("base image", (group + done) / count)
+                progress("base image", (group + done) / count)
 
             traced = paths.render(
-                view, frame_index=BASE_FRAME, seed=seed, spp=spp, max_depth=max_depth, report=part, scene=scene
+                view, frame_index=BASE_FRAME, seed=seed, spp=spp, max_depth=max_depth, progress=part, scene=scene
             )
             image = np.concatenate([traced.hdr, traced.albedo, traced.normal], axis=-1)
             if images:

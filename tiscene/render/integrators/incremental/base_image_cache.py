@@ -45,7 +45,7 @@ def cache_folder() -> Path:
     return home / "tiscene"
 
 
-class BaseImages:
+class BaseImageCache:
     """The images in one folder; any number of processes may use it at a time."""
 
     def __init__(self, folder: Path | None = None, size_limit: int = SIZE_LIMIT) -> None:

@@ -49,7 +49,7 @@ def find_changed(
 
 
 def patches(cells: NDArray[np.bool_], height: int, width: int) -> list[Patch]:
-    """Rectangles of a picture that hold all of those cells, one for each group of neighbours; one of the whole picture,
+    """Rectangles of a picture that hold all of those cells, one for each group of neighbors; one of the whole picture,
     if they are no smaller together."""
     left = set(map(tuple, np.argwhere(cells).tolist()))
     result = []

@@ -41,7 +41,7 @@ class Probe:
         self._is_segment = self.block.rays.to_numpy()[: self.block.rows, SEGMENT] >= 0.0
 
     def cut_share(self, cut: Any) -> float:
-        """How many of all paths would be traced again. cut: i32, as `ReplayPass` has it of each of the block's rows."""
+        """How many of all paths would be traced again. cut: i32, as `IncrementalPass` has it of each of the block's rows."""
         found = (cut.to_numpy()[: self.block.rows] > 0) & self._is_segment
         so_far = np.concatenate([[0], np.cumsum(found)])
         return float(np.mean(so_far[self._offsets[1:]] > so_far[self._offsets[:-1]]))

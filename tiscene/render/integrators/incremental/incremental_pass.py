@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from tiscene.device.memory import upload
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
-from tiscene.render.integrators.incremental.base_image import Base, Report, base_image, standing, under_group
-from tiscene.render.integrators.incremental.base_image_cache import BaseImages, digest_of
+from tiscene.render.integrators.incremental.base_image import Base, ProgressCallback, base_image, standing, under_group
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.changed_regions import Patch, changed_patches
 from tiscene.render.integrators.incremental.cost_estimate import Probe
@@ -65,7 +65,7 @@ class ReplayImage(PathImage):
     patches: Sequence[Patch]
 
 
-class ReplayPass:
+class IncrementalPass:
     """Renders radiance of a DeviceScene in which only some instances move, seen by a camera that stands still."""
 
     def __init__(
@@ -75,20 +75,20 @@ class ReplayPass:
         height: int,
         *,
         memory_limit: int = CACHE_BYTES,
-        images: BaseImages | None = None,
-        report: Report | None = None,
+        images: BaseImageCache | None = None,
+        progress: ProgressCallback | None = None,
         paths: PathPass | None = None,
     ) -> None:
         """memory_limit: bytes that the kept paths may take; where it is tight there are fewer a pixel.
 
-        images: where base images are kept between runs; None: nowhere. report: called with what is being made and how
+        images: where base images are kept between runs; None: nowhere. progress: called with what is being made and how
         much of it is done, 0..1. paths: the path pass to use, of the same size.
         """
         self.scene = scene
         self.width, self.height = width, height
         self.memory_limit = memory_limit
         self._images = images
-        self._report = report or (lambda doing, done: None)
+        self._progress = progress or (lambda doing, done: None)
         self._paths = paths or PathPass(scene, width, height)
         self._bases: dict[tuple[Any, ...], Base] = {}  # the one used last at the end
         self._probes: dict[tuple[Any, ...], tuple[Probe, _Scratch]] = {}  # the one used last at the end
@@ -131,9 +131,9 @@ class ReplayPass:
         if base is None:
             left = standing(placement, moving)
             image = base_image(
-                self._paths, self._images, self._report, view, left, seed=seed, spp=base_spp, max_depth=max_depth
+                self._paths, self._images, self._progress, view, left, seed=seed, spp=base_spp, max_depth=max_depth
             )
-            self._report("paths", 0.0)
+            self._progress("paths", 0.0)
             self.scene.place(left)
             lights = BaseLights(self.scene, placement.light_groups)
             self._state(max(spp, near_spp))  # enough for both
@@ -145,7 +145,7 @@ class ReplayPass:
                 near = self._kept_paths(view, lights, keys, near_spp, max_depth, rest)
             looks = Looks(self.scene, view, cache.order, cache.pixels)
             base = Base(lights, image, cache, looks, near)
-            self._report("paths", 1.0)
+            self._progress("paths", 1.0)
             while self._bases and self.cached_bytes + base.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
             for each in (cache, near):
@@ -340,15 +340,15 @@ class _Scratch:
 
 
 def grouped(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """BOXES boxes that hold all of the boxes [n, 6]: neighbours along the axis on which they are spread most.
+    """BOXES boxes that hold all of the boxes [n, 6]: neighbors along the axis on which they are spread most.
 
     They are a little larger than what they hold, as float32 [BOXES, 6]; those that are left over hold nothing.
     """
     result = np.repeat(np.array([[NOWHERE] * 3 + [-NOWHERE] * 3], np.float32), BOXES, axis=0)
     if len(boxes):
-        centres = 0.5 * (boxes[:, :3] + boxes[:, 3:])
-        axis = int(np.argmax(np.ptp(centres, axis=0)))
-        order = np.argsort(centres[:, axis], kind="stable")
+        centers = 0.5 * (boxes[:, :3] + boxes[:, 3:])
+        axis = int(np.argmax(np.ptp(centers, axis=0)))
+        order = np.argsort(centers[:, axis], kind="stable")
         margin = 1e-5 * np.abs(boxes).max() + 1e-6
         for row, group in enumerate(np.array_split(order, min(BOXES, len(boxes)))):
             result[row, :3] = boxes[group, :3].min(axis=0) - margin

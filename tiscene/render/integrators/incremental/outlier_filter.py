@@ -41,16 +41,16 @@ def find_spikes(width: ti.i32, height: ti.i32, change: Floats2, hdr: Image, spik
         size = ti.abs(own).sum()
         spike = vec3(0.0)
         if size > 0.0 and same_surface(change, pixel):
-            around, neighbours = 0.0, 0.0
+            around, neighbors = 0.0, 0.0
             for dy in range(ti.max(-SURROUNDINGS, -y), ti.min(SURROUNDINGS, height - 1 - y) + 1):
                 for dx in range(ti.max(-SURROUNDINGS, -x), ti.min(SURROUNDINGS, width - 1 - x) + 1):
                     other = pixel + dy * width + dx
                     if other != pixel:
-                        neighbours += 1.0
+                        neighbors += 1.0
                         for c in ti.static(range(3)):
                             around += ti.abs(change[other, c])
             below = ti.max(vec3(hdr[y, x, 0], hdr[y, x, 1], hdr[y, x, 2]).sum() - own.sum(), 0.0)
-            limit = OF_RADIANCE * below + OF_SURROUNDINGS * around / ti.max(neighbours, 1.0)
+            limit = OF_RADIANCE * below + OF_SURROUNDINGS * around / ti.max(neighbors, 1.0)
             if size > limit:
                 spike = own * (1.0 - limit / size)
         for c in ti.static(range(3)):

@@ -31,7 +31,7 @@ from tiscene.render.integrators.path.shading import read3, write3
 from tiscene.render.integrators.path.wavefront_kernels import Floats1, Floats2, Ints1
 from tiscene.render.intersect.ray_queue import ROW, Hits, Pixels, Rays, ray_direction, ray_origin
 from tiscene.render.lights.intersect import nearest_light
-from tiscene.render.lights.light_sample import LightNodes, Lights
+from tiscene.render.lights.light_sample import LightNodes, LightTables
 
 vec3 = ti.math.vec3
 
@@ -116,7 +116,7 @@ def end_segments(
     last_depth: of what is met after so many surfaces only the emission counts, and no mover has any; what brought no
     light is then not worth a row (t_max 0). Of groups other than 0, none is that brought no light.
     """
-    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
+    lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
     for k in range(count):
         i = paths[k]
         _, end = nearest_light(lights, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])

@@ -26,7 +26,7 @@ RANKED = ti.types.ndarray(dtype=ti.f32, ndim=4)
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class CoverageSamples:
     """What the rays of each pixel meet. distance: float32 [pixels, SAMPLES], m. ids: int32, of instances; 0: none.
     materials: int32, numbers in `MaterialTable.labels`; 0: none, or not asked for."""
 
@@ -42,12 +42,12 @@ class Samples:
 
 
 class CoverageLabels:
-    """The part of the label pass that looks at all of a pixel, not at its centre."""
+    """The part of the label pass that looks at all of a pixel, not at its center."""
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
         self._wave = RayWave()
-        self._none = Samples.empty(1)
+        self._none = CoverageSamples.empty(1)
         self._batch = self._none
 
     def render(
@@ -57,8 +57,8 @@ class CoverageLabels:
         count: int,
         arrays: dict[str, NDArray[Any]],
         reach: NDArray[np.float32],
-        still: Samples | None = None,
-        kept: Samples | None = None,
+        still: CoverageSamples | None = None,
+        kept: CoverageSamples | None = None,
     ) -> None:
         """Fill the pixels of a queue in those of COVERAGES that are among the arrays; raise `reach` [h, w] to the
         distance of the farthest thing that they show, m.
@@ -67,7 +67,7 @@ class CoverageLabels:
         """
         tree, behind = (CURRENT, self._none) if still is None else (MOVERS, still)
         if kept is None and len(self._batch.ids) < min(count, _BATCH):
-            self._batch = Samples.empty(min(count, _BATCH))
+            self._batch = CoverageSamples.empty(min(count, _BATCH))
         samples = self._batch if kept is None else kept
         materials = self.scene.materials.label_of_row()
         for first in range(0, count, _BATCH):

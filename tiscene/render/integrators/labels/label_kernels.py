@@ -57,7 +57,7 @@ def rotate(rows: ti.template(), row: ti.i32, v: vec3) -> vec3:
 
 @ti.func
 def from_principal_point(p: vec3, camera_motion: ti.template(), time: ti.i32) -> vec2:
-    """Where a point in camera coordinates of that time appears, px right and down of the picture's centre."""
+    """Where a point in camera coordinates of that time appears, px right and down of the picture's center."""
     scale = camera_motion[time, FOCAL_LENGTH]
     if camera_motion[time, ORTHOGRAPHIC] == 0.0:
         scale = scale / ti.max(p.z, _NEAREST)

@@ -1,4 +1,4 @@
-"""The label pass: one ray through each pixel's centre, and everything that can be said about what it meets.
+"""The label pass: one ray through each pixel's center, and everything that can be said about what it meets.
 
 No sampling, no randomness. Motion is exact to the float: the matrices that lead from each object to the cameras at
 k-1, k and k+1 are multiplied in double precision, so a point's pixel position has no large world coordinates to cancel,
@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import BufferNotFound
-from tiscene.frame.buffers import AOVS, LABELS, times_needed
+from tiscene.frame.buffers import BUFFERS, LABELS, times_needed
 from tiscene.render.integrators.labels import label_kernels as kernels
-from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels, Samples
+from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels, CoverageSamples
 from tiscene.render.integrators.labels.first_hits import first_hits
-from tiscene.render.integrators.labels.static_labels import Picture, StillLabels
+from tiscene.render.integrators.labels.static_labels import StaticImage, StillLabels
 from tiscene.render.integrators.labels.surface_labels import (
     FILTERED_ALBEDO,
     MATERIAL_BUFFERS,
@@ -29,8 +29,8 @@ from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
-MAX_MIRRORS = 4  # a mirror behind so many others is labelled as itself
-_AOVS = AOVS | {FILTERED_ALBEDO: AOVS["albedo"]}
+MAX_MIRRORS = 4  # a mirror behind so many others is labeled as itself
+_AOVS = BUFFERS | {FILTERED_ALBEDO: BUFFERS["albedo"]}
 _OCCLUSIONS = (("backward_occlusion", PREVIOUS), ("forward_occlusion", NEXT))
 
 
@@ -69,12 +69,12 @@ class LabelPass:
             self._draw(view, queue, count, arrays, still=picture.samples)
         return arrays
 
-    def _picture(self, view: View, buffers: Sequence[str]) -> Picture:
+    def _picture(self, view: View, buffers: Sequence[str]) -> StaticImage:
         rays = self._rays.sized(view.width, view.height)
         shape = (view.height, view.width)
         arrays = _empty(view, buffers)
-        samples = None if arrays.keys().isdisjoint(COVERAGES) else Samples.empty(rays.count)
-        picture = Picture(arrays, np.empty(shape, np.float32), np.zeros(shape, bool), samples)
+        samples = None if arrays.keys().isdisjoint(COVERAGES) else CoverageSamples.empty(rays.count)
+        picture = StaticImage(arrays, np.empty(shape, np.float32), np.zeros(shape, bool), samples)
         self._draw(view, rays.queue, rays.count, arrays, picture)
         return picture
 
@@ -84,8 +84,8 @@ class LabelPass:
         queue: Any,
         count: int,
         arrays: dict[str, NDArray[Any]],
-        picture: Picture | None = None,
-        still: Samples | None = None,
+        picture: StaticImage | None = None,
+        still: CoverageSamples | None = None,
     ) -> None:
         """Write the pixels of a queue into the arrays, and into what else belongs to a picture.
 
@@ -240,7 +240,7 @@ def camera_motion(view: View) -> NDArray[np.float32]:
     for time in (PREVIOUS, CURRENT, NEXT):
         motion[time, :9] = _product(rotations[time], rotations[CURRENT].T).ravel()
     motion[:, kernels.FOCAL_LENGTH] = view.focal_lengths()
-    motion[:, kernels.ORTHOGRAPHIC] = [camera.view_height is not None for camera in view.cameras]
+    motion[:, kernels.ORTHOGRAPHIC] = [camera.orthographic_height is not None for camera in view.cameras]
     return motion
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.render.integrators.labels.coverage import Samples
+from tiscene.render.integrators.labels.coverage import CoverageSamples
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
@@ -28,7 +28,7 @@ _MARGIN = 1e-3  # of a distance; far more than rays and boxes are rounded by
 
 
 @dataclass(eq=False)
-class Picture:
+class StaticImage:
     """Labels of a view. arrays: buffers by name. reach: float32 [h, w], the distance beyond which nothing can change a
     pixel, m. mirrors: bool [h, w], where another thing than the first one is shown. samples: what coverages are made
     of, if they are among the buffers."""
@@ -36,7 +36,7 @@ class Picture:
     arrays: dict[str, NDArray[Any]]
     reach: NDArray[np.float32]
     mirrors: NDArray[np.bool_]
-    samples: Samples | None
+    samples: CoverageSamples | None
 
 
 @dataclass(eq=False)
@@ -45,7 +45,7 @@ class _Seen:
 
     placement: Placement
     still: NDArray[np.bool_]
-    picture: Picture | None = None
+    picture: StaticImage | None = None
 
 
 class StillLabels:
@@ -56,8 +56,12 @@ class StillLabels:
         self._seen: dict[tuple[Camera, int, int], _Seen] = {}
 
     def picture(
-        self, view: View, buffers: Iterable[str], times: Iterable[int], draw: Callable[[View, tuple[str, ...]], Picture]
-    ) -> tuple[Picture, NDArray[np.bool_], NDArray[np.bool_]] | None:
+        self,
+        view: View,
+        buffers: Iterable[str],
+        times: Iterable[int],
+        draw: Callable[[View, tuple[str, ...]], StaticImage],
+    ) -> tuple[StaticImage, NDArray[np.bool_], NDArray[np.bool_]] | None:
         """A picture of what stands still, with those buffers; bool [h, w]: the pixels where more is to be seen; and
         bool [n]: the instances that may be there.
 
@@ -101,7 +105,7 @@ class StillLabels:
         return None if new else seen
 
     def _changed(
-        self, view: View, rows: NDArray[np.int64], times: Iterable[int], picture: Picture
+        self, view: View, rows: NDArray[np.int64], times: Iterable[int], picture: StaticImage
     ) -> NDArray[np.bool_]:
         """The pixels that the boxes of those instances may cover, before what stands still there, at any of the times,
         and all mirrors if they are anywhere."""

@@ -18,7 +18,7 @@ from tiscene.render.integrators.path.path_state import (
 from tiscene.render.integrators.path.wavefront_kernels import Floats1, Floats2, Ints1, Ints2
 from tiscene.render.intersect.ray_queue import Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.lights.intersect import LIGHT_FRONT, nearest_light, seen_lights
-from tiscene.render.lights.light_sample import FAR, LightNodes, Lights
+from tiscene.render.lights.light_sample import FAR, LightNodes, LightTables
 from tiscene.render.texture_lookup import Textures
 
 vec3 = ti.math.vec3
@@ -43,7 +43,7 @@ def finish(
 ):
     """End the paths in the queue. Rays that would meet a light become shadow rays towards it."""
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
-    lights = ti.static(Lights(light_values, light_nodes, light_distribution))
+    lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
     for k in range(count):
         i = queue[k]
         if (status[i] & SAMPLED) != 0 and occluded[i] == 0:

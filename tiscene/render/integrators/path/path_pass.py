@@ -99,7 +99,7 @@ class PathPass:
         spp: int,
         max_depth: int,
         mis: bool = True,
-        report: Callable[[float], None] | None = None,
+        progress: Callable[[float], None] | None = None,
         part: tuple[int, int] | None = None,
         scene: SceneForPaths | None = None,
     ) -> PathImage:
@@ -108,7 +108,7 @@ class PathPass:
         spp: paths per pixel, any number; powers of two are stratified best. max_depth: how many edges a path may have,
         as in Mitsuba's `path`: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces more. Passing
         through a partly absent surface is no bounce. mis=False samples lights alone, for tests.
-        report: called now and then with how much is done, 0..1.
+        progress: called now and then with how much is done, 0..1.
         part: the number of the first sample and how many are traced now, of the spp; the first part has the number 0,
         and the others go on with the same picture: the scene and the view may move between them.
         scene: what is told about what is placed; by default `scene_arrays()`.
@@ -122,7 +122,7 @@ class PathPass:
             frame_key(seed, frame_index),
             max_depth,
             mis,
-            report or (lambda _: None),
+            progress or (lambda _: None),
             part,
             scene,
         )
@@ -184,7 +184,7 @@ class PathPass:
         key: int,
         max_depth: int,
         mis: bool,
-        report: Callable[[float], None],
+        progress: Callable[[float], None],
         part: tuple[int, int] | None = None,
         scene: SceneForPaths | None = None,
     ) -> None:
@@ -200,7 +200,7 @@ class PathPass:
         numbers = (samples, index_bits(spp), key)
         for first in range(0, total, size):
             self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
-            report(min(1.0, (first + size) / total))
+            progress(min(1.0, (first + size) / total))
 
     def _trace(
         self,

@@ -51,7 +51,7 @@ vec3 = ti.math.vec3
 OPACITY_SET, LIGHT_SET, LOBE_SET, DIRECTION_SET, TEXTURE_SET, SETS = range(6)
 
 RUSSIAN_ROULETTE_DEPTH = 2
-# How much a path widens by a scattering of density 1/sr: its neighbours go apart, and make out no detail together.
+# How much a path widens by a scattering of density 1/sr: its neighbors go apart, and make out no detail together.
 SCATTERED_SPREAD = 0.25
 LARGEST_SURVIVAL = 0.95
 

@@ -90,9 +90,9 @@ def pass_shadows(
                     key = combine(shadow_key, ti.cast(pixels[(first + i) // spp][PLACE], ti.u32))
                     if uniform(combine(key, ti.cast(first_sample + (first + i) % spp, ti.u32))) >= point.opacity:
                         start = offset_origin(surface, direction)
-                        travelled = (start - ray_origin(shadow_rays, i)).dot(direction)
-                        through = t_max > travelled
-                        write_ray(shadow_rays, i, start, direction, t_max - travelled)
+                        traveled = (start - ray_origin(shadow_rays, i)).dot(direction)
+                        through = t_max > traveled
+                        write_ray(shadow_rays, i, start, direction, t_max - traveled)
             if through:
                 going_on += 1  # an integer: any order gives the same sum
             else:

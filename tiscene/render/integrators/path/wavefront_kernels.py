@@ -57,7 +57,7 @@ def path_number(pixels: ti.template(), path: ti.i32, spp: ti.i32, bits: ti.i32, 
 
 @ti.func
 def pixel_offset(pixel_filter: ti.template(), keys: SetKeys, index: ti.u32) -> ti.math.vec2:
-    """Where a path goes through its pixel, px from the centre. keys: of PIXEL_SET. index: `path_index`."""
+    """Where a path goes through its pixel, px from the center. keys: of PIXEL_SET. index: `path_index`."""
     u = draw(keys, index)
     return ti.math.vec2(sample_offset(pixel_filter, u.x), sample_offset(pixel_filter, u.y))
 

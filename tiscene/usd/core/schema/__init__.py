@@ -14,7 +14,7 @@ from typing import Any
 
 from pxr import Plug, Sdf, Usd
 
-from tiscene.usd.core.report import Report
+from tiscene.usd.core.report import StageReport
 
 FOLDER = Path(__file__).parent
 SCENARIO, OBJECT, MOTION, CAMERA = "TisceneScenarioAPI", "TisceneObjectAPI", "TisceneMotionAPI", "TisceneCameraAPI"
@@ -58,8 +58,8 @@ def properties() -> frozenset[str]:
     return frozenset(str(each.name) for schema in NAMESPACES for each in layer.GetPrimAtPath(f"/{schema}").properties)
 
 
-def report_misspelt(prim: Usd.Prim, report: Report) -> None:
-    """Report properties of a prim that are in the schema's namespaces, but not in the schema."""
+def report_misspelt(prim: Usd.Prim, report: StageReport) -> None:
+    """StageReport properties of a prim that are in the schema's namespaces, but not in the schema."""
     for each in prim.GetAuthoredPropertiesInNamespace("tiscene"):
         name = str(each.GetName())
         if name not in properties():
