@@ -40,6 +40,7 @@ frame: a `SteppedSimulation` of `Mover`s.
     sphere_cover_kernels  its kernels
     rotation, random      quaternions; counter-based random numbers
     argument_checks       validation of arguments
+    kernel_types          types of kernel arguments
 
 Whoever uses the package alone starts Taichi, as above. Meters, seconds, radians; Euler angles, where a class accepts
 them, are degrees (see `dynamics.rotation`). Right-handed axes.

@@ -7,6 +7,7 @@ import taichi as ti
 
 from dynamics.body_layout import CONTACT, CONTACTS, MOST_CONTACTS, MOVE, POSITION, RADIUS, ROTATION, TURN
 from dynamics.contact import SKIN, WAIT
+from dynamics.kernel_types import Template
 from dynamics.trajectory_kernel import multiply, unit
 
 vec3d = ti.types.vector(3, ti.f64)
@@ -15,23 +16,23 @@ MOST_BEND = 0.25 * SKIN  # m: how far a turn may carry a sphere off its chord in
 
 
 @ti.func
-def row3(table: ti.template(), row: ti.i32, column: ti.i32):
+def row3(table: Template, row: ti.i32, column: ti.i32):
     return vec3d(table[row, column], table[row, column + 1], table[row, column + 2])
 
 
 @ti.func
-def row4(table: ti.template(), row: ti.i32, column: ti.i32):
+def row4(table: Template, row: ti.i32, column: ti.i32):
     return vec4d(table[row, column], table[row, column + 1], table[row, column + 2], table[row, column + 3])
 
 
 @ti.func
-def set3(table: ti.template(), row: ti.i32, column: ti.i32, v):
+def set3(table: Template, row: ti.i32, column: ti.i32, v):
     for i in ti.static(range(3)):
         table[row, column + i] = v[i]
 
 
 @ti.func
-def set4(table: ti.template(), row: ti.i32, column: ti.i32, v):
+def set4(table: Template, row: ti.i32, column: ti.i32, v):
     for i in ti.static(range(4)):
         table[row, column + i] = v[i]
 
@@ -62,7 +63,7 @@ def turn_between(start, end):
 
 
 @ti.func
-def note(integers: ti.template(), body: ti.i32, kind: ti.i32, row: ti.i32):
+def note(integers: Template, body: ti.i32, kind: ti.i32, row: ti.i32):
     """Remember that a body met something in this frame, once."""
     if kind == WAIT:
         kind = 0
@@ -78,13 +79,13 @@ def note(integers: ti.template(), body: ti.i32, kind: ti.i32, row: ti.i32):
 
 
 @ti.func
-def longest_turn(bodies: ti.template(), body: ti.i32):
+def longest_turn(bodies: Template, body: ti.i32):
     """The largest angle that keeps every sphere within MOST_BEND of its chord."""
     return ti.sqrt(8.0 * MOST_BEND / ti.max(bodies[body, RADIUS], 1e-6))
 
 
 @ti.func
-def go(bodies: ti.template(), body: ti.i32, part):
+def go(bodies: Template, body: ti.i32, part):
     """Do a part, 0 .. 1, of the motion that was tried."""
     move = row3(bodies, body, MOVE)
     turn = row3(bodies, body, TURN)

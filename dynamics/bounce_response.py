@@ -25,6 +25,7 @@ from dynamics.body_layout import (
     VELOCITY,
 )
 from dynamics.contact import ARM, GAP, NORMAL, SKIN, TOUCH_KIND, TOUCHES, WAIT, WALL
+from dynamics.kernel_types import Template
 from dynamics.random import ball, hemisphere, uniform4
 
 DRAWS = 24  # of directions at one hit, the last third without spin
@@ -34,7 +35,7 @@ LEG = 0.08  # s that is looked ahead at most
 
 
 @ti.func
-def leg_time(bodies: ti.template(), body: ti.i32, rate):
+def leg_time(bodies: Template, body: ti.i32, rate):
     """How long chords stand for a motion whose spin is `rate`, rad/s; LEG at most."""
     result = rate * 0.0 + LEG
     if rate * LEG > longest_turn(bodies, body):
@@ -44,10 +45,10 @@ def leg_time(bodies: ti.template(), body: ti.i32, rate):
 
 @ti.func
 def separates(
-    bodies: ti.template(),
-    integers: ti.template(),
-    touches: ti.template(),
-    counts: ti.template(),
+    bodies: Template,
+    integers: Template,
+    touches: Template,
+    counts: Template,
     body: ti.i32,
     velocity,
     spin,
@@ -72,10 +73,10 @@ def separates(
 
 @ti.func
 def bounce(
-    bodies: ti.template(),
-    integers: ti.template(),
-    touches: ti.template(),
-    counts: ti.template(),
+    bodies: Template,
+    integers: Template,
+    touches: Template,
+    counts: Template,
     body: ti.i32,
     normal,
 ):
@@ -103,10 +104,10 @@ def bounce(
 
 @ti.func
 def advance_bouncing(
-    bodies: ti.template(),
-    integers: ti.template(),
-    touches: ti.template(),
-    counts: ti.template(),
+    bodies: Template,
+    integers: Template,
+    touches: Template,
+    counts: Template,
     body: ti.i32,
     time,
     kind: ti.i32,

@@ -6,6 +6,7 @@ center, so that only the last subtraction rounds. (No postponed annotations in t
 
 import taichi as ti
 
+from dynamics.kernel_types import Template
 from dynamics.obstacles import FACTOR, METRES
 from dynamics.tree_access import STACK, child, instance_of, mapped, planes, triangle, triangles_of, vec3, vector_at
 
@@ -56,7 +57,7 @@ def nearest_on_triangle(corner, edge_1, edge_2):
 
 
 @ti.func
-def record(touches: ti.template(), base: ti.i32, count: ti.i32, normal, arm, gap: ti.f32, kind: ti.i32) -> ti.i32:
+def record(touches: Template, base: ti.i32, count: ti.i32, normal, arm, gap: ti.f32, kind: ti.i32) -> ti.i32:
     """Keep a touch among those of a group; of similar ones of one sphere the nearer. Returns how many there are."""
     slot = -1
     worst = 0
@@ -180,11 +181,11 @@ def reciprocal(d: ti.f32) -> ti.f32:
 
 @ti.func
 def look_around(
-    wide: ti.template(),
-    nodes: ti.template(),
-    triangles: ti.template(),
-    instances: ti.template(),
-    roots: ti.template(),
+    wide: Template,
+    nodes: Template,
+    triangles: Template,
+    instances: Template,
+    roots: Template,
     root: ti.i32,
     center,
     chord,
@@ -194,10 +195,10 @@ def look_around(
     band: ti.f32,
     arm,
     inward,
-    touches: ti.template(),
+    touches: Template,
     base: ti.i32,
     count: ti.i32,
-    what: ti.template(),
+    what: Template,
 ):
     """Walk the tree about a sphere. what (static):
 

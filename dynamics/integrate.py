@@ -28,11 +28,12 @@ from dynamics.body_layout import (
     VELOCITY,
 )
 from dynamics.bounce_response import advance_bouncing, leg_time
+from dynamics.kernel_types import Template
 from dynamics.path_following import advance_following
 
 
 @ti.func
-def look_ahead(bodies: ti.template(), integers: ti.template(), body: ti.i32):
+def look_ahead(bodies: Template, integers: Template, body: ti.i32):
     """Set the motion of what flies for as long as is worth looking ahead, s, which is returned.
 
     What is pulled into walls does not go on as it does: it tries its step alone, and 0 is returned.
@@ -48,7 +49,7 @@ def look_ahead(bodies: ti.template(), integers: ti.template(), body: ti.i32):
 
 
 @ti.func
-def propose(bodies: ti.template(), integers: ti.template(), body: ti.i32):
+def propose(bodies: Template, integers: Template, body: ti.i32):
     """Set the motion that the body tries next."""
     if integers[body, KIND] == BOUNCES:
         spin = row3(bodies, body, SPIN)
@@ -86,10 +87,10 @@ def propose(bodies: ti.template(), integers: ti.template(), body: ti.i32):
 
 @ti.func
 def advance(
-    bodies: ti.template(),
-    integers: ti.template(),
-    touches: ti.template(),
-    counts: ti.template(),
+    bodies: Template,
+    integers: Template,
+    touches: Template,
+    counts: Template,
     body: ti.i32,
     time: ti.f32,
     normal,

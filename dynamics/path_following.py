@@ -26,6 +26,7 @@ from dynamics.body_layout import (
     TURN,
 )
 from dynamics.contact import ARM, GAP, NORMAL, TOUCH_KIND, TOUCHES, WALL
+from dynamics.kernel_types import Template
 
 PASSES = 10  # over all touches, to make a motion slide along them
 MOST_PUSH = 1e-3  # m: that a follower is pushed out of what it is too near to, at once
@@ -33,10 +34,10 @@ MOST_PUSH = 1e-3  # m: that a follower is pushed out of what it is too near to, 
 
 @ti.func
 def slide(
-    bodies: ti.template(),
-    integers: ti.template(),
-    touches: ti.template(),
-    counts: ti.template(),
+    bodies: Template,
+    integers: Template,
+    touches: Template,
+    counts: Template,
     body: ti.i32,
     turning: ti.f64,
 ):
@@ -75,10 +76,10 @@ def slide(
 
 @ti.func
 def advance_following(
-    bodies: ti.template(),
-    integers: ti.template(),
-    touches: ti.template(),
-    counts: ti.template(),
+    bodies: Template,
+    integers: Template,
+    touches: Template,
+    counts: Template,
     body: ti.i32,
     time,
     kind: ti.i32,

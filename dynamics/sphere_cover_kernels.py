@@ -6,16 +6,13 @@ Each sphere, and each point, is computed by one thread in a fixed order: the sam
 import taichi as ti
 
 from dynamics.body_access import row3, set3, vec3d
-
-Points = ti.types.ndarray(ti.f64, 2)
-Rows = ti.types.ndarray(ti.i32, 1)
-Numbers = ti.types.ndarray(ti.f64, 1)
+from dynamics.kernel_types import Doubles1, Doubles2, Ints1
 
 BALL_STEPS = 24
 
 
 @ti.kernel
-def nearest(points: Points, centers: Points, owner: Rows):
+def nearest(points: Doubles2, centers: Doubles2, owner: Ints1):
     """Set owner[i] to the row of the center that is nearest to points[i]; the first of equals."""
     for i in range(points.shape[0]):
         point = row3(points, i, 0)
@@ -28,7 +25,7 @@ def nearest(points: Points, centers: Points, owner: Rows):
 
 
 @ti.kernel
-def center(corners: Points, first: Rows, centers: Points):
+def center(corners: Doubles2, first: Ints1, centers: Doubles2):
     """Set centers[k] to about the center of the smallest ball around the rows first[k] .. first[k + 1] of `corners`.
 
     From their mean, steps towards the farthest one that become shorter (Badoiu and Clarkson 2003).
@@ -54,14 +51,14 @@ def center(corners: Points, first: Rows, centers: Points):
 
 @ti.kernel
 def sink(
-    corners: Points,
-    first: Rows,
-    outward: Points,
-    middles: Points,
-    normals: Points,
-    depths: Numbers,
-    centers: Points,
-    radii: Numbers,
+    corners: Doubles2,
+    first: Ints1,
+    outward: Doubles2,
+    middles: Doubles2,
+    normals: Doubles2,
+    depths: Doubles1,
+    centers: Doubles2,
+    radii: Doubles1,
 ):
     """Move centers below a closed surface, where a larger ball covers the same corners and stands out less.
 

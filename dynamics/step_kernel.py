@@ -37,13 +37,11 @@ from dynamics.body_layout import (
 )
 from dynamics.contact import NOTHING, OBSTACLE, SKIN, WAIT
 from dynamics.integrate import advance, look_ahead, propose
+from dynamics.kernel_types import Doubles1, Doubles2, Floats1, Floats2, Ints1, Ints2, Template
 from dynamics.sweep_bodies import WALLS, sweep_others
-from dynamics.sweep_obstacles import REACHED, Bodies, single, sweep_obstacles, turned
+from dynamics.sweep_obstacles import REACHED, single, sweep_obstacles, turned
 from dynamics.trajectory_kernel import multiply, unit
-from dynamics.tree_access import Column, Floats, Ints, Tree, vec3, vector_at
-
-Times = ti.types.ndarray(ti.f64, 1)
-Times32 = ti.types.ndarray(ti.f32, 1)
+from dynamics.tree_access import Tree, vec3, vector_at
 
 CATCH_UP = 2.0  # times the speed on the path: how fast a follower returns to it, and besides
 CATCH_UP_SPEED, CATCH_UP_TURN = 1.0, 3.0  # m/s, rad/s
@@ -53,13 +51,13 @@ MOST_TRIES = 24  # of motions in one substep
 
 
 @ti.func
-def follow_freely(bodies: ti.template(), body: ti.i32):
+def follow_freely(bodies: Template, body: ti.i32):
     for i in ti.static(range(7)):
         bodies[body, POSITION + i] = bodies[body, TARGET + i]
 
 
 @ti.func
-def fly_freely(bodies: ti.template(), body: ti.i32):
+def fly_freely(bodies: Template, body: ti.i32):
     time = bodies[body, ACTIVE]
     set3(bodies, body, POSITION, row3(bodies, body, POSITION) + time * row3(bodies, body, VELOCITY))
     rotation = multiply(rotation_by(time * row3(bodies, body, SPIN)), row4(bodies, body, ROTATION))
@@ -68,11 +66,11 @@ def fly_freely(bodies: ti.template(), body: ti.i32):
 
 @ti.func
 def pull_inside(
-    bodies: ti.template(),
-    integers: ti.template(),
-    groups: ti.template(),
-    spheres: ti.template(),
-    planes: ti.template(),
+    bodies: Template,
+    integers: Template,
+    groups: Template,
+    spheres: Template,
+    planes: Template,
     body: ti.i32,
     length: ti.f64,
 ):
@@ -102,11 +100,11 @@ def pull_inside(
 
 @ti.func
 def begin_bouncing(
-    bodies: ti.template(),
-    integers: ti.template(),
-    groups: ti.template(),
-    spheres: ti.template(),
-    planes: ti.template(),
+    bodies: Template,
+    integers: Template,
+    groups: Template,
+    spheres: Template,
+    planes: Template,
     body: ti.i32,
 ):
     time = bodies[body, ACTIVE]
@@ -122,7 +120,7 @@ def begin_bouncing(
 
 
 @ti.func
-def begin_following(bodies: ti.template(), integers: ti.template(), targets: ti.template(), body: ti.i32, length):
+def begin_following(bodies: Template, integers: Template, targets: Template, body: ti.i32, length):
     """length: s of the substep."""
     path = vec3d(0.0)
     same = True
@@ -155,14 +153,14 @@ def begin_following(bodies: ti.template(), integers: ti.template(), targets: ti.
 
 @ti.func
 def freeze(
-    bodies: ti.template(),
-    integers: ti.template(),
-    groups: ti.template(),
-    spheres: ti.template(),
-    bounding: ti.template(),
-    frozen: ti.template(),
-    frozen_groups: ti.template(),
-    frozen_bodies: ti.template(),
+    bodies: Template,
+    integers: Template,
+    groups: Template,
+    spheres: Template,
+    bounding: Template,
+    frozen: Template,
+    frozen_groups: Template,
+    frozen_bodies: Template,
     body: ti.i32,
 ):
     """Note where the spheres of a body are, for the others to look at."""
@@ -182,27 +180,27 @@ def freeze(
 
 @ti.kernel
 def substep(
-    bodies: Bodies,
-    integers: Ints,
-    groups: Ints,
-    spheres: Floats,
-    bounding: Floats,
-    frozen: Floats,
-    frozen_groups: Floats,
-    frozen_bodies: Floats,
-    near: Ints,
-    planes: Floats,
-    targets: Bodies,
-    active: Times,
+    bodies: Doubles2,
+    integers: Ints2,
+    groups: Ints2,
+    spheres: Floats2,
+    bounding: Floats2,
+    frozen: Floats2,
+    frozen_groups: Floats2,
+    frozen_bodies: Floats2,
+    near: Ints2,
+    planes: Floats2,
+    targets: Doubles2,
+    active: Doubles1,
     length: ti.f64,
-    touches: Floats,
-    times: Times32,
-    counts: Column,
-    wide: ti.template(),
+    touches: Floats2,
+    times: Floats1,
+    counts: Ints1,
+    wide: Template,
     nodes: Tree,
     triangles: Tree,
-    instances: Floats,
-    roots: Column,
+    instances: Floats2,
+    roots: Ints1,
     root: ti.i32,
 ):
     """Move all bodies on.

@@ -25,6 +25,7 @@ from dynamics.body_layout import (
     TURN,
 )
 from dynamics.contact import FAR, MOVER, NOTHING, SKIN, SLIDE, TOLERANCE, TOUCHES, WAIT, WALL, record
+from dynamics.kernel_types import Template
 from dynamics.sweep_obstacles import REACHED, chord_of, single, touch_band, turned
 from dynamics.tree_access import vec3, vector_at
 
@@ -34,7 +35,7 @@ DEEP = 20.0 * SKIN  # m: no motion leads so deep into another body
 
 
 @ti.func
-def group_gap(bounding: ti.template(), frozen_groups: ti.template(), group: ti.i32, other: ti.i32) -> ti.f32:
+def group_gap(bounding: Template, frozen_groups: Template, group: ti.i32, other: ti.i32) -> ti.f32:
     """Between the spheres around two groups, where they were."""
     away = vector_at(frozen_groups, group, 0) - vector_at(frozen_groups, other, 0)
     return away.norm() - bounding[group, 3] - bounding[other, 3]
@@ -42,19 +43,19 @@ def group_gap(bounding: ti.template(), frozen_groups: ti.template(), group: ti.i
 
 @ti.func
 def sweep_others(
-    bodies: ti.template(),
-    integers: ti.template(),
-    groups: ti.template(),
-    spheres: ti.template(),
-    bounding: ti.template(),
-    frozen: ti.template(),
-    frozen_groups: ti.template(),
-    frozen_bodies: ti.template(),
-    near: ti.template(),
-    planes: ti.template(),
-    touches: ti.template(),
-    gaps: ti.template(),
-    counts: ti.template(),
+    bodies: Template,
+    integers: Template,
+    groups: Template,
+    spheres: Template,
+    bounding: Template,
+    frozen: Template,
+    frozen_groups: Template,
+    frozen_bodies: Template,
+    near: Template,
+    planes: Template,
+    touches: Template,
+    gaps: Template,
+    counts: Template,
     body: ti.i32,
     until: ti.f32,
 ):

@@ -9,15 +9,14 @@ import taichi as ti
 
 from dynamics.body_layout import BOUNCES, CENTRE, FIRST_GROUP, GROUPS, KIND, MOVE, POSITION, RADIUS, ROTATION, TURN
 from dynamics.contact import CONTACT, NEAREST, SKIN, TOLERANCE, TOUCHES, WITHIN, look_around
-from dynamics.tree_access import Column, Floats, Tree, vec3, vector_at
-
-Bodies = ti.types.ndarray(ti.f64, 2)
+from dynamics.kernel_types import Floats2, Ints1, Template
+from dynamics.tree_access import Tree, vec3, vector_at
 
 REACHED = 1e-4  # m: rounding that bounding spheres and pairs of groups are given
 
 
 @ti.func
-def single(table: ti.template(), row: ti.i32, column: ti.i32):
+def single(table: Template, row: ti.i32, column: ti.i32):
     """Three float64 as float32."""
     return vec3(
         ti.cast(table[row, column], ti.f32),
@@ -27,7 +26,7 @@ def single(table: ti.template(), row: ti.i32, column: ti.i32):
 
 
 @ti.func
-def turned(bodies: ti.template(), body: ti.i32, v):
+def turned(bodies: Template, body: ti.i32, v):
     """A vector of a body's own axes in the world's."""
     w = ti.cast(bodies[body, ROTATION], ti.f32)
     axis = single(bodies, body, ROTATION + 1)
@@ -49,7 +48,7 @@ def chord_of(turn, move, arm):
 
 
 @ti.func
-def touch_band(bodies: ti.template(), integers: ti.template(), body: ti.i32) -> ti.f32:
+def touch_band(bodies: Template, integers: Template, body: ti.i32) -> ti.f32:
     """How near something must be to be remembered as a touch, m: all that could be in a follower's way."""
     band = TOLERANCE
     if integers[body, KIND] != BOUNCES:
@@ -61,19 +60,19 @@ def touch_band(bodies: ti.template(), integers: ti.template(), body: ti.i32) -> 
 
 @ti.func
 def sweep_obstacles(
-    bodies: ti.template(),
-    integers: ti.template(),
-    groups: ti.template(),
-    spheres: ti.template(),
-    bounding: ti.template(),
-    touches: ti.template(),
-    times: ti.template(),
-    counts: ti.template(),
-    wide: ti.template(),
-    nodes: ti.template(),
-    triangles: ti.template(),
-    instances: ti.template(),
-    roots: ti.template(),
+    bodies: Template,
+    integers: Template,
+    groups: Template,
+    spheres: Template,
+    bounding: Template,
+    touches: Template,
+    times: Template,
+    counts: Template,
+    wide: Template,
+    nodes: Template,
+    triangles: Template,
+    instances: Template,
+    roots: Template,
     root: ti.i32,
     body: ti.i32,
 ):
@@ -170,14 +169,14 @@ def sweep_obstacles(
 
 @ti.kernel
 def distances(
-    points: Floats,
+    points: Floats2,
     limit: ti.f32,
-    touches: Floats,
-    wide: ti.template(),
+    touches: Floats2,
+    wide: Template,
     nodes: Tree,
     triangles: Tree,
-    instances: Floats,
-    roots: Column,
+    instances: Floats2,
+    roots: Ints1,
     root: ti.i32,
 ):
     """Set column 3 of `points`, f32 [n, 4], to the distance of the nearest obstacle, m; `limit` if none is nearer."""

@@ -9,9 +9,7 @@ import taichi as ti
 
 from dynamics.bodies import AIM, BY_COUNT, BY_LENGTH, CURVE
 from dynamics.dynamic import LENGTH_STEPS, ROTATION
-
-Table = ti.types.ndarray(dtype=ti.f64, ndim=2)
-Integers = ti.types.ndarray(dtype=ti.i32, ndim=2)
+from dynamics.kernel_types import Doubles2, Ints2, Template
 
 
 @ti.func
@@ -57,12 +55,12 @@ def slerp(a, b, t):
 
 
 @ti.func
-def quaternion_at(segments: ti.template(), row, column):
+def quaternion_at(segments: Template, row, column):
     return ti.Vector([segments[row, column + i] for i in ti.static(range(4))])
 
 
 @ti.func
-def cubic_at(segments: ti.template(), row, column, t):
+def cubic_at(segments: Template, row, column, t):
     constant = ti.Vector([segments[row, column + i] for i in ti.static(range(3))])
     first = ti.Vector([segments[row, column + 3 + i] for i in ti.static(range(3))])
     second = ti.Vector([segments[row, column + 6 + i] for i in ti.static(range(3))])
@@ -71,7 +69,7 @@ def cubic_at(segments: ti.template(), row, column, t):
 
 
 @ti.func
-def speed_at(segments: ti.template(), row, t):
+def speed_at(segments: Template, row, t):
     """Length of the derivative of the position."""
     first = ti.Vector([segments[row, 3 + i] for i in ti.static(range(3))])
     second = ti.Vector([segments[row, 6 + i] for i in ti.static(range(3))])
@@ -80,7 +78,7 @@ def speed_at(segments: ti.template(), row, t):
 
 
 @ti.func
-def segment_at(spans: ti.template(), first, count, value):
+def segment_at(spans: Template, first, count, value):
     """The segment of `count` whose span holds `value`, by bisection."""
     low = 0
     high = count
@@ -94,7 +92,7 @@ def segment_at(spans: ti.template(), first, count, value):
 
 
 @ti.func
-def time_of_length(segments: ti.template(), spans: ti.template(), gauss: ti.template(), row, length):
+def time_of_length(segments: Template, spans: Template, gauss: Template, row, length):
     """t at which a segment has reached a cumulative length: a step from the table, then Newton inside the step."""
     step = 0
     while step < LENGTH_STEPS - 1 and spans[row, step + 1] <= length:
@@ -117,7 +115,7 @@ def time_of_length(segments: ti.template(), spans: ti.template(), gauss: ti.temp
 
 
 @ti.func
-def rotation_at(segments: ti.template(), row, t, euler):
+def rotation_at(segments: Template, row, t, euler):
     a = quaternion_at(segments, row, ROTATION)
     result = a
     if euler == 1:
@@ -167,14 +165,14 @@ def facing(position, target, up, otherwise):
 
 @ti.kernel
 def evaluate(
-    bodies: Integers,
-    tracks: Integers,
-    axes: Table,
-    segments: Table,
-    spans: Table,
-    gauss: Table,
-    parameters: Table,
-    poses: Table,
+    bodies: Ints2,
+    tracks: Ints2,
+    axes: Doubles2,
+    segments: Doubles2,
+    spans: Doubles2,
+    gauss: Doubles2,
+    parameters: Doubles2,
+    poses: Doubles2,
 ):
     """poses [s n, 7] of n bodies at s times, given `parameters` [s, t], the u of every track.
 

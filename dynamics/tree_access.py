@@ -6,23 +6,22 @@ Two layouts, as ray tracers have them; which one is known when a kernel is compi
 
 import taichi as ti
 
+from dynamics.kernel_types import Template
+
 vec2 = ti.types.vector(2, ti.f32)
 vec3 = ti.types.vector(3, ti.f32)
 Tree = ti.types.ndarray()  # nodes and triangles: their types are those of the layout
-Floats = ti.types.ndarray(ti.f32, 2)
-Ints = ti.types.ndarray(ti.i32, 2)
-Column = ti.types.ndarray(ti.i32, 1)
 
 STACK = 112  # what the builders of the trees keep to
 
 
 @ti.func
-def vector_at(table: ti.template(), row: ti.i32, column: ti.i32):
+def vector_at(table: Template, row: ti.i32, column: ti.i32):
     return vec3(table[row, column], table[row, column + 1], table[row, column + 2])
 
 
 @ti.func
-def mapped(instances: ti.template(), row: ti.i32, column: ti.i32, v, w: ti.f32):
+def mapped(instances: Template, row: ti.i32, column: ti.i32, v, w: ti.f32):
     """A point (w = 1) or a direction (w = 0) by the matrix in `column` of an instance."""
     result = vec3(0.0)
     for i in ti.static(range(3)):
@@ -37,7 +36,7 @@ def mapped(instances: ti.template(), row: ti.i32, column: ti.i32, v, w: ti.f32):
 
 
 @ti.func
-def planes(nodes: ti.template(), node: ti.i32, side: ti.i32, wide: ti.template()):
+def planes(nodes: Template, node: ti.i32, side: ti.i32, wide: Template):
     """One side of the boxes of all children: 0 to 2 for the least x, y and z, 3 to 5 for the greatest."""
     if ti.static(wide):
         return nodes[node + side]
@@ -46,7 +45,7 @@ def planes(nodes: ti.template(), node: ti.i32, side: ti.i32, wide: ti.template()
 
 
 @ti.func
-def child(nodes: ti.template(), node: ti.i32, k: ti.template(), wide: ti.template()) -> ti.i32:
+def child(nodes: Template, node: ti.i32, k: Template, wide: Template) -> ti.i32:
     """The reference of a child: a node, or a negative number for a leaf."""
     if ti.static(wide):
         return ti.bit_cast(nodes[node + 6][k], ti.i32)
@@ -55,7 +54,7 @@ def child(nodes: ti.template(), node: ti.i32, k: ti.template(), wide: ti.templat
 
 
 @ti.func
-def instance_of(leaf: ti.i32, wide: ti.template()) -> ti.i32:
+def instance_of(leaf: ti.i32, wide: Template) -> ti.i32:
     """The instance that a leaf above the meshes refers to."""
     if ti.static(wide):
         return -1 - leaf
@@ -64,7 +63,7 @@ def instance_of(leaf: ti.i32, wide: ti.template()) -> ti.i32:
 
 
 @ti.func
-def triangles_of(triangles: ti.template(), leaf: ti.i32, wide: ti.template()):
+def triangles_of(triangles: Template, leaf: ti.i32, wide: Template):
     """Where the triangles of a leaf begin, and how many there are."""
     first = -1 - leaf
     count = 0
@@ -80,7 +79,7 @@ def triangles_of(triangles: ti.template(), leaf: ti.i32, wide: ti.template()):
 
 
 @ti.func
-def triangle(triangles: ti.template(), first: ti.i32, which: ti.i32, wide: ti.template()):
+def triangle(triangles: Template, first: ti.i32, which: ti.i32, wide: Template):
     """A corner and the two edges from it, in the mesh's space."""
     corner, edge_1, edge_2 = vec3(0.0), vec3(0.0), vec3(0.0)
     if ti.static(wide):

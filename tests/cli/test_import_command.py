@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.usd.importers.test_import_template import BOX
+from tests.usd.importers.test_import_template import BOX, furniture_catalog
 from tiscene import catalog
 from tiscene.cli import main as cli
 

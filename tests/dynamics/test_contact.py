@@ -5,23 +5,24 @@ import pytest
 import taichi as ti
 
 from dynamics.contact import CONTACT, NEAREST, SKIN, TOUCH_COLUMNS, TOUCHES, WITHIN, look_around
-from dynamics.tree_access import Column, Floats, Tree, vec3
+from dynamics.tree_access import Tree, vec3
 from tests.dynamics.solids import obstacles
 from tests.reference.distance import point_triangle
+from tiscene.device.kernel_types import Floats2, Ints1
 
 
 @ti.kernel
 def look(
-    spheres: Floats,
-    chords: Floats,
+    spheres: Floats2,
+    chords: Floats2,
     limit: ti.f32,
-    found: Floats,
-    touches: Floats,
+    found: Floats2,
+    touches: Floats2,
     wide: ti.template(),
     nodes: Tree,
     packs: Tree,
-    instances: Floats,
-    roots: Column,
+    instances: Floats2,
+    roots: Ints1,
     root: ti.i32,
 ):
     for i in range(spheres.shape[0]):

@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import Float8s1
 from tiscene.device.memory import upload
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.energy_tables import energy_tables
@@ -14,7 +15,7 @@ from tiscene.render.bsdfs.material_inputs import ALL_INPUTS, Footprint, Material
 from tiscene.render.intersect.surface_interaction import VisibleSurface
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.importance import weigh
-from tiscene.render.lights.light_sample import LightNodes, LightTables
+from tiscene.render.lights.light_sample import LightTables
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.description import Light, Material, Texture
 from tiscene.scene.lights.light_table import POINT, LightTable
@@ -109,7 +110,7 @@ class Bsdf:
 @ti.kernel
 def illuminate(
     light_values: Floats2,
-    light_nodes: LightNodes,
+    light_nodes: Float8s1,
     light_distribution: Floats1,
     texture_info: Ints2,
     texture_words: Ints1,

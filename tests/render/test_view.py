@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats2
 from tiscene.errors import ArgumentError
-from tiscene.render.intersect.surface_interaction import FLOATS_2D
 from tiscene.render.view import View, camera_ray, project
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT
@@ -14,7 +14,7 @@ WIDTH, HEIGHT = 64, 48
 
 
 @ti.kernel
-def rays_through(view: FLOATS_2D, time: ti.i32, pixels: FLOATS_2D, w: ti.i32, h: ti.i32, rays: FLOATS_2D):
+def rays_through(view: Floats2, time: ti.i32, pixels: Floats2, w: ti.i32, h: ti.i32, rays: Floats2):
     for i in range(pixels.shape[0]):
         origin, direction = camera_ray(view, time, pixels[i, 0], pixels[i, 1], w, h)
         for c in ti.static(range(3)):
@@ -23,7 +23,7 @@ def rays_through(view: FLOATS_2D, time: ti.i32, pixels: FLOATS_2D, w: ti.i32, h:
 
 
 @ti.kernel
-def projections_of(view: FLOATS_2D, time: ti.i32, points: FLOATS_2D, w: ti.i32, h: ti.i32, pixels: FLOATS_2D):
+def projections_of(view: Floats2, time: ti.i32, points: Floats2, w: ti.i32, h: ti.i32, pixels: Floats2):
     for i in range(points.shape[0]):
         pixel = project(view, time, ti.math.vec3(points[i, 0], points[i, 1], points[i, 2]), w, h)
         for c in ti.static(range(3)):

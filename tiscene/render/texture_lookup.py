@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3, vec4
 from tiscene.scene.textures.atlas import (
     COARSER,
     HEIGHT,
@@ -16,10 +17,6 @@ from tiscene.scene.textures.atlas import (
     WRAP_T,
     WRAPS,
 )
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
 
 REPEAT, CLAMP, MIRROR, BLACK = range(len(WRAPS))
 _DECODING_LENGTH = 256
@@ -54,7 +51,7 @@ def wrapped(index: ti.i32, size: ti.i32, wrap: ti.i32) -> ti.i32:
 
 
 @ti.func
-def decoded(textures: ti.template(), word: ti.u32, is_srgb: ti.i32) -> vec4:
+def decoded(textures: Template, word: ti.u32, is_srgb: ti.i32) -> vec4:
     """One 8-bit pixel as linear RGBA."""
     code = ti.Vector([ti.cast((word >> (8 * channel)) & ti.u32(255), ti.i32) for channel in range(4)])
     result = code * (1.0 / 255.0)
@@ -73,7 +70,7 @@ def pixel_coordinates(uv: vec2, width: ti.i32, height: ti.i32, wrap_s: ti.i32, w
 
 
 @ti.func
-def lookup_wrapped(textures: ti.template(), row: ti.i32, uv: vec2, wrap_s: ti.i32, wrap_t: ti.i32) -> vec4:
+def lookup_wrapped(textures: Template, row: ti.i32, uv: vec2, wrap_s: ti.i32, wrap_t: ti.i32) -> vec4:
     """`lookup` with other wraps than the image's own."""
     info = ti.static(textures.info)
     width, height, offset = info[row, WIDTH], info[row, HEIGHT], info[row, OFFSET]
@@ -99,7 +96,7 @@ def lookup_wrapped(textures: ti.template(), row: ti.i32, uv: vec2, wrap_s: ti.i3
 
 
 @ti.func
-def lookup(textures: ti.template(), row: ti.i32, uv: vec2) -> vec4:
+def lookup(textures: Template, row: ti.i32, uv: vec2) -> vec4:
     """The image's linear RGBA at uv: v = 1 is the top row, pixel centers at half-integers."""
     return lookup_wrapped(textures, row, uv, textures.info[row, WRAP_S], textures.info[row, WRAP_T])
 
@@ -112,7 +109,7 @@ def level_of(area: ti.f32) -> ti.f32:
 
 
 @ti.func
-def copy_about(textures: ti.template(), row: ti.i32, area: ti.f32, u: ti.f32) -> ti.i32:
+def copy_about(textures: Template, row: ti.i32, area: ti.f32, u: ti.f32) -> ti.i32:
     """The row of the image's copy whose pixels are as large as `area` of its own; u chooses between two."""
     copy = row
     if area > 0.5:
@@ -123,7 +120,7 @@ def copy_about(textures: ti.template(), row: ti.i32, area: ti.f32, u: ti.f32) ->
 
 
 @ti.func
-def lookup_one(textures: ti.template(), row: ti.i32, uv: vec2, area: ti.f32, u: vec3) -> vec4:
+def lookup_one(textures: Template, row: ti.i32, uv: vec2, area: ti.f32, u: vec3) -> vec4:
     """One pixel of the image near uv. The mean over u, uniform in [0, 1)^3, is what interpolation between pixels and
     between copies would give (Pharr et al., "Filtering After Shading with Stochastic Texture Filtering", 2024).
 

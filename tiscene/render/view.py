@@ -11,6 +11,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import Template
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
@@ -106,13 +107,13 @@ def _uploaded(rows: bytes) -> Any:
 
 
 @ti.func
-def view_vector(view: ti.template(), time: ti.i32, column: ti.i32) -> ti.math.vec3:
+def view_vector(view: Template, time: ti.i32, column: ti.i32) -> ti.math.vec3:
     """Three neighboring columns of a view's row, as a vector."""
     return ti.math.vec3(view[time, column], view[time, column + 1], view[time, column + 2])
 
 
 @ti.func
-def camera_ray(view: ti.template(), time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32, height: ti.i32):
+def camera_ray(view: Template, time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32, height: ti.i32):
     """The ray through the pixel coordinates (x, y), fractions allowed: origin and unit direction, world.
 
     Of a pinhole, or of an orthographic camera: then it begins in the plane of the camera.
@@ -130,7 +131,7 @@ def camera_ray(view: ti.template(), time: ti.i32, x: ti.f32, y: ti.f32, width: t
 
 
 @ti.func
-def project(view: ti.template(), time: ti.i32, point: ti.math.vec3, width: ti.i32, height: ti.i32):
+def project(view: Template, time: ti.i32, point: ti.math.vec3, width: ti.i32, height: ti.i32):
     """A world point in the picture: (x px, y px, z m along the optical axis). Behind the camera z <= 0 and x, y have
     no meaning."""
     offset = point - view_vector(view, time, POSITION)

@@ -5,6 +5,8 @@
     description     meshes, materials, lights, instances (host)
     animation       deforming meshes and moving instances
     assembly        objects of several meshes; bounding boxes
+    camera          Camera: pose, lens, exposure
+    color           sRGB transfer function
     placement       transforms of all instances around one frame
     device_scene    DeviceScene: what kernels read
     deforming_mesh  a deforming mesh on the device

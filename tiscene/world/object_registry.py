@@ -15,8 +15,8 @@ from tiscene.scene.animation import InstanceTrack, quaternions
 from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.scene.camera import Quaternion, Vector3
 from tiscene.scene.description import Light, SceneDescription, Template, mesh_boxes
-from tiscene.world.animation import AnimatedInstances, box_over_time, changing, scaled
 from tiscene.world.lights import AttachedLight
+from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
 
 Array = NDArray[np.float64]
 MOST_CATEGORIES = 65535  # beside the background: the buffer has 16 bits

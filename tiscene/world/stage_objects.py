@@ -14,8 +14,8 @@ from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import StageObjectHistory
 from tiscene.scene.animation import polar, quaternions
 from tiscene.scene.description import Instance, SceneDescription
-from tiscene.world.animation import AnimatedInstances
 from tiscene.world.object_registry import WorldObject
+from tiscene.world.stage_animation import AnimatedInstances
 
 Array = NDArray[np.float64]
 

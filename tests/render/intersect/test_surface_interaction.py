@@ -3,18 +3,13 @@ import pytest
 import taichi as ti
 
 from tests.render.label_scenes import Stage, Thing, plate, pose
+from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, vec3
 from tiscene.render.intersect.surface_interaction import (
-    FLOATS_1D,
-    FLOATS_2D,
-    FLOATS_3D,
-    INTS_1D,
-    INTS_2D,
     Geometry,
     VisibleSurface,
     geometry_of,
     offset_origin,
     surface_at,
-    vec3,
 )
 from tiscene.scene.description import Mesh
 from tiscene.scene.placement import CURRENT, NEXT
@@ -25,19 +20,19 @@ FRONT, REACH = 20, 21
 
 @ti.kernel
 def describe(
-    vertex_position: FLOATS_2D,
-    vertex_normal: FLOATS_2D,
-    vertex_uv: FLOATS_2D,
-    triangle_vertices: INTS_2D,
-    triangle_material: INTS_1D,
-    instance_info: INTS_2D,
-    world_from_instance: FLOATS_3D,
-    instance_from_world: FLOATS_3D,
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: Floats3,
+    instance_from_world: Floats3,
     time: ti.i32,
     b1: ti.f32,
     b2: ti.f32,
-    direction: FLOATS_1D,
-    result: FLOATS_1D,
+    direction: Floats1,
+    result: Floats1,
 ):
     geometry = ti.static(
         Geometry(
@@ -67,7 +62,7 @@ def describe(
 
 
 @ti.kernel
-def offset(point: FLOATS_1D, normal: FLOATS_1D, reach: ti.f32, direction: FLOATS_1D, result: FLOATS_1D):
+def offset(point: Floats1, normal: Floats1, reach: ti.f32, direction: Floats1, result: Floats1):
     for _ in range(1):
         here = VisibleSurface(
             position=vec3(point[0], point[1], point[2]),

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from tiscene.device.kernel_types import Float8s1
 from tiscene.device.vector_mode import vector_mode
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import another_blocks, first_met
-from tiscene.render.lights.light_sample import LightNodes, LightTables
+from tiscene.render.lights.light_sample import LightTables
 from tiscene.scene.description import CylinderLight, DiskLight, Light, RectLight, SphereLight
 from tiscene.scene.lights.light_bvh import EIGHT_ROWS, LEAST, MEMBER, boxes
 from tiscene.scene.lights.light_table import LightTable
@@ -22,7 +23,7 @@ WHITE = (1.0, 1.0, 1.0)
 
 @ti.kernel
 def meet(
-    values: FLOATS_2D, nodes: LightNodes, distribution: FLOATS_1D, rays: FLOATS_2D, rows: INTS, distances: FLOATS_2D
+    values: FLOATS_2D, nodes: Float8s1, distribution: FLOATS_1D, rays: FLOATS_2D, rows: INTS, distances: FLOATS_2D
 ):
     """Of rays of an origin, a direction and a reach: the light that is met and its distance, then whether another light
     is in the way; by the tree, and by looking at every light."""

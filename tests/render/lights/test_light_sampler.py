@@ -6,8 +6,9 @@ import taichi as ti
 from scipy import stats
 
 from tests.reference.chi_square import LEAST
+from tiscene.device.kernel_types import Float8s1
 from tiscene.render.lights.importance import weigh
-from tiscene.render.lights.light_sample import LightNodes, LightTables
+from tiscene.render.lights.light_sample import LightTables
 from tiscene.render.lights.light_sampler import chances_of, choose
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
 from tiscene.scene.lights.light_table import DISTANT, DOME, KIND, PORTAL, RECT, SPHERE, LightTable
@@ -36,7 +37,7 @@ NUMBERS = ti.types.ndarray(dtype=ti.f32, ndim=1)
 @ti.kernel
 def choices(
     values: VALUES,
-    nodes: LightNodes,
+    nodes: Float8s1,
     distribution: NUMBERS,
     x: ti.f32,
     y: ti.f32,

@@ -10,11 +10,12 @@ from tests.benchmarks.room import still
 from tests.reference.chi_square import LEAST, chi_square
 from tests.reference.ray_casting import cast
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
+from tiscene.device.kernel_types import Float8s1, Floats3
 from tiscene.render.bsdfs.material_inputs import Materials
 from tiscene.render.integrators.path.path_pass import PathPass
-from tiscene.render.intersect.surface_interaction import FLOATS_3D, Geometry
+from tiscene.render.intersect.surface_interaction import Geometry
 from tiscene.render.lights import dispatch, emissive_mesh
-from tiscene.render.lights.light_sample import LightNodes, lights_of
+from tiscene.render.lights.light_sample import lights_of
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
@@ -158,8 +159,8 @@ def from_origin(
     triangle_vertices: Ints2,
     triangle_material: Ints1,
     instance_info: Ints2,
-    world_from_instance: FLOATS_3D,
-    instance_from_world: FLOATS_3D,
+    world_from_instance: Floats3,
+    instance_from_world: Floats3,
     material_values: Floats2,
     material_info: Ints2,
     material_lookups: Floats2,
@@ -167,7 +168,7 @@ def from_origin(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: LightNodes,
+    light_nodes: Float8s1,
     light_distribution: Floats1,
     energy: Floats1,
     numbers: Floats2,

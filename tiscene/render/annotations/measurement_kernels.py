@@ -2,13 +2,11 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Doubles1, Doubles2, Floats2, Ints1, Ints2
 from tiscene.render.intersect.ray_queue import Rays, write_ray
-from tiscene.render.intersect.surface_interaction import FLOATS_2D, INTS_1D, INTS_2D
 from tiscene.render.view import camera_ray
 from tiscene.scene.placement import CURRENT
 
-DOUBLES_1D = ti.types.ndarray(dtype=ti.f64, ndim=1)
-DOUBLES_2D = ti.types.ndarray(dtype=ti.f64, ndim=2)
 INSTANCE, OWNER, LEFT, TOP, COLUMNS, ROWS, STRIDE, OUTSIDE = range(8)  # columns of `windows`
 X, Y, WINDOW = range(3)  # columns of `samples`
 EXTENT_COLUMNS = 12
@@ -17,14 +15,14 @@ WORLD, BOX, IN_FRONT, BEHIND = 0, 6, 10, 11  # columns of `extents`
 
 @ti.kernel
 def pixel_rays(
-    view: FLOATS_2D,
-    windows: INTS_2D,
-    firsts: INTS_1D,
+    view: Floats2,
+    windows: Ints2,
+    firsts: Ints1,
     width: ti.i32,
     height: ti.i32,
-    samples: INTS_2D,
+    samples: Ints2,
     rays: Rays,
-    targets: INTS_1D,
+    targets: Ints1,
 ):
     """Rays through the centers of pixels, in the picture or not, and what they ask about.
 
@@ -53,16 +51,16 @@ def pixel_rays(
 
 @ti.kernel
 def measure_extents(
-    vertex_position: FLOATS_2D,
-    vertices: INTS_2D,
-    world_from_object: DOUBLES_2D,
-    camera_from_world: DOUBLES_1D,
+    vertex_position: Floats2,
+    vertices: Ints2,
+    world_from_object: Doubles2,
+    camera_from_world: Doubles1,
     near: ti.f64,
     focal: ti.f64,
     orthographic: ti.i32,
     half_width: ti.f64,
     half_height: ti.f64,
-    extents: DOUBLES_2D,
+    extents: Doubles2,
 ):
     """Of instances with rows of vertices [begin, end): the box in the world, m; that of what is beyond the near plane
     in the picture, px, whole numbers being corners of pixels; how many vertices are beyond it, and how many are not.

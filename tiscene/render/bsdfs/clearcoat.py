@@ -2,22 +2,20 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec3, vec4
 from tiscene.render.bsdfs.closure import COAT_F0, schlick
 from tiscene.render.sampling import warp
 
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
-
 
 @ti.func
-def sample(c: ti.template(), u: vec3) -> vec3:
+def sample(c: Template, u: vec3) -> vec3:
     """The mirror direction about a visible microfacet of the coat."""
     m = warp.visible_normal(u.xy, c.wo, c.coat_alpha)
     return 2.0 * c.wo.dot(m) * m - c.wo
 
 
 @ti.func
-def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
     """(f |cos|, density of `sample`)."""
     result = vec4(0.0)
     if wi.z > 0.0:

@@ -5,6 +5,7 @@ Directions are in the frame of the shading normal, on whose positive side the ou
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3, vec4
 from tiscene.render.bsdfs.energy_tables import (
     AVERAGES_AT,
     COSINES,
@@ -14,10 +15,6 @@ from tiscene.render.bsdfs.energy_tables import (
     GLASS_SIZE,
     ROUGHNESSES,
 )
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
 
 COAT_F0 = 0.04
 
@@ -73,7 +70,7 @@ def dielectric(cosine: ti.f32, eta: ti.f32) -> ti.f32:
 
 
 @ti.func
-def reflected_parts(energy: ti.template(), cosine: ti.f32, roughness: ti.f32) -> vec2:
+def reflected_parts(energy: Template, cosine: ti.f32, roughness: ti.f32) -> vec2:
     """(A, B): a rough surface reflects F0 A + F90 B of the light from that direction, once."""
     x = ti.sqrt(ti.math.clamp(cosine, 0.0, 1.0)) * (COSINES - 1)
     y = ti.math.clamp(roughness, 0.0, 1.0) * (ROUGHNESSES - 1)
@@ -90,7 +87,7 @@ def reflected_parts(energy: ti.template(), cosine: ti.f32, roughness: ti.f32) ->
 
 
 @ti.func
-def mean_reflected_parts(energy: ti.template(), roughness: ti.f32) -> vec2:
+def mean_reflected_parts(energy: Template, roughness: ti.f32) -> vec2:
     """`reflected_parts` averaged over a Lambertian distribution of directions."""
     y = ti.math.clamp(roughness, 0.0, 1.0) * (ROUGHNESSES - 1)
     row = ti.min(ti.cast(y, ti.i32), ROUGHNESSES - 2)
@@ -103,7 +100,7 @@ def mean_reflected_parts(energy: ti.template(), roughness: ti.f32) -> vec2:
 
 
 @ti.func
-def glass_transfer(energy: ti.template(), glass: ti.i32, inside: ti.i32, cosine: ti.f32, roughness: ti.f32) -> ti.f32:
+def glass_transfer(energy: Template, glass: ti.i32, inside: ti.i32, cosine: ti.f32, roughness: ti.f32) -> ti.f32:
     """The part of the light that leaves a rough glass boundary after one bounce, either way."""
     x = ti.sqrt(ti.math.clamp(cosine, 0.0, 1.0)) * (GLASS_COSINES - 1)
     y = ti.math.clamp(roughness, 0.0, 1.0) * (GLASS_ROUGHNESSES - 1)

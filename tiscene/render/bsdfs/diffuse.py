@@ -4,21 +4,19 @@ import math
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec3, vec4
 from tiscene.render.bsdfs.closure import layer_reflectance, reflected_parts
 from tiscene.render.sampling import warp
 
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
-
 
 @ti.func
-def sample(c: ti.template(), u: vec3) -> vec3:
+def sample(c: Template, u: vec3) -> vec3:
     """A direction by its cosine."""
     return warp.cosine_hemisphere(u.xy)
 
 
 @ti.func
-def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
     """(f |cos|, density of `sample`)."""
     result = vec4(0.0)
     if wi.z > 0.0:

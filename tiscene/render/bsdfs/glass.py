@@ -5,15 +5,13 @@ Of radiance: refraction scales it by the squared ratio of the indices. `c.glass`
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec3, vec4
 from tiscene.render.bsdfs.closure import dielectric
 from tiscene.render.sampling import warp
 
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
-
 
 @ti.func
-def sample(c: ti.template(), u: vec3) -> vec3:
+def sample(c: Template, u: vec3) -> vec3:
     """Reflected or refracted by a visible microfacet, as the Fresnel term says. u.z makes that choice.
 
     Zero where the light would need a second microfacet to get away.
@@ -30,7 +28,7 @@ def sample(c: ti.template(), u: vec3) -> vec3:
 
 
 @ti.func
-def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
     """(f |cos|, density of `sample`)."""
     result = vec4(0.0)
     reflects = wi.z > 0.0

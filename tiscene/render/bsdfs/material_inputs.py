@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3, vec4
 from tiscene.render.sampling.sobol import mix
 from tiscene.render.texture_lookup import copy_about, lookup, lookup_one
 from tiscene.scene.material_table import (
@@ -40,10 +41,6 @@ from tiscene.scene.material_table import (
     UNIT_NORMAL,
 )
 from tiscene.scene.textures.atlas import HEIGHT, WIDTH
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
 
 # A mean of unit normals this little short of 1 says nothing: it is of 8-bit codes.
 _CODE_ERROR = 6e-3
@@ -86,7 +83,7 @@ class Footprint:
 
 
 @ti.func
-def footprint_at(surface: ti.template(), direction: vec3, width: ti.f32, key: ti.u32):
+def footprint_at(surface: Template, direction: vec3, width: ti.f32, key: ti.u32):
     """The Footprint of a cone that is `width` meters wide where it meets the surface."""
     world_per_uv = surface.dp_du.cross(surface.dp_dv).norm()
     cosine = ti.max(ti.abs(surface.normal.dot(direction)), 0.01)
@@ -100,12 +97,12 @@ def footprint_at(surface: ti.template(), direction: vec3, width: ti.f32, key: ti
 
 @ti.func
 def lookup_value(
-    materials: ti.template(),
-    textures: ti.template(),
+    materials: Template,
+    textures: Template,
     row: ti.i32,
-    surface: ti.template(),
-    exact: ti.template(),
-    footprint: ti.template(),
+    surface: Template,
+    exact: Template,
+    footprint: Template,
 ):
     """A row of the lookups at a point of a surface: rgb as it is, or one channel four times; scaled and biased.
 
@@ -135,9 +132,7 @@ def lookup_value(
 
 
 @ti.func
-def material_at(
-    materials: ti.template(), textures: ti.template(), surface: ti.template(), inputs: ti.i32, footprint: ti.template()
-):
+def material_at(materials: Template, textures: Template, surface: Template, inputs: ti.i32, footprint: Template):
     """The material at a point of a surface, as its author has it there, or the mean over a footprint: a MaterialPoint.
 
     inputs: bits 1 << DIFFUSE and so on of those that are wanted; others may be what they are without their textures.
@@ -147,11 +142,11 @@ def material_at(
 
 @ti.func
 def material_about(
-    materials: ti.template(),
-    textures: ti.template(),
-    surface: ti.template(),
-    exact: ti.template(),
-    footprint: ti.template(),
+    materials: Template,
+    textures: Template,
+    surface: Template,
+    exact: Template,
+    footprint: Template,
     inputs: ti.i32,
 ):
     """`material_at`, or where exact is 0, what one path sees of the footprint: the mean over paths is right."""
@@ -224,9 +219,9 @@ def material_about(
 
 @ti.func
 def shaded_material_at(
-    materials: ti.template(),
-    textures: ti.template(),
-    surface: ti.template(),
+    materials: Template,
+    textures: Template,
+    surface: Template,
     direction: vec3,
     width: ti.f32,
     key: ti.u32,
@@ -249,7 +244,7 @@ def shaded_material_at(
 
 
 @ti.func
-def shading_normal(surface: ti.template(), point: ti.template(), wo: vec3) -> vec3:
+def shading_normal(surface: Template, point: Template, wo: vec3) -> vec3:
     """The surface's normal after the normal map, bent where need be so that wo is above it."""
     n = surface.normal
     if point.normal.z < 1.0:
@@ -270,7 +265,7 @@ def shading_normal(surface: ti.template(), point: ti.template(), wo: vec3) -> ve
 
 
 @ti.func
-def is_mirror_like(point: ti.template()):
+def is_mirror_like(point: Template):
     """Whether one sees other things in it rather than itself: 1 or 0."""
     sharp = point.roughness < MIRROR_ROUGHNESS
     clear = (point.flags & GLASS) != 0 and point.opacity < 0.5

@@ -9,6 +9,7 @@ singular one, so that every direction has a finite density. All lobes together r
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3, vec4
 from tiscene.render.bsdfs import clearcoat, diffuse, glass, specular
 from tiscene.render.bsdfs.closure import (
     COAT_F0,
@@ -24,16 +25,12 @@ from tiscene.render.bsdfs.energy_tables import SMALLEST_ALPHA
 from tiscene.render.sampling import warp
 from tiscene.scene.material_table import COATED, GLASS, MATTE, SPECULAR_WORKFLOW
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
-
 # Each has sample(closure, u) and evaluate(closure, energy, wi). A new lobe is a file, a name here and its chance below.
 LOBES = (diffuse, specular, clearcoat, glass)
 
 
 @ti.func
-def closure_at(point: ti.template(), energy: ti.template(), wo: vec3, front: ti.i32):
+def closure_at(point: Template, energy: Template, wo: vec3, front: ti.i32):
     """The lobes of a material for one outgoing direction in the shading frame, wo.z > 0."""
     metal = point.metallic
     c = Closure(wo=wo, chances=vec4(1.0, 0.0, 0.0, 0.0), roughness=point.roughness, diffuse=point.diffuse_color)
@@ -87,14 +84,14 @@ def closure_at(point: ti.template(), energy: ti.template(), wo: vec3, front: ti.
 
 
 @ti.func
-def evaluate(c: ti.template(), energy: ti.template(), wi: vec3) -> vec4:
+def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
     """(f |cos|, density of `sample`) of all lobes for a direction in the shading frame."""
     value, _ = evaluate_parted(c, energy, wi)
     return value
 
 
 @ti.func
-def evaluate_parted(c: ti.template(), energy: ti.template(), wi: vec3):
+def evaluate_parted(c: Template, energy: Template, wi: vec3):
     """`evaluate`, and the part of it that is the diffuse lobe's, 0..1."""
     result, diffuse_part = vec4(0.0), 0.0
     for k in ti.static(range(len(LOBES))):
@@ -108,7 +105,7 @@ def evaluate_parted(c: ti.template(), energy: ti.template(), wi: vec3):
 
 
 @ti.func
-def sample(c: ti.template(), u: vec3) -> vec3:
+def sample(c: Template, u: vec3) -> vec3:
     """A direction in the shading frame. u.z chooses the lobe."""
     lobe, rest, low = 0, u.z, 0.0
     for k in ti.static(range(len(LOBES))):
@@ -140,13 +137,13 @@ def frame_of(n: vec3):
 
 
 @ti.func
-def to_frame(frame: ti.template(), w: vec3) -> vec3:
+def to_frame(frame: Template, w: vec3) -> vec3:
     """A world direction in the frame."""
     return vec3(frame.s.dot(w), frame.t.dot(w), frame.n.dot(w))
 
 
 @ti.func
-def from_frame(frame: ti.template(), w: vec3) -> vec3:
+def from_frame(frame: Template, w: vec3) -> vec3:
     """A direction in the frame, in the world."""
     return frame.s * w.x + frame.t * w.y + frame.n * w.z
 
@@ -164,9 +161,7 @@ class Scattering:
 
 
 @ti.func
-def scatter(
-    surface: ti.template(), point: ti.template(), energy: ti.template(), normal: vec3, wo: vec3, light: vec3, u: vec3
-):
+def scatter(surface: Template, point: Template, energy: Template, normal: vec3, wo: vec3, light: vec3, u: vec3):
     """Evaluate a direction towards a light and sample one by the material: a Scattering.
 
     normal: `shading_normal`. u: two numbers for the direction, one that chooses the lobe.

@@ -13,9 +13,9 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import Bytes3, Floats1, Floats3, Template, vec3
 from tiscene.scene.color import decode_srgb, encode_srgb
 
-vec3 = ti.math.vec3
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 GREY = 0.18
@@ -63,7 +63,7 @@ CODE_OF_DISPLAY = _table(lambda values: 255.0 * encode_srgb(values), DISPLAY_FRO
 
 
 @ti.func
-def looked_up(table: ti.template(), first: ti.template(), value: ti.f32) -> ti.f32:
+def looked_up(table: Template, first: Template, value: ti.f32) -> ti.f32:
     """Between the values of a table that begins at 2 ** first. A float's bits count the steps: exponent, then part."""
     below = 23 - STEPS_LOG2
     bits = ti.bit_cast(value, ti.i32) - ((127 + first) << 23)
@@ -74,11 +74,11 @@ def looked_up(table: ti.template(), first: ti.template(), value: ti.f32) -> ti.f
 
 @ti.kernel
 def _tone_map(
-    hdr: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    hdr: Floats3,
     gain: ti.f32,
-    display_of_scene: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    code_of_display: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    rgb: ti.types.ndarray(dtype=ti.u8, ndim=3),
+    display_of_scene: Floats1,
+    code_of_display: Floats1,
+    rgb: Bytes3,
 ):
     for y, x in ti.ndrange(hdr.shape[0], hdr.shape[1]):
         scene = vec3(0.0)

@@ -9,9 +9,9 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-vec3 = ti.math.vec3
+from tiscene.device.kernel_types import Floats3, Template, vec3
+
 FloatImage = NDArray[np.float32]
-Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 FLOOR = 0.08  # added to every albedo: what shines on black is not diffuse
 ANY = 1e-5  # the weight, of all, that a neighbor of quite another kind has
@@ -60,13 +60,19 @@ def upsample(
 
 
 @ti.func
-def read(image: ti.template(), y: ti.i32, x: ti.i32) -> vec3:
+def read(image: Template, y: ti.i32, x: ti.i32) -> vec3:
     return vec3(image[y, x, 0], image[y, x, 1], image[y, x, 2])
 
 
 @ti.kernel
 def _light(
-    radiance: Image, albedo: Image, normal: Image, downscale: ti.i32, reached: Image, white: Image, coarse: Image
+    radiance: Floats3,
+    albedo: Floats3,
+    normal: Floats3,
+    downscale: ti.i32,
+    reached: Floats3,
+    white: Floats3,
+    coarse: Floats3,
 ):
     height, width = radiance.shape[0], radiance.shape[1]
     for y, x in ti.ndrange(reached.shape[0], reached.shape[1]):
@@ -94,14 +100,14 @@ def spline(offset: ti.f32) -> vec3:
 
 @ti.kernel
 def _upsample(
-    light: Image,
-    normal: Image,
-    full_albedo: Image,
-    full_normal: Image,
+    light: Floats3,
+    normal: Floats3,
+    full_albedo: Floats3,
+    full_normal: Floats3,
     scale: ti.f32,
     first_y: ti.f32,
     first_x: ti.f32,
-    radiance: Image,
+    radiance: Floats3,
 ):
     """first_y, first_x: where in the smaller picture the first pixel's center is."""
     height, width = full_albedo.shape[0], full_albedo.shape[1]

@@ -2,13 +2,8 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id, ray_direction, ray_origin
-
-Table = ti.types.ndarray(ti.f32, 2)
-Matrices = ti.types.ndarray(ti.f32, 3)
-Ids = ti.types.ndarray(ti.i32, 2)
-Queue = ti.types.ndarray(ti.i32, 1)
-vec3 = ti.math.vec3
 
 STACK = 72  # a BLAS needs 48 entries at most, a TLAS 24 (scene/bvh.py)
 SLACK = 1.000002
@@ -17,13 +12,13 @@ LARGEST = 3e38
 
 
 @ti.func
-def reciprocal(d: ti.template()):
+def reciprocal(d: Template):
     """1 / d by component, finite also for 0, so that 0 * infinity does not arise."""
     return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
 
 
 @ti.func
-def enter_box(nodes: ti.template(), node: ti.i32, at: ti.template(), origin, inverse, best: ti.f32) -> ti.f32:
+def enter_box(nodes: Template, node: ti.i32, at: Template, origin, inverse, best: ti.f32) -> ti.f32:
     """Distance at which a ray enters the box at column `at` of a node, infinity if it does not."""
     low = (vec3(nodes[node, at], nodes[node, at + 1], nodes[node, at + 2]) - origin) * inverse
     high = (vec3(nodes[node, at + 3], nodes[node, at + 4], nodes[node, at + 5]) - origin) * inverse
@@ -33,7 +28,7 @@ def enter_box(nodes: ti.template(), node: ti.i32, at: ti.template(), origin, inv
 
 
 @ti.func
-def hit_triangle(rows: ti.template(), at: ti.i32, o, k, sheared):
+def hit_triangle(rows: Template, at: ti.i32, o, k, sheared):
     """Distance (infinity for a miss) and barycentrics b1, b2; operation for operation what wide.hit_pack does."""
     ax = rows[at, k[0]] - o.x
     ay = rows[at, k[1]] - o.y
@@ -71,7 +66,7 @@ def shear(o, d):
 
 
 @ti.func
-def affine(transforms: ti.template(), time: ti.i32, row: ti.i32, v, w: ti.f32):
+def affine(transforms: Template, time: ti.i32, row: ti.i32, v, w: ti.f32):
     """A transformed point (w = 1) or direction (w = 0)."""
     result = vec3(0.0)
     for i in ti.static(range(3)):
@@ -83,16 +78,16 @@ def affine(transforms: ti.template(), time: ti.i32, row: ti.i32, v, w: ti.f32):
 
 @ti.func
 def trace(
-    nodes: ti.template(),
-    packs: ti.template(),
-    transforms: ti.template(),
-    instances: ti.template(),
+    nodes: Template,
+    packs: Template,
+    transforms: Template,
+    instances: Template,
     time: ti.i32,
     root: ti.i32,
     only: ti.i32,
-    rays: ti.template(),
+    rays: Template,
     ray: ti.i32,
-    any_hit: ti.template(),
+    any_hit: Template,
 ):
     """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
 
@@ -180,14 +175,14 @@ def trace(
 
 @ti.kernel
 def closest(
-    nodes: Table,
-    packs: Table,
-    transforms: Matrices,
-    instances: Ids,
+    nodes: Floats2,
+    packs: Floats2,
+    transforms: Floats3,
+    instances: Ints2,
     time: ti.i32,
     root: ti.i32,
     rays: Rays,
-    queue: Queue,
+    queue: Ints1,
     count: ti.i32,
     hits: Hits,
     hit_ids: HitIds,
@@ -204,18 +199,18 @@ def closest(
 
 @ti.kernel
 def occluded(
-    nodes: Table,
-    packs: Table,
-    transforms: Matrices,
-    instances: Ids,
+    nodes: Floats2,
+    packs: Floats2,
+    transforms: Floats3,
+    instances: Ints2,
     time: ti.i32,
     root: ti.i32,
     rays: Rays,
-    queue: Queue,
+    queue: Ints1,
     count: ti.i32,
-    targets: Queue,
+    targets: Ints1,
     targeted: ti.i32,
-    result: Queue,
+    result: Ints1,
 ):
     ti.loop_config(block_dim=256)
     for i in range(count):

@@ -7,17 +7,9 @@ out by more than that error: what a box holds is never lost to rounding (Ize 201
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float4, float8, int8
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
 from tiscene.scene.bvh.rebraid import INFO_PARTS, ROW_BITS, ROW_MASK
-
-vec8 = ti.types.vector(8, ti.f32)
-ivec8 = ti.types.vector(8, ti.i32)
-vec4 = ti.types.vector(4, ti.f32)
-Wide = ti.types.ndarray(vec8, 1)
-Packs = ti.types.ndarray(vec4, 1)
-Matrices = ti.types.ndarray(ti.f32, 3)
-Ids = ti.types.ndarray(ti.i32, 2)
-Queue = ti.types.ndarray(ti.i32, 1)
 
 BLOCK = 32  # rays of one thread that share a stack: Taichi clears it where it is made
 MANY = 1 << 11  # Taichi gives a thread 512 turns of a loop at least
@@ -41,7 +33,7 @@ def smaller(a, b):
 @ti.func
 def bits_of(condition) -> ti.i32:
     """A bit for each of eight numbers for which a comparison holds, the first the lowest."""
-    bits = ti.select(condition, ivec8([1, 2, 4, 8, 16, 32, 64, 128]), ivec8(0))
+    bits = ti.select(condition, int8([1, 2, 4, 8, 16, 32, 64, 128]), int8(0))
     return bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]
 
 
@@ -59,7 +51,7 @@ def reciprocal(d: ti.f32) -> ti.f32:
 
 
 @ti.func
-def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz):
+def hit_pack(packs: Template, at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz):
     """Distances (infinity for a miss) and barycentrics b1, b2 of the four triangles of a pack.
 
     Vertices are sheared so that the ray is the z axis; ox, oy, oz, kx, ky, kz, shx, shy, shz as `shear` says. Without
@@ -84,10 +76,10 @@ def hit_pack(packs: ti.template(), at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i3
     # Of the vertices' distances, so that rounding keeps it between them. That to the plane is no more exact where a
     # triangle is wide, and dearer: that rays start far enough off a wide surface is what `reach` in surface.py is for.
     z = (u * az + v * bz + w * cz) * scale
-    t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, vec4(INFINITY))
-    within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, vec4(INFINITY))
+    t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, float4(INFINITY))
+    within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, float4(INFINITY))
     within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
-    return ti.select(within > 0.0, within, vec4(INFINITY)), v * scale, w * scale
+    return ti.select(within > 0.0, within, float4(INFINITY)), v * scale, w * scale
 
 
 @ti.func
@@ -119,7 +111,7 @@ def shear(ox: ti.f32, oy: ti.f32, oz: ti.f32, dx: ti.f32, dy: ti.f32, dz: ti.f32
 
 
 @ti.func
-def into_instance(transforms: ti.template(), time: ti.i32, row: ti.i32, ox, oy, oz, dx, dy, dz):
+def into_instance(transforms: Template, time: ti.i32, row: ti.i32, ox, oy, oz, dx, dy, dz):
     """Origin and direction in the space of an instance; t stays what it is."""
     m0 = transforms[time, row, 0]
     m1 = transforms[time, row, 1]
@@ -145,16 +137,16 @@ def into_instance(transforms: ti.template(), time: ti.i32, row: ti.i32, ox, oy, 
 
 @ti.func
 def trace(
-    nodes: ti.template(),
-    packs: ti.template(),
-    transforms: ti.template(),
-    instances: ti.template(),
+    nodes: Template,
+    packs: Template,
+    transforms: Template,
+    instances: Template,
     time: ti.i32,
     root: ti.i32,
-    rays: ti.template(),
+    rays: Template,
     ray: ti.i32,
-    references: ti.template(),
-    distances: ti.template(),
+    references: Template,
+    distances: Template,
 ):
     """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
 
@@ -191,13 +183,13 @@ def trace(
             node = current
             near = larger(
                 larger((nodes[node + near_x] - ox) * ix, (nodes[node + near_y] - oy) * iy),
-                larger((nodes[node + near_z] - oz) * iz, vec8(0.0)),
+                larger((nodes[node + near_z] - oz) * iz, float8(0.0)),
             )
             far = smaller(
                 smaller((nodes[node + 3 - near_x] - ox) * fx, (nodes[node + 5 - near_y] - oy) * fy),
-                smaller((nodes[node + 7 - near_z] - oz) * fz, vec8(bound)),
+                smaller((nodes[node + 7 - near_z] - oz) * fz, float8(bound)),
             )
-            entry = ti.select(near <= far, near, vec8(INFINITY))
+            entry = ti.select(near <= far, near, float8(INFINITY))
             nearest = INFINITY
             found = False
             for k in ti.static(range(8)):
@@ -272,14 +264,14 @@ def trace(
 
 @ti.kernel
 def closest(
-    nodes: Wide,
-    packs: Packs,
-    transforms: Matrices,
-    instances: Ids,
+    nodes: Float8s1,
+    packs: Float4s1,
+    transforms: Floats3,
+    instances: Ints2,
     time: ti.i32,
     root: ti.i32,
     rays: Rays,
-    queue: Queue,
+    queue: Ints1,
     count: ti.i32,
     hits: Hits,
     hit_ids: HitIds,

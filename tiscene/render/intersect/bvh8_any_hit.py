@@ -8,16 +8,12 @@ others take their steps. What is no node, a leaf or an end, is seen to ray by ra
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
 from tiscene.render.intersect.bvh8 import (
     LARGEST,
     MANY,
     SLACK,
     STACK,
-    Ids,
-    Matrices,
-    Packs,
-    Queue,
-    Wide,
     bits_of,
     entry_column,
     hit_pack,
@@ -26,7 +22,6 @@ from tiscene.render.intersect.bvh8 import (
     reciprocal,
     shear,
     smaller,
-    vec8,
 )
 from tiscene.render.intersect.ray_queue import Rays
 from tiscene.scene.bvh.layout_kernels import END_OF_INSTANCE, END_OF_RAY, GUARD_NODE, MOST_NODES
@@ -53,14 +48,14 @@ INTS = 8
 
 
 @ti.func
-def put(array: ti.template(), at: ti.i32, x, y, z):
+def put(array: Template, at: ti.i32, x, y, z):
     array[at] = x
     array[at + 1] = y
     array[at + 2] = z
 
 
 @ti.func
-def next_child(nodes: ti.template(), groups: ti.template(), top: ti.i32):
+def next_child(nodes: Template, groups: Template, top: ti.i32):
     """Take the lowest child out of the group at `top`: its reference, and where the topmost group is then."""
     group = groups[top]
     bit = group & (256 - group) & 255
@@ -72,18 +67,18 @@ def next_child(nodes: ti.template(), groups: ti.template(), top: ti.i32):
 
 @ti.kernel
 def occluded(
-    nodes: Wide,
-    packs: Packs,
-    transforms: Matrices,
-    instances: Ids,
+    nodes: Float8s1,
+    packs: Float4s1,
+    transforms: Floats3,
+    instances: Ints2,
     time: ti.i32,
     root: ti.i32,
     rays: Rays,
-    queue: Queue,
+    queue: Ints1,
     count: ti.i32,
-    targets: Queue,
+    targets: Ints1,
     targeted: ti.i32,
-    result: Queue,
+    result: Ints1,
 ):
     size = ti.math.clamp(count // MANY, 1, BLOCK)
     for block in range((count + size - 1) // size):
@@ -112,11 +107,11 @@ def occluded(
                 high_z = (nodes[node + 5] - floats[f + ORIGIN + 2]) * floats[f + INVERSE + 2]
                 near = larger(
                     larger(smaller(low_x, high_x), smaller(low_y, high_y)),
-                    larger(smaller(low_z, high_z), vec8(0.0)),
+                    larger(smaller(low_z, high_z), float8(0.0)),
                 )
                 far = smaller(
                     smaller(larger(low_x, high_x), larger(low_y, high_y)),
-                    smaller(larger(low_z, high_z), smaller(nodes[node + 7], vec8(floats[f + T_MAX]))),
+                    smaller(larger(low_z, high_z), smaller(nodes[node + 7], float8(floats[f + T_MAX]))),
                 )
                 children = bits_of(near <= far * SLACK)
                 groups[top + 1] = node * 32 + children

@@ -8,21 +8,8 @@ ray.
 
 import taichi as ti
 
-from tiscene.render.intersect.bvh8 import (
-    INFINITY,
-    LARGEST,
-    STACK,
-    Ids,
-    Matrices,
-    Packs,
-    Queue,
-    Wide,
-    entry_column,
-    larger,
-    smaller,
-    trace,
-    vec8,
-)
+from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
+from tiscene.render.intersect.bvh8 import INFINITY, LARGEST, STACK, entry_column, larger, smaller, trace
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
 from tiscene.scene.bvh.rebraid import ROW_MASK
 
@@ -52,7 +39,7 @@ def interval(center: ti.f32, radius: ti.f32):
 
 
 @ti.func
-def matrix_row(transforms: ti.template(), time: ti.i32, instance: ti.i32, first: ti.template()):
+def matrix_row(transforms: Template, time: ti.i32, instance: ti.i32, first: Template):
     return (
         transforms[time, instance, first],
         transforms[time, instance, first + 1],
@@ -73,14 +60,14 @@ def greatest_of(v):
 
 @ti.kernel
 def closest(
-    nodes: Wide,
-    packs: Packs,
-    transforms: Matrices,
-    instances: Ids,
+    nodes: Float8s1,
+    packs: Float4s1,
+    transforms: Floats3,
+    instances: Ints2,
     time: ti.i32,
     root: ti.i32,
     rays: Rays,
-    queue: Queue,
+    queue: Ints1,
     count: ti.i32,
     hits: Hits,
     hit_ids: HitIds,
@@ -140,16 +127,16 @@ def closest(
                     c = nodes[node + near_z] - oz
                     near = larger(
                         larger(smaller(a * lx, a * mx), smaller(b * ly, b * my)),
-                        larger(smaller(c * lz, c * mz), vec8(0.0)),
+                        larger(smaller(c * lz, c * mz), float8(0.0)),
                     )
                     a = nodes[node + 3 - near_x] - ox
                     b = nodes[node + 5 - near_y] - oy
                     c = nodes[node + 7 - near_z] - oz
                     far = smaller(
                         smaller(larger(a * lx, a * mx) * LOOSE + jx, larger(b * ly, b * my) * LOOSE + jy),
-                        smaller(larger(c * lz, c * mz) * LOOSE + jz, vec8(bound)),
+                        smaller(larger(c * lz, c * mz) * LOOSE + jz, float8(bound)),
                     )
-                    entry = ti.select(near <= far, near, vec8(INFINITY))
+                    entry = ti.select(near <= far, near, float8(INFINITY))
                     nearest = INFINITY
                     found = False
                     for k in ti.static(range(8)):

@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import Template
 from tiscene.render.sampling.sobol import pixel_order
 
 _TILE = 8
@@ -24,18 +25,18 @@ ROW, PLACE = 0, 1  # of a pixel: y * width + x, and where it stands in `pixel_or
 
 
 @ti.func
-def write_ray(rays: ti.template(), row: ti.i32, origin: ti.math.vec3, direction: ti.math.vec3, t_max: ti.f32):
+def write_ray(rays: Template, row: ti.i32, origin: ti.math.vec3, direction: ti.math.vec3, t_max: ti.f32):
     """A row of an array of rays, as tiscene.render.intersect takes them."""
     rays[row] = ray(origin.x, origin.y, origin.z, 0.0, direction.x, direction.y, direction.z, t_max)
 
 
 @ti.func
-def ray_origin(rays: ti.template(), row: ti.i32) -> ti.math.vec3:
+def ray_origin(rays: Template, row: ti.i32) -> ti.math.vec3:
     return ti.math.vec3(rays[row][0], rays[row][1], rays[row][2])
 
 
 @ti.func
-def ray_direction(rays: ti.template(), row: ti.i32) -> ti.math.vec3:
+def ray_direction(rays: Template, row: ti.i32) -> ti.math.vec3:
     return ti.math.vec3(rays[row][4], rays[row][5], rays[row][6])
 
 

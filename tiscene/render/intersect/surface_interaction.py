@@ -8,9 +8,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-vec4 = ti.math.vec4
+from tiscene.device.kernel_types import Template, vec2, vec3, vec4
 
 INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART, INFO_MOVED = range(1, 8)
 INFO_COLORS = 8
@@ -18,12 +16,6 @@ HAS_NORMALS, HAS_UV, HAS_COLORS = 1, 2, 8
 
 # How far a new ray starts from the surface it leaves, as a part of the surface's `reach`: some 80 steps of a float.
 OFFSET = 1e-5
-
-FLOATS_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
-FLOATS_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
-FLOATS_3D = ti.types.ndarray(dtype=ti.f32, ndim=3)
-INTS_1D = ti.types.ndarray(dtype=ti.i32, ndim=1)
-INTS_2D = ti.types.ndarray(dtype=ti.i32, ndim=2)
 
 
 class Geometry(NamedTuple):
@@ -64,13 +56,13 @@ class VisibleSurface:
 
 
 @ti.func
-def row3(array: ti.template(), row: ti.i32) -> vec3:
+def row3(array: Template, row: ti.i32) -> vec3:
     """The first three columns of a row."""
     return vec3(array[row, 0], array[row, 1], array[row, 2])
 
 
 @ti.func
-def transform_point(matrices: ti.template(), time: ti.i32, row: ti.i32, p: vec3) -> vec3:
+def transform_point(matrices: Template, time: ti.i32, row: ti.i32, p: vec3) -> vec3:
     """A point by the 3x4 matrix [time, row] of an array [3, n, 12]."""
     return vec3(
         matrices[time, row, 0] * p.x + matrices[time, row, 1] * p.y + matrices[time, row, 2] * p.z
@@ -83,7 +75,7 @@ def transform_point(matrices: ti.template(), time: ti.i32, row: ti.i32, p: vec3)
 
 
 @ti.func
-def transform_vector(matrices: ti.template(), time: ti.i32, row: ti.i32, v: vec3) -> vec3:
+def transform_vector(matrices: Template, time: ti.i32, row: ti.i32, v: vec3) -> vec3:
     """A direction by the 3x3 part of the matrix [time, row]."""
     return vec3(
         matrices[time, row, 0] * v.x + matrices[time, row, 1] * v.y + matrices[time, row, 2] * v.z,
@@ -93,7 +85,7 @@ def transform_vector(matrices: ti.template(), time: ti.i32, row: ti.i32, v: vec3
 
 
 @ti.func
-def transform_normal(inverses: ti.template(), time: ti.i32, row: ti.i32, n: vec3) -> vec3:
+def transform_normal(inverses: Template, time: ti.i32, row: ti.i32, n: vec3) -> vec3:
     """A normal by the transpose of the inverse [time, row]; outward stays outward under a mirror. Not normalized."""
     return vec3(
         inverses[time, row, 0] * n.x + inverses[time, row, 4] * n.y + inverses[time, row, 8] * n.z,
@@ -113,15 +105,15 @@ def unit_or(v: vec3, otherwise: vec3) -> vec3:
 
 
 @ti.func
-def moved_by(instance_info: ti.template(), instance: ti.i32, time: ti.i32) -> ti.i32:
+def moved_by(instance_info: Template, instance: ti.i32, time: ti.i32) -> ti.i32:
     """How far behind their rows in `triangle_vertices` the vertices are of a mesh that deforms, at a time; else 0."""
     return (time + 2) % 3 * instance_info[instance, INFO_MOVED]
 
 
 @ti.func
 def object_point_at(
-    vertex_position: ti.template(),
-    triangle_vertices: ti.template(),
+    vertex_position: Template,
+    triangle_vertices: Template,
     triangle: ti.i32,
     b1: ti.f32,
     b2: ti.f32,
@@ -136,7 +128,7 @@ def object_point_at(
 
 @ti.func
 def surface_at(
-    geometry: ti.template(), instance: ti.i32, triangle: ti.i32, b1: ti.f32, b2: ti.f32, time: ti.i32, direction: vec3
+    geometry: Template, instance: ti.i32, triangle: ti.i32, b1: ti.f32, b2: ti.f32, time: ti.i32, direction: vec3
 ):
     """What a ray of that direction met at the point (1-b1-b2, b1, b2) of a triangle: a VisibleSurface.
 
@@ -216,7 +208,7 @@ def surface_at(
 
 
 @ti.func
-def offset_origin(surface: ti.template(), direction: vec3) -> vec3:
+def offset_origin(surface: Template, direction: vec3) -> vec3:
     """Where a ray that leaves a surface in that direction starts, so that it does not meet the surface again."""
     side = 1.0
     if surface.geometric_normal.dot(direction) < 0.0:

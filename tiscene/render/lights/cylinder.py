@@ -6,12 +6,10 @@ it: the density is bounded wherever the observer is (cf. Kulla and Fajardo's equ
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights.light_sample import axis, color, from_light, no_sample, to_light
 from tiscene.render.sampling import warp
 from tiscene.scene.lights.light_table import SIZE
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
 
 
 @ti.func
@@ -31,7 +29,7 @@ def angle_along(low: ti.f32, high: ti.f32, away: ti.f32) -> ti.f32:
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
     """A direction from `origin` to the light: a LightSample."""
     values = ti.static(lights.values)
     result = no_sample()
@@ -58,7 +56,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample` for a direction that meets the light at that distance."""
     values = ti.static(lights.values)
     radius, length = values[row, SIZE], values[row, SIZE + 1]
@@ -74,7 +72,7 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
 
 
 @ti.func
-def normal_at(values: ti.template(), row: ti.i32, point: vec3) -> vec3:
+def normal_at(values: Template, row: ti.i32, point: vec3) -> vec3:
     """Outwards from the axis at a point of the side."""
     offset = point - axis(values, row, 3)
     along = axis(values, row, 0)
@@ -82,7 +80,7 @@ def normal_at(values: ti.template(), row: ti.i32, point: vec3) -> vec3:
 
 
 @ti.func
-def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Distance to the outside, +inf for a miss or from inside."""
     values = ti.static(lights.values)
     result = ti.math.inf
@@ -102,8 +100,6 @@ def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3)
 
 
 @ti.func
-def emitted(
-    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
-) -> vec3:
+def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Radiance from the light's point that a ray met."""
     return color(lights.values, row)

@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights import (
     cylinder,
     disk,
@@ -20,15 +21,12 @@ from tiscene.render.lights.light_sampler import chances_of, choose
 from tiscene.scene.lights.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
 from tiscene.scene.lights.light_tree import H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-
 # In the order of the kinds in tiscene.scene.lights.light_table. Each has sample, pdf, intersect, emitted. After them: `mesh`.
 LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), origin: vec3, normal: vec3, number: vec2):
+def sample(lights: Template, textures: Template, origin: vec3, normal: vec3, number: vec2):
     """A direction to some light: a LightSample. number: in [0, 1)^2. The densities are those of all ways to it.
 
     normal: of the surface, or 0 where light from all around counts.
@@ -65,9 +63,9 @@ def sample(lights: ti.template(), textures: ti.template(), origin: vec3, normal:
 
 @ti.func
 def other_ways(
-    lights: ti.template(),
-    weights: ti.template(),
-    faced: ti.template(),
+    lights: Template,
+    weights: Template,
+    faced: Template,
     count: ti.i32,
     scale: ti.f32,
     faced_scale: ti.f32,
@@ -97,8 +95,8 @@ def other_ways(
 
 @ti.func
 def pdf(
-    lights: ti.template(),
-    weights: ti.template(),
+    lights: Template,
+    weights: Template,
     count: ti.i32,
     scale: ti.f32,
     row: ti.i32,
@@ -128,7 +126,7 @@ def pdf(
 
 
 @ti.func
-def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Distance to the light of that row, +inf for a miss."""
     result = ti.math.inf
     kind = integer(lights.values, row, KIND)
@@ -140,8 +138,8 @@ def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3)
 
 @ti.func
 def emitted(
-    lights: ti.template(),
-    textures: ti.template(),
+    lights: Template,
+    textures: Template,
     row: ti.i32,
     origin: vec3,
     direction: vec3,

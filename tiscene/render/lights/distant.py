@@ -2,16 +2,14 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights.light_sample import FAR, axis, color, no_sample
 from tiscene.render.sampling import warp
 from tiscene.scene.lights.light_table import SIZE
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
     """A direction towards the light: a LightSample."""
     values = ti.static(lights.values)
     result = no_sample()
@@ -32,14 +30,14 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 
 
 @ti.func
-def is_seen(values: ti.template(), row: ti.i32, direction: vec3):
+def is_seen(values: Template, row: ti.i32, direction: vec3):
     """Whether a direction lies in the light's cone: 1 or 0. By the distance from the axis, which keeps its digits."""
     across = direction - axis(values, row, 2)
     return ti.cast(0.5 * across.dot(across) <= values[row, SIZE + 1] and values[row, SIZE + 1] > 0.0, ti.i32)
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample`."""
     result = 0.0
     if is_seen(lights.values, row, direction):
@@ -48,15 +46,13 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
 
 
 @ti.func
-def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Behind everything: +inf."""
     return ti.math.inf
 
 
 @ti.func
-def emitted(
-    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
-) -> vec3:
+def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Radiance from a direction that nothing blocks."""
     result = vec3(0.0)
     if is_seen(lights.values, row, direction):

@@ -8,6 +8,7 @@ import math
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights import image_sampling
 from tiscene.render.lights.light_sample import FAR, color, from_light, integer, no_sample, to_light
 from tiscene.render.sampling import warp
@@ -15,9 +16,6 @@ from tiscene.render.sampling.sobol import combine, mix
 from tiscene.render.texture_lookup import CLAMP, REPEAT, lookup_wrapped
 from tiscene.scene.lights.image_distribution import SMALL_HEIGHT, SMALL_WIDTH
 from tiscene.scene.lights.light_table import GRID, SMALL_COPY, TEXTURE
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
 
 # A path of this density, 1/sr, or more, makes out the pixels of the image.
 _SHARP = 100.0
@@ -30,7 +28,7 @@ def uv_of(w: vec3) -> vec2:
 
 
 @ti.func
-def per_steradian(lights: ti.template(), row: ti.i32, line: ti.i32) -> ti.f32:
+def per_steradian(lights: Template, row: ti.i32, line: ti.i32) -> ti.f32:
     """By what a density over the image's unit square is multiplied for one over directions, in a line of cells."""
     lines = integer(lights.values, row, GRID + 1)
     # The difference of the cosines of the line's edges, by the product formula.
@@ -39,7 +37,7 @@ def per_steradian(lights: ti.template(), row: ti.i32, line: ti.i32) -> ti.f32:
 
 
 @ti.func
-def arriving(lights: ti.template(), textures: ti.template(), row: ti.i32, direction: vec3, density: ti.f32) -> vec3:
+def arriving(lights: Template, textures: Template, row: ti.i32, direction: vec3, density: ti.f32) -> vec3:
     """Radiance from a direction. density: of the direction, 1/sr, which says how much detail matters; 0: all."""
     values = ti.static(lights.values)
     result = color(values, row)
@@ -62,7 +60,7 @@ def arriving(lights: ti.template(), textures: ti.template(), row: ti.i32, direct
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
     """A direction of the surroundings: a LightSample."""
     result = no_sample()
     result.distance = FAR
@@ -85,7 +83,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample`."""
     result = warp.sphere_pdf(direction)
     if lights.values[row, TEXTURE] >= 0.0:
@@ -98,14 +96,12 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
 
 
 @ti.func
-def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Behind everything: +inf."""
     return ti.math.inf
 
 
 @ti.func
-def emitted(
-    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
-) -> vec3:
+def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Radiance from a direction that nothing blocks, by the whole image."""
     return arriving(lights, textures, row, direction, 0.0)

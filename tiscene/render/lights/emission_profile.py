@@ -4,6 +4,7 @@ import math
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights import cylinder
 from tiscene.render.lights.light_sample import axis, to_light
 from tiscene.render.sampling import warp
@@ -21,12 +22,9 @@ from tiscene.scene.lights.light_table import (
     SPHERE,
 )
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-
 
 @ti.func
-def in_cone(values: ti.template(), row: ti.i32, cosine: ti.f32) -> ti.f32:
+def in_cone(values: Template, row: ti.i32, cosine: ti.f32) -> ti.f32:
     """1 within the cone, 0 outside, and the soft edge between. cosine: of the angle with the light's -z."""
     result = 1.0
     if cosine < values[row, CONE_EDGE + 2]:
@@ -41,7 +39,7 @@ def in_cone(values: ti.template(), row: ti.i32, cosine: ti.f32) -> ti.f32:
 
 
 @ti.func
-def normal_at(values: ti.template(), row: ti.i32, point: vec3, direction: vec3) -> vec3:
+def normal_at(values: Template, row: ti.i32, point: vec3, direction: vec3) -> vec3:
     """The normal of the light's surface. A point emits every way from a surface that faces that way."""
     kind = ti.cast(values[row, KIND], ti.i32)
     result = direction
@@ -55,7 +53,7 @@ def normal_at(values: ti.template(), row: ti.i32, point: vec3, direction: vec3) 
 
 
 @ti.func
-def scale(values: ti.template(), textures: ti.template(), row: ti.i32, point: vec3, direction: vec3) -> vec3:
+def scale(values: Template, textures: Template, row: ti.i32, point: vec3, direction: vec3) -> vec3:
     """By how much the shaping scales what a point of the light emits in a direction."""
     result = vec3(1.0)
     if values[row, SHAPED] > 0.0:

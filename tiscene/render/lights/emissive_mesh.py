@@ -6,6 +6,7 @@ It needs Lights with `geometry` and `materials`; kernels without them sample no 
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import Footprint, material_at
 from tiscene.render.intersect.surface_interaction import moved_by, row3, surface_at, transform_vector
 from tiscene.render.lights.light_sample import header, integer, no_sample, row_at
@@ -15,12 +16,9 @@ from tiscene.scene.lights.light_tree import H_END, H_ROWS
 from tiscene.scene.material_table import COVERAGE, EMISSIVE, OPACITY
 from tiscene.scene.placement import CURRENT
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-
 
 @ti.func
-def row_of(lights: ti.template(), instance: ti.i32) -> ti.i32:
+def row_of(lights: Template, instance: ti.i32) -> ti.i32:
     """The row of the light that an instance is, -1 for none."""
     low, high = header(lights.nodes, H_ROWS), header(lights.nodes, H_END)
     while high - low > 1:
@@ -33,7 +31,7 @@ def row_of(lights: ti.template(), instance: ti.i32) -> ti.i32:
 
 
 @ti.func
-def doubled_area(lights: ti.template(), instance: ti.i32, triangle: ti.i32) -> vec3:
+def doubled_area(lights: Template, instance: ti.i32, triangle: ti.i32) -> vec3:
     """The normal of a triangle in the world, as long as twice its area."""
     geometry = ti.static(lights.geometry)
     moved = moved_by(geometry.instance_info, instance, CURRENT)
@@ -45,7 +43,7 @@ def doubled_area(lights: ti.template(), instance: ti.i32, triangle: ti.i32) -> v
 
 
 @ti.func
-def emission_at(materials: ti.template(), textures: ti.template(), surface: ti.template()) -> vec3:
+def emission_at(materials: Template, textures: Template, surface: Template) -> vec3:
     """What a point of a surface emits, times how much of it is there."""
     point = material_at(materials, textures, surface, 1 << EMISSIVE | 1 << OPACITY, Footprint())
     there = point.opacity if point.flags & COVERAGE else 1.0
@@ -53,7 +51,7 @@ def emission_at(materials: ti.template(), textures: ti.template(), surface: ti.t
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, place: ti.i32, origin: vec3, u: vec2):
+def sample(lights: Template, textures: Template, row: ti.i32, place: ti.i32, origin: vec3, u: vec2):
     """A direction from `origin` to a triangle of the light, by its place: a LightSample."""
     result = no_sample()
     instance = integer(lights.values, row, INSTANCE)
@@ -74,9 +72,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, place: t
 
 
 @ti.func
-def pdf(
-    lights: ti.template(), row: ti.i32, triangle: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
-) -> ti.f32:
+def pdf(lights: Template, row: ti.i32, triangle: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample` for a direction that meets a triangle of the light at that distance."""
     at = integer(lights.values, row, DISTRIBUTION) + triangle - integer(lights.values, row, FIRST_TRIANGLE)
     place = ti.cast(lights.distribution[at], ti.i32)

@@ -2,10 +2,9 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2
 from tiscene.render.lights.light_sample import integer
 from tiscene.scene.lights.light_table import DISTRIBUTION, GRID
-
-vec2 = ti.math.vec2
 
 
 @ti.dataclass
@@ -18,7 +17,7 @@ class ImagePoint:
 
 
 @ti.func
-def interval(distribution: ti.template(), start: ti.i32, count: ti.i32, u: ti.f32) -> ti.i32:
+def interval(distribution: Template, start: ti.i32, count: ti.i32, u: ti.f32) -> ti.i32:
     """The i with cumulative[i] <= u < cumulative[i + 1], of `count` intervals whose cumulative begins at `start`."""
     low, high = 0, count
     while high - low > 1:
@@ -31,14 +30,14 @@ def interval(distribution: ti.template(), start: ti.i32, count: ti.i32, u: ti.f3
 
 
 @ti.func
-def within(distribution: ti.template(), at: ti.i32, u: ti.f32) -> ti.f32:
+def within(distribution: Template, at: ti.i32, u: ti.f32) -> ti.f32:
     """How far u is from one cumulative value to the next, 0..1."""
     low = distribution[at]
     return ti.math.clamp((u - low) / ti.max(distribution[at + 1] - low, 1e-30), 0.0, 1.0)
 
 
 @ti.func
-def density(lights: ti.template(), light: ti.i32, column: ti.i32, row: ti.i32) -> ti.f32:
+def density(lights: Template, light: ti.i32, column: ti.i32, row: ti.i32) -> ti.f32:
     """Of `sample` in a cell, over the unit square."""
     distribution = ti.static(lights.distribution)
     start = integer(lights.values, light, DISTRIBUTION)
@@ -50,7 +49,7 @@ def density(lights: ti.template(), light: ti.i32, column: ti.i32, row: ti.i32) -
 
 
 @ti.func
-def sample(lights: ti.template(), light: ti.i32, u: vec2):
+def sample(lights: Template, light: ti.i32, u: vec2):
     """An ImagePoint."""
     distribution = ti.static(lights.distribution)
     start = integer(lights.values, light, DISTRIBUTION)

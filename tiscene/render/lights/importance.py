@@ -8,10 +8,11 @@ import math
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, float8, vec3
 from tiscene.render.intersect.bvh8 import bits_of
 from tiscene.render.lights import emission_profile
 from tiscene.render.lights.lane_ops import eight, lowest, total_of
-from tiscene.render.lights.light_sample import attribute, axis, header, integer, lanes, of_member, of_node, row_at
+from tiscene.render.lights.light_sample import attribute, axis, header, integer, of_member, of_node, row_at
 from tiscene.scene.lights.light_table import SHADE_COLUMNS, SHADES
 from tiscene.scene.lights.light_tree import (
     BACK,
@@ -40,8 +41,6 @@ from tiscene.scene.lights.light_tree import (
     STRENGTH,
 )
 
-vec3 = ti.math.vec3
-
 # What a distant light that comes in by no portal counts for: it may come in elsewhere.
 _HIDDEN = 1e-6
 # The least cosine with which a surface is thought to see a light: it may be glossy, or larger than its middle.
@@ -52,13 +51,13 @@ _NEAR = 4.0
 
 
 @ti.func
-def of_entry(nodes: ti.template(), entry: ti.i32, which: ti.template()) -> ti.f32:
+def of_entry(nodes: Template, entry: ti.i32, which: Template) -> ti.f32:
     """One attribute of an entry; entries are counted from 0."""
     return of_member(nodes, LANES + entry, which)
 
 
 @ti.func
-def towards(nodes: ti.template(), node: ti.i32, origin: vec3):
+def towards(nodes: Template, node: ti.i32, origin: vec3):
     """(x, y, z) from a point to the center of each member of a node."""
     x = attribute(nodes, node, CENTRE) - origin.x
     y = attribute(nodes, node, CENTRE + 1) - origin.y
@@ -67,7 +66,7 @@ def towards(nodes: ti.template(), node: ti.i32, origin: vec3):
 
 
 @ti.func
-def given(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
+def given(lights: Template, node: ti.i32, origin: vec3) -> float8:
     """About the irradiance of each member of a node on a surface at `origin` that faces it."""
     nodes = ti.static(lights.nodes)
     x, y, z = towards(nodes, node, origin)
@@ -93,7 +92,7 @@ def given(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
 
 
 @ti.func
-def seen_by(nodes: ti.template(), node: ti.i32, origin: vec3, normal: vec3) -> lanes:
+def seen_by(nodes: Template, node: ti.i32, origin: vec3, normal: vec3) -> float8:
     """About the cosine at which a surface of a normal sees each member, a large one its nearer part; without a normal
     (0, 0, 0) 1."""
     x, y, z = towards(nodes, node, origin)
@@ -105,13 +104,13 @@ def seen_by(nodes: ti.template(), node: ti.i32, origin: vec3, normal: vec3) -> l
 
 
 @ti.func
-def affine(array: ti.template(), at: ti.i32, p: vec3) -> ti.f32:
+def affine(array: Template, at: ti.i32, p: vec3) -> ti.f32:
     """Of a point, by four numbers."""
     return array[at] * p.x + array[at + 1] * p.y + array[at + 2] * p.z + array[at + 3]
 
 
 @ti.func
-def comes_in(lights: ti.template(), entry: ti.i32, origin: vec3):
+def comes_in(lights: Template, entry: ti.i32, origin: vec3):
     """Whether a distant light shines on the point through a portal: 1 or 0; of a group of them 1."""
     result = 1
     row = ti.cast(of_entry(lights.nodes, entry, ROW), ti.i32)
@@ -129,7 +128,7 @@ def comes_in(lights: ti.template(), entry: ti.i32, origin: vec3):
 
 
 @ti.func
-def from_afar(lights: ti.template(), origin: vec3, weights: ti.template(), faced: ti.template(), faces: ti.template()):
+def from_afar(lights: Template, origin: vec3, weights: Template, faced: Template, faces: Template):
     """What distant lights and domes give, by what comes in through portals, as `weigh`.
 
     A sun that is behind a portal counts there as well: few points are, and it does no harm.
@@ -156,7 +155,7 @@ def from_afar(lights: ti.template(), origin: vec3, weights: ti.template(), faced
 
 
 @ti.func
-def near_groups(nodes: ti.template(), node: ti.i32, origin: vec3) -> ti.i32:
+def near_groups(nodes: Template, node: ti.i32, origin: vec3) -> ti.i32:
     """A bit for each member of a node that is a group and near."""
     x, y, z = towards(nodes, node, origin)
     return bits_of(_NEAR * attribute(nodes, node, SPREAD2) >= x * x + y * y + z * z + 1e-12)
@@ -164,12 +163,12 @@ def near_groups(nodes: ti.template(), node: ti.i32, origin: vec3) -> ti.i32:
 
 @ti.func
 def weigh(
-    lights: ti.template(),
+    lights: Template,
     origin: vec3,
     normal: vec3,
-    weights: ti.template(),
-    faced: ti.template(),
-    faces: ti.template(),
+    weights: Template,
+    faced: Template,
+    faces: Template,
 ):
     """What every entry gives at a point to a surface that faces it, to `weights`, and if `faces` to one of a normal, to
     `faced`; both have room for MOST_ENTRIES.

@@ -3,11 +3,12 @@ so that a light hides what is behind it however a path gets there."""
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, float8, vec3
 from tiscene.render.intersect.bvh8 import bits_of, larger, slabs, smaller
 from tiscene.render.lights import dispatch, emissive_mesh
 from tiscene.render.lights.importance import weigh
 from tiscene.render.lights.lane_ops import lowest
-from tiscene.render.lights.light_sample import header, lanes
+from tiscene.render.lights.light_sample import header
 from tiscene.scene.lights.light_bvh import EIGHT_ROWS, EIGHTS, MEMBER
 from tiscene.scene.lights.light_table import ON_DIFFUSE, ON_INDIRECT, ON_SPECULAR, SHADOWLESS
 from tiscene.scene.lights.light_tree import (
@@ -19,8 +20,6 @@ from tiscene.scene.lights.light_tree import (
     LANES,
     MOST_ENTRIES,
 )
-
-vec3 = ti.math.vec3
 
 # A light that lies on a surface wins over it, by this part of the distance.
 LIGHT_FRONT = 1e-4
@@ -36,7 +35,7 @@ def power_heuristic(a, b):
 
 
 @ti.func
-def response(values: ti.template(), row: ti.i32, diffuse_part: ti.f32, depth: ti.i32) -> ti.f32:
+def response(values: Template, row: ti.i32, diffuse_part: ti.f32, depth: ti.i32) -> ti.f32:
     """How much of a light a scattering at the depth-th surface of a path reflects, by the light's multipliers."""
     result = values[row, ON_DIFFUSE] * diffuse_part + values[row, ON_SPECULAR] * (1.0 - diffuse_part)
     if depth > 1:
@@ -45,20 +44,20 @@ def response(values: ti.template(), row: ti.i32, diffuse_part: ti.f32, depth: ti
 
 
 @ti.func
-def nearest_light(lights: ti.template(), origin: vec3, direction: vec3, surface_distance: ti.f32):
+def nearest_light(lights: Template, origin: vec3, direction: vec3, surface_distance: ti.f32):
     """(row, distance) of the light that a ray meets before the surface; row -1 for none."""
     return first_met(lights, -1, origin, direction, surface_distance * (1.0 + LIGHT_FRONT))
 
 
 @ti.func
-def another_blocks(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
+def another_blocks(lights: Template, row: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
     """Whether a ray towards the light of a row meets another one on its way: 1 or 0."""
     blocking, _ = first_met(lights, row, origin, direction, reach)
     return ti.cast(blocking >= 0, ti.i32)
 
 
 @ti.func
-def first_met(lights: ti.template(), but: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
+def first_met(lights: Template, but: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
     """(row, distance) of the light that a ray meets before `reach`, any but that of the row `but`; row -1 for none."""
     nodes = ti.static(lights.nodes)
     row, nearest = -1, reach
@@ -78,11 +77,11 @@ def first_met(lights: ti.template(), but: ti.i32, origin: vec3, direction: vec3,
                 at = node + EIGHT_ROWS * eight
                 near = larger(
                     larger((nodes[at + near_x] - origin.x) * ix, (nodes[at + near_y] - origin.y) * iy),
-                    larger((nodes[at + near_z] - origin.z) * iz, lanes(0.0)),
+                    larger((nodes[at + near_z] - origin.z) * iz, float8(0.0)),
                 )
                 far = smaller(
                     smaller((nodes[at + 3 - near_x] - origin.x) * fx, (nodes[at + 5 - near_y] - origin.y) * fy),
-                    smaller((nodes[at + 7 - near_z] - origin.z) * fz, lanes(nearest)),
+                    smaller((nodes[at + 7 - near_z] - origin.z) * fz, float8(nearest)),
                 )
                 members |= bits_of(far >= near) << (LANES * eight)
         if members == 0:
@@ -108,8 +107,8 @@ def first_met(lights: ti.template(), but: ti.i32, origin: vec3, direction: vec3,
 
 @ti.func
 def seen_lights(
-    lights: ti.template(),
-    textures: ti.template(),
+    lights: Template,
+    textures: Template,
     light: ti.i32,
     instance: ti.i32,
     triangle: ti.i32,

@@ -4,13 +4,9 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, float8, vec3
 from tiscene.scene.lights.light_table import RADIANCE, TRANSFORM
 from tiscene.scene.lights.light_tree import LANE_BITS, LANES, ROW, ROWS
-
-vec3 = ti.math.vec3
-lanes = ti.types.vector(LANES, ti.f32)
-Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-LightNodes = ti.types.ndarray(lanes, 1)
 
 FAR = 1e30  # stands for infinity where a ray has to have an end
 
@@ -60,61 +56,61 @@ def no_sample():
 
 
 @ti.func
-def integer(array: ti.template(), row: ti.i32, column: ti.template()) -> ti.i32:
+def integer(array: Template, row: ti.i32, column: Template) -> ti.i32:
     """A whole number among floats."""
     return ti.cast(array[row, column], ti.i32)
 
 
 @ti.func
-def attribute(nodes: ti.template(), node: ti.i32, which: ti.template()) -> lanes:
+def attribute(nodes: Template, node: ti.i32, which: Template) -> float8:
     """One attribute of all members of a node of lights."""
     return nodes[ROWS * node + which]
 
 
 @ti.func
-def of_member(nodes: ti.template(), place: ti.i32, which: ti.template()) -> ti.f32:
+def of_member(nodes: Template, place: ti.i32, which: Template) -> ti.f32:
     """One attribute of a member."""
     return nodes[ROWS * (place >> LANE_BITS) + which][place & (LANES - 1)]
 
 
 @ti.func
-def row_at(nodes: ti.template(), place: ti.i32) -> ti.i32:
+def row_at(nodes: Template, place: ti.i32) -> ti.i32:
     """The light of a member."""
     return ti.cast(of_member(nodes, place, ROW), ti.i32)
 
 
 @ti.func
-def of_node(nodes: ti.template(), node: ti.i32, column: ti.template()) -> ti.f32:
+def of_node(nodes: Template, node: ti.i32, column: Template) -> ti.f32:
     """What a node knows of itself; of the header any column."""
     return nodes[ROWS * node + column // LANES][column % LANES]
 
 
 @ti.func
-def header(nodes: ti.template(), column: ti.template()) -> ti.i32:
+def header(nodes: Template, column: Template) -> ti.i32:
     """A whole number of the header."""
     return ti.cast(of_node(nodes, 0, column), ti.i32)
 
 
 @ti.func
-def color(values: ti.template(), row: ti.i32) -> vec3:
+def color(values: Template, row: ti.i32) -> vec3:
     """The radiance before any texture (a point's intensity; a delta distant light's irradiance)."""
     return vec3(values[row, RADIANCE], values[row, RADIANCE + 1], values[row, RADIANCE + 2])
 
 
 @ti.func
-def axis(values: ti.template(), row: ti.i32, column: ti.i32) -> vec3:
+def axis(values: Template, row: ti.i32, column: ti.i32) -> vec3:
     """A column of world_from_light: 0, 1, 2 for its x, y, z axes, unit; 3 for its position."""
     at = TRANSFORM + column
     return vec3(values[row, at], values[row, at + 4], values[row, at + 8])
 
 
 @ti.func
-def from_light(values: ti.template(), row: ti.i32, w: vec3) -> vec3:
+def from_light(values: Template, row: ti.i32, w: vec3) -> vec3:
     """A direction in the light's axes, in the world."""
     return axis(values, row, 0) * w.x + axis(values, row, 1) * w.y + axis(values, row, 2) * w.z
 
 
 @ti.func
-def to_light(values: ti.template(), row: ti.i32, w: vec3) -> vec3:
+def to_light(values: Template, row: ti.i32, w: vec3) -> vec3:
     """A world direction in the light's axes."""
     return vec3(axis(values, row, 0).dot(w), axis(values, row, 1).dot(w), axis(values, row, 2).dot(w))

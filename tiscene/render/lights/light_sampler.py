@@ -2,28 +2,26 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, float8, vec2, vec3
 from tiscene.render.intersect.surface_interaction import transform_point
 from tiscene.render.lights.importance import given, of_entry, seen_by
 from tiscene.render.lights.lane_ops import eight, lane_of, picked, total_of
-from tiscene.render.lights.light_sample import attribute, header, integer, lanes, of_member, of_node, row_at
+from tiscene.render.lights.light_sample import attribute, header, integer, of_member, of_node, row_at
 from tiscene.scene.lights.light_table import INSTANCE, KIND, MESH, NODE, TREE
 from tiscene.scene.lights.light_tree import CHILD, COUNT, EVEN, H_LAMPS, H_NODES, LANE_BITS, LANES, PARENT
 from tiscene.scene.placement import CURRENT
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
 
 _BELOW_1 = 0.99999994
 
 
 @ti.func
-def in_mesh(lights: ti.template(), row: ti.i32, p: vec3) -> vec3:
+def in_mesh(lights: Template, row: ti.i32, p: vec3) -> vec3:
     """A point in the space of the mesh that is a light."""
     return transform_point(lights.geometry.instance_from_world, CURRENT, integer(lights.values, row, INSTANCE), p)
 
 
 @ti.func
-def shares(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
+def shares(lights: Template, node: ti.i32, origin: vec3) -> float8:
     """What each member of a node gives at a point, or 1 if none gives anything."""
     result = given(lights, node, origin)
     if total_of(result) <= 0.0:
@@ -33,7 +31,7 @@ def shares(lights: ti.template(), node: ti.i32, origin: vec3) -> lanes:
 
 
 @ti.func
-def member(lights: ti.template(), entry: ti.i32, entry_chances: vec2, u: ti.f32, origin: vec3, normal: vec3):
+def member(lights: Template, entry: ti.i32, entry_chances: vec2, u: ti.f32, origin: vec3, normal: vec3):
     """(row, its place, its chances, what is left of u) of one light of an entry by what each gives, and of one of its
     triangles. Chances: of being chosen, and were the surface to face every light."""
     nodes = ti.static(lights.nodes)
@@ -67,9 +65,9 @@ def member(lights: ti.template(), entry: ti.i32, entry_chances: vec2, u: ti.f32,
 
 @ti.func
 def choose(
-    lights: ti.template(),
-    weights: ti.template(),
-    faced: ti.template(),
+    lights: Template,
+    weights: Template,
+    faced: Template,
     count: ti.i32,
     scale: ti.f32,
     faced_scale: ti.f32,
@@ -100,7 +98,7 @@ def choose(
 
 
 @ti.func
-def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
+def part_of(lights: Template, place: ti.i32, origin: vec3):
     """(the place of the entry that a member is below, its part of the entry's chance); place 0 for a mesh's member."""
     nodes = ti.static(lights.nodes)
     entries = header(nodes, H_NODES)
@@ -115,9 +113,9 @@ def part_of(lights: ti.template(), place: ti.i32, origin: vec3):
 
 @ti.func
 def chances_of(
-    lights: ti.template(),
-    weights: ti.template(),
-    faced: ti.template(),
+    lights: Template,
+    weights: Template,
+    faced: Template,
     count: ti.i32,
     scale: ti.f32,
     faced_scale: ti.f32,

@@ -6,16 +6,14 @@ Where a direction crosses several portals, each of them could have led to it, an
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights import dome, rect
 from tiscene.render.lights.light_sample import FAR, integer
 from tiscene.scene.lights.light_table import DOME_ROW
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
     """A direction through the portal: a LightSample of its dome."""
     result = rect.sample(lights, textures, row, origin, u)
     result.row = integer(lights.values, row, DOME_ROW)
@@ -26,20 +24,18 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample` for a direction that crosses the portal at that distance."""
     return rect.pdf(lights, row, origin, direction, distance)
 
 
 @ti.func
-def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Distance to where a direction crosses the portal against its way in, +inf where it does not."""
     return rect.intersect(lights, row, origin, direction)
 
 
 @ti.func
-def emitted(
-    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
-) -> vec3:
+def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Nothing: light comes from the dome."""
     return vec3(0.0)

@@ -3,14 +3,12 @@ subtends, from afar in its area; where it has an image with bright spots, so man
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights import image_sampling
 from tiscene.render.lights.light_sample import axis, color, from_light, integer, no_sample, to_light
 from tiscene.render.sampling import warp
 from tiscene.render.texture_lookup import CLAMP, lookup_wrapped
 from tiscene.scene.lights.light_table import GRID, IMAGE_PART, SIZE, TEXTURE
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
 
 # Below this solid angle (sr) a float cannot tell the rectangle's edges apart by angle, and area is as good a measure.
 SMALL = 2e-3
@@ -19,7 +17,7 @@ FAR = 0.2
 
 
 @ti.func
-def extent_from(values: ti.template(), row: ti.i32, origin: vec3):
+def extent_from(values: Template, row: ti.i32, origin: vec3):
     """(x0, x1, y0, y1, z) of the rectangle in light axes about `origin`; z > 0 where the lit side is seen."""
     offset = axis(values, row, 3) - origin
     x = axis(values, row, 0).dot(offset)
@@ -30,7 +28,7 @@ def extent_from(values: ti.template(), row: ti.i32, origin: vec3):
 
 
 @ti.func
-def radiance_at(values: ti.template(), textures: ti.template(), row: ti.i32, x: ti.f32, y: ti.f32) -> vec3:
+def radiance_at(values: Template, textures: Template, row: ti.i32, x: ti.f32, y: ti.f32) -> vec3:
     """What the point (x, y) of the light emits. The image stands upright for who looks at the lit side."""
     result = color(values, row)
     picture = integer(values, row, TEXTURE)
@@ -41,7 +39,7 @@ def radiance_at(values: ti.template(), textures: ti.template(), row: ti.i32, x: 
 
 
 @ti.func
-def image_density(lights: ti.template(), row: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
+def image_density(lights: Template, row: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32:
     """Of a point (x, y) that is drawn from the image, over that of one that is uniform in area."""
     values = ti.static(lights.values)
     column = ti.cast((0.5 - x / values[row, SIZE]) * values[row, GRID], ti.i32)
@@ -57,13 +55,13 @@ def is_far(x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z0: ti.f32):
 
 
 @ti.func
-def area_pdf(values: ti.template(), row: ti.i32, cosine, distance):
+def area_pdf(values: Template, row: ti.i32, cosine, distance):
     """Density per steradian of a point that is uniform in area; of numbers or of lanes of them."""
     return distance * distance / (ti.max(cosine, 1e-9) * values[row, SIZE] * values[row, SIZE + 1])
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
     """A direction from `origin` to the light: a LightSample."""
     values = ti.static(lights.values)
     result = no_sample()
@@ -98,7 +96,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample` for a direction that meets the light at that distance."""
     values = ti.static(lights.values)
     result = 0.0
@@ -119,7 +117,7 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
 
 
 @ti.func
-def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Distance to the lit side, +inf for a miss."""
     values = ti.static(lights.values)
     result = ti.math.inf
@@ -137,9 +135,7 @@ def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3)
 
 
 @ti.func
-def emitted(
-    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
-) -> vec3:
+def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Radiance from the light's point that a ray met."""
     values = ti.static(lights.values)
     q = origin + direction * distance - axis(values, row, 3)

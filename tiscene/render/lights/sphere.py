@@ -2,16 +2,14 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights.light_sample import axis, color, no_sample
 from tiscene.render.sampling import warp
 from tiscene.scene.lights.light_table import SIZE
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
-
 
 @ti.func
-def one_minus_cosine(values: ti.template(), row: ti.i32, offset: vec3) -> ti.f32:
+def one_minus_cosine(values: Template, row: ti.i32, offset: vec3) -> ti.f32:
     """Of the angle from the center to the rim; 0 from inside."""
     sine2 = values[row, SIZE] * values[row, SIZE] / offset.dot(offset)
     result = 0.0
@@ -21,7 +19,7 @@ def one_minus_cosine(values: ti.template(), row: ti.i32, offset: vec3) -> ti.f32
 
 
 @ti.func
-def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, u: vec2):
+def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
     """A direction from `origin` to the light: a LightSample."""
     values = ti.static(lights.values)
     result = no_sample()
@@ -44,7 +42,7 @@ def sample(lights: ti.template(), textures: ti.template(), row: ti.i32, origin: 
 
 
 @ti.func
-def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
+def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample` for a direction that meets the light."""
     height = one_minus_cosine(lights.values, row, axis(lights.values, row, 3) - origin)
     result = 0.0
@@ -54,7 +52,7 @@ def pdf(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3, dista
 
 
 @ti.func
-def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
+def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
     """Distance to the outside, +inf for a miss or from inside."""
     values = ti.static(lights.values)
     result = ti.math.inf
@@ -71,8 +69,6 @@ def intersect(lights: ti.template(), row: ti.i32, origin: vec3, direction: vec3)
 
 
 @ti.func
-def emitted(
-    lights: ti.template(), textures: ti.template(), row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32
-) -> vec3:
+def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Radiance from the light's point that a ray met."""
     return color(lights.values, row)

@@ -13,6 +13,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import Template
 from tiscene.errors import ArgumentError
 
 _STEPS = 1 << 15  # of the integral that cells are made by
@@ -72,7 +73,7 @@ def pixel_filter(name: str) -> PixelFilter:
 
 
 @ti.func
-def sample_offset(table: ti.template(), u: ti.f32) -> ti.f32:
+def sample_offset(table: Template, u: ti.f32) -> ti.f32:
     """How far from the pixel's center along an axis, px, for a number in [0, 1)."""
     cells = table.shape[0] - 3
     place = u * cells
@@ -81,7 +82,7 @@ def sample_offset(table: ti.template(), u: ti.f32) -> ti.f32:
 
 
 @ti.func
-def offset_weight(table: ti.template(), x: ti.f32, y: ti.f32) -> ti.f32:
+def offset_weight(table: Template, x: ti.f32, y: ti.f32) -> ti.f32:
     """By how much a path that was sent there is to be multiplied: the same for all, but for its sign."""
     weight = table[0]
     if (ti.abs(x) > table[1]) != (ti.abs(y) > table[1]):

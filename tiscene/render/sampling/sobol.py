@@ -13,9 +13,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-u32 = ti.u32
-vec2 = ti.math.vec2
-SetKeys = ti.types.vector(3, ti.u32)
+from tiscene.device.kernel_types import Template, u32, uint3, vec2
 
 _TO_UNIT = 1.0 / 16777216.0
 
@@ -74,21 +72,21 @@ def set_key(frame_key: ti.i32, number: ti.i32) -> u32:
 
 
 @ti.func
-def set_keys(frame_key: ti.i32, number: ti.i32) -> SetKeys:
+def set_keys(frame_key: ti.i32, number: ti.i32) -> uint3:
     """What `draw` takes for a set of two dimensions. All paths share it: for kernels to make before their loops."""
     key = set_key(frame_key, number)
-    return SetKeys(mix(key), mix(key + u32(0x9E3779B9)), mix(key + u32(0x3C6EF372)))
+    return uint3(mix(key), mix(key + u32(0x9E3779B9)), mix(key + u32(0x3C6EF372)))
 
 
 @ti.func
-def draw(keys: SetKeys, index: u32) -> vec2:
+def draw(keys: uint3, index: u32) -> vec2:
     """A point in [0, 1)^2 of a set. index: its number, bit-reversed."""
     x, y = draw_words(keys, index)
     return vec2(unit(x), unit(y))
 
 
 @ti.func
-def draw_words(keys: SetKeys, index: ti.template()):
+def draw_words(keys: uint3, index: Template):
     """The same as two words, of which `unit` makes numbers; of one index or of lanes of them."""
     x = reverse_bits(scramble_reversed(index, keys[0]))  # Owen's scramble of a number: its nets stay nets
     # The direction numbers of the first dimension, bit-reversed, are z^k, those of the second (1 + z)^k mod 2.
@@ -123,9 +121,9 @@ def pixel_order(width: int, height: int) -> NDArray[np.int32]:
 
 def _mixed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """`mix` on the host."""
-    x = (x ^ (x >> 16)) * np.uint32(0x7FEB352D)
-    x = (x ^ (x >> 15)) * np.uint32(0x846CA68B)
-    return x ^ (x >> 16)
+    x = (x ^ (x >> np.uint32(16))) * np.uint32(0x7FEB352D)
+    x = (x ^ (x >> np.uint32(15))) * np.uint32(0x846CA68B)
+    return x ^ (x >> np.uint32(16))
 
 
 def index_bits(spp: int) -> int:

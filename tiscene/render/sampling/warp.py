@@ -12,8 +12,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
+from tiscene.device.kernel_types import Template, vec2, vec3
 
 INV_PI = 1.0 / math.pi
 INV_TWO_PI = 0.5 / math.pi
@@ -35,7 +34,7 @@ _ARCCOSINE = _polynomial(lambda s: np.arccos(s) / np.sqrt(1.0 - s) / math.pi, 1.
 
 
 @ti.func
-def polynomial(coefficients: ti.template(), s):
+def polynomial(coefficients: Template, s):
     """By Horner's rule; of a number or of lanes of them."""
     result = coefficients[-1] * s + coefficients[-2]
     for k in ti.static(range(len(coefficients) - 3, -1, -1)):

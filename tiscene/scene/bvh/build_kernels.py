@@ -8,30 +8,28 @@ threads.
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats2, Ints1, Ints2, Template
+
 BINS = 16
 STACK = 72  # the tree is no deeper than the `sah_depth` of `grow`, 40 at most, plus log2(primitives)
 FAR = 1e30  # an empty box is [FAR, -FAR]
 
-Floats = ti.types.ndarray(ti.f32, 2)
-Ints = ti.types.ndarray(ti.i32, 2)
-Column = ti.types.ndarray(ti.i32, 1)
-
 
 @ti.func
-def half_area(low: ti.template(), high: ti.template()) -> ti.f32:
+def half_area(low: Template, high: Template) -> ti.f32:
     size = high - low
     return size.x * size.y + size.y * size.z + size.z * size.x
 
 
 @ti.func
-def box_of(boxes: ti.template(), row: ti.i32):
+def box_of(boxes: Template, row: ti.i32):
     low = ti.Vector([boxes[row, 0], boxes[row, 1], boxes[row, 2]])
     high = ti.Vector([boxes[row, 3], boxes[row, 4], boxes[row, 5]])
     return low, high
 
 
 @ti.func
-def bin_of(boxes: ti.template(), row: ti.i32, axis: ti.i32, low: ti.f32, scale: ti.f32) -> ti.i32:
+def bin_of(boxes: Template, row: ti.i32, axis: ti.i32, low: ti.f32, scale: ti.f32) -> ti.i32:
     return ti.min(BINS - 1, ti.max(0, ti.cast((boxes[row, axis] + boxes[row, 3 + axis] - low) * scale, ti.i32)))
 
 
@@ -42,9 +40,7 @@ def blocks(count: ti.i32, block: ti.i32) -> ti.f32:
 
 
 @ti.func
-def choose_split(
-    boxes: ti.template(), begin: ti.i32, end: ti.i32, low: ti.template(), size: ti.template(), block: ti.i32
-):
+def choose_split(boxes: Template, begin: ti.i32, end: ti.i32, low: Template, size: Template, block: ti.i32):
     """The axis, last bin of the left side and cost of the cheapest of the 3 * (BINS - 1) planes; axis -1 for none."""
     best = ti.math.inf
     best_axis = -1
@@ -97,7 +93,7 @@ def choose_split(
 
 
 @ti.func
-def partition(boxes: ti.template(), order: ti.template(), begin: ti.i32, end: ti.i32, axis, last, low: ti.f32, scale):
+def partition(boxes: Template, order: Template, begin: ti.i32, end: ti.i32, axis, last, low: ti.f32, scale):
     """Move the primitives of bins 0 to `last` to the front; returns where the others begin."""
     i = begin
     j = end - 1
@@ -114,9 +110,9 @@ def partition(boxes: ti.template(), order: ti.template(), begin: ti.i32, end: ti
 
 @ti.func
 def split(
-    boxes: ti.template(),
-    order: ti.template(),
-    node_box: ti.template(),
+    boxes: Template,
+    order: Template,
+    node_box: Template,
     slot: ti.i32,
     begin: ti.i32,
     end: ti.i32,
@@ -163,11 +159,11 @@ def split(
 
 @ti.kernel
 def grow(
-    boxes: Floats,
-    order: Column,
-    node_box: Floats,
-    node_link: Ints,
-    tasks: Ints,
+    boxes: Floats2,
+    order: Ints1,
+    node_box: Floats2,
+    node_link: Ints2,
+    tasks: Ints2,
     first: ti.i32,
     count: ti.i32,
     stop: ti.i32,

@@ -15,6 +15,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import float4, float8
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
 from tiscene.scene.bvh.rebraid import SplitInstances, parts_of
@@ -291,10 +292,10 @@ class Bvh:
             self.packs = _grown(self.packs, self._new_packs(max(needed, 2 * self._pack_capacity())))
 
     def _new_nodes(self, count: int) -> Any:
-        return ti.ndarray(layout_kernels.vec8, 8 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 16))
+        return ti.ndarray(float8, 8 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 16))
 
     def _new_packs(self, count: int) -> Any:
-        return ti.ndarray(layout_kernels.vec4, 10 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 12))
+        return ti.ndarray(float4, 10 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 12))
 
     def _node_capacity(self) -> int:
         return int(self.nodes.shape[0]) // self.layout.unit

@@ -2,7 +2,8 @@
 
 import taichi as ti
 
-from tiscene.scene.bvh.build_kernels import FAR, Column, Floats, Ints, box_of, half_area
+from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints1, Ints2, Template
+from tiscene.scene.bvh.build_kernels import FAR, box_of, half_area
 
 NAME, PACK, ROWS = 0, 1, 2  # what a leaf refers to: its only primitive, one pack of all, a row for each
 
@@ -12,21 +13,16 @@ GUARD_NODE = 1
 MOST_NODES = 1 << 23  # so that a node's first row and a bit for each child are one i32
 END_OF_INSTANCE, END_OF_RAY = -(1 << 31), 1 - (1 << 31)
 
-vec8 = ti.types.vector(8, ti.f32)
-vec4 = ti.types.vector(4, ti.f32)
-Wide = ti.types.ndarray(vec8, 1)
-Packs = ti.types.ndarray(vec4, 1)
-
 
 @ti.kernel
 def collapse(
-    order: Column,
-    node_box: Floats,
-    node_link: Ints,
-    children: Ints,
-    stack: Ints,
-    roots: Ints,
-    found: Ints,
+    order: Ints1,
+    node_box: Floats2,
+    node_link: Ints2,
+    children: Ints2,
+    stack: Ints2,
+    roots: Ints2,
+    found: Ints2,
     width: ti.i32,
     leaf_kind: ti.i32,
     by_count: ti.i32,
@@ -103,11 +99,11 @@ def collapse(
 
 @ti.kernel
 def write_wide_nodes(
-    node_box: Floats,
-    node_link: Ints,
-    children: Ints,
+    node_box: Floats2,
+    node_link: Ints2,
+    children: Ints2,
     count: ti.i32,
-    nodes: Wide,
+    nodes: Float8s1,
     first_node: ti.i32,
     first_leaf: ti.i32,
     leaf_rows: ti.i32,
@@ -137,7 +133,7 @@ def write_wide_nodes(
 
 
 @ti.kernel
-def write_guard(nodes: Wide):
+def write_guard(nodes: Float8s1):
     """Make the first two references of the empty GUARD_NODE what they are."""
     nodes[8 * GUARD_NODE + 6][0] = ti.bit_cast(END_OF_INSTANCE, ti.f32)
     nodes[8 * GUARD_NODE + 6][1] = ti.bit_cast(END_OF_RAY, ti.f32)
@@ -145,13 +141,13 @@ def write_guard(nodes: Wide):
 
 @ti.kernel
 def write_packs(
-    positions: Floats,
-    triangles: Ints,
-    order: Column,
-    node_link: Ints,
-    children: Ints,
+    positions: Floats2,
+    triangles: Ints2,
+    order: Ints1,
+    node_link: Ints2,
+    children: Ints2,
     count: ti.i32,
-    packs: Packs,
+    packs: Float4s1,
     first_pack: ti.i32,
     first_triangle: ti.i32,
 ):
@@ -177,7 +173,7 @@ def write_packs(
 
 
 @ti.func
-def sort(order: ti.template(), begin: ti.i32, end: ti.i32):
+def sort(order: Template, begin: ti.i32, end: ti.i32):
     for i in range(begin + 1, end):
         j = i
         while j > begin and order[j - 1] > order[j]:
@@ -187,11 +183,11 @@ def sort(order: ti.template(), begin: ti.i32, end: ti.i32):
 
 @ti.kernel
 def write_binary_nodes(
-    node_box: Floats,
-    node_link: Ints,
-    children: Ints,
+    node_box: Floats2,
+    node_link: Ints2,
+    children: Ints2,
     count: ti.i32,
-    nodes: Floats,
+    nodes: Floats2,
     first_node: ti.i32,
     first_leaf: ti.i32,
 ):
@@ -218,11 +214,11 @@ def write_binary_nodes(
 
 @ti.kernel
 def write_triangles(
-    positions: Floats,
-    triangles: Ints,
-    order: Column,
+    positions: Floats2,
+    triangles: Ints2,
+    order: Ints1,
     count: ti.i32,
-    rows: Floats,
+    rows: Floats2,
     first_row: ti.i32,
     first_triangle: ti.i32,
 ):

@@ -5,21 +5,20 @@ Each box is made of what is below it, from the last node to the first: children 
 
 import taichi as ti
 
-from tiscene.scene.bvh.build_kernels import FAR, Floats, Ints
-from tiscene.scene.bvh.layout_kernels import Packs, Wide
+from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints2
+from tiscene.scene.bvh.build_kernels import FAR
 
-HostRows = ti.types.ndarray(ti.f32, 2)
 _MARGIN = 4e-7  # of a box's largest coordinate, as in bvh.py
 
 
 @ti.kernel
 def write_vertices(
-    positions: HostRows,
-    normals: HostRows,
+    positions: Floats2,
+    normals: Floats2,
     has_normals: ti.i32,
     first: ti.i32,
-    vertex_position: Floats,
-    vertex_normal: Floats,
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
 ):
     """Put a mesh's vertices into the scene's rows from `first` on."""
     for i in range(positions.shape[0]):
@@ -36,7 +35,7 @@ def write_vertices(
 
 @ti.kernel
 def refit_packs(
-    packs: Packs, first: ti.i32, count: ti.i32, vertex_position: Floats, triangle_vertices: Ints, moved: ti.i32
+    packs: Float4s1, first: ti.i32, count: ti.i32, vertex_position: Floats2, triangle_vertices: Ints2, moved: ti.i32
 ):
     """The wide layout's triangles. moved: how far behind its row of `triangle_vertices` each vertex is."""
     for pack in range(count):
@@ -50,7 +49,7 @@ def refit_packs(
 
 
 @ti.kernel
-def refit_wide(nodes: Wide, first: ti.i32, count: ti.i32, packs: Packs):
+def refit_wide(nodes: Float8s1, first: ti.i32, count: ti.i32, packs: Float4s1):
     ti.loop_config(serialize=True)
     for turn in range(count):
         at = 8 * (first + count - 1 - turn)
@@ -80,7 +79,7 @@ def refit_wide(nodes: Wide, first: ti.i32, count: ti.i32, packs: Packs):
 
 @ti.kernel
 def refit_triangles(
-    rows: Floats, first: ti.i32, count: ti.i32, vertex_position: Floats, triangle_vertices: Ints, moved: ti.i32
+    rows: Floats2, first: ti.i32, count: ti.i32, vertex_position: Floats2, triangle_vertices: Ints2, moved: ti.i32
 ):
     """The binary layout's triangles; `moved` as for `refit_packs`."""
     for row in range(first, first + count):
@@ -90,7 +89,7 @@ def refit_triangles(
 
 
 @ti.kernel
-def refit_binary(nodes: Floats, first: ti.i32, count: ti.i32, rows: Floats):
+def refit_binary(nodes: Floats2, first: ti.i32, count: ti.i32, rows: Floats2):
     ti.loop_config(serialize=True)
     for turn in range(count):
         at = first + count - 1 - turn

@@ -29,7 +29,7 @@ from tiscene.usd.lights.light import LightReader, is_light
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.read.mesh_table import MeshTable, is_drawable
-from tiscene.usd.read.objects import StageObject, StageObjectTable, collides, is_rigid_body
+from tiscene.usd.read.object_builder import StageObject, StageObjectTable, collides, is_rigid_body
 from tiscene.usd.read.point_instancer import Placed, PointInstances, PointSamples, instancer_times, point_instances
 from tiscene.usd.read.stage_camera import read_camera
 

@@ -7,9 +7,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.render.integrators.path.wavefront_kernels import Floats2, Ints2
+from tiscene.device.kernel_types import Floats2, Floats3, Ints2
 
-Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
 Patch = tuple[slice, slice]  # rows and columns
 
 CELL = 8  # px; what has changed is told by such squares
@@ -32,7 +31,7 @@ def changed_patches(
 
 @ti.kernel
 def find_changed(
-    width: ti.i32, height: ti.i32, change: Floats2, drawn: Image, even: Image, unmoved: Image, cells: Ints2
+    width: ti.i32, height: ti.i32, change: Floats2, drawn: Floats3, even: Floats3, unmoved: Floats3, cells: Ints2
 ):
     """1 for those cells, 0 for the others."""
     for row, column in ti.ndrange(cells.shape[0], cells.shape[1]):

@@ -16,6 +16,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import float8
 from tiscene.device.memory import upload
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
@@ -34,7 +35,6 @@ from tiscene.render.integrators.path.path_state import PathState, chunks_for
 from tiscene.render.intersect.trace import occluded
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View
-from tiscene.scene.bvh.layout_kernels import vec8
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
 
@@ -94,7 +94,7 @@ class IncrementalPass:
         self._probes: dict[tuple[Any, ...], tuple[Probe, _Scratch]] = {}  # the one used last at the end
         self._scratch: _Scratch | None = None
         self._selection = Selection()
-        self._boxes = ti.ndarray(vec8, 6)
+        self._boxes = ti.ndarray(float8, 6)
         self._paths_on_way: PathState | None = None
 
     @property

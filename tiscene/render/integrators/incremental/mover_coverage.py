@@ -10,8 +10,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import Floats1, Floats2, Ints1, Template
 from tiscene.device.memory import upload
-from tiscene.render.integrators.path.wavefront_kernels import Floats1, Floats2, Ints1
 from tiscene.render.intersect.ray_queue import ROW, Hits, Pixels, Rays, hit, hit_id, ray, write_ray
 from tiscene.render.intersect.trace import closest
 from tiscene.render.view import View, camera_ray
@@ -80,7 +80,7 @@ def widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @ti.func
-def ray_through(view: ti.template(), pixel: ti.i32, place: ti.i32, width: ti.i32, height: ti.i32):
+def ray_through(view: Template, pixel: ti.i32, place: ti.i32, width: ti.i32, height: ti.i32):
     """The first places are opposite each other, the others follow row by row."""
     square = FIRST_PLACES[0] if place == 0 else FIRST_PLACES[1]
     if place >= FIRST:

@@ -2,14 +2,14 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Float8s1, Ints1, Template
 from tiscene.render.integrators.path.path_state import chunk_size
-from tiscene.render.integrators.path.wavefront_kernels import Ints1
-from tiscene.render.intersect.bvh8 import Wide, slabs
+from tiscene.render.intersect.bvh8 import slabs
 from tiscene.render.intersect.ray_queue import Rays
 
 
 @ti.func
-def add_up(chunks: ti.template(), count: ti.i32):
+def add_up(chunks: Template, count: ti.i32):
     """Numbers of chunks to where each chunk begins, and the sum of all behind them. For one thread."""
     total = 0
     for chunk in range(count):
@@ -20,7 +20,7 @@ def add_up(chunks: ti.template(), count: ti.i32):
 
 
 @ti.kernel
-def find_near(rays: Rays, count: ti.i32, boxes: Wide, near: Ints1, candidates: Ints1, chunks: Ints1) -> ti.i32:
+def find_near(rays: Rays, count: ti.i32, boxes: Float8s1, near: Ints1, candidates: Ints1, chunks: Ints1) -> ti.i32:
     """Rows whose rays come near one of the boxes, in order, to `candidates`; near[row] says so too. Returns how many.
 
     boxes: 6 vectors: least x, y, z and greatest x, y, z of eight boxes.

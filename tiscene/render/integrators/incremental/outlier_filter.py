@@ -11,10 +11,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.render.integrators.path.wavefront_kernels import Floats2
-
-vec3 = ti.math.vec3
-Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
+from tiscene.device.kernel_types import Floats2, Floats3, Template, vec3
 
 SURROUNDINGS = 2  # pixels each way that a change is compared with
 CELL = 16  # pixels; a spike is spread by the quadratic B-spline of the cells of that size about it
@@ -24,7 +21,7 @@ MOST = 0.1  # of a cell's mean radiance: what is spread over it at most
 
 
 @ti.func
-def same_surface(change: ti.template(), pixel: ti.i32) -> ti.i32:
+def same_surface(change: Template, pixel: ti.i32) -> ti.i32:
     """Whether no mover has come into the pixel itself: albedo and normal have not changed."""
     changed = 0.0
     for c in ti.static(range(3, 9)):
@@ -33,7 +30,7 @@ def same_surface(change: ti.template(), pixel: ti.i32) -> ti.i32:
 
 
 @ti.kernel
-def find_spikes(width: ti.i32, height: ti.i32, change: Floats2, hdr: Image, spikes: Image):
+def find_spikes(width: ti.i32, height: ti.i32, change: Floats2, hdr: Floats3, spikes: Floats3):
     """To spikes [h, w, 3]: what of each pixel is too much."""
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width
@@ -80,7 +77,7 @@ def given(cell: ti.i32, size: ti.i32) -> ti.f32:
 
 
 @ti.kernel
-def pool_spikes(width: ti.i32, height: ti.i32, spikes: Image, hdr: Image, cells: Image):
+def pool_spikes(width: ti.i32, height: ti.i32, spikes: Floats3, hdr: Floats3, cells: Floats3):
     """The spikes of each cell together, as what a pixel gets of them for a weight of 1."""
     for row, column in ti.ndrange(cells.shape[0], cells.shape[1]):
         total, shown, pixels = vec3(0.0), 0.0, 0.0
@@ -99,7 +96,7 @@ def pool_spikes(width: ti.i32, height: ti.i32, spikes: Image, hdr: Image, cells:
 
 
 @ti.kernel
-def spread_spikes(width: ti.i32, height: ti.i32, spikes: Image, cells: Image, hdr: Image, even: Image):
+def spread_spikes(width: ti.i32, height: ti.i32, spikes: Floats3, cells: Floats3, hdr: Floats3, even: Floats3):
     """The radiance with its spikes spread."""
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width

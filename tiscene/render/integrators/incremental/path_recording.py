@@ -10,6 +10,7 @@ kind, with -1 - group in column 3: the paths are the same, and a mover that take
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec3
 from tiscene.render.integrators.path.path_state import (
     DEPTH_MASK,
     DIFFUSE_PART,
@@ -28,12 +29,9 @@ from tiscene.render.integrators.path.path_state import (
     set3,
 )
 from tiscene.render.integrators.path.shading import read3, write3
-from tiscene.render.integrators.path.wavefront_kernels import Floats1, Floats2, Ints1
 from tiscene.render.intersect.ray_queue import ROW, Hits, Pixels, Rays, ray_direction, ray_origin
 from tiscene.render.lights.intersect import nearest_light
-from tiscene.render.lights.light_sample import LightNodes, LightTables
-
-vec3 = ti.math.vec3
+from tiscene.render.lights.light_sample import LightTables
 
 SEGMENT = 3  # column of a row
 SHADOW = -1.0
@@ -80,7 +78,7 @@ def begin_segments(
 
 
 @ti.func
-def group_of(rays: ti.template(), row: ti.i32) -> ti.i32:
+def group_of(rays: Template, row: ti.i32) -> ti.i32:
     """The number of the lights whose light a row has."""
     return ti.max(-1 - ti.cast(rays[row][SEGMENT], ti.i32), 0)
 
@@ -97,7 +95,7 @@ def finite(light: vec3) -> vec3:
 @ti.kernel
 def end_segments(
     light_values: Floats2,
-    light_nodes: LightNodes,
+    light_nodes: Float8s1,
     light_distribution: Floats1,
     last_depth: ti.i32,
     group: ti.i32,

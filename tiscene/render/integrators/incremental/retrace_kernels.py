@@ -3,6 +3,7 @@ is lost, put the paths that are cut back on their way, and add up what changed."
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, vec3
 from tiscene.render.integrators.incremental.mover_coverage import PLACES
 from tiscene.render.integrators.incremental.mover_culling import add_up
 from tiscene.render.integrators.incremental.path_recording import (
@@ -35,11 +36,7 @@ from tiscene.render.integrators.path.path_state import (
     set3,
 )
 from tiscene.render.integrators.path.shading import read3, write3
-from tiscene.render.integrators.path.wavefront_kernels import Floats2, Ints1, Ints2
 from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
-
-vec3 = ti.math.vec3
-Image = ti.types.ndarray(dtype=ti.f32, ndim=3)
 
 PARTS = 16  # paths are taken up in so many rounds through the picture
 
@@ -67,7 +64,7 @@ def settle(
     cut_at: Ints2,
     chunks: Ints2,
     entering: Ints1,
-    starts: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    starts: Ints1,
 ):
     """What each path loses; those that a mover cuts are put back to where the segment begins that it cuts.
 
@@ -216,13 +213,13 @@ def combine(
     met: Floats2,
     factors: Floats2,
     mean: Floats2,
-    base: Image,
-    rough: Image,
-    hdr: Image,
-    drawn: Image,
-    albedo: Image,
-    normal: Image,
-    unmoved: Image,
+    base: Floats3,
+    rough: Floats3,
+    hdr: Floats3,
+    drawn: Floats3,
+    albedo: Floats3,
+    normal: Floats3,
+    unmoved: Floats3,
 ):
     """The picture: the change added to the base image, and where movers cover most of a pixel, to its own paths' mean.
 

@@ -7,10 +7,11 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.kernel_types import Floats2, Floats4, Ints1, Ints2
 from tiscene.frame.buffers import RANKS
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, RayWave, write_ray
-from tiscene.render.intersect.surface_interaction import FLOATS_2D, INFO_INSTANCE_ID, INTS_1D, INTS_2D
+from tiscene.render.intersect.surface_interaction import INFO_INSTANCE_ID
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS
@@ -21,8 +22,6 @@ COVERAGES = ("coverage", "material_coverage")
 SAMPLES_LOG2 = 4
 SAMPLES = 1 << SAMPLES_LOG2
 _BATCH = 1 << 14  # pixels
-
-RANKED = ti.types.ndarray(dtype=ti.f32, ndim=4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +90,14 @@ class CoverageLabels:
 
 @ti.kernel
 def coverage_rays(
-    queue: INTS_1D,
+    queue: Ints1,
     first: ti.i32,
     count: ti.i32,
-    view: FLOATS_2D,
+    view: Floats2,
     width: ti.i32,
     height: ti.i32,
     is_bounded: ti.i32,
-    bounds: FLOATS_2D,
+    bounds: Floats2,
     rays: Rays,
 ):
     """Where `is_bounded` is set, rays end at the bounds, and meet what is there: the lower id counts then."""
@@ -118,25 +117,25 @@ def coverage_rays(
 
 @ti.kernel
 def coverage_samples(
-    queue: INTS_1D,
+    queue: Ints1,
     first: ti.i32,
     count: ti.i32,
     hits: Hits,
     hit_ids: HitIds,
-    instance_info: INTS_2D,
+    instance_info: Ints2,
     names_materials: ti.i32,
-    triangle_material: INTS_1D,
-    label_of_material: INTS_1D,
+    triangle_material: Ints1,
+    label_of_material: Ints1,
     width: ti.i32,
     is_before: ti.i32,
-    still_distance: FLOATS_2D,
-    still_ids: INTS_2D,
-    still_materials: INTS_2D,
+    still_distance: Floats2,
+    still_ids: Ints2,
+    still_materials: Ints2,
     by_pixel: ti.i32,
-    distances: FLOATS_2D,
-    ids: INTS_2D,
-    materials: INTS_2D,
-    reach: FLOATS_2D,
+    distances: Floats2,
+    ids: Ints2,
+    materials: Ints2,
+    reach: Floats2,
 ):
     """What the rays of each pixel met, before what stands still if that is given, in the rows of the pixels
     (`by_pixel`) or one after another."""
@@ -164,13 +163,13 @@ def coverage_samples(
 
 @ti.kernel
 def rank_samples(
-    queue: INTS_1D,
+    queue: Ints1,
     first: ti.i32,
     count: ti.i32,
     by_pixel: ti.i32,
-    samples: INTS_2D,
+    samples: Ints2,
     width: ti.i32,
-    coverage: RANKED,
+    coverage: Floats4,
 ):
     """Of what the rays of each pixel met the most first, of equals the lower id."""
     for i in range(count):

@@ -9,19 +9,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
 from tiscene.render.intersect.ray_queue import HitIds, Hits, RayArrays, Rays, RayWave, ray_direction
-from tiscene.render.intersect.surface_interaction import (
-    FLOATS_1D,
-    FLOATS_2D,
-    FLOATS_3D,
-    INTS_1D,
-    INTS_2D,
-    Geometry,
-    geometry_of,
-    offset_origin,
-    surface_at,
-)
+from tiscene.render.intersect.surface_interaction import Geometry, geometry_of, offset_origin, surface_at
 from tiscene.render.intersect.trace import closest
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.device_scene import DeviceScene
@@ -68,28 +59,28 @@ def first_hits(
 
 @ti.kernel
 def pass_absent(
-    queue: INTS_1D,
+    queue: Ints1,
     count: ti.i32,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
-    vertex_position: FLOATS_2D,
-    vertex_normal: FLOATS_2D,
-    vertex_uv: FLOATS_2D,
-    triangle_vertices: INTS_2D,
-    triangle_material: INTS_1D,
-    instance_info: INTS_2D,
-    world_from_instance: FLOATS_3D,
-    instance_from_world: FLOATS_3D,
-    material_values: FLOATS_2D,
-    material_info: INTS_2D,
-    material_lookups: FLOATS_2D,
-    texture_info: INTS_2D,
-    texture_words: INTS_1D,
-    texture_floats: FLOATS_1D,
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: Floats3,
+    instance_from_world: Floats3,
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
     time: ti.i32,
-    further: INTS_1D,
-    further_count: INTS_1D,
+    further: Ints1,
+    further_count: Ints1,
 ):
     """Put rays that met something absent into the queue `further`, to go on behind it."""
     geometry = ti.static(

@@ -2,20 +2,9 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Bytes2, Floats1, Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_ray
-from tiscene.render.intersect.surface_interaction import (
-    FLOATS_1D,
-    FLOATS_2D,
-    FLOATS_3D,
-    INFO_MOVED,
-    INTS_1D,
-    INTS_2D,
-    moved_by,
-    object_point_at,
-    transform_point,
-    vec2,
-    vec3,
-)
+from tiscene.render.intersect.surface_interaction import INFO_MOVED, moved_by, object_point_at, transform_point
 from tiscene.render.view import FORWARD, POSITION, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -30,12 +19,9 @@ _NEAREST = 1e-4
 _TOLERANCE = 1e-5
 _OWN_TOLERANCE = 1e-4
 
-IDS = ti.types.ndarray(dtype=ti.u16, ndim=2)
-FLAGS = ti.types.ndarray(dtype=ti.u8, ndim=2)
-
 
 @ti.func
-def affine(rows: ti.template(), row: ti.i32, column: ti.i32, p: vec3) -> vec3:
+def affine(rows: Template, row: ti.i32, column: ti.i32, p: vec3) -> vec3:
     """A point by the 3x4 matrix that starts at a column of a row."""
     return vec3(
         rows[row, column] * p.x + rows[row, column + 1] * p.y + rows[row, column + 2] * p.z + rows[row, column + 3],
@@ -46,7 +32,7 @@ def affine(rows: ti.template(), row: ti.i32, column: ti.i32, p: vec3) -> vec3:
 
 
 @ti.func
-def rotate(rows: ti.template(), row: ti.i32, v: vec3) -> vec3:
+def rotate(rows: Template, row: ti.i32, v: vec3) -> vec3:
     """A vector by the 3x3 matrix in the first columns of a row."""
     return vec3(
         rows[row, 0] * v.x + rows[row, 1] * v.y + rows[row, 2] * v.z,
@@ -56,7 +42,7 @@ def rotate(rows: ti.template(), row: ti.i32, v: vec3) -> vec3:
 
 
 @ti.func
-def from_principal_point(p: vec3, camera_motion: ti.template(), time: ti.i32) -> vec2:
+def from_principal_point(p: vec3, camera_motion: Template, time: ti.i32) -> vec2:
     """Where a point in camera coordinates of that time appears, px right and down of the picture's center."""
     scale = camera_motion[time, FOCAL_LENGTH]
     if camera_motion[time, ORTHOGRAPHIC] == 0.0:
@@ -70,8 +56,8 @@ def seen_from(
     row: ti.i32,
     object_point: vec3,
     towards: vec3,
-    instance_motion: ti.template(),
-    camera_motion: ti.template(),
+    instance_motion: Template,
+    camera_motion: Template,
 ) -> vec3:
     """A pixel's point in the coordinates of the camera of that time; of the background (row < 0) its direction, which
     is infinitely far and so only turns."""
@@ -83,9 +69,9 @@ def seen_from(
 
 @ti.func
 def point_then(
-    vertex_position: ti.template(),
-    triangle_vertices: ti.template(),
-    instance_info: ti.template(),
+    vertex_position: Template,
+    triangle_vertices: Template,
+    instance_info: Template,
     row: ti.i32,
     triangle: ti.i32,
     b1: ti.f32,
@@ -103,7 +89,7 @@ def point_then(
 
 
 @ti.kernel
-def primary_rays(queue: INTS_1D, count: ti.i32, view: FLOATS_2D, width: ti.i32, height: ti.i32, rays: Rays):
+def primary_rays(queue: Ints1, count: ti.i32, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays):
     for i in range(count):
         pixel = queue[i]
         origin, direction = camera_ray(
@@ -114,22 +100,22 @@ def primary_rays(queue: INTS_1D, count: ti.i32, view: FLOATS_2D, width: ti.i32, 
 
 @ti.kernel
 def occlusion_rays(
-    queue: INTS_1D,
+    queue: Ints1,
     count: ti.i32,
     time: ti.i32,
     hits: Hits,
     hit_ids: HitIds,
-    vertex_position: FLOATS_2D,
-    triangle_vertices: INTS_2D,
-    instance_info: INTS_2D,
-    world_from_instance: FLOATS_3D,
-    instance_motion: FLOATS_2D,
-    camera_motion: FLOATS_2D,
-    view: FLOATS_2D,
+    vertex_position: Floats2,
+    triangle_vertices: Ints2,
+    instance_info: Ints2,
+    world_from_instance: Floats3,
+    instance_motion: Floats2,
+    camera_motion: Floats2,
+    view: Floats2,
     width: ti.i32,
     height: ti.i32,
     rays: Rays,
-    expected: FLOATS_1D,
+    expected: Floats1,
 ):
     """Rays from the camera of another time to where each pixel's point is then; `expected`: its distance, m.
 
@@ -166,14 +152,14 @@ def occlusion_rays(
 
 @ti.kernel
 def occlusion_labels(
-    queue: INTS_1D,
+    queue: Ints1,
     count: ti.i32,
     hit_ids: HitIds,
-    expected: FLOATS_1D,
+    expected: Floats1,
     other_hits: Hits,
     other_ids: HitIds,
     width: ti.i32,
-    occluded: FLAGS,
+    occluded: Bytes2,
 ):
     """From what the rays of `occlusion_rays` met: whether something else lies before the point.
 

@@ -5,6 +5,7 @@ One loop turn is one pixel of a queue; nothing is summed over pixels.
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, UShorts2, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import (
     Footprint,
     Materials,
@@ -24,22 +25,15 @@ from tiscene.render.integrators.labels.label_kernels import (
 )
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import (
-    FLOATS_1D,
-    FLOATS_2D,
-    FLOATS_3D,
     INFO_CATEGORY_ID,
     INFO_INSTANCE_ID,
     INFO_MOVED,
     INFO_PART,
-    INTS_1D,
-    INTS_2D,
     Geometry,
     object_point_at,
     offset_origin,
     surface_at,
     transform_vector,
-    vec2,
-    vec3,
 )
 from tiscene.render.texture_lookup import Textures
 from tiscene.render.view import FORWARD, HALF_HEIGHT, RIGHT, TANGENT, UP, view_vector
@@ -72,23 +66,21 @@ OF_UV, OF_OBJECT_COORDINATES, OF_ALBEDO, OF_ROUGHNESS, OF_METALLIC, OF_FILTERED_
 
 _OF_MIRRORS = 1 << ROUGHNESS | 1 << METALLIC | 1 << SPECULAR | 1 << NORMAL  # inputs that tell what one sees in them
 
-IDS = ti.types.ndarray(dtype=ti.u16, ndim=2)
-
 
 @ti.func
-def write2(array: ti.template(), y: ti.i32, x: ti.i32, value: vec2):
+def write2(array: Template, y: ti.i32, x: ti.i32, value: vec2):
     for c in ti.static(range(2)):
         array[y, x, c] = value[c]
 
 
 @ti.func
-def write3(array: ti.template(), y: ti.i32, x: ti.i32, value: vec3):
+def write3(array: Template, y: ti.i32, x: ti.i32, value: vec3):
     for c in ti.static(range(3)):
         array[y, x, c] = value[c]
 
 
 @ti.func
-def reflection(surface: ti.template(), point: ti.template(), direction: vec3) -> vec3:
+def reflection(surface: Template, point: Template, direction: vec3) -> vec3:
     """The direction in which a ray leaves a mirror: on the side from which it came, whatever the bumps are."""
     n = shading_normal(surface, point, -direction)
     reflected = direction - 2.0 * direction.dot(n) * n
@@ -100,54 +92,54 @@ def reflection(surface: ti.template(), point: ti.template(), direction: vec3) ->
 
 @ti.kernel
 def surface_labels(
-    queue: INTS_1D,
+    queue: Ints1,
     count: ti.i32,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
-    vertex_position: FLOATS_2D,
-    vertex_normal: FLOATS_2D,
-    vertex_uv: FLOATS_2D,
-    triangle_vertices: INTS_2D,
-    triangle_material: INTS_1D,
-    instance_info: INTS_2D,
-    world_from_instance: FLOATS_3D,
-    instance_from_world: FLOATS_3D,
-    material_values: FLOATS_2D,
-    material_info: INTS_2D,
-    material_lookups: FLOATS_2D,
-    texture_info: INTS_2D,
-    texture_words: INTS_1D,
-    texture_floats: FLOATS_1D,
-    box_from_instance: FLOATS_2D,
-    triangle_part: INTS_1D,
-    instance_motion: FLOATS_2D,
-    camera_motion: FLOATS_2D,
-    view: FLOATS_2D,
+    vertex_position: Floats2,
+    vertex_normal: Floats2,
+    vertex_uv: Floats2,
+    triangle_vertices: Ints2,
+    triangle_material: Ints1,
+    instance_info: Ints2,
+    world_from_instance: Floats3,
+    instance_from_world: Floats3,
+    material_values: Floats2,
+    material_info: Ints2,
+    material_lookups: Floats2,
+    texture_info: Ints2,
+    texture_words: Ints1,
+    texture_floats: Floats1,
+    box_from_instance: Floats2,
+    triangle_part: Ints1,
+    instance_motion: Floats2,
+    camera_motion: Floats2,
+    view: Floats2,
     width: ti.i32,
     height: ti.i32,
     follow: ti.i32,
-    mirrored: INTS_1D,
-    mirrored_count: INTS_1D,
-    wanted: INTS_1D,
-    depth: FLOATS_2D,
-    distance: FLOATS_2D,
-    position: FLOATS_3D,
-    normal: FLOATS_3D,
-    geometric_normal: FLOATS_3D,
-    normal_camera: FLOATS_3D,
-    semantic: IDS,
-    instance: INTS_2D,
-    part: INTS_2D,
-    forward_flow: FLOATS_3D,
-    backward_flow: FLOATS_3D,
-    scene_flow: FLOATS_3D,
-    uv: FLOATS_3D,
-    object_coordinates: FLOATS_3D,
-    albedo: FLOATS_3D,
-    roughness: FLOATS_2D,
-    metallic: FLOATS_2D,
-    filtered_albedo: FLOATS_3D,
+    mirrored: Ints1,
+    mirrored_count: Ints1,
+    wanted: Ints1,
+    depth: Floats2,
+    distance: Floats2,
+    position: Floats3,
+    normal: Floats3,
+    geometric_normal: Floats3,
+    normal_camera: Floats3,
+    semantic: UShorts2,
+    instance: Ints2,
+    part: Ints2,
+    forward_flow: Floats3,
+    backward_flow: Floats3,
+    scene_flow: Floats3,
+    uv: Floats3,
+    object_coordinates: Floats3,
+    albedo: Floats3,
+    roughness: Floats2,
+    metallic: Floats2,
+    filtered_albedo: Floats3,
 ):
     """Write what each ray of the queue met. Where `follow` is set and a material is wanted of a mirror, the ray becomes
     its reflection instead, in the queue `mirrored`."""

@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Ints2, vec3
 from tiscene.render.integrators.path.path_state import (
     DEPTH_MASK,
     DIFFUSE_PART,
@@ -15,13 +16,10 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
-from tiscene.render.integrators.path.wavefront_kernels import Floats1, Floats2, Ints1, Ints2
 from tiscene.render.intersect.ray_queue import Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.lights.intersect import LIGHT_FRONT, nearest_light, seen_lights
-from tiscene.render.lights.light_sample import FAR, LightNodes, LightTables
+from tiscene.render.lights.light_sample import FAR, LightTables
 from tiscene.render.texture_lookup import Textures
-
-vec3 = ti.math.vec3
 
 
 @ti.kernel
@@ -30,7 +28,7 @@ def finish(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: LightNodes,
+    light_nodes: Float8s1,
     light_distribution: Floats1,
     mis: ti.i32,
     queue: Ints1,

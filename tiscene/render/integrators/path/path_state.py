@@ -4,6 +4,7 @@ from typing import Any
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Template
 from tiscene.render.intersect.ray_queue import hit, hit_id, ray
 
 # Columns of `state`.
@@ -42,12 +43,12 @@ def chunks_for(count: int) -> int:
 
 
 @ti.func
-def get3(states: ti.template(), row: ti.i32, column: ti.i32) -> ti.math.vec3:
+def get3(states: Template, row: ti.i32, column: ti.i32) -> ti.math.vec3:
     return ti.math.vec3(states[row][column], states[row][column + 1], states[row][column + 2])
 
 
 @ti.func
-def set3(states: ti.template(), row: ti.i32, column: ti.i32, v: ti.math.vec3):
+def set3(states: Template, row: ti.i32, column: ti.i32, v: ti.math.vec3):
     for c in ti.static(range(3)):
         states[row][column + c] = v[c]
 

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
 from tiscene.render.integrators.path.path_state import (
@@ -25,9 +26,9 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
-from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, Floats1, Floats2, Ints1, Ints2, path_index
+from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, path_index
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
-from tiscene.render.intersect.surface_interaction import FLOATS_3D, Geometry, offset_origin, surface_at
+from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import (
     LIGHT_FRONT,
@@ -37,15 +38,12 @@ from tiscene.render.lights.intersect import (
     response,
     seen_lights,
 )
-from tiscene.render.lights.light_sample import LightNodes, lights_of
+from tiscene.render.lights.light_sample import lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.lights.light_table import KIND, MESH, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE
 from tiscene.scene.placement import CURRENT
-
-vec2 = ti.math.vec2
-vec3 = ti.math.vec3
 
 # Sets of numbers, at every step.
 OPACITY_SET, LIGHT_SET, LOBE_SET, DIRECTION_SET, TEXTURE_SET, SETS = range(6)
@@ -90,13 +88,13 @@ class SceneArrays(NamedTuple):
 
 
 @ti.func
-def write3(array: ti.template(), row: ti.i32, column: ti.i32, v: vec3):
+def write3(array: Template, row: ti.i32, column: ti.i32, v: vec3):
     for c in ti.static(range(3)):
         array[row, column + c] = v[c]
 
 
 @ti.func
-def read3(array: ti.template(), row: ti.i32, column: ti.i32) -> vec3:
+def read3(array: Template, row: ti.i32, column: ti.i32) -> vec3:
     return vec3(array[row, column], array[row, column + 1], array[row, column + 2])
 
 
@@ -108,8 +106,8 @@ def shade(
     triangle_vertices: Ints2,
     triangle_material: Ints1,
     instance_info: Ints2,
-    world_from_instance: FLOATS_3D,
-    instance_from_world: FLOATS_3D,
+    world_from_instance: Floats3,
+    instance_from_world: Floats3,
     material_values: Floats2,
     material_info: Ints2,
     material_lookups: Floats2,
@@ -117,7 +115,7 @@ def shade(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: LightNodes,
+    light_nodes: Float8s1,
     light_distribution: Floats1,
     energy: Floats1,
     pixels: Pixels,
@@ -142,7 +140,7 @@ def shade(
     features: Floats2,
     status: Ints1,
     first_sample: ti.i32,
-    any_emission: ti.template(),
+    any_emission: Template,
 ):
     """Advance the paths in the queue by one vertex.
 

@@ -2,17 +2,15 @@
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Floats3, Ints1, Ints2
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
-from tiscene.render.integrators.path.wavefront_kernels import Floats1, Floats2, Ints1, Ints2
 from tiscene.render.intersect.ray_queue import PLACE, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
-from tiscene.render.intersect.surface_interaction import FLOATS_3D, Geometry, offset_origin, surface_at
-from tiscene.render.lights.light_sample import LightNodes
+from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
+from tiscene.render.lights.light_sample import Float8s1
 from tiscene.render.sampling.sobol import combine, set_key, uniform
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.material_table import COVERAGE, OPACITY
 from tiscene.scene.placement import CURRENT
-
-vec3 = ti.math.vec3
 
 _SHADOW_SETS = 1 << 20  # the keys of these numbers begin beyond those of any path's dimensions
 # A ray that has its answer meets nothing more, and still is a ray (t_max > 0).
@@ -27,8 +25,8 @@ def pass_shadows(
     triangle_vertices: Ints2,
     triangle_material: Ints1,
     instance_info: Ints2,
-    world_from_instance: FLOATS_3D,
-    instance_from_world: FLOATS_3D,
+    world_from_instance: Floats3,
+    instance_from_world: Floats3,
     material_values: Floats2,
     material_info: Ints2,
     material_lookups: Floats2,
@@ -36,7 +34,7 @@ def pass_shadows(
     texture_words: Ints1,
     texture_floats: Floats1,
     light_values: Floats2,
-    light_nodes: LightNodes,
+    light_nodes: Float8s1,
     light_distribution: Floats1,
     energy: Floats1,
     pixels: Pixels,

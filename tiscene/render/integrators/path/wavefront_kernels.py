@@ -6,6 +6,7 @@ same bytes for any number of threads and any size of batch.
 
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, uint3, vec3
 from tiscene.render.integrators.path.path_state import (
     DIRECT,
     DROPPED,
@@ -26,15 +27,10 @@ from tiscene.render.integrators.path.path_state import (
 from tiscene.render.intersect.ray_queue import PLACE, ROW, Pixels, Rays, write_ray
 from tiscene.render.sampling import warp
 from tiscene.render.sampling.pixel_filter import offset_weight, sample_offset
-from tiscene.render.sampling.sobol import SetKeys, draw, draw_words, reverse_bits, set_keys, unit
+from tiscene.render.sampling.sobol import draw, draw_words, reverse_bits, set_keys, unit
 from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
-vec3 = ti.math.vec3
-Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
-Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
-Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 LANES = 16  # paths whose random numbers are computed together, as SIMD
 Words = ti.types.vector(LANES, ti.u32)
 
@@ -43,20 +39,20 @@ PIXEL_SET, LENS_SET, FIRST_STEP_SET = 0, 1, 2
 
 
 @ti.func
-def path_index(pixels: ti.template(), path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
+def path_index(pixels: Template, path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
     """Which points of the picture's are a path's, as `draw` takes it."""
     return reverse_bits(path_number(pixels, path, spp, bits, first_sample))
 
 
 @ti.func
-def path_number(pixels: ti.template(), path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
+def path_number(pixels: Template, path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
     """The same, not reversed: those of a pixel are 2**bits in a row."""
     place = ti.cast(pixels[path // spp][PLACE], ti.u32)
     return (place << bits) + ti.cast(first_sample + path % spp, ti.u32)
 
 
 @ti.func
-def pixel_offset(pixel_filter: ti.template(), keys: SetKeys, index: ti.u32) -> ti.math.vec2:
+def pixel_offset(pixel_filter: Template, keys: uint3, index: ti.u32) -> ti.math.vec2:
     """Where a path goes through its pixel, px from the center. keys: of PIXEL_SET. index: `path_index`."""
     u = draw(keys, index)
     return ti.math.vec2(sample_offset(pixel_filter, u.x), sample_offset(pixel_filter, u.y))
@@ -224,9 +220,9 @@ def develop(
     width: ti.i32,
     height: ti.i32,
     spp: ti.i32,
-    hdr: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    albedo: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    hdr: Floats3,
+    albedo: Floats3,
+    normal: Floats3,
     dropped: Ints2,
 ):
     """Means of the sums, as images."""

@@ -1,0 +1,10 @@
+"""Taichi: start, arrays, and faster launches.
+
+::
+
+    runtime         start Taichi once per process
+    vector_mode     compile kernels with SIMD vectors
+    memory          host arrays to device arrays
+    kernel_types    types of kernel arguments
+    taichi_patches  replacements for slow parts of Taichi's Python
+"""

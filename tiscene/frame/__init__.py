@@ -1,0 +1,9 @@
+"""Frames: the buffers, object table and events that a stream hands out.
+
+::
+
+    frame         Frame and FrameCamera
+    buffers       registry of per-pixel buffers: name, type, unit, background
+    object_table  one row per live object, with boxes and visibility
+    events        spawn, despawn, contact, enter, leave
+"""

@@ -1,0 +1,8 @@
+"""Per-object annotations: boxes, pixel counts, amodal masks.
+
+::
+
+    object_measurements  measure the objects of a frame on demand
+    amodal_masks         pixels an object would cover without occluders
+    measurement_kernels  kernels of both
+"""

@@ -1,0 +1,10 @@
+"""From radiance samples to images.
+
+::
+
+    adaptive     sample each pixel until its error estimate is small enough
+    denoise      Intel Open Image Denoise
+    postprocess  denoise and upsample radiance images
+    upsample     guided upsampling along label edges
+    tone_map     exposure, tone curve, sRGB
+"""

@@ -1,0 +1,8 @@
+"""Random numbers and sampling of distributions.
+
+::
+
+    sobol         Owen-scrambled Sobol points
+    warp          maps from the unit square to distributions, with densities
+    pixel_filter  importance-sampled pixel filters
+"""

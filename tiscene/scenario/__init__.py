@@ -1,0 +1,11 @@
+"""Scenarios: what happens in a scene, as plain frozen values.
+
+::
+
+    scenario       Scenario
+    objects         Object and Frustum
+    edits          Spawn, Despawn, Move and the edit log
+    light_motion   motion and brightness of lights over time
+    serialization  values to JSON and back
+    providers        functions of higher packages, imported at first use
+"""

@@ -1,0 +1,21 @@
+"""Functions of higher packages that `Scenario` calls by name, so that `tiscene.scenario` imports nothing above it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+# Imported at first use: neither Taichi nor USD is needed to write a scenario down.
+PROVIDERS = {
+    "read_usd": "tiscene.usd.scenario.read:read_scenario",
+    "write_usd": "tiscene.usd.scenario.write:write_scenario",
+    "sample": "tiscene.randomization.sampler:sample",
+}
+
+
+def provider(name: str) -> Callable[..., Any]:
+    """Import and return the function registered as `name`."""
+    module, function = PROVIDERS[name].split(":")
+    result: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    return result

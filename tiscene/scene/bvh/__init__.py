@@ -1,0 +1,12 @@
+"""Two-level bounding volume hierarchy: one tree per mesh, one over instances.
+
+::
+
+    bvh             build and refit the trees
+    build_kernels   binned surface-area heuristic
+    layout_kernels  binary trees to 8-wide nodes and leaf blocks
+    refit_kernels   move a deforming mesh's tree
+    workspace       arrays of a build in progress
+    rebraid         split large instances in the upper tree
+    obstacle_tree   the same trees for collisions
+"""

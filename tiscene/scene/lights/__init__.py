@@ -1,0 +1,11 @@
+"""Device tables of lights and the trees to sample and intersect them.
+
+::
+
+    light_table         one row per light
+    light_tree          nodes for importance sampling of many lights
+    light_bvh           bounding boxes for intersecting lights
+    image_distribution  importance sampling of light textures
+    mesh_lights         emissive triangles of meshes
+    light_groups        static lights with per-group intensity factors
+"""

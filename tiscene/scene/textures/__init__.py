@@ -1,0 +1,7 @@
+"""Textures as device arrays.
+
+::
+
+    atlas    all images of a scene in flat arrays
+    mipmaps  images at half, quarter, ... resolution
+"""

@@ -1,0 +1,8 @@
+"""UsdLux lights.
+
+::
+
+    light    lights in radiometric units
+    shaping  ShapingAPI: cones, focus, IES profiles
+    ies      IES photometric files
+"""

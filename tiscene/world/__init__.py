@@ -1,0 +1,13 @@
+"""World: the state of all objects, cameras and lights at each frame.
+
+::
+
+    world            World
+    object_registry  ids, categories, meshes and boxes of all objects
+    stage_objects    edits of the stage's own objects
+    stage_animation   instances that move by the stage's time samples
+    trajectories     poses of objects, cameras and lights; collisions
+    lights           lights at each frame
+    event_detector   events between two frames
+    frustum_test     which boxes a camera has in view
+"""
