@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How bodies move: parameters in, poses out, the same bytes every time. Needs numpy and Taichi, nothing else.
 
 Trajectories and timings are plain frozen data; a `Simulation` turns them into poses::

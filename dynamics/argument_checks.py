@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of what users pass in: the wrong kind is a TypeError, the wrong value a ValueError, both name the argument."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bodies, and the device columns that hold all their formulas."""
 
 from __future__ import annotations

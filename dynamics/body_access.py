@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of the table of bodies, rotations, and what every kind of body does: device functions.
 
 (No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.

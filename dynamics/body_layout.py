@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the kernels of a stepped simulation keep of every body: the names of the columns."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact clocks: from the time of the world to the parameter of every track, in whole numbers until the last step.
 
 A stream may run for ten million frames; k / fps rounded, or a phase summed up, would have drifted by then. Here times

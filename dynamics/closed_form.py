@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Still, Orbit, LookAt, Keyframes and Composite: the other dynamics that are formulas of time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Movers: bodies that may meet things; and what a stepped simulation says of them at a frame."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths on which nothing can be met, so that nothing has to be stepped: every pose is the path's own."""
 
 from __future__ import annotations

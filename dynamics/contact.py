@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Spheres against triangles: how far away they are, and when a moving sphere first touches one.
 
 Device functions, over the two-level tree of `dynamics.obstacles`. Everything is float32 and relative to the sphere's

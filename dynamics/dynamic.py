@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dynamic: what moves one body. The interface, and the parts that closed-form trajectories are made of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What bodies try, and what they do with what they meet: device functions, one call for each body.
 
 (No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.

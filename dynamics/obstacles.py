@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Obstacles: triangles that do not move, as a two-level tree of bounding boxes that collisions are looked up in."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a body does that follows a path, where something is in its way: device functions.
 
 (No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.

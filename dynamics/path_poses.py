@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths: where bodies would be if nothing were in their way."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arc length of cubics, by Gauss-Legendre quadrature; the kernel uses the same nodes, so table and kernel agree."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counter-based random numbers: a hash of (seed, object, bounce, draw). Nothing is remembered between draws.
 
 So the numbers of one object depend on no other object, on no thread and on no earlier frame.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UniformMovementRandomBounce: straight ahead, and off in a random direction at every collision."""
 
 from __future__ import annotations

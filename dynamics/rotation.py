@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rotations: quaternions (w, x, y, z) and Euler angles.
 
 Euler angles are degrees (x, y, z) and mean: turn about the fixed z axis, then about the fixed x axis, then about the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulation: all bodies and their timings; a time in, poses out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernels that cover a surface with spheres; `dynamics.sphere_proxy` says how. (No postponed annotations in this module.)
 
 Each sphere, and each point, is computed by one thread in a fixed order: the same bits for any number of threads.

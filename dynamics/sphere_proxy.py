@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Proxy spheres: what stands for a body's surface in collisions. Every point of the surface lies in one of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The arrays of a stepped simulation on the device, and what is asked of its kernel."""
 
 from __future__ import annotations

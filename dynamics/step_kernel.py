@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernel of a stepped simulation: one substep of all bodies.
 
 A body is written by one thread alone, from what was frozen at the start of the substep, so that neither the number of

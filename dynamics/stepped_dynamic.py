@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stepped: a dynamic that somebody writes in plain Python, one small step after another."""
 
 from __future__ import annotations

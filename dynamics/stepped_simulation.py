@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SteppedSimulation: bodies that meet obstacles, walls and each other, one frame after another."""
 
 from __future__ import annotations

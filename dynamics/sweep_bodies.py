@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When does a moving body first meet a wall or another body? A device function, one call for each body.
 
 Bodies look at where the others were when the substep began. The tables are those of `dynamics.sweep_obstacles`.

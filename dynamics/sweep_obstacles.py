@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When does a moving body first meet an obstacle? Device functions, one call for each body.
 
 A group is a row of `groups`, i32 [g, 3]: its body, first sphere, number of spheres; `bounding`, f32 [g, 4], has the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Timings: when each body's clock runs. They look at all bodies together; life spans do not shift them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernel that evaluates every closed-form dynamic of every body, in one launch and in float64.
 
 Each body is computed by one thread from its own rows alone, so that neither the number of threads nor other bodies

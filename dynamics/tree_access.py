@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The two-level tree of boxes that spheres are looked up in: reading nodes and triangles, device functions.
 
 Two layouts, as ray tracers have them; which one is known when a kernel is compiled (`wide`). See `dynamics.obstacles`.

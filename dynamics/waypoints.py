@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closed loops through waypoints: straight from one to the next, or along a smooth curve."""
 
 from __future__ import annotations

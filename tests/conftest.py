@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One Taichi start and one cache folder for the whole session."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The benchmarks can be found and told apart; what they measure is nobody's assertion."""
 
 import re

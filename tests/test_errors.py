@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tree of errors is the one that its docstring draws, and the messages help."""
 
 import inspect

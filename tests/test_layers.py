@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Imports between packages run one way.
 
 Read from the source, so that an import inside a function or under `if TYPE_CHECKING` counts as well.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The maps in the docstrings of packages: they name all of their modules, and nothing that is gone."""
 
 from __future__ import annotations

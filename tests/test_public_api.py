@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `import tiscene` gives, and what it costs."""
 
 import importlib.metadata

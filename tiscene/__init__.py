@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """tiscene: endless, exactly repeatable streams of path-traced, labeled frames from USD scenes.
 
 Names are imported at first use, so that `import tiscene` is instant and starts no Taichi.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names to files: the scenes and object templates that can be asked for by name.
 
 A folder of scenes looks like the package `usd_scenes`::

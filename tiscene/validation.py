@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of what a stream is asked for. All raise ArgumentError, which names the argument."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m docs.tools.gallery [NAME ...] [--spp N]`: takes the pictures of docs/gallery.md and writes it.
 
 NAME: the beginning of a picture's name, such as "room_01" or "room_01_Main_night", or "table" for the table of labels

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`TISCENE_PATH=assets python -m docs.tools.imported_models [NAME ...]`: the pictures of docs/imported.md, or those named.
 
 assets holds what that page says how to import: Sweet Home 3D's furniture of license CC0, and the jar of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Makes the pictures of the README and of docs/: `python docs/tools/make_images.py [NAME ...]`.
 
 Slow on purpose: a photograph takes minutes on two cores, an animation as well.

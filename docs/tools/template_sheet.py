@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of all templates on one sheet, and of some in their colors and appearances.
 
 `python -m docs.tools.template_sheet [NAME ...]` writes docs/images/templates.jpg, template_variants.jpg and the `table` in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of speed: `python -m tests.benchmarks [--large] [NAME ...]`. They assert nothing.
 
 Each module of this folder with a `main()` is one benchmark; without names all of them run, in the order of their names.

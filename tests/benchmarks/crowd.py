@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ten million instanced triangles: rays per CPU-second and memory, against the benchmark room of 500 thousand.
 
 Twenty such rooms side by side, seen from within one of them; and the room with 464 balls more, of 20,480 triangles

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fixed camera and three movers: differences to a base image against path tracing each frame, and against Mitsuba.
 
 `room_02` with three things of the demo's, in its own materials ("glossy": Mitsuba's `principled` is not quite

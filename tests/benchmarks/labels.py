@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time of labels a frame, wall and CPU.
 
 First the label pass alone on the benchmark room under a moving camera, for sets of buffers and for each buffer beside

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`room_02` with three movers as one description, and what renders it: tiscene, and Mitsuba, exactly so if matte."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a USD file to the first labels: a mesh of half a million triangles, and thousands of prims and point instances.
 
 The first line includes what its kernels' compiling takes, unless Taichi's cache has them.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Path tracing against Mitsuba 3's `path`: the benchmark room and `room_02` at equal samples and depth.
 
 Each round runs every renderer once, so that what else the machine does hits all alike. relMSE: squared error over

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peers to measure against, as far as they are installed."""
 
 from __future__ import annotations

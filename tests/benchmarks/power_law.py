@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Times to equal error: between the samples that were measured, and beyond them, error and time follow a power law."""
 
 from collections.abc import Iterable

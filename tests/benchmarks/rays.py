@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closest-hit and any-hit rates against Embree's single rays, and build times, on the benchmark room.
 
 Both run in this process on the same triangles and rays, one after the other in turn; a rate is rays per CPU-second, so

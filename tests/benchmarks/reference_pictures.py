@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tables of equal error are made of: errors against converged pictures, and the times beside them."""
 
 from __future__ import annotations

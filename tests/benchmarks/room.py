@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A furnished room of about 500 thousand triangles, 400 instances of 24 meshes, lit by one rectangle of light.
 
 It is made of numbers alone, so that everything that reads no files can be measured on it.

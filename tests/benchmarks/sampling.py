@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What scrambled Sobol points are worth: within pixels against independent ones, and across them against white noise.
 
 Independent: as many pictures of one path a pixel, which know nothing of each other. relMSE: variance over pictures of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The first picture of `room_02` in a new process, from starting Python to the frame.
 
 "cold": an empty kernel cache; "warm": what the same line has left there. Each line is a process of its own. Mitsuba is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stills of `room_02` against Mitsuba 3's `path` (LLVM): the time for the same error, both denoised by the same OIDN.
 
 Each renderer denoises by its own albedo and normal of the first hit, whose cost is in its time (Mitsuba's `aov`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whole frames of a stream with moving objects: from asking for a frame to numpy arrays in hand.
 
 First the table of `tiscene bench`: the first frame of a line includes what that line compiles; lines after the first

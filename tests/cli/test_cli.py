@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line: what it writes, says and returns. Pictures come from a fake stream at the commands' seam."""
 
 import json

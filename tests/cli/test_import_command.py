@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene import`: what it writes, says and returns."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene inspect`: what it says of a file."""
 
 from __future__ import annotations

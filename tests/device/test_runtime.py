@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Starting Taichi: once, as asked, and with a message when that cannot be. Each case in a process of its own."""
 
 import subprocess

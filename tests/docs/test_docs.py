@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the documentation says, checked against the code. `python -m tests.docs.test_docs` writes the tables of buffers."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The gallery: pictures know with how many paths and of which scene they were taken."""
 
 from __future__ import annotations

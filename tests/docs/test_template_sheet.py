@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The studio that templates are looked at in: everything fits its picture, and colors are those asked for."""
 
 from __future__ import annotations

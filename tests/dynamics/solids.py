@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simple solids and rooms as triangles, and obstacles made of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of what users pass in: what is taken, what is refused, and how it is said."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Distances and times of contact against plain numpy, through trees of stretched, turned and sheared instances."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random numbers against the distributions they claim, by Kolmogorov-Smirnov and chi-square tests."""
 
 import numpy as np

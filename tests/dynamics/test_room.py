@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Twenty movers in the living room, for long: nothing touches, leaves or gets stuck.
 
 Embree, over the true triangles of both sides, says whether an edge of one goes through a face of the other.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quaternions and Euler angles, against scipy and the definitions."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulation as a whole: pure, the same bits in any company, thread count and process; usable alone."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Proxy spheres: they cover the surface, stay near it and are grouped."""
 
 import numpy as np

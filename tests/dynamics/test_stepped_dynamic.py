@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dynamics that a user writes, step by step, in plain Python."""
 
 import math

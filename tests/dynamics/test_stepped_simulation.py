@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bodies that meet obstacles and each other: nothing is entered or jumped over, everything is repeatable."""
 
 import hashlib

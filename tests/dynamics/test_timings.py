@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Timings and clocks, worked out by hand."""
 
 from fractions import Fraction

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waypoint loops, against closed forms, scipy and the plain reference."""
 
 import itertools

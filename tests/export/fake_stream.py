@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stream at the exporters' seam that renders nothing: every buffer, small, different in every frame."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sheet of all buffers, and the animation."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cryptomatte: hashes that others have published, and mattes that come back as the labels they were."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A folder of frames and its manifest: complete, repeatable, resumable, never silently mixed."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EXR export: parts, channel names, types, and values that come back."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The JSON file of a frame: camera and objects."""
 
 import json

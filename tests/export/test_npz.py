@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """NPZ export: every buffer exactly, by numpy alone."""
 
 import io

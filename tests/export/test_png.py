@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PNG export: every buffer comes back from its file, exactly or within what the table of `png.py` says."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's recordings: read back, and as the lab's programs read them."""
 
 import gzip

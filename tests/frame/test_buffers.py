@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 import numpy as np
 
 from tiscene.frame.buffers import BUFFERS, COLORS, LABELS, RANKS, times_needed

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Room in front of a camera: what is in view, hidden, free."""
 
 from __future__ import annotations

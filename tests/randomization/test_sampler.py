@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sampled scenarios: repeatable, independent, within what was asked for, or refused."""
 
 from __future__ import annotations

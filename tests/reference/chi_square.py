@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pearson's test of samples against a density, in any two coordinates of unit Jacobian."""
 
 from __future__ import annotations

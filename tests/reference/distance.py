@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Distances between points and triangles in plain numpy, by another way than the kernels': clamp, project, compare."""
 
 from __future__ import annotations

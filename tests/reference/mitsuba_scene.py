@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A SceneDescription as a Mitsuba 3 scene: the same triangles, simple materials, lights and camera."""
 
 from __future__ import annotations

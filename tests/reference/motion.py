@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories in plain numpy, one body and one moment at a time, by other formulas than the kernel's."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every ray against every triangle, in float64: slow, and right."""
 
 from __future__ import annotations

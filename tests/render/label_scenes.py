@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenes for the tests of labels: plates, boxes and crowds, described without any file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small scenes for the tests of the path pass, described without any file, and rendering them in one call."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One material or one light as numpy functions, for tests."""
 
 from dataclasses import dataclass

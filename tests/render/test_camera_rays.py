@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where paths begin: on the pixel by its filter, on the lens by its area, one knowing nothing of the other."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Orthographic cameras: a pixel is a place, not a direction; nothing gets smaller far away."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The three pictures of one frame: as traced, without its noise, and as the screen shows it."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lookups: values, wraps, encodings, the direction of v; smaller copies, and one pixel at random."""
 
 import numpy as np

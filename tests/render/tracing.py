@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small scenes and rays for tests, and tracing as one call from numpy to numpy."""
 
 from __future__ import annotations

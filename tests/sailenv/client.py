@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A client of SAILenv's protocol, written from its description: little endian, texts with their length in bytes."""
 
 import gzip

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small worlds in the object view, which is quick to read and to render."""
 
 import pytest

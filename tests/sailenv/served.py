@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene serve` in a process of its own, as it is used."""
 
 import contextlib

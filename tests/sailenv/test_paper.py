@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The three streams of SAILenv's paper, with its names: in process and over the wire, the same frames."""
 
 import numpy as np

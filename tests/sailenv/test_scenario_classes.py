@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's classes and their JSON, and what tiscene makes of it."""
 
 import json

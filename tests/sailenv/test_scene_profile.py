@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where agents begin in a scene, and the track that they can follow."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m tiscene.sailenv`: scripts that import sailenv, as they are written for it."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The protocol over real sockets, by a client of our own."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Unity's space against the definition: left-handed matrices, mirrored."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models that clients send: what is taken, what is refused, and that nothing leaves its folder."""
 
 import contextlib

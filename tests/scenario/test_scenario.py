@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios: frozen values, checked when made, kept by files to the bit."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ObjectParts of objects and the boxes around them."""
 
 import numpy as np

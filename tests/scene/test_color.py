@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sRGB's curve, against values of the standard, there and back."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The device scene holds what was added, row for row, and places it."""
 
 from dataclasses import replace

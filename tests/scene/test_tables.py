@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of materials, textures and lights: rows, flags, packing, chances."""
 
 from dataclasses import replace

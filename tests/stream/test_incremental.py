@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Streams that show differences to what never moves: when they do, and that it changes no more than the noise."""
 
 from __future__ import annotations

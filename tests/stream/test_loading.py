@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stage that another process reads while kernels are compiled is the same; so are its errors."""
 
 import os

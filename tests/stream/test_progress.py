@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a library says while it prepares: nothing to files, nothing for what is short, and it wipes its line."""
 
 from __future__ import annotations

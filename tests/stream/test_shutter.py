@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shutter: what moves while it is open is blurred, by its own path, and nothing else of a frame changes."""
 
 from __future__ import annotations

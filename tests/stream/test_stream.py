@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stream: any frame by its number, the same bytes however one gets to it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small stages for the tests of the reader."""
 
 from __future__ import annotations

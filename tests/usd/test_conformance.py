@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stages built as other programs and well-known collections build theirs, with what a USD person expects to see."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Authoring again gives what is committed: the same bytes twice here, the same content on any processor."""
 
 from __future__ import annotations

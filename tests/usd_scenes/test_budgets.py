@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a room may cost: triangles, seconds to read, bytes on the device; and that all in it can be told apart."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cloth: keeps its lengths, lies on what is below it, hangs from what holds it, and repeats."""
 
 from __future__ import annotations

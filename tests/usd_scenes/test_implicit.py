@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Surfaces of signed distances lie where the distance is zero, closed, their faces outward."""
 
 from __future__ import annotations

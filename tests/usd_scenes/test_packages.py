@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is shipped: every template and scene keeps to the rules of its kind, and OpenUSD's own validators agree."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes are fitted with the elementary shapes that they are."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rooms: sizes, free air, published cameras, and variants that change the light and the looks but nothing else."""
 
 from __future__ import annotations

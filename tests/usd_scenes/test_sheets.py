@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plates and shells are closed, of the size they say, their faces outward."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Objects that collide in a world: with the stage, each other and the frustum; and what the world says of it."""
 
 import numpy as np

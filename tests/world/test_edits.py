@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Edits of a running world: from the next frame on, kept, replayed to the bit."""
 
 import json

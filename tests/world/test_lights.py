@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lights that move and change, lights that objects carry, and several cameras: in a world made by hand."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The world: placements, cameras and rows of objects, on a stage small enough to work them out by hand."""
 
 import hashlib

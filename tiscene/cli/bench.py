@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene bench`: frames per second on this machine, at a glance."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene demo`: a short scenario, from nothing to pictures."""
 
 from __future__ import annotations

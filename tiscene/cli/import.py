@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene import`: other people's models as templates on the search path."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene inspect`: what is in a USD file, what of it is rendered, what is not and why."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene list`: what can be asked for by name: scenes, templates, buffers."""
 
 from __future__ import annotations

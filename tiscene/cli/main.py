@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Entry point of the command `tiscene`.
 
 Exit status: 0 success, 1 the reader closed the pipe, 2 a user error explained by the message, 130 interrupted.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene render`: frames of a scene or scenario into a folder."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene serve`: SAILenv's protocol over TCP."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene show`: what a scene holds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How commands tell a person what they are doing: on stderr, so that stdout holds only what was asked for."""
 
 from __future__ import annotations

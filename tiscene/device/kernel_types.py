@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Types of kernel arguments. Taichi needs the values at run time; mypy sees `Any`.
 
 Arrays are named by element type and number of axes: `Floats2` is a two-dimensional float32 array,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Starts Taichi, once. No other module calls ``ti.init``: a second start would destroy every array.
 
 The other modules here do in less time what Taichi 1.7.4, to which the project is pinned, does in Python before kernels.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Vector mode: compile kernels so that Taichi vectors become SIMD registers."""
 
 import contextlib

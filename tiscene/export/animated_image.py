@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures in a row as one animated file that browsers show: .webp (small, full color), .gif or .png."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One picture of many buffers, each under its name."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cryptomatte, specification 1.2.0 (Friedman and Jones, Psyop): one OpenEXR file a frame with mattes of what it shows.
 
 `CryptoObject` has a matte for each object, called by its prim path, or where it was spawned by its name;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write frames into a folder, with a manifest by which an interrupted export continues.
 
 A format is a module of this package with `encode(frame) -> {file name: contents}` and a line in EXPORTERS. Views of

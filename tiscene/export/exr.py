@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One multi-part OpenEXR file a frame, one part a buffer, named as the buffer, zip-compressed and without time stamps.
 
 ================================  ==========  ==========================================================

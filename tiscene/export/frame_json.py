@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a frame knows beside its pixels, as one JSON file: the camera, events, and the table of objects.
 
 ``labels/000012.json`` holds

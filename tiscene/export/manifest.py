@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tiscene.json`: what an export folder holds and how it was made, so that it can be verified and gone on with."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One NPZ file a frame, every buffer as it is: `numpy.load("000012.npz")["depth"]`. The same bytes on every run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One folder a buffer, one file a frame, each in the plainest format that holds it:
 
 ======================================  ==================================================================

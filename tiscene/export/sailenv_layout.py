@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The layout of SAILenv's recordings, as the lab's programs read it. Frames are numbered from 1, a hundred a folder:
 
 ===============================  =======================================================================

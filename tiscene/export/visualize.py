@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Buffers as pictures: what a person looks at. Every function takes numpy arrays and returns uint8 [h, w, 3].
 
     from tiscene.export.visualize import picture

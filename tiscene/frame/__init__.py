@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames: the buffers, object table and events that a stream hands out.
 
 ::

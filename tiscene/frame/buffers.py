@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every per-pixel buffer: its name, type, unit and background. Film, kernels, Frame, command line and README read this.
 
 A frame's buffers are numpy arrays [height, width] or [height, width, channels], row 0 at the top. All but `rgb`,

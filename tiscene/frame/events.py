@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events: what happened to the objects of a world between two frames."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a stream hands out: one frame's buffers, its camera and its objects."""
 
 from __future__ import annotations

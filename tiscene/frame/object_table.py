@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The objects of a frame: who they are, where they are, and how much of them is seen.
 
 Boxes in the picture are float (x0, y0, x1, y1) with x0 <= x < x1: pixel column i spans i .. i + 1, so that a box of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where in a camera's view there is room: what the camera sees in front of everything, and boxes around the rest.
 
 One depth image of the scene says how far each line of sight is free; a ball nearer than all that is seen around it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ranges that `Scenario.sample` draws from: the knobs of a stream's visual complexity."""
 
 from __future__ import annotations

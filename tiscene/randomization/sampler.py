@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios at random, from ranges of difficulty: what `Scenario.sample` draws.
 
 The ranges are the knobs of a stream's visual complexity: how many objects, which, how fast and how much turning, how

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rendering: labels, path tracing, incremental rendering. Knows the device scene, not USD.
 
 ::

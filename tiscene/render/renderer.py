@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One frame's buffers: the label pass, and where color is asked for, the path pass, the denoiser and the film."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lookups in the texture atlas: interpolated, or one pixel at random whose mean is that."""
 
 from typing import Any, NamedTuple

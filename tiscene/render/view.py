@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The view: where the camera is a frame ago, now and a frame ahead, and how large the picture is.
 
 Pixel coordinates are (x right, y down) with pixel *centers* at integers, so a picture spans -0.5 .. width - 0.5.

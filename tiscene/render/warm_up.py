@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rehearsal: next to nothing is rendered, so that kernels are compiled before there is anything to render."""
 
 from __future__ import annotations

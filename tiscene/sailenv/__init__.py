@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv on tiscene: its Agent and scenario classes in process, its protocol by `tiscene serve`.
 
 ::

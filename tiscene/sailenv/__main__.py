@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m tiscene.sailenv SCRIPT [arguments]`: run a script that was written for SAILenv, without its server."""
 
 from __future__ import annotations

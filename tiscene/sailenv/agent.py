@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's Agent, in process: the same names, arguments, results and printed errors, without a server or a display."""
 
 from __future__ import annotations

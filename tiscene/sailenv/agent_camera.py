@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An agent as the world knows it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's names for scenes and templates. `scenes.json` holds what its scripts rely on."""
 
 from __future__ import annotations

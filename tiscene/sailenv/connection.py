@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One client of the server: what it says, what it is answered."""
 
 from __future__ import annotations

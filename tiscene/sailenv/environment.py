@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Environment: one world, one clock, and the agents that look at it. All that SAILenv's Unity program did.
 
 Agents share the scene, its objects and lights; each has its own place, size, background and views. The clock is in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's views of a frame, in the types in which they travel: row 0 at the top."""
 
 from __future__ import annotations

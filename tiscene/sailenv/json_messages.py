@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's JSON as tiscene's objects. Vectors may be {"x", "y", "z"} or three numbers in a row."""
 
 from __future__ import annotations

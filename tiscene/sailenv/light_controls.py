@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lights of a scene by SAILenv's names, in its terms: 8-bit sRGB colors, 1 for the intensity the scene has."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's manager started its Unity program. Here there is none to start."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The package `sailenv` as its scripts import it, made of what is here."""
 
 from __future__ import annotations

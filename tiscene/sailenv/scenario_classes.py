@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's classes that say what happens: its names, its argument order, its JSON."""
 
 from __future__ import annotations

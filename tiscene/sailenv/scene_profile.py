@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a scene is to agents: where they begin, the track that they can follow, and the numbers of its categories."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's protocol over TCP: several clients, one environment.
 
 One task a client reads and writes; one thread does all that touches the world. A client that breaks the protocol,

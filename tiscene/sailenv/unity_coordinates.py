@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Unity's space, in which SAILenv speaks: left-handed, Y up, +Z ahead, meters, Euler degrees. Only this file knows it.
 
 Mirroring z turns it into tiscene's space and back: a point (x, y, z) is (x, y, -z), a turn about x or y changes its

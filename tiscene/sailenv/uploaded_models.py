@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models that agents send: zip files with an OBJ inside, kept in a folder of their own until the world ends.
 
 What they hold is not trusted: nothing is written outside of the folder, and nothing of a zip before all of it is read,

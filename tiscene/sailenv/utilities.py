@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's picture of flow."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SAILenv's bytes: little endian; a text is its length in bytes (int32) and UTF-8."""
 
 from __future__ import annotations

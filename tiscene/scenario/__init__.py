@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios: what happens in a scene, as plain frozen values.
 
 ::

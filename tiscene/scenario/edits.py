@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Edits: what was done to a running stream, frame by frame, so that it can be done again."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a light of the stage moves and shines, as plain frozen values."""
 
 from __future__ import annotations

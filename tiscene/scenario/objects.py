@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Objects of a scenario and the frustum that bounds them."""
 
 from __future__ import annotations

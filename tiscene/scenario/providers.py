@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Functions of higher packages that `Scenario` calls by name, so that `tiscene.scenario` imports nothing above it."""
 
 from __future__ import annotations

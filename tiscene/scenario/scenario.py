@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenario: what happens in a scene, as plain frozen values that can be compared, copied and written to a file.
 
 It is the paper's Θ: a scene, objects with their dynamics and life spans, the timings that tie them together, the view

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frozen dataclasses to JSON values and back, strictly: unknown keys and wrong values name their place in the file.
 
 A table says which classes a field may hold, by the field's name. Where there is a choice the JSON object carries the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parsed scene data: on the host, and as device arrays.
 
 ::

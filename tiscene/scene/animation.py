@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What changes over time by itself: meshes that deform, instances that move, come and go.
 
 Samples at given times, s, increasing. Before the first and after the last one everything stays as it is there.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Objects made of several meshes: their parts side by side, and the boxes around them."""
 
 from __future__ import annotations

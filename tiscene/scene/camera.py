@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The camera: a pose, a lens and an exposure. Looks down its -z axis, +y up, as a UsdGeomCamera does."""
 
 from __future__ import annotations

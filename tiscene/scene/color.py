@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The transfer function of sRGB (IEC 61966-2-1), of arrays of any shape and of any kind of float."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mesh that deforms, on the device: its vertices and its tree at the frames before, at and after the present one."""
 
 from __future__ import annotations

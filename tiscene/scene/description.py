@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the files said: host arrays, frozen, independent of USD and of any device.
 
 Lengths are meters, angles radians, colors scene-linear Rec.709, matrices map column vectors.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What kernels read: every mesh, material, texture and light as device arrays, and the trees that rays walk."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All materials of a scene as three arrays: constant inputs, flags, and texture lookups of the inputs that have one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where every instance is around one frame: the only thing that changes between the frames of a stream."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Streams: one frame after another, by iteration or by index.
 
 ::

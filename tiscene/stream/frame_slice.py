@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Some frames of a stream: what `stream[a:b]` is."""
 
 from __future__ import annotations

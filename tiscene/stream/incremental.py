@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When a stream's frames are differences to an image of what never moves, and what moves in them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stage is read, and Taichi started. Where kernels have to be compiled first, another process reads meanwhile."""
 
 from __future__ import annotations

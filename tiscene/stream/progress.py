@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a library says of its own accord: how far a long preparation is, on stderr where that is a terminal."""
 
 from __future__ import annotations

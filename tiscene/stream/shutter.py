@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shutter: the moments at which a picture looks while it is open."""
 
 from __future__ import annotations

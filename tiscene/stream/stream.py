@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stream: one frame after another, or any frame by its number, always the same bytes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """USD files to scene descriptions and back: the only package that imports pxr.
 
 ::

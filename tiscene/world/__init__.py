@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """World: the state of all objects, cameras and lights at each frame.
 
 ::

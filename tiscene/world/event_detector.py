@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EventDetector: what happens to the objects of a world between two frames, and what comes into view."""
 
 from __future__ import annotations

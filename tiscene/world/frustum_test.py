@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which boxes a camera has in view: the events "enter" and "leave" are made of this."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """WorldLights: which lights there are at each frame, where, and how they shine."""
 
 from __future__ import annotations

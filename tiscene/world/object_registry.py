@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ObjectRegistry: what there is in a world, whether it moves or not: identities, labels, meshes and boxes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """AnimatedInstances: which parts of a world move, come and go by themselves, as their author animated them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The things of a stage: where they stand, once edits have moved some of them and taken others away."""
 
 from __future__ import annotations

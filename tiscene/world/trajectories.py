@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories: where a scenario's objects, cameras and lights are at each frame, and what the objects meet on the way.
 
 Where nothing can be met every pose is a formula of time. Otherwise the objects are stepped, frame by frame; those that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """World: where everything is at each frame. Bodies move, so instances move.
 
 A pure function of (scenario with its edits, stage, fps, aspect, frame): nothing depends on which frames were asked for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m usd_scenes.author [NAME ...] [--output FOLDER]`: writes textures, templates and scenes again.
 
 NAME: a scene (room_02), a template's folder (chair_01), "textures" or one texture (oak); default everything.

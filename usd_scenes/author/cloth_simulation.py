@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cloth by extended position-based dynamics (Macklin et al. 2016) in many small steps: what lies, hangs and is stuffed.
 
 Run once, when a thing is authored, and saved as its mesh. Only elementwise arithmetic, which rounds alike everywhere.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shapes given by a signed distance: what is stuffed or molded has no profile. Fields take points [n, 3], give [n]."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m usd_scenes.author.jar FILE.glb`: a glazed floor jar as glTF, a model to try `tiscene import` with."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Materials by name. Albedos are measured values or close to them: none below 0.03 or above 0.82."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What furniture and templates are made of: named parts, each a mesh with a look."""
 
 from __future__ import annotations

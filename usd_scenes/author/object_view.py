@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An empty studio: an even, light ground and three lights far away, so that a thing is lit alike wherever it flies."""
 
 from __future__ import annotations

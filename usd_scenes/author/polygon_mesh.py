@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Polygon meshes on their way to USD, and the handful of operations that shapes are made with.
 
 Lengths in meters, right-handed, +y up, faces counter-clockwise seen from outside. Texture coordinates are meters on

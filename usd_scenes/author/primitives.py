@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes as the few boxes, cylinders and spheres that they are closest to: the elementary scenes of the paper."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A room in the making: things put in their places, lights, cameras; then one scene.usda and its crates of shapes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """room_01, a bedroom of 4.5 × 4 × 2.8 m: x from -2.05 to 2.45, z from -2 to 2, the floor at y = 0.
 
 The bed's head is at the +x wall, the window in the +z wall; a wardrobe stands behind the usual camera, a chest of

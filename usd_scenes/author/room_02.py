@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """room_02, a living room of 8 × 7 × 2.9 m: x from -4.4 to 3.6, z from -6 to 1, the floor at y = 0.
 
 Sun and sky come through two windows in the -x wall; sofa and pictures at the far wall, the dining table to the right,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """room_03, a bathroom of 3 × 2.5 × 2.7 m: x from -1.5 to 1.5, z from -1.25 to 1.25, the floor at y = 0.
 
 The tub stands under a frosted window in the -z wall, the washbasin at the +x wall, the toilet at the -x wall; the door

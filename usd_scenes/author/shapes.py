@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shapes with their edges broken: nothing made by hand or machine has a perfectly sharp edge, and it shows."""
 
 from __future__ import annotations

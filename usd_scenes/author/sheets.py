@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plates and shells: what is cut from a flat piece or molded as a thin one, with round edges."""
 
 from __future__ import annotations

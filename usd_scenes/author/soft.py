@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Soft shapes: cushions, upholstery, curtains, throws; formed by functions, wrinkled by smooth random fields."""
 
 from __future__ import annotations

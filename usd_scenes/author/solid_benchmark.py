@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plain room of primitives, 6 × 5 × 3 m: x from -3 to 3, z from -4 to 1; three solids stand on its floor."""
 
 from __future__ import annotations

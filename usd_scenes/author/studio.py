@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A photographer's table for one template: what its pictures are taken in."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The templates: things that can be spawned, each about the center of its bounding box, in a folder of its own.
 
 Variant sets on the root: `color` says what each part is made of, `appearance` is photoreal, untextured or primitives.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing things as USD: geometry as crates, roots as readable text, nothing that changes from run to run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was written down of a kernel makes the same kernel; what is not the same any more, or damaged, does not."""
 
 from pathlib import Path

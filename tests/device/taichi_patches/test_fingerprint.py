@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fingerprint is the same in another process, and another one where anything that a kernel is made of is."""
 
 import enum

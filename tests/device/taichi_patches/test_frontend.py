@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels read in the quick way are those that Taichi reads: it finds them in its cache under the same names."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels that were called once are launched as Taichi would launch them: same results, same refusals."""
 
 import gc

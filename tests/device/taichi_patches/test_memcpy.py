@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Values arrive whole in Taichi's arrays and come back from them, whatever their type and layout."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Boxes and pixel counts against numbers worked out by hand: a camera of 200 x 200 px and focal length 200 px."""
 
 import copy

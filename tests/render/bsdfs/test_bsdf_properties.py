@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What holds for every material: it reflects no more than it gets, and light takes either way alike."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdPreviewSurface: sampling against density, energy, reciprocity, and the inputs' meaning."""
 
 import math

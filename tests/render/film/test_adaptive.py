@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Adaptive sampling: the error that was asked for, where it was asked for, at less cost; the same bytes always."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Open Image Denoise: less noise, the same bytes, silence, and errors with words."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures without their noise: where nothing moved a difference shows its base's best picture, else the movers."""
 
 from __future__ import annotations

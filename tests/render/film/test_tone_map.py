@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exposure, the tone curve's promises, metering."""
 
 import numpy as np

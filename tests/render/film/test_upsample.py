@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Light traced in a smaller picture: sizes, what is kept exactly, edges, and how near whole frames come."""
 
 from __future__ import annotations

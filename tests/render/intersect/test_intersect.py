@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hits are those of Embree and of brute force; ties, degenerate input and repeatability are exact."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which light a ray meets: the same as by looking at every one."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which light is sampled: the one that gives most at the point, and none is left out."""
 
 import numpy as np

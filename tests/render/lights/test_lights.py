@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every kind of light: sampling against density, sample against ray, and irradiance against formulas."""
 
 import math

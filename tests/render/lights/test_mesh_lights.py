@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes that give light: sampled without bias, with little noise, wherever they are; and which of their triangles."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Portals: densities of the dome's light that comes through them, and less noise in a room with a window."""
 
 import math

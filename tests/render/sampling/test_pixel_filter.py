@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pixel filters: paths go where they weigh, and pictures are what filtering a finer one gives."""
 
 import math

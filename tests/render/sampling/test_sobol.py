@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scrambled Sobol points: their net property, pixel by pixel and together, independence of the sets and frames."""
 
 import numpy as np

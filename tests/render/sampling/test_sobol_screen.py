@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise of a picture: neighbors' errors cancel, so that what remains behind a blur or a denoiser is less than if every
 pixel knew nothing of the others."""
 

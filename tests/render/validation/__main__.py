@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of docs/validation.md: `python -m tests.render.validation [STAGE ...]`. It asserts nothing."""
 
 import sys

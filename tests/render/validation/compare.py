@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of a stage by tiscene and by Mitsuba 3, and how far two sets of pictures are apart."""
 
 from __future__ import annotations

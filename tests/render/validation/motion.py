@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stage where everything moves while the shutter is open: a block that flies and turns, a lamp, and the camera.
 
 Ours goes by scenario, world and shutter. For Mitsuba, which has no motion, everything is put by hand where it is at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small scenes that both tiscene and Mitsuba can render, each about one thing."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """tiscene against Mitsuba 3 on every stage: the mean and the variance, of the whole picture and of its parts."""
 
 from collections.abc import Iterable

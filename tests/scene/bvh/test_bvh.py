@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trees hold every triangle once, inside all boxes above it; they are the same bytes on every build."""
 
 import subprocess

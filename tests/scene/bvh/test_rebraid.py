@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Large instances in parts: which they are, and that nothing of them is lost."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time samples of things as keyframes: from when they count, what mirrors do, and what cannot be played."""
 
 from __future__ import annotations

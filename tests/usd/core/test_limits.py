@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that are not trusted: what they may take, where they may be, and a process of their own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The schema: known to USD without environment variables, in step with the Python classes, shipped in the package."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Curves as tubes and ribbons, points as balls."""
 
 from __future__ import annotations

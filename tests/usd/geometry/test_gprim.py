@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parametric shapes: sizes, axes, winding, normals, uv."""
 
 from __future__ import annotations

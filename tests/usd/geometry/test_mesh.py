@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdGeomMesh: faces, orientation, holes, primvars, subsets, and everything that can be wrong with them."""
 
 from __future__ import annotations

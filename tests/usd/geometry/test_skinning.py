@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes that skeletons pose."""
 
 from __future__ import annotations

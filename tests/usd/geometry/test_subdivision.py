@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Catmull-Clark against values worked out by hand and against its own limit."""
 
 from __future__ import annotations

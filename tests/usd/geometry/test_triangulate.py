@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Triangulation: exact areas, one winding, any batch."""
 
 from __future__ import annotations

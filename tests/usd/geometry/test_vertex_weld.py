@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Welding corners into vertices."""
 
 from __future__ import annotations

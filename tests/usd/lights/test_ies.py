@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """IES photometric files, and the profiles made of them by the rules of UsdLux."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdLux in numbers: every light's units by the documentation of LightAPI."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdLux's units as rendered: the irradiance of a diffuse floor under every light, against closed forms, to 0.5 %."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ShapingAPI, ShadowAPI, multipliers, and meshes that are lights."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Materials: bindings, UsdPreviewSurface networks, textures, displayColor."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PNG of 16 bits a channel, against an encoder that follows the filters' definitions row by row."""
 
 from __future__ import annotations

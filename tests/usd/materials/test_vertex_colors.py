@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colors and second texture coordinates that vertices have: what interpolates over faces, to the pixel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stages animate beside whole things: shapes, parts, points of instancers, groups that come and go."""
 
 from __future__ import annotations

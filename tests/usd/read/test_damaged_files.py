@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged files give errors, never a crash and never another exception.
 
 A few of a thousand keep USD itself busy for minutes: it believes a damaged count. Those are given up after a while.

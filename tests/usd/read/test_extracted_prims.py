@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prims of a stage taken out of what stands still."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Things and their labels; native instances and point instances."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdGeomCamera by its own rule: tenths of a scene unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opening stages: what cannot be opened, variants, units, axes, time, purpose, visibility, transforms."""
 
 from __future__ import annotations

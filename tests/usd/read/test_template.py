@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Templates from files and from the class prim "Templates"."""
 
 from __future__ import annotations

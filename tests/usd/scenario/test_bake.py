@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion written as time samples, read back at every time code."""
 
 from __future__ import annotations

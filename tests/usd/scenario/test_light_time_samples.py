@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lights by time samples, edits and several cameras: on the stage, in saved scenarios and in written motion."""
 
 import math

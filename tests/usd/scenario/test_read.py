@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios on the stage: written and read back to the bit, and authored by hand."""
 
 from __future__ import annotations

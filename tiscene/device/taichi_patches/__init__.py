@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replacements for slow parts of Taichi 1.7.4's Python front end.
 
 ::

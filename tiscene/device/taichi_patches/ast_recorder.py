@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What Taichi's front end tells the builder of a kernel is kept beside Taichi's cache; the next process tells it again.
 
 Taichi 1.7.4 finds a kernel in its cache by the syntax tree that it makes in Python from all sources, at every start.

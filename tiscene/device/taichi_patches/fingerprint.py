@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a kernel is made of, as a short text: it is another one if anything in its sources is.
 
 Sources are the files of all functions that can be reached by name from the kernel's, and the values of all else that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What Taichi does in Python before a kernel runs: once for each function, not again wherever it is called.
 
 Taichi inlines a function at each of its calls. Taichi 1.7.4 reads, wraps and parses its source for each of them, words

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launches of kernels without most of what Taichi does in Python for each: 0.06 ms in the place of 0.2 to 0.3 ms.
 
 Taichi 1.7.4 looks at all types of all arguments twice, asks each for what only a few kinds need, and sets all of them.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """On a CPU, values go between numpy's arrays and Taichi's by a copy of memory.
 
 Taichi 1.7.4 has a kernel copy them, one for each type and number of axes: ten more kernels before a first frame.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calls of Taichi's library in their order, as files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How many pixels objects would have alone, and which: rays that each ask whether they meet one instance."""
 
 from __future__ import annotations

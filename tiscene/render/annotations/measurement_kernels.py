@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernels that measuring objects needs beside those of the label pass."""
 
 import taichi as ti

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Boxes and pixel counts of a frame's objects, each computed when it is first asked for.
 
 A frame may be looked at long after the stream has moved on: what is needed of that moment (placement and cameras) is

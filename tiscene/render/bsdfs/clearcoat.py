@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A second, colorless GGX layer on top of everything: lacquer."""
 
 import taichi as ti

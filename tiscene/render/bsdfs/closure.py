@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the lobes of UsdPreviewSurface share: its weights at one point for one outgoing direction, and Fresnel's terms.
 
 Directions are in the frame of the shading normal, on whose positive side the outgoing direction is.

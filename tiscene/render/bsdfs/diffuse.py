@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lambertian reflection below the specular layer, and the diffuse-like rest of what rough metal reflects repeatedly."""
 
 import math

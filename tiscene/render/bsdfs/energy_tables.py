@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much light a rough surface reflects in all: tables that keep the lobes' sum at what it should be.
 
 A microfacet model without interreflection loses light as roughness grows. With E(cos, roughness) known, the loss of a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rough dielectric boundary: GGX reflection and refraction (Walter et al. 2007) with the exact Fresnel term.
 
 Of radiance: refraction scales it by the squared ratio of the indices. `c.glass` holds the energy compensation.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The inputs of UsdPreviewSurface at a point of a surface: constants or texture lookups, and the normal map."""
 
 from typing import Any, NamedTuple

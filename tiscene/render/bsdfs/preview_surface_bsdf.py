@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdPreviewSurface: the lobes that its inputs make (see `inputs`), evaluated and sampled as one.
 
 Layers from the top: clearcoat; specular reflection with Schlick's Fresnel term; then, below it, diffuse reflection.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """GGX reflection with Schlick's Fresnel term: metals, and the polish of everything else."""
 
 import taichi as ti

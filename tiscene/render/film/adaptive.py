@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Adaptive sampling: paths in rounds, pixel by pixel until the error of each is estimated to be small enough.
 
 A round is two nets of points, scrambled apart, whose difference tells their error without a bias. One pixel's

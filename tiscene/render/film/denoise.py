@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Intel Open Image Denoise, through pyoidn: loaded at the first use; one device, and filters for the last few sizes.
 
 Its result has the same bytes for the same input on one machine; other processors may round otherwise.

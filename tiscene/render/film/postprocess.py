@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Traced pictures without their noise, in full size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From scene-linear radiance to a picture for the screen: exposure, a filmic tone curve, sRGB.
 
 The curve is a sigmoid over stops of exposure, applied to each channel of a slightly less saturated RGB, in the manner

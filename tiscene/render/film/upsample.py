@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Light traced in a smaller picture, brought to full size along the surfaces that the labels show.
 
 What varies least over a surface is the light that reaches it: radiance over albedo. That is what is denoised and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Traversal of the binary layout: two boxes, one triangle at a time, all scalar; for a GPU. The method is wide.py's."""
 
 import taichi as ti

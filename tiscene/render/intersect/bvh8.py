@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Traversal of the wide layout: a ray against eight boxes, or four triangles, at once. Compiled in vector mode only.
 
 Boxes are tested by slabs as (plane - origin) / direction, whose relative error is bounded, and the far side is moved

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any hit in the wide layout: several rays of a thread take turns. Compiled in vector mode only.
 
 Where one ray goes next a processor must guess at each node, and half of a ray's time goes into wrong guesses. Here a

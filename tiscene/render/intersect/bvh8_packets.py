@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sixteen neighboring camera rays at once: the same hits as wide.closest, bit for bit. Compiled in vector mode only.
 
 Boxes are tested against all directions of a bundle together, by intervals; triangles against the sixteen rays, one a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The arrays that one wave of primary rays is traced through."""
 
 from functools import lru_cache

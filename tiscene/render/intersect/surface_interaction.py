@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The surface that a ray met, from the hit's triangle and barycentric coordinates.
 
 Positions are interpolated from the triangle's vertices, never origin + t * direction: as exact at a kilometer as at a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rays against the scene. All passes trace through these functions, over arrays of rays.
 
 rays: [n] of 8, origin x, y, z, unused, direction x, y, z, t_max; what lies in (0, t_max) is hit. `queue[0 .. count)`

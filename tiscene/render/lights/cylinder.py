@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The side of a cylinder about the light's x axis, which emits outwards; it has no caps, and from inside it is dark.
 
 Sampled uniformly in the angle about an axis through the observer and parallel to the light's, then in the angle along

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A disk that emits from one side, towards the light's -z. Sampled uniformly in area."""
 
 import math

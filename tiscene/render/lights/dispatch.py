@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kinds of light as one: sampling a light, meeting it. A new kind is a file and a name in LIGHTS."""
 
 import taichi as ti

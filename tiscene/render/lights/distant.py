@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Light from infinity along the light's -z: parallel, or uniform over a small cone of directions (a sun)."""
 
 import taichi as ti

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The surroundings: one radiance from everywhere, or a latlong image sampled by luminance times solid angle.
 
 Where the light comes in by portals, those are lights of their own, and the image is sampled for its sun alone.

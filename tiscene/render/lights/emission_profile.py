@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdLux's shaping: how much of a light goes where, by a cone, by a focus about the surface's normal, by a profile."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mesh that gives light: an instance in which triangles emit, on both sides. First a triangle is chosen by about what
 it gives at the point, then a point of it, uniformly. Rays meet it as they meet any surface.
 

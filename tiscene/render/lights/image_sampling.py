@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The image of a light, sampled by its brightness: cells of a grid, with an even chance within each."""
 
 import taichi as ti

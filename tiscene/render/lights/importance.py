@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """About how much each light gives at a point, if nothing stands in between: see `tiscene.scene.lights.light_tree`.
 
 Portals give light like lamps; other light from infinity counts only where it can come in: in a room with portals, a

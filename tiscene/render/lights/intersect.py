@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lights that a ray meets. They are not in the tree of surfaces: rays are tested against them apart, shadow rays too,
 so that a light hides what is behind it however a path gets there."""
 

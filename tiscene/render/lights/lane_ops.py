@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Eight numbers at once: their sums, and which of them."""
 
 import taichi as ti

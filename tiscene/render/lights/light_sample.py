@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every kind of light answers, and how a row of the light table is read."""
 
 from typing import Any, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which light to sample: in proportion to what each gives at a point, see `weights`, to a surface as it faces them."""
 
 import taichi as ti

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A point (a sphere of radius 0): its `radiance` is an intensity, W/sr. No ray meets it."""
 
 import taichi as ti

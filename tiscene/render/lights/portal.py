@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rectangle that a dome's light comes in by, along its -z: sampled as a RectLight is, far away as the dome.
 
 Where a direction crosses several portals, each of them could have led to it, and their densities add up: see

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rectangle that emits from one side, towards the light's -z. Near by it is sampled uniformly in the solid angle it
 subtends, from afar in its area; where it has an image with bright spots, so many of the samples by that's luminance."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sphere that emits outwards. Sampled uniformly in the cone that it fills. From inside it is dark."""
 
 import taichi as ti

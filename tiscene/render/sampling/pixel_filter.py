@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pixel filters, sampled by importance: paths are sent where the filter weighs, and then all count the same.
 
 So a path belongs to one pixel, and neighbors do not share their noise (Ernst, Stamminger and Greiner, "Filter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Owen-scrambled Sobol points without tables or state: a number depends only on what it is for.
 
 Every two dimensions of a path are another copy of the first two of the Sobol sequence, scrambled and shuffled by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps from the unit square to distributions, each beside its density.
 
 Directions are in a local frame whose z axis is the normal; densities are per steradian, on the disk per unit area.

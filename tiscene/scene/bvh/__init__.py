@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two-level bounding volume hierarchy: one tree per mesh, one over instances.
 
 ::

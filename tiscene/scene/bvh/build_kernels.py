@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels that grow a binary tree of boxes by the binned surface-area heuristic (Wald 2007).
 
 A build runs `grow` (once for the top of the tree, once for the subtrees in parallel), then what bvh_write.py has to

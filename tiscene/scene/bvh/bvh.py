@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two-level bounding volume hierarchy: one tree for each mesh (BLAS), one over the instances for each time (TLAS).
 
 All trees share one array of nodes, so that a ray goes from a TLAS into a BLAS without changing arrays. Two layouts:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels that turn a binary tree of boxes (bvh_build.py) into the nodes and triangles that rays meet."""
 
 import taichi as ti

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The instances of a stage as obstacles: a tree over what stands still, above the trees that rays walk."""
 
 from __future__ import annotations

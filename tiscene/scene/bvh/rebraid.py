@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Large instances enter the tree over instances in parts, the children of their meshes' roots.
 
 The box of a room's skirting, or of its cables, holds hardly anything: most rays would enter it for nothing. It is one

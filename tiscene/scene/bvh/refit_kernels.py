@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels that move a mesh: new vertices, the triangles that rays meet, and boxes of the same tree around them.
 
 Each box is made of what is below it, from the last node to the first: children have higher numbers (bvh_write.py).

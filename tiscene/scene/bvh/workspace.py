@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A build in progress: the shapes that trees have, and the arrays in which they grow."""
 
 from __future__ import annotations

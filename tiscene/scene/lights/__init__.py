@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Device tables of lights and the trees to sample and intersect them.
 
 ::

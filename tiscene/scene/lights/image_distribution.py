@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the images of lights are sampled: in proportion to their luminance, by cumulative probabilities."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where rays meet lights: a tree of the boxes about them.
 
 Its nodes are wide: eight boxes are looked at at once, and one eight does not wait for another as a node does for its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lights that stand still and only shine more or less, in groups: light adds up, so that it is enough to trace what
 each of them gives once."""
 

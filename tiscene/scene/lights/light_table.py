@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All lights of a scene: a row each, the nodes that they are chosen by, and the distributions of their images."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What lights are chosen by: nodes of up to eight members, each a light or a group of lights, with about what it gives
 where.
 

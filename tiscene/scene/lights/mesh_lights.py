@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Meshes that give light: the triangles that do, as a tree of nodes that they are chosen by (see `light_nodes`)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All images of a scene in three flat arrays, so that a kernel can read any of them by its row.
 
 8-bit images stay 8-bit (one word a pixel); only float images take floats. Kernels read them through

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Copies of images of half, a quarter, ... of their size.
 
 They are means, for whoever could not tell an image's single pixels apart (Williams, "Pyramidal Parametrics", 1983).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What moves or comes and goes on a stage by time samples, as keyframes and life spans."""
 
 from __future__ import annotations

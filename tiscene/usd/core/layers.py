@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which files a stage is made of, so that it can be told whether they have changed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much a stage may take, and from where."""
 
 from __future__ import annotations

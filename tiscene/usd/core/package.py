@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths into packages: "room.usdz[wood.png]" is wood.png in room.usdz. Other names may have brackets too."""
 
 from __future__ import annotations

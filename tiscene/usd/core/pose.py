@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses of prims: transform operations that say a scenario's pose to the bit, and poses out of any transform."""
 
 from __future__ import annotations

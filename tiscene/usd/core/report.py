@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong with a stage, and what of it is left out: collected while it is read, told once at the end."""
 
 from __future__ import annotations

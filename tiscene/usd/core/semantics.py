@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a prim is: its semantic label, and whether it is a thing with an identity of its own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a shader's inputs are connected to, through node graphs and material interfaces."""
 
 from __future__ import annotations

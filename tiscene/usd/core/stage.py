@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Opening a stage: composition errors are failures, and USD's own chatter stays off the terminal."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What moves, comes and goes on a stage without being a thing of its own: parts of things, points of instancers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """USD's row-vector matrices in stage units to column-vector matrices in meters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Between meters and a stage's unit, so that numbers that people write come back as they were written."""
 
 from __future__ import annotations

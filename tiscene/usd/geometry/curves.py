@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdGeomBasisCurves as tubes or ribbons, UsdGeomPoints as balls: simple geometry, whole batches at a time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gprims whose shape changes over time: the times at which it is authored, and their vertices at each."""
 
 from __future__ import annotations

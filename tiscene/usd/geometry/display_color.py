@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """displayColor and displayOpacity, and other primvars that stand for a constant, of gprims."""
 
 from __future__ import annotations

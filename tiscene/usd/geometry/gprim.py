@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdGeom's parametric shapes as triangles: cube, sphere, cylinder, cone, capsule, plane."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdGeomMesh: n-gons, holes, orientation, normals, texture coordinates, subdivision."""
 
 from __future__ import annotations

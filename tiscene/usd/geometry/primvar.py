@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Primvars and normals of a mesh, checked against its topology."""
 
 from __future__ import annotations

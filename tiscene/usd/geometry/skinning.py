@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdSkel: meshes bound to skeletons get the points that their skinning gives them, on the stage itself."""
 
 from __future__ import annotations

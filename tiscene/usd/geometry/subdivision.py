@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Catmull-Clark subdivision with semi-sharp creases, boundaries and face-varying texture coordinates.
 
 The rules are those that UsdGeomMesh names: Catmull and Clark 1978, creases after DeRose, Kass and Truong 1998 with

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Polygons into triangles: fans where convex, ear clipping where not; whole batches of equal size at a time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Triangles with one normal and one uv per vertex, from faces whose corners may disagree about them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a glTF file says beside what trimesh reads of it: extensions of its materials, and what is left out of it."""
 
 from __future__ import annotations

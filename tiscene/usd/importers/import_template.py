@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models of other people as templates: one folder each, with geometry, textures, label, colliders and license."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Materials of imported models as UsdPreviewSurface: glTF's as they are, Phong's by their names and shininess."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Model files that are no USD (OBJ, glTF, PLY, STL and whatever else trimesh reads) as pieces of surface with looks."""
 
 from __future__ import annotations

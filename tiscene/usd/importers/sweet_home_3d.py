@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Catalogs of furniture for Sweet Home 3D (.sh3f): a zip of OBJ models and a list of names, categories and sizes."""
 
 from __future__ import annotations

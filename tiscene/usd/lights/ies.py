@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """IES photometric files (ANSI/IES LM-63): how much light a lamp sends where."""
 
 from __future__ import annotations

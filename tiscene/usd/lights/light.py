@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdLux lights in the units of its documentation: intensity in nits, exposure in stops, sizes by their transforms."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdLux's ShapingAPI: cones, focus and IES profiles; and what of a light's other controls is not rendered."""
 
 from __future__ import annotations

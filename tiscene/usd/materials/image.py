@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Image files as arrays: PNG, JPEG and whatever else Pillow reads, OpenEXR, Radiance HDR."""
 
 from __future__ import annotations

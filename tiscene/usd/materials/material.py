@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Materials and displayColor as rows of one material table."""
 
 from __future__ import annotations

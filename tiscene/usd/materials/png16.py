@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PNG files of 16 bits a channel and several channels, of which Pillow keeps 8."""
 
 from __future__ import annotations

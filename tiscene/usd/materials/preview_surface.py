@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdPreviewSurface networks: every input as a number, a texture, or what the vertices say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of textures that materials and lights share: each file once per way of reading it."""
 
 from __future__ import annotations

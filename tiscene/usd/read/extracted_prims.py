@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Things of a stage that are to move: taken out of what stands still, and made templates of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a USD file says of itself, before anything of it is drawn."""
 
 from __future__ import annotations

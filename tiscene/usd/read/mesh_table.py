@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of meshes: each gprim once, however many instances show it, with a material for every triangle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Things with an identity while a stage is read: their parts, and what UsdPhysics says of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdGeomPointInstancer: where its points are, and which prototype each one shows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UsdGeomCamera: apertures and focal length in tenths of a scene unit, distances in scene units."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read a USD stage into a SceneDescription."""
 
 from __future__ import annotations

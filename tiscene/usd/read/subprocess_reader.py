@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SubprocessReader in a process of its own, which hands back arrays: files that may be damaged or hostile, with limits; and any
 file while this process does something else."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The child process of `subprocess_reader`: reads a stage within limits and writes the result to a file."""
 
 from __future__ import annotations

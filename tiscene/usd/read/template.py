@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Object templates: what can be spawned. From files of their own, or from the class prim "Templates" of a stage."""
 
 from __future__ import annotations

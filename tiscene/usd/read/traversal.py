@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The walk over a stage: which prims draw, where, as part of which thing, and with which materials."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stream's motion as a USD layer over its scene: time samples of poses and visibility, for any USD program."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Layers over a scene's: objects by reference to their templates, and cameras, with what places them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lights that move or change by time samples, and back: what a stream's lights do, as time samples."""
 
 from __future__ import annotations

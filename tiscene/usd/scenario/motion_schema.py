@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dynamics as attributes of TisceneMotionAPI, both ways: to and from the JSON values of a scenario's dynamics.
 
 The attributes of a kind of motion are those of its JSON object, by the table below. Values on the stage are stage units

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios on the stage: what an artist, or `Scenario.save`, authored by the schema of tiscene.
 
 Scenarios pass through here as JSON values, the ones of `Scenario.to_json`: this folder knows stages, not scenarios.

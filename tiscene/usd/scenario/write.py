@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios written as USD layers over their scenes, by the schema of tiscene. `scenario.py` reads them back."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small things of a bathroom: towel, toilet paper, soap, plunger."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What else a bathroom has: window, mirror, lamps, stool, bottles, brushes, paper."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What lies on the bed and hangs about: simulated once by `cloth`. In the bed's coordinates: head at z = 0, foot +z."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bedroom's furniture: bed, bedside table, lamps, wardrobe, chest of drawers. Each stands on y = 0 and faces +z."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shell of a room: floor of planks, walls with openings, windows, curtains, skirting, ceiling, door."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fork, spoon, knife and napkin: each lies on y = 0 along z, its handle towards +z."""
 
 from __future__ import annotations

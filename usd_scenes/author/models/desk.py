@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What lies on desks and stands beside them: telephone, pen, alarm clock, cardboard box, waste bin."""
 
 from __future__ import annotations

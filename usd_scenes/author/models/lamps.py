@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lamps that can be spawned: their shades glow, so that they light without a light of the stage."""
 
 from __future__ import annotations

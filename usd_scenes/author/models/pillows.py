@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scatter pillows, stuffed by simulation: what fills them draws their sides in and creases their seams."""
 
 from __future__ import annotations

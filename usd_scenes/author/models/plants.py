@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plants in pots and twigs in a vase."""
 
 from __future__ import annotations

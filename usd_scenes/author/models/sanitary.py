@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bathtub, toilet, washbasin and their taps. Each stands on y = 0, its front at +z unless it says otherwise."""
 
 from __future__ import annotations

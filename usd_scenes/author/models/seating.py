@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chairs, sofa, armchair, pouf."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pottery: vessels turned on a wheel, with their spouts and handles. Each stands on y = 0 about x = z = 0."""
 
 from __future__ import annotations

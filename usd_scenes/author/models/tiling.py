@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tiles on walls and floors: each a body of its own, a little out of true, in a bed of grout."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Towels that hang and lie, a bath mat, a robe's hook: simulated once by `cloth`."""
 
 from __future__ import annotations

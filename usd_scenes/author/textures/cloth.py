@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Woven and knotted cloth, leather, and the rug."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Image files without time stamps: PNG by Pillow, Radiance HDR by hand."""
 
 from __future__ import annotations

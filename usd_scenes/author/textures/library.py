@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every texture file by name, and how it is made."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tileable noise: white noise shaped in the frequency domain, which wraps round by construction."""
 
 from __future__ import annotations

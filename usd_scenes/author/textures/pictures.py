@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paintings, book covers and pages, a laptop's screen, a ball: images that are the thing itself."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What single templates are made of: a telephone's screen, plush, cardboard, terry cloth, embossed paper, a leaf."""
 
 from __future__ import annotations

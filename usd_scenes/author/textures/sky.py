@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The view out of the window: a hazy afternoon sky with thin clouds over trees and a lawn, as a latlong picture."""
 
 from __future__ import annotations

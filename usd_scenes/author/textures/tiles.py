@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Glazed tiles, terrazzo, frosted glass."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wood: growth rings cut lengthwise, pores, and strips of differing boards for a floor. Grain runs along u."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Base images on disk: found again, never mistaken for another, never in the way."""
 
 from __future__ import annotations

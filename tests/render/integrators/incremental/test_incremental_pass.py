@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replaying cached paths: the picture of path tracing, and nothing changes where nothing moves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tells where movers are, and what the denoiser is shown of them: smooth edges, patches of what has changed."""
 
 from __future__ import annotations

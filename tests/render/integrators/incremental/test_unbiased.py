@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replayed frames of whole scenarios against path tracing: no bias, by z-tests over independent bases, and no flicker.
 
 Minutes each.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coverage: what fills how much of a pixel."""
 
 from dataclasses import replace

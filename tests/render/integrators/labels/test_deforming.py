@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels of meshes that deform: every buffer follows the points of the surface."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The label pass against Embree, which sees the same triangles as one flat mesh in the world."""
 
 import numpy as np

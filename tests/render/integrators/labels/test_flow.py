@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Flow and scene flow against plain numpy in double precision: boxes hit by slabs, moved, and projected with K."""
 
 from itertools import pairwise

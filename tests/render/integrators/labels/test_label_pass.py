@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each label buffer says about surfaces and the background."""
 
 import json

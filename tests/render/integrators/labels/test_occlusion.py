@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Occlusion masks on scenes of plates, where lines of sight can be worked out by hand."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stands still before a camera that does not move is labeled once, and nobody can tell."""
 
 from collections.abc import Callable

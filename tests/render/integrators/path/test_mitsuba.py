@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The path pass against Mitsuba 3's `path` integrator on the same triangles, lights and materials."""
 
 import mitsuba

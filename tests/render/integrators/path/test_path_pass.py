@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The path pass: furnace, formulas, MIS, determinism, and what must not matter."""
 
 import hashlib

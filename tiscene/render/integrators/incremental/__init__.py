@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Incremental rendering: a base image of the static scene, corrected where movers change it.
 
 ::

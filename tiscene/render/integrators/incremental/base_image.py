@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all frames of a replay are differences to: one picture of what never moves, in parts by what lights it."""
 
 from __future__ import annotations

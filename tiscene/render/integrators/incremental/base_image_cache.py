@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Base images on disk: what a scene looks like without its movers costs seconds and is the same at the next start.
 
 One file an image in the platform's cache folder (or $TISCENE_CACHE), named by a digest of all that the image depends

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lights of a base: chosen as when all of them are at their brightest, and shining as they do in a frame."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where much has changed: rectangles around what moves, and around light and shadow that it brings elsewhere."""
 
 from collections.abc import Sequence

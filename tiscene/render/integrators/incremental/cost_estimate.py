@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much of a picture a difference would have to trace again: asked of a few paths that no picture is made of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The replay pass: a frame as a base image and what its movers change of the light.
 
 One base image of all that stands still, at many samples a pixel, and a few paths a pixel through the same, kept. In a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much of each pixel the movers cover, by rays through fixed places up to the first surface that stands still.
 
 Two of a pixel's places tell where movers are; all sixteen are looked through where an edge of one may be.

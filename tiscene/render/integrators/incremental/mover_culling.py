@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which of many rays come near the movers: eight boxes at once. Compiled in vector mode (see intersect/wide.py)."""
 
 import taichi as ti

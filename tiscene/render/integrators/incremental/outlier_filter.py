@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lone spikes of a difference, evened out for the denoiser, which takes a speck in a clean picture for a detail.
 
 A bright path that few frames have is a speck where it comes, and a dark one where the base has it and the frame not.

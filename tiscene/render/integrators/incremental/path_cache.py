@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paths of a scene without its movers, kept so that a frame need only trace again what a mover cuts."""
 
 from __future__ import annotations

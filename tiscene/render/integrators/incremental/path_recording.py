@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels that write paths down while they are traced, and sort what was written by path.
 
 A row is a ray that a mover may get in the way of, as tiscene.render.intersect wants it, and the light that is lost if

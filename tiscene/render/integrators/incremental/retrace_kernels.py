@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels of a frame that replays cached paths: find the rows that a mover gets in the way of, take off the light that
 is lost, put the paths that are cut back on their way, and add up what changed."""
 

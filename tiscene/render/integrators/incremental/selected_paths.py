@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kept paths of some pixels alone, as a block of their own."""
 
 from __future__ import annotations

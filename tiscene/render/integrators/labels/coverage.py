@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coverage: which objects and materials a pixel shows, and how much of it each fills, by fixed rays through it."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First hits as labels see them: a surface that is more than half absent where a ray meets it is not there.
 
 Leaves and lace are rectangles whose opacity is painted (`material_table.COVERAGE`). The path pass lets a part of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernels of the label pass. One loop turn is one pixel of a queue; nothing is summed over pixels."""
 
 import taichi as ti

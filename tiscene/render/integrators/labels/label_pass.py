@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The label pass: one ray through each pixel's center, and everything that can be said about what it meets.
 
 No sampling, no randomness. Motion is exact to the float: the matrices that lead from each object to the cameras at

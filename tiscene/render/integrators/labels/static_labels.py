@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels of what stands still before a camera that does not move: rendered once, not for every frame.
 
 Of a picture seen before, only the pixels that something else may cover are rendered anew, and those whose mirrors may

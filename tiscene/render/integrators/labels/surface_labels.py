@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The labels of surfaces: what each ray met, where that moves, what it is made of; mirrors show what is behind them.
 
 One loop turn is one pixel of a queue; nothing is summed over pixels.

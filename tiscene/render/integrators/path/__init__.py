@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Path tracing with next-event estimation, as a wavefront of kernels.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The last edge of a path where no surface emits: only whether it reaches a light can count, so it is a shadow ray."""
 
 import taichi as ti

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The path pass: radiance by path tracing with next-event estimation, in waves of kernels over batches of paths."""
 
 from __future__ import annotations

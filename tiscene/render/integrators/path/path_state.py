@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The arrays that a batch of paths lives in between kernels. One row a path; nothing outlives a batch but the film."""
 
 from typing import Any

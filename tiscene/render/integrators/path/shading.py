@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One step of every live path: what it met, the light there, where it goes on."""
 
 from typing import Any, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shadow rays through surfaces that are only partly there."""
 
 import taichi as ti
@@ -6,7 +7,6 @@ from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Floats3, Int
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
 from tiscene.render.intersect.ray_queue import PLACE, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
-from tiscene.render.lights.light_sample import Float8s1
 from tiscene.render.sampling.sobol import combine, set_key, uniform
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.material_table import COVERAGE, OPACITY

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The path tracer's own kernels: start paths, compact the live ones, add finished ones to the film, develop it.
 
 Each thread owns the rows, chunks or pixels it writes, and sums run in one fixed order, so that every result has the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The codeless schema by which a stage says how its things move: data beside this file, made known to USD once.
 
 `generatedSchema.usda` documents every attribute. Other USD programs learn of it by the environment variable
