@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How bodies move: parameters in, poses out, the same bytes every time. Needs numpy and Taichi, nothing else.
+"""Trajectories, timings and collisions of rigid bodies: parameters in, poses out, the same bytes every time.
 
-Trajectories and timings are plain frozen data; a `Simulation` turns them into poses::
+The package needs numpy and Taichi only. Trajectories and timings are frozen dataclasses; a `Simulation` evaluates
+their poses::
 
     import taichi as ti
     import dynamics
@@ -12,39 +13,40 @@ Trajectories and timings are plain frozen data; a `Simulation` turns them into p
     simulation = dynamics.Simulation([dynamics.Body(loop)], dynamics.AllTogether(wait_time=0.5))
     poses = simulation.poses(2.25)  # float64 [1, 7]: position in meters, unit quaternion (w, x, y, z)
 
-Bodies that collide, with triangles that stand still, with each other and with walls, are stepped instead, frame by
-frame: a `SteppedSimulation` of `Mover`s.
+Bodies that collide with static triangles, with each other and with planes are simulated frame by frame by a
+`SteppedSimulation` of `Mover`s.
+
+Used alone, the package leaves starting Taichi to the caller, as above. Units are meters, seconds and radians; Euler
+angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes are right-handed.
 
 ::
 
-    dynamic               interface of trajectories
+    dynamic               interface of trajectories, and the tracks they are made of
     waypoints             linear and Catmull-Rom paths
     closed_form           Still, Orbit, LookAt, Keyframes, Composite
     random_bounce         UniformMovementRandomBounce
     stepped_dynamic       Stepped: trajectories written in Python
     quadrature            arc length of cubics
-    timings, clocks       when each body moves
+    timings, clocks       when each body moves; exact time
     bodies                bodies and their device columns
-    simulation            poses of bodies that meet nothing
+    simulation            poses without collisions
     path_poses, trajectory_kernel
-    colliding_bodies      bodies that collide, and their contacts
-    stepped_simulation    collisions, one frame after another
-    step_arrays           its device arrays
-    step_kernel           its kernel: one substep
+    colliding_bodies      movers, their contacts, their state at a frame
+    stepped_simulation    collisions, frame by frame
+    step_arrays           device arrays of a stepped simulation
+    step_kernel           one substep
     body_layout, body_access
     integrate, path_following, bounce_response
     sweep_obstacles, sweep_bodies
-    collision_free        paths on which no collision is possible
-    obstacles             triangles that do not move
-    tree_access, contact  sphere queries
-    sphere_proxy          surfaces covered by spheres
-    sphere_cover_kernels  its kernels
+    collision_free        test for paths without any collision
+    obstacles             static triangles
+    tree_access, contact  sphere queries on their tree
+    sphere_proxy          sphere proxies of surfaces
+    sphere_cover_kernels  kernels of sphere_proxy
     rotation, random      quaternions; counter-based random numbers
+    errors                exceptions
     argument_checks       validation of arguments
     kernel_types          types of kernel arguments
-
-Whoever uses the package alone starts Taichi, as above. Meters, seconds, radians; Euler angles, where a class accepts
-them, are degrees (see `dynamics.rotation`). Right-handed axes.
 """
 
 from __future__ import annotations
@@ -52,31 +54,33 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from dynamics.bodies import Body
-from dynamics.closed_form import Composite, Keyframes, LookAt, Orbit, Still
-from dynamics.colliding_bodies import CollisionState, Contact, Mover, Teleport
-from dynamics.dynamic import ClosedForm, Dynamic
-from dynamics.random_bounce import UniformMovementRandomBounce
-from dynamics.sphere_proxy import Shape, cover
-from dynamics.stepped_dynamic import Stepped
-from dynamics.timings import (
-    AllTogether,
-    AllTogetherTimings,
-    DictTimings,
-    Timing,
-    WaitUntilComplete,
-    WaitUntilCompleteTimings,
-)
-from dynamics.waypoints import CatmullWaypoints, LinearWaypoints, Waypoint
-
 if TYPE_CHECKING:
+    from dynamics.bodies import Body
+    from dynamics.closed_form import Composite, Keyframes, LookAt, Orbit, Still
+    from dynamics.colliding_bodies import CollisionState, Contact, Mover, Teleport
+    from dynamics.dynamic import ClosedForm, Dynamic
+    from dynamics.errors import ArgumentError, ArgumentTypeError
     from dynamics.obstacles import Obstacles
+    from dynamics.random_bounce import UniformMovementRandomBounce
     from dynamics.simulation import Simulation
+    from dynamics.sphere_proxy import Shape, cover
+    from dynamics.stepped_dynamic import Stepped
     from dynamics.stepped_simulation import SteppedSimulation
+    from dynamics.timings import (
+        AllTogether,
+        AllTogetherTimings,
+        DictTimings,
+        Timing,
+        WaitUntilComplete,
+        WaitUntilCompleteTimings,
+    )
+    from dynamics.waypoints import CatmullWaypoints, LinearWaypoints, Waypoint
 
 __all__ = [
     "AllTogether",
     "AllTogetherTimings",
+    "ArgumentError",
+    "ArgumentTypeError",
     "Body",
     "CatmullWaypoints",
     "ClosedForm",
@@ -105,15 +109,48 @@ __all__ = [
     "cover",
 ]
 
-# What needs Taichi, whose import takes a moment, is imported at first use.
-_LAZY = {
-    "Obstacles": "dynamics.obstacles",
-    "Simulation": "dynamics.simulation",
-    "SteppedSimulation": "dynamics.stepped_simulation",
+# Module of each public name. Names are imported at first use, so that `import dynamics` loads neither numpy nor Taichi.
+_MODULES = {
+    "AllTogether": "timings",
+    "AllTogetherTimings": "timings",
+    "ArgumentError": "errors",
+    "ArgumentTypeError": "errors",
+    "Body": "bodies",
+    "CatmullWaypoints": "waypoints",
+    "ClosedForm": "dynamic",
+    "CollisionState": "colliding_bodies",
+    "Composite": "closed_form",
+    "Contact": "colliding_bodies",
+    "DictTimings": "timings",
+    "Dynamic": "dynamic",
+    "Keyframes": "closed_form",
+    "LinearWaypoints": "waypoints",
+    "LookAt": "closed_form",
+    "Mover": "colliding_bodies",
+    "Obstacles": "obstacles",
+    "Orbit": "closed_form",
+    "Shape": "sphere_proxy",
+    "Simulation": "simulation",
+    "Stepped": "stepped_dynamic",
+    "SteppedSimulation": "stepped_simulation",
+    "Still": "closed_form",
+    "Teleport": "colliding_bodies",
+    "Timing": "timings",
+    "UniformMovementRandomBounce": "random_bounce",
+    "WaitUntilComplete": "timings",
+    "WaitUntilCompleteTimings": "timings",
+    "Waypoint": "waypoints",
+    "cover": "sphere_proxy",
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
+    if name not in _MODULES:
         raise AttributeError(f"module 'dynamics' has no attribute {name!r}")
-    return getattr(importlib.import_module(_LAZY[name]), name)
+    value = getattr(importlib.import_module(f"dynamics.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of what users pass in: the wrong kind is a TypeError, the wrong value a ValueError, both name the argument."""
+"""Validation of constructor arguments.
+
+Each function takes a value and the name of the argument, and returns the value as a plain Python type. It raises
+ArgumentTypeError for a wrong type and ArgumentError for a wrong value. Messages read "name=value: must be ...".
+"""
 
 from __future__ import annotations
 
@@ -9,101 +13,109 @@ from collections.abc import Iterable
 from numbers import Real
 from typing import Any
 
+from dynamics.errors import ArgumentError, ArgumentTypeError
+
 
 def number(value: Any, name: str) -> float:
-    """`value` as a finite float."""
+    """Return `value` as a finite float."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name}={value!r}: must be a number")
+        raise ArgumentTypeError(f"{name}={value!r}: must be a number")
     try:
         result = float(value)
-    except OverflowError:  # of whole numbers and fractions
+    except OverflowError:  # an int or Fraction beyond the range of floats
         result = math.inf
     if not math.isfinite(result):
-        raise ValueError(f"{name}={value!r}: must be finite")
+        raise ArgumentError(f"{name}={value!r}: must be finite")
     return result
 
 
 def whole(value: Any, name: str) -> int:
-    """`value` as an int; any kind of whole number will do."""
+    """Return `value`, of any integer type, as an int."""
     if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise TypeError(f"{name}={value!r}: must be a whole number")
+        raise ArgumentTypeError(f"{name}={value!r}: must be a whole number")
     return operator.index(value)
 
 
 def positive(value: Any, name: str) -> float:
-    """`value` as a finite float above 0."""
+    """Return `value` as a finite float above 0."""
     result = number(value, name)
     if result <= 0.0:
-        raise ValueError(f"{name}={value!r}: must be greater than 0")
+        raise ArgumentError(f"{name}={value!r}: must be greater than 0")
     return result
 
 
 def not_negative(value: Any, name: str) -> float:
-    """`value` as a finite float of 0 or more."""
+    """Return `value` as a finite float of 0 or more."""
     result = number(value, name)
     if result < 0.0:
-        raise ValueError(f"{name}={value!r}: must not be negative")
+        raise ArgumentError(f"{name}={value!r}: must not be negative")
     return result
 
 
 def numbers(value: Any, name: str, *counts: int) -> tuple[float, ...]:
-    """`value` as a tuple of finite floats, as many as one of `counts`, or any if there are no counts."""
-    wanted = f"{' or '.join(map(str, counts))} numbers" if counts else "numbers"
+    """Return `value` as a tuple of finite floats.
+
+    Args:
+        value: An iterable of numbers.
+        name: Name of the argument, for error messages.
+        *counts: Allowed lengths; none for any length.
+    """
+    expected = f"{' or '.join(map(str, counts))} numbers" if counts else "numbers"
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise TypeError(f"{name}={value!r}: must be {wanted}")
+        raise ArgumentTypeError(f"{name}={value!r}: must be {expected}")
     result = tuple(number(item, f"{name}[{index}]") for index, item in enumerate(value))
     if counts and len(result) not in counts:
-        raise ValueError(f"{name}={value!r}: must be {wanted}, not {len(result)}")
+        raise ArgumentError(f"{name}={value!r}: must be {expected}, not {len(result)}")
     return result
 
 
 def vector(value: Any, name: str) -> tuple[float, float, float]:
-    """`value` as three finite floats."""
+    """Return `value` as three finite floats."""
     x, y, z = numbers(value, name, 3)
     return (x, y, z)
 
 
 def vectors(value: Any, name: str) -> tuple[tuple[float, float, float], ...]:
-    """`value` as a tuple of vectors, any number of them."""
+    """Return `value` as a tuple of vectors, of any length."""
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise TypeError(f"{name}={value!r}: must be a sequence of 3 numbers each")
+        raise ArgumentTypeError(f"{name}={value!r}: must be a sequence of 3 numbers each")
     return tuple(vector(item, f"{name}[{index}]") for index, item in enumerate(value))
 
 
 def direction(value: Any, name: str) -> tuple[float, float, float]:
-    """`value` as three finite floats, not all zero."""
+    """Return `value` as three finite floats that are not all zero."""
     result = vector(value, name)
     if math.hypot(*result) < 1e-9:
-        raise ValueError(f"{name}={value!r}: must have a direction, not be zero")
+        raise ArgumentError(f"{name}={value!r}: must have a direction, not be zero")
     return result
 
 
 def rotation(value: Any, name: str) -> tuple[float, ...]:
-    """`value` as Euler angles (x, y, z) in degrees or as a quaternion (w, x, y, z) that is not zero."""
+    """Return `value` as Euler angles (x, y, z) in degrees, or as a nonzero quaternion (w, x, y, z)."""
     result = numbers(value, name, 3, 4)
     if len(result) == 4 and math.hypot(*result) < 1e-9:
-        raise ValueError(f"{name}={value!r}: a quaternion (w, x, y, z) must not be zero")
+        raise ArgumentError(f"{name}={value!r}: a quaternion (w, x, y, z) must not be zero")
     return result
 
 
 def text(value: Any, name: str) -> str:
-    """`value`, a text that is not empty, and that a file can hold."""
+    """Return `value`, a non-empty string that can be encoded as UTF-8."""
     if not isinstance(value, str):
-        raise TypeError(f"{name}={value!r}: must be a text")
-    if not value or value.encode(errors="ignore").decode() != value:  # half a surrogate pair, say
-        raise ValueError(f"{name}={value!r}: must be a text that is not empty, of whole characters")
+        raise ArgumentTypeError(f"{name}={value!r}: must be a string")
+    if not value or value.encode(errors="ignore").decode() != value:
+        raise ArgumentError(f"{name}={value!r}: must be a string of one character or more, without lone surrogates")
     return value
 
 
 def choice(value: Any, name: str, allowed: tuple[str, ...]) -> str:
-    """`value`, one of the words `allowed`."""
+    """Return `value`, one of the strings `allowed`."""
     if value not in allowed:
-        raise ValueError(f"{name}={value!r}: must be one of {', '.join(map(repr, allowed))}")
+        raise ArgumentError(f"{name}={value!r}: must be one of {', '.join(map(repr, allowed))}")
     return str(value)
 
 
 def flag(value: Any, name: str) -> bool:
-    """`value`, True or False."""
+    """Return `value`, True or False."""
     if not isinstance(value, bool):
-        raise TypeError(f"{name}={value!r}: must be True or False")
+        raise ArgumentTypeError(f"{name}={value!r}: must be True or False")
     return value

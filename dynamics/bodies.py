@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynamics import argument_checks
 from dynamics.closed_form import Still
 from dynamics.dynamic import LENGTH_STEPS, SEGMENT_COLUMNS, Aim, Curve, Dynamic, Pose, Track, Turn, check_dynamic
+from dynamics.errors import ArgumentError
 from dynamics.rotation import quaternion
 
 # Kinds of tracks, and how a curve finds its segment: by counting, by arc length, by a table of times.
@@ -44,7 +45,7 @@ class Body:
         object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
         object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
         if argument_checks.number(self.birth, "birth") < 0.0:
-            raise ValueError(f"birth={self.birth!r}: must not be before the start of the world's time, 0")
+            raise ArgumentError(f"birth={self.birth!r}: must not be before the start of the world's time, 0")
         if self.name != "":
             argument_checks.text(self.name, "name")
         argument_checks.flag(self.timed, "timed")

@@ -28,6 +28,7 @@ from dynamics.dynamic import (
     fixed,
     unit,
 )
+from dynamics.errors import ArgumentError, ArgumentTypeError
 from dynamics.rotation import aligned, quaternion
 from dynamics.waypoints import Waypoint, check_waypoints
 
@@ -113,7 +114,7 @@ class Keyframes(ClosedForm):
         waypoints = check_waypoints(self.waypoints)
         times = argument_checks.numbers(self.times, "times", len(waypoints))
         if times[0] < 0.0 or any(b <= a for a, b in itertools.pairwise(times)):
-            raise ValueError(f"times={self.times!r}: must begin at 0 or later and increase")
+            raise ArgumentError(f"times={self.times!r}: must begin at 0 or later and increase")
         argument_checks.flag(self.repeat, "repeat")
         object.__setattr__(self, "waypoints", waypoints)
         object.__setattr__(self, "times", times)
@@ -146,13 +147,16 @@ class Composite(ClosedForm):
 
     def __post_init__(self) -> None:
         if not isinstance(self.parts, Sequence) or isinstance(self.parts, str):
-            raise TypeError(f"parts={self.parts!r}: must be a sequence of dynamics")
+            raise ArgumentTypeError(f"parts={self.parts!r}: must be a sequence of dynamics")
         if not self.parts:
-            raise ValueError("parts: a Composite needs one dynamic or more")
+            raise ArgumentError("parts: a Composite needs one dynamic or more")
         for index, part in enumerate(self.parts):
             check_closed_form(part, f"parts[{index}]")
             if index and isinstance(part, LookAt):
-                raise ValueError(f"parts[{index}]: LookAt aims at a point of the world; wrap it around the Composite")
+                raise ArgumentError(
+                    f"parts[{index}]: LookAt aims at a point in world space and cannot be a later part; "
+                    "use LookAt(target, motion=Composite(...))"
+                )
         object.__setattr__(self, "parts", tuple(self.parts))
 
     @property
@@ -172,7 +176,7 @@ def check_closed_form(value: object, name: str) -> ClosedForm:
     """`value`, if its pose is a formula of time. Raises TypeError."""
     dynamic = check_dynamic(value, name)
     if not isinstance(dynamic, ClosedForm):
-        raise TypeError(f"{name}={value!r}: must be a dynamic in closed form, such as CatmullWaypoints")
+        raise ArgumentTypeError(f"{name}={value!r}: must be a dynamic in closed form, such as CatmullWaypoints")
     return dynamic
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import argument_checks
+from dynamics.errors import ArgumentTypeError
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -105,7 +106,7 @@ def check_dynamic(value: object, name: str) -> Dynamic:
     """`value`, if it is a Dynamic. Raises TypeError."""
     if not isinstance(value, Dynamic):
         hint = " (an instance, not the class)" if isinstance(value, type) else ""
-        raise TypeError(f"{name}={value!r}: must be a Dynamic{hint}")
+        raise ArgumentTypeError(f"{name}={value!r}: must be a Dynamic{hint}")
     return value
 
 

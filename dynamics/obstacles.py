@@ -10,6 +10,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from dynamics.errors import ArgumentError
+
 # Columns of `Obstacles.instances`: the matrix, then how many meters a unit along each own axis is, then a factor.
 MATRIX, METRES, FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
 
@@ -67,7 +69,7 @@ def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float3
         try:
             inverse = np.linalg.inv(np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]]))[:3]
         except np.linalg.LinAlgError as error:
-            raise ValueError(f"world_from_instance[{row}] cannot be inverted") from error
+            raise ArgumentError(f"world_from_instance[{row}] cannot be inverted") from error
         lengths = np.linalg.norm(inverse[:, :3], axis=1)
         unit = inverse[:, :3] / lengths[:, None]
         perpendicular = np.abs(unit @ unit.T - np.eye(3)).max() < 1e-6

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynamics import argument_checks
 from dynamics.bodies import Body
 from dynamics.clocks import exact
+from dynamics.errors import ArgumentTypeError
 from dynamics.path_poses import Paths
 from dynamics.random_bounce import UniformMovementRandomBounce
 from dynamics.timings import AllTogether, Timing
@@ -30,7 +31,7 @@ class Simulation:
         self.timings = AllTogether(0.0) if timings is None else timings
         for row, body in enumerate(self.bodies):
             if isinstance(body.dynamic, UniformMovementRandomBounce):
-                raise TypeError(
+                raise ArgumentTypeError(
                     f"bodies[{row}] ({body.name!r}): dynamic={body.dynamic!r}: must be a path, such as "
                     "CatmullWaypoints; a SteppedSimulation moves what bounces"
                 )

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernels that cover a surface with spheres; `dynamics.sphere_proxy` says how. (No postponed annotations in this module.)
+"""Kernels that cover a surface with spheres; `dynamics.sphere_proxy` describes the algorithm.
 
-Each sphere, and each point, is computed by one thread in a fixed order: the same bits for any number of threads.
+Each sphere and each point is computed by one thread in a fixed order, so that the result does not depend on the number
+of threads.
 """
 
 import taichi as ti

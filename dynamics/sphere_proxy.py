@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynamics.errors import ArgumentError
+
 Array = NDArray[np.float64]
 
 MOST_SPHERES = 256
@@ -43,9 +45,9 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     """
     triangles = np.asarray(corners, dtype=np.float64)
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or not len(triangles):
-        raise ValueError(f"corners has the shape {triangles.shape}: must be [n, 3, 3] with one triangle or more")
+        raise ArgumentError(f"corners has the shape {triangles.shape}: must be [n, 3, 3] with one triangle or more")
     if not np.isfinite(triangles).all():
-        raise ValueError("corners: must be finite numbers")
+        raise ArgumentError("corners: must be finite numbers")
     area = 0.5 * np.linalg.norm(_normals(triangles), axis=1).sum()
     extent = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
     # `most` circles of this radius cover a flat surface of this area; the pieces are much smaller than that.

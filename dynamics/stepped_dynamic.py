@@ -11,6 +11,7 @@ import numpy as np
 
 from dynamics import argument_checks
 from dynamics.dynamic import Array, Dynamic, Pose
+from dynamics.errors import ArgumentTypeError
 from dynamics.rotation import quaternion
 from dynamics.waypoints import Waypoint
 
@@ -91,7 +92,9 @@ class Script:
                 self._poses.pop(next(iter(self._poses)))
             pose = self._dynamic.pose(self._state(number))
             if not isinstance(pose, Waypoint):
-                raise TypeError(f"{self._name}: pose() returned {pose!r}; it must be a Waypoint(position, rotation)")
+                raise ArgumentTypeError(
+                    f"{self._name}: pose() returned {pose!r}: must be a Waypoint(position, rotation)"
+                )
             self._poses[number] = np.array([*pose.position, *quaternion(pose.rotation)])
         return self._poses[number]
 

@@ -20,6 +20,7 @@ from dynamics import body_layout as at
 from dynamics.clocks import exact
 from dynamics.closed_form import Still
 from dynamics.colliding_bodies import Array, CollisionState, Mover
+from dynamics.errors import ArgumentError
 from dynamics.obstacles import Obstacles, nothing
 from dynamics.path_poses import Paths
 from dynamics.random_bounce import UniformMovementRandomBounce
@@ -81,7 +82,7 @@ class SteppedSimulation:
         """All movers at frame `number` (0 or more), k / fps seconds after the start."""
         number = argument_checks.whole(number, "number")
         if number < 0:
-            raise ValueError(f"number={number}: must be 0 or more")
+            raise ArgumentError(f"number={number}: must be 0 or more")
         if number in self._moments:
             self._moments.move_to_end(number)
             return self._moments[number]

@@ -13,6 +13,7 @@ from numbers import Integral
 from dynamics import argument_checks
 from dynamics.clocks import Window, exact
 from dynamics.dynamic import Dynamic
+from dynamics.errors import ArgumentError, ArgumentTypeError
 
 NEVER = Window(Fraction(0), Fraction(0))
 ALWAYS = Window(Fraction(0))
@@ -59,7 +60,7 @@ class WaitUntilComplete(Timing):
         end = Fraction(0)
         for name, dynamic in bodies:
             if math.isinf(dynamic.loop_time):
-                raise ValueError(
+                raise ArgumentError(
                     f"WaitUntilComplete waits for every loop, but the {type(dynamic).__name__} of {name!r} never "
                     "returns to its start; use AllTogether or DictTimings"
                 )
@@ -85,19 +86,19 @@ class DictTimings(Timing):
     def __post_init__(self) -> None:
         given = self.times.items() if isinstance(self.times, Mapping) else self.times
         if isinstance(given, str) or not isinstance(given, Iterable):
-            raise TypeError(f"times={self.times!r}: must map bodies (index or id) to seconds")
+            raise ArgumentTypeError(f"times={self.times!r}: must map bodies (index or id) to seconds")
         pairs = []
         for pair in given:
             if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
-                raise TypeError(f"times: {pair!r} must be a pair of a body (index or id) and seconds")
+                raise ArgumentTypeError(f"times: {pair!r} must be a pair of a body (index or id) and seconds")
             key, seconds = pair
             if isinstance(key, bool) or not isinstance(key, Integral | str):
-                raise TypeError(f"times: {key!r} must be the index or the id of a body")
+                raise ArgumentTypeError(f"times: {key!r} must be the index or the id of a body")
             pairs.append(
                 (key if isinstance(key, str) else int(key), argument_checks.positive(seconds, f"times[{key!r}]"))
             )
         if not pairs:
-            raise ValueError("times: name one body or more")
+            raise ArgumentError("times: name one body or more")
         argument_checks.flag(self.repeat, "repeat")
         object.__setattr__(self, "times", tuple(pairs))
 
@@ -109,9 +110,9 @@ class DictTimings(Timing):
             row = rows.get(key, -1) if isinstance(key, str) else key
             if not 0 <= row < len(bodies):
                 known = ", ".join(repr(name) for name, _ in bodies[:20]) or "none"
-                raise ValueError(f"DictTimings: there is no body {key!r}; bodies 0 to {len(bodies) - 1} are: {known}")
+                raise ArgumentError(f"DictTimings: no body {key!r}; bodies 0 to {len(bodies) - 1} are: {known}")
             if row in turns:
-                raise ValueError(f"DictTimings: body {row} ({bodies[row][0]!r}) has two turns; give it one")
+                raise ArgumentError(f"DictTimings: body {row} ({bodies[row][0]!r}) has two turns; give it one")
             turns[row] = (end, exact(seconds))
             end += exact(seconds)
         cycle = end if self.repeat else None

@@ -12,6 +12,7 @@ import numpy as np
 
 from dynamics import argument_checks
 from dynamics.dynamic import POSITION, ROTATION, SEGMENT_COLUMNS, Array, ClosedForm, Curve, Pose
+from dynamics.errors import ArgumentError, ArgumentTypeError
 from dynamics.quadrature import curve_lengths
 from dynamics.rotation import aligned, quaternion, squad_controls
 
@@ -56,7 +57,7 @@ class WaypointLoop(ClosedForm):
         if self.rotation == "euler":
             for index, waypoint in enumerate(self.waypoints):
                 if len(waypoint.rotation) != 3:
-                    raise ValueError(
+                    raise ArgumentError(
                         f"rotation='euler' interpolates angles, but waypoints[{index}].rotation={waypoint.rotation} "
                         "is a quaternion; give three angles in degrees, or use rotation='quaternion'"
                     )
@@ -64,7 +65,7 @@ class WaypointLoop(ClosedForm):
             lengths = curve_lengths(self._cubics(self._positions(), np.zeros(3)))[:, -1]
             for index, length in enumerate(np.diff(lengths, prepend=0.0)):
                 if length < 1e-9:
-                    raise ValueError(
+                    raise ArgumentError(
                         f"pacing='arc_length' gives time by length, but the segment from waypoints[{index}] to "
                         f"waypoints[{(index + 1) % len(lengths)}] has none; use pacing='equal_time'"
                     )
@@ -156,11 +157,11 @@ class CatmullWaypoints(WaypointLoop):
 def check_waypoints(waypoints: object) -> tuple[Waypoint, ...]:
     """`waypoints` as a tuple of at least two Waypoints. Raises TypeError, ValueError."""
     if not isinstance(waypoints, Iterable):
-        raise TypeError(f"waypoints={waypoints!r}: must be a sequence of Waypoint(position, rotation)")
+        raise ArgumentTypeError(f"waypoints={waypoints!r}: must be a sequence of Waypoint(position, rotation)")
     result = tuple(waypoints)
     for index, waypoint in enumerate(result):
         if not isinstance(waypoint, Waypoint):
-            raise TypeError(f"waypoints[{index}]={waypoint!r}: must be a Waypoint(position, rotation)")
+            raise ArgumentTypeError(f"waypoints[{index}]={waypoint!r}: must be a Waypoint(position, rotation)")
     if len(result) < 2:
-        raise ValueError(f"waypoints: a path needs 2 or more, not {len(result)}; use Still() for a body that stands")
+        raise ArgumentError(f"waypoints: a path needs 2 or more, not {len(result)}; use Still() for a body that stands")
     return result

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tree of errors is the one that its docstring draws, and the messages help."""
+"""The exception tree matches the one drawn in its docstring, and messages help."""
 
 import inspect
 import pickle
@@ -7,14 +7,24 @@ import re
 
 import pytest
 
+import tiscene as ts
+from dynamics import errors as dynamics_errors
 from tiscene import errors
-from tiscene.errors import ArgumentError, BufferNotFound, MissingFile, StageError, TisceneError, UnknownName
+from tiscene.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    BufferNotFound,
+    MissingFile,
+    StageError,
+    TisceneError,
+    UnknownName,
+)
 
 LINE = re.compile(r"^(?P<indent>[ │]*)(?:[├└]── )?(?P<name>[A-Z]\w+)(?: \((?P<base>\w+)\))?(?:  +\S.*)?$")
 
 
 def drawn_tree() -> dict[str, set[str]]:
-    """Class name to the names of its bases, as drawn in the docstring."""
+    """Map the name of each class to the names of its bases, as drawn in the docstring."""
     tree, above = {}, {}
     for line in inspect.getdoc(errors).splitlines():
         match = LINE.match(line.removeprefix("    ")) if line.startswith("    ") else None
@@ -27,11 +37,11 @@ def drawn_tree() -> dict[str, set[str]]:
     return tree
 
 
-def test_the_tree_drawn_is_the_tree_there_is():
+def test_docstring_draws_the_actual_exception_tree():
     classes = {
         name: value
         for name, value in vars(errors).items()
-        if inspect.isclass(value) and value.__module__ == errors.__name__
+        if inspect.isclass(value) and value.__module__ in (errors.__name__, dynamics_errors.__name__)
     }
     real = {name: {base.__name__ for base in value.__bases__} for name, value in classes.items()}
     real["TisceneError"].remove("Exception")
@@ -39,31 +49,68 @@ def test_the_tree_drawn_is_the_tree_there_is():
 
 
 @pytest.mark.parametrize("name", [name for name in drawn_tree() if name != "StageWarning"])
-def test_one_base_catches_all(name):
+def test_every_error_is_a_tiscene_error_with_a_docstring(name):
     assert issubclass(getattr(errors, name), TisceneError)
     assert getattr(errors, name).__doc__
 
 
-def test_unknown_names_tell_the_nearest():
+def test_argument_errors_of_dynamics_and_tiscene_are_the_same_classes():
+    assert errors.TisceneError is dynamics_errors.TisceneError
+    assert errors.ArgumentError is dynamics_errors.ArgumentError
+    assert errors.ArgumentTypeError is dynamics_errors.ArgumentTypeError
+
+
+TWO = (ts.Waypoint((0, 0, 0)), ts.Waypoint((1, 0, 0)))
+
+
+@pytest.mark.parametrize(
+    ("construct", "message", "kind"),
+    [
+        (lambda: ts.Waypoint("x"), "position='x': must be 3 numbers", ArgumentTypeError),
+        (lambda: ts.Waypoint((0, 0)), "position=.*must be 3 numbers, not 2", ArgumentError),
+        (lambda: ts.LinearWaypoints(3), "waypoints=3: must be a sequence", ArgumentTypeError),
+        (lambda: ts.CatmullWaypoints([]), "waypoints: .*2 or more, not 0", ArgumentError),
+        (lambda: ts.Keyframes((0, -1), TWO), "times=.*increase", ArgumentError),
+        (lambda: ts.Orbit(period=0), "period=0: must be greater than 0", ArgumentError),
+        (lambda: ts.LookAt((0, 0, 0), motion=3), "motion=3: must be a Dynamic", ArgumentTypeError),
+        (lambda: ts.Composite([]), "parts", ArgumentError),
+        (lambda: ts.UniformMovementRandomBounce(speed=-1), "speed=-1: must not be negative", ArgumentError),
+        (lambda: ts.UniformMovementRandomBounce(seed=0.5), "seed=0.5: must be a whole number", ArgumentTypeError),
+        (lambda: ts.AllTogether(-1), "wait_time=-1: must not be negative", ArgumentError),
+        (lambda: ts.AllTogether("1"), "wait_time='1': must be a number", ArgumentTypeError),
+        (lambda: ts.WaitUntilComplete(1, repeat="no"), "repeat='no': must be True or False", ArgumentTypeError),
+        (lambda: ts.DictTimings({}), "times", ArgumentError),
+        (lambda: ts.DictTimings(3), "times=3", ArgumentTypeError),
+    ],
+)
+def test_constructors_raise_argument_errors_that_name_the_argument(construct, message, kind):
+    with pytest.raises(TisceneError, match=message) as caught:
+        construct()
+    assert isinstance(caught.value, ValueError)
+    assert type(caught.value) is kind
+    assert isinstance(caught.value, TypeError) == (kind is ArgumentTypeError)
+
+
+def test_unknown_name_suggests_the_nearest_known_name():
     message = str(UnknownName("buffer", "dept", ["rgb", "depth"], " in frame 3", "Ask for it."))
     assert message == "no buffer 'dept' in frame 3. Did you mean 'depth'? Ask for it."
     assert "Did you mean 'Chair 01'?" in str(UnknownName("template", "CHAIR 01", ["Chair 01", "Dish 01"]))
 
 
-def test_without_a_near_one_a_short_list_is_told_and_a_long_one_is_not():
+def test_unknown_name_without_near_match_lists_known_names_if_few():
     assert str(UnknownName("buffer", "xyz", ["rgb", "depth"])) == "no buffer 'xyz'. There are: depth, rgb."
     assert str(UnknownName("buffer", "?", [f"name {k}" for k in range(31)])) == "no buffer '?'."
     assert str(UnknownName("camera", "Front", [])) == "no camera 'Front'."
     assert str(UnknownName("camera", 3, ["Front"])) == "no camera 3. There are: Front."
 
 
-def test_what_was_asked_for_can_be_read_from_the_error():
+def test_unknown_name_keeps_the_requested_and_the_known_names():
     error = UnknownName("buffer", "dept", {"rgb": 1, "depth": 2})
     assert error.name == "dept"
     assert error.known == ["depth", "rgb"]
 
 
-def test_a_stage_lists_all_its_problems():
+def test_stage_error_lists_all_problems():
     one = StageError("room.usda", ["</Room/Rug> material: no"])
     two = StageError("room.usda", ["</Room/Rug> material: no", "</Room/Lamp> mesh: no"])
     assert str(one) == "room.usda has 1 problem:\n  </Room/Rug> material: no"
@@ -77,9 +124,10 @@ def test_a_stage_lists_all_its_problems():
         BufferNotFound("buffer", "dept", ["depth"], " in frame 3"),
         StageError("room.usda", ["</Room> mesh: no"]),
         ArgumentError("width=0: must be from 1 to 16384"),
+        ArgumentTypeError("width='wide': must be a whole number"),
         MissingFile("no file 'a.usda'"),
     ],
 )
-def test_a_worker_process_can_hand_it_on(error):
+def test_errors_survive_pickling(error):
     copy = pickle.loads(pickle.dumps(error))
     assert (type(copy), str(copy), copy.__dict__) == (type(error), str(error), error.__dict__)

@@ -1,24 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every error that tiscene raises on purpose.
+"""All exceptions and warnings that tiscene raises on purpose.
 
-::
+Each class also inherits the built-in exception that a caller would catch::
 
     TisceneError
-    ├── UnknownName (LookupError)         a name that is not in a list of names; tells the nearest one
+    ├── UnknownName (LookupError)         a name that is not in a list of names; suggests the nearest one
     │   ├── SceneNotFound                 no such scene, and no such file
     │   ├── TemplateNotFound              no such object template
     │   ├── ObjectNotFound                no live object of that name or id
     │   ├── CameraNotFound                no such camera on the stage
     │   ├── LightNotFound                 no such light on the stage
     │   └── BufferNotFound (AttributeError)  no such buffer
-    ├── MissingFile (FileNotFoundError)   a file that the user named is not there
+    ├── MissingFile (FileNotFoundError)   a file that the user named does not exist
     ├── StageError (ValueError)           a USD stage that cannot be rendered; lists every problem with its prim path
     ├── ScenarioError (ValueError)        a scenario that contradicts itself or its scene
-    ├── ArgumentError (ValueError)        an argument outside its range or of the wrong kind
+    ├── ArgumentError (ValueError)        an argument outside its range or of the wrong type
+    │   └── ArgumentTypeError (TypeError)  an argument of the wrong type
     ├── ExportError (RuntimeError)        an output folder or file that cannot be written or continued
-    └── DeviceError (RuntimeError)        Taichi cannot run as asked
+    └── DeviceError (RuntimeError)        Taichi cannot run as requested
 
-    StageWarning (UserWarning)            what a stage holds that is left out or approximated
+    StageWarning (UserWarning)            content of a stage that is left out or approximated
+
+TisceneError and the argument errors are defined in `dynamics.errors`, since `dynamics` imports nothing from here.
 """
 
 from __future__ import annotations
@@ -27,27 +30,54 @@ import contextlib
 import difflib
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
 
+from dynamics.errors import ArgumentError, ArgumentTypeError, TisceneError
 
-class TisceneError(Exception):
-    """Base of all errors below."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """As it is, whatever its arguments were: a worker process hands its errors on by pickling them."""
-        return _raised_elsewhere, (type(self), self.args, self.__dict__)
+__all__ = [
+    "ArgumentError",
+    "ArgumentTypeError",
+    "BufferNotFound",
+    "CameraNotFound",
+    "DeviceError",
+    "ExportError",
+    "LightNotFound",
+    "MissingFile",
+    "ObjectNotFound",
+    "ScenarioError",
+    "SceneNotFound",
+    "StageError",
+    "StageWarning",
+    "TemplateNotFound",
+    "TisceneError",
+    "UnknownName",
+    "export_errors",
+    "scenario_errors",
+]
 
 
 class UnknownName(TisceneError, LookupError):
-    """A name that is not among the known ones."""
+    """A name that is not among the known ones.
+
+    Attributes:
+        name: The name that was requested, as it was passed.
+        known: The known names, sorted.
+    """
 
     def __init__(self, kind: str, name: str, known: Iterable[str], where: str = "", hint: str = "") -> None:
-        """kind: what was looked for ("template"); where: " in scene 'room_02'"; hint: a closing sentence."""
+        """Compose the message; it suggests the nearest known name, or lists all if there are 30 or fewer.
+
+        Args:
+            kind: What was looked up, such as "template".
+            name: The name that was requested.
+            known: The names that exist.
+            where: Where it was looked up, with a leading space, such as " in scene 'room_02'".
+            hint: A closing sentence.
+        """
         known = sorted(known)
         message = f"no {kind} {name!r}{where}."
-        wanted = str(name)  # whatever the user passed
-        nearest = difflib.get_close_matches(wanted, known, n=1, cutoff=0.5) or [
-            candidate for candidate in known if candidate.casefold() == wanted.casefold()
+        requested = str(name)  # `name` may be of any type
+        nearest = difflib.get_close_matches(requested, known, n=1, cutoff=0.5) or [
+            candidate for candidate in known if candidate.casefold() == requested.casefold()
         ]
         if nearest:
             message += f" Did you mean {nearest[0]!r}?"
@@ -80,16 +110,26 @@ class LightNotFound(UnknownName):
     """The stage holds no light of that name or path."""
 
 
-class BufferNotFound(UnknownName, AttributeError):  # type: ignore[misc]  # a `name` that is never None is fine
-    """No per-pixel buffer has that name. An AttributeError too, so that `hasattr(frame, name)` is an answer."""
+class BufferNotFound(UnknownName, KeyError, AttributeError):  # type: ignore[misc]  # a `name` that is never None is fine
+    """No per-pixel buffer has that name.
+
+    Also an AttributeError, so that `hasattr(frame, name)` returns False, and a KeyError, so that `frame.get(name)` does.
+    """
+
+    __str__ = Exception.__str__  # KeyError would quote the message
 
 
 class MissingFile(TisceneError, FileNotFoundError):
-    """A file that the user named is not there."""
+    """A file that the user named does not exist."""
 
 
 class StageError(TisceneError, ValueError):
-    """A USD stage that cannot be rendered. `problems` holds one line each, beginning with the prim path."""
+    """A USD stage that cannot be rendered.
+
+    Attributes:
+        stage: Name or path of the stage.
+        problems: One line for each problem, beginning with the prim path.
+    """
 
     def __init__(self, stage: str, problems: Sequence[str]) -> None:
         count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
@@ -104,7 +144,7 @@ class ScenarioError(TisceneError, ValueError):
 
 @contextlib.contextmanager
 def scenario_errors() -> Iterator[None]:
-    """What the checks of `dynamics` raise, as ScenarioError."""
+    """Convert TypeError and ValueError, such as those of `dynamics`, to ScenarioError with the same message."""
     try:
         yield
     except ScenarioError:
@@ -115,15 +155,11 @@ def scenario_errors() -> Iterator[None]:
 
 @contextlib.contextmanager
 def export_errors(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Raise failures to write the file `path` as ExportError."""
+    """Convert an OSError while writing the file `path` to ExportError."""
     try:
         yield
     except OSError as error:
         raise ExportError(f"cannot write {os.fspath(path)!r}: {error}") from error
-
-
-class ArgumentError(TisceneError, ValueError):
-    """An argument outside its range or of the wrong kind."""
 
 
 class ExportError(TisceneError, RuntimeError):
@@ -131,14 +167,8 @@ class ExportError(TisceneError, RuntimeError):
 
 
 class DeviceError(TisceneError, RuntimeError):
-    """Taichi cannot run as asked."""
+    """Taichi cannot run as requested."""
 
 
 class StageWarning(UserWarning):
-    """What a stage holds that is left out or approximated."""
-
-
-def _raised_elsewhere(kind: type[TisceneError], args: tuple[Any, ...], members: dict[str, Any]) -> TisceneError:
-    error = kind.__new__(kind, *args)
-    error.__dict__.update(members)
-    return error
+    """Content of a stage that is left out or approximated."""

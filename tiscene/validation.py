@@ -1,53 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of what a stream is asked for. All raise ArgumentError, which names the argument."""
+"""Validation of the arguments of streams, worlds and render settings.
+
+All functions raise ArgumentError with the argument's name, its value and what is expected. The checks that need no
+range are those of `dynamics.argument_checks`.
+"""
 
 from __future__ import annotations
 
-import math
-import operator
 import sys
-from numbers import Real
 from typing import Any
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
-    """A whole number within bounds, both included."""
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise ArgumentError(f"{name}={value!r}: must be a whole number") from None
-    if not low <= number <= high:
-        raise ArgumentError(
-            f"{name}={value}: must be from {low} to {high}"
-            if high < sys.maxsize
-            else f"{name}={value}: must be at least {low}"
-        )
-    return number
+    """Return `value` as an int from `low` to `high`, both included; `sys.maxsize` stands for no upper limit."""
+    result = argument_checks.whole(value, name)
+    if not low <= result <= high:
+        expected = f"from {low} to {high}" if high < sys.maxsize else f"at least {low}"
+        raise ArgumentError(f"{name}={value}: must be {expected}")
+    return result
 
 
 def number(name: str, value: Any) -> float:
-    """A finite number."""
-    try:
-        result = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
-    except OverflowError:
-        result = math.inf
-    if not math.isfinite(result):
-        raise ArgumentError(f"{name}={value!r}: must be a finite number")
-    return result
+    """Return `value` as a finite float."""
+    return argument_checks.number(value, name)
 
 
 def positive(name: str, value: Any) -> float:
-    """A finite number above 0."""
-    result = number(name, value)
-    if result <= 0.0:
-        raise ArgumentError(f"{name}={value!r}: must be greater than 0")
-    return result
+    """Return `value` as a finite float above 0."""
+    return argument_checks.positive(value, name)
 
 
 def shutter_times(value: Any) -> tuple[float, float]:
-    """When a shutter opens and closes, frames."""
+    """Return the times at which a shutter opens and closes, in frames."""
     try:
         opens, closes = map(float, value)
     except (TypeError, ValueError):

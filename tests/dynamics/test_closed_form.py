@@ -113,11 +113,15 @@ class Stepped(Dynamic):
         (ValueError, "one dynamic or more", lambda: Composite(())),
         (TypeError, "parts=.*must be a sequence", lambda: Composite(LINE)),
         (TypeError, r"parts\[1\]=None: must be a Dynamic", lambda: Composite((LINE, None))),
-        (ValueError, r"parts\[1\]: LookAt aims at a point of the world", lambda: Composite((LINE, LookAt((0, 0, 0))))),
+        (
+            ValueError,
+            r"parts\[1\]: LookAt aims at a point",
+            lambda: Composite((LINE, LookAt((0, 0, 0)))),
+        ),
         (TypeError, "dynamic=None: must be a Dynamic", lambda: Body(None)),
         (ValueError, "birth=-1: must not be before", lambda: Body(birth=-1)),
         (TypeError, "timed=1: must be True or False", lambda: Body(timed=1)),
-        (TypeError, "name=3: must be a text", lambda: Body(name=3)),
+        (TypeError, "name=3: must be a string", lambda: Body(name=3)),
         (TypeError, r"bodies\[0\] \(''\): dynamic=.*closed form", lambda: Simulation([Body(Stepped())])),
     ],
 )

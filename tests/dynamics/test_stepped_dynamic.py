@@ -119,7 +119,7 @@ def test_what_it_does_wrong_is_said():
         def pose(self, state):
             return state
 
-    with pytest.raises(TypeError, match=r"Wrong of 'x': pose\(\) returned .* must be a Waypoint"):
+    with pytest.raises(TypeError, match=r"Wrong of 'x': pose\(\) returned .*: must be a Waypoint"):
         Simulation([Body(Wrong(), name="x")]).poses(0.0)
 
     @dataclass(frozen=True)

@@ -333,7 +333,7 @@ SCRIPT = """
 import hashlib, sys
 from tiscene.device import runtime
 runtime.start(threads=int(sys.argv[1]))
-from tests.dynamics.test_stepped import crowd_of
+from tests.dynamics.test_stepped_simulation import crowd_of
 simulation = crowd_of()
 print(hashlib.sha256(b"".join(simulation.frame(k).poses.tobytes() for k in range(30))).hexdigest())
 """

@@ -118,10 +118,10 @@ def test_life_spans_include_both_ends():
 @pytest.mark.parametrize(
     ("message", "make"),
     [
-        ("id='': must be a text", lambda: Object("", "Cube")),
-        ("id=3: must be a text", lambda: Object(3, "Cube")),
-        (r"id='a\\ud800': must be a text .* of whole characters", lambda: Object("a\ud800", "Cube")),
-        ("template=None: must be a text", lambda: Object("a", None)),
+        ("id='': must be a string", lambda: Object("", "Cube")),
+        ("id=3: must be a string", lambda: Object(3, "Cube")),
+        (r"id='a\\ud800': must be a string .*without lone surrogates", lambda: Object("a\ud800", "Cube")),
+        ("template=None: must be a string", lambda: Object("a", None)),
         ("position=.*must be 3 numbers, not 2", lambda: Object("a", "Cube", (1, 2))),
         ("rotation=.*must be 3 or 4 numbers, not 1", lambda: Object("a", "Cube", rotation=(1,))),
         ("rotation=.*must not be zero", lambda: Object("a", "Cube", rotation=(0, 0, 0, 0))),
@@ -138,7 +138,7 @@ def test_life_spans_include_both_ends():
         (r"scale=\(1, -1, 1\): must be greater", lambda: Object("a", "Cube", scale=(1, -1, 1))),
         ("far=0: must be greater than 0, or -1", lambda: Frustum(0)),
         ("far=nan: must be finite", lambda: Frustum(math.nan)),
-        ("scene='': must be a text", lambda: Scenario("")),
+        ("scene='': must be a string", lambda: Scenario("")),
         ("objects=.*must be a sequence of Object", lambda: Scenario("room", Object("a", "Cube"))),
         (r"objects\[1\]='b': must be an Object", lambda: Scenario("room", [Object("a", "Cube"), "b"])),
         (
@@ -180,7 +180,7 @@ def change(content: object, path: list[object], value: object) -> object:
         (["version"], 2, "version: 2, but this tiscene reads version 1"),
         (["format"], "usd", 'not a scenario: .*"format": "tiscene.scenario"'),
         (["scene"], ..., "scene: is missing"),
-        (["scene"], 3, "scene=3: must be a text"),
+        (["scene"], 3, "scene=3: must be a string"),
         (["seed"], 3, "seed: Scenario has no such key"),
         (["objects"], {}, "objects.id: is missing"),
         (["objects"], "abc", "objects='abc': must be a sequence of Object"),

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exceptions of this package, and the base class of all of tiscene's.
+
+They are defined here because `dynamics` imports nothing from `tiscene`; `tiscene.errors` re-exports them, so that each
+exists once. `tiscene.errors` draws the whole tree.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class TisceneError(Exception):
+    """Base class of all errors that tiscene and dynamics raise on purpose."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what pickle needs to copy the error, so that worker processes can pass it on.
+
+        Exceptions are rebuilt without calling `__init__`, because subclasses take other arguments than `args`.
+        """
+        return _rebuild, (type(self), self.args, self.__dict__)
+
+
+class ArgumentError(TisceneError, ValueError):
+    """An argument outside its range or of the wrong type."""
+
+
+class ArgumentTypeError(ArgumentError, TypeError):
+    """An argument of the wrong type."""
+
+
+def _rebuild(kind: type[TisceneError], args: tuple[Any, ...], attributes: dict[str, Any]) -> TisceneError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(attributes)
+    return error
