@@ -182,7 +182,7 @@ def reciprocal(d: ti.f32) -> ti.f32:
 
 @ti.func
 def look_around(
-    wide: Template,
+    is_bvh8: Template,
     nodes: Template,
     triangles: Template,
     instances: Template,
@@ -232,17 +232,19 @@ def look_around(
         pop = False
         if current >= 0:
             node = current
-            entry = planes(nodes, node, 0, wide)
+            entry = planes(nodes, node, 0, is_bvh8)
             leave = entry
             if ti.static(what == NEAREST):
                 gap = (
-                    ti.max(ti.max(entry - start[0], start[0] - planes(nodes, node, 3, wide)), 0.0) * meters[0],
+                    ti.max(ti.max(entry - start[0], start[0] - planes(nodes, node, 3, is_bvh8)), 0.0) * meters[0],
                     ti.max(
-                        ti.max(planes(nodes, node, 1, wide) - start[1], start[1] - planes(nodes, node, 4, wide)), 0.0
+                        ti.max(planes(nodes, node, 1, is_bvh8) - start[1], start[1] - planes(nodes, node, 4, is_bvh8)),
+                        0.0,
                     )
                     * meters[1],
                     ti.max(
-                        ti.max(planes(nodes, node, 2, wide) - start[2], start[2] - planes(nodes, node, 5, wide)), 0.0
+                        ti.max(planes(nodes, node, 2, is_bvh8) - start[2], start[2] - planes(nodes, node, 5, is_bvh8)),
+                        0.0,
                     )
                     * meters[2],
                 )
@@ -257,23 +259,23 @@ def look_around(
                 side_z = grown[2] * (1.0 - 2.0 * flip_z)
                 entry = ti.max(
                     ti.max(
-                        (planes(nodes, node, 3 * flip_x, wide) - (start[0] + side_x)) * ix,
-                        (planes(nodes, node, 1 + 3 * flip_y, wide) - (start[1] + side_y)) * iy,
+                        (planes(nodes, node, 3 * flip_x, is_bvh8) - (start[0] + side_x)) * ix,
+                        (planes(nodes, node, 1 + 3 * flip_y, is_bvh8) - (start[1] + side_y)) * iy,
                     ),
-                    ti.max((planes(nodes, node, 2 + 3 * flip_z, wide) - (start[2] + side_z)) * iz, 0.0),
+                    ti.max((planes(nodes, node, 2 + 3 * flip_z, is_bvh8) - (start[2] + side_z)) * iz, 0.0),
                 )
                 leave = ti.min(
                     ti.min(
-                        (planes(nodes, node, 3 - 3 * flip_x, wide) - (start[0] - side_x)) * ix,
-                        (planes(nodes, node, 4 - 3 * flip_y, wide) - (start[1] - side_y)) * iy,
+                        (planes(nodes, node, 3 - 3 * flip_x, is_bvh8) - (start[0] - side_x)) * ix,
+                        (planes(nodes, node, 4 - 3 * flip_y, is_bvh8) - (start[1] - side_y)) * iy,
                     ),
-                    ti.min((planes(nodes, node, 5 - 3 * flip_z, wide) - (start[2] - side_z)) * iz, best),
+                    ti.min((planes(nodes, node, 5 - 3 * flip_z, is_bvh8) - (start[2] - side_z)) * iz, best),
                 )
             nearest = FAR
             found = False
-            for k in ti.static(range(8 if wide else 2)):
+            for k in ti.static(range(8 if is_bvh8 else 2)):
                 if entry[k] <= leave[k]:
-                    reference = child(nodes, node, k, wide)
+                    reference = child(nodes, node, k, is_bvh8)
                     at = entry[k]
                     if found:
                         # The nearest is visited next, the others wait.
@@ -289,7 +291,7 @@ def look_around(
                         found = True
             pop = not found
         elif floor < 0:
-            instance = instance_of(current, wide)
+            instance = instance_of(current, is_bvh8)
             meters = vector_at(instances, instance, METRES)
             factor = instances[instance, FACTOR]
             start = mapped(instances, instance, 12, center, 1.0)
@@ -299,9 +301,9 @@ def look_around(
             floor = waiting
             current = roots[instance]
         else:
-            first, number = triangles_of(triangles, current, wide)
+            first, number = triangles_of(triangles, current, is_bvh8)
             for which in range(number):
-                corner, edge_1, edge_2 = triangle(triangles, first, which, wide)
+                corner, edge_1, edge_2 = triangle(triangles, first, which, is_bvh8)
                 corner = mapped(instances, instance, 0, corner, 1.0) - center
                 edge_1 = mapped(instances, instance, 0, edge_1, 0.0)
                 edge_2 = mapped(instances, instance, 0, edge_2, 0.0)

@@ -19,13 +19,14 @@ MATRIX, METRES, FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
 class Trees(Protocol):
     """Trees over meshes, and over where they are placed, in Taichi arrays. They may be replaced by larger ones.
 
-    Binary: nodes f32 [n, 16], the boxes of two children (least x, y, z, greatest x, y, z) and, in columns 12 and 13,
+    bvh2: nodes f32 [n, 16], the boxes of two children (least x, y, z, greatest x, y, z) and, in columns 12 and 13,
     their references as bits of int32: a node, or -1 - (4 * first + count - 1) of a leaf, where `first` is a row of
-    `packs`, or above the meshes the row of an instance. packs f32 [m, 12]: vertex 0, any number, vertex 1, any, vertex
-    2, any, in the mesh's own space.
-    Wide: nodes vec8 [8 n], rows of a node are least x, y, z, greatest x, y, z, references, any, with a lane for each
-    child. A reference is the first row of a node, or -1 - row of a leaf, of `packs` or above the meshes of an instance.
-    packs vec4 [10 m]: nine rows of vertices 0, 1 and 2, then bits of int32, negative in a lane without any.
+    `leaf_blocks`, or above the meshes the row of an instance. leaf_blocks f32 [m, 12]: vertex 0, any number, vertex 1,
+    any, vertex 2, any, in the mesh's own space.
+    bvh8: nodes vec8 [8 n], rows of a node are least x, y, z, greatest x, y, z, references, any, with a lane for each
+    child. A reference is the first row of a node, or -1 - row of a leaf, of `leaf_blocks` or above the meshes of an
+    instance. leaf_blocks vec4 [10 m]: nine rows of vertices 0, 1 and 2, then bits of int32, negative in a lane without
+    any.
     The box of a child that does not exist is met by nothing.
     """
 
@@ -33,27 +34,27 @@ class Trees(Protocol):
     def nodes(self) -> Any: ...
 
     @property
-    def packs(self) -> Any: ...
+    def leaf_blocks(self) -> Any: ...
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
     """Instances of meshes in one tree of two levels.
 
-    trees: where it is. wide: its layout. root: the reference of the first node above the instances.
+    trees: where it is. is_bvh8: its layout. root: the reference of the first node above the instances.
     instances: f32 [i, INSTANCE_COLUMNS], see `instance_rows`. roots: i32 [i], reference of the first node of each
     instance's mesh.
     """
 
     trees: Trees
-    wide: bool
+    is_bvh8: bool
     instances: Any
     roots: Any
     root: int
 
     def arguments(self) -> tuple[Any, ...]:
         """What kernels are given."""
-        return self.wide, self.trees.nodes, self.trees.packs, self.instances, self.roots, self.root
+        return self.is_bvh8, self.trees.nodes, self.trees.leaf_blocks, self.instances, self.roots, self.root
 
 
 def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -84,7 +85,7 @@ def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float3
 @dataclass(frozen=True, eq=False)
 class _Arrays:
     nodes: Any
-    packs: Any
+    leaf_blocks: Any
 
 
 def nothing() -> Obstacles:
@@ -93,13 +94,15 @@ def nothing() -> Obstacles:
     nodes.from_numpy(np.concatenate([np.full(12, np.inf), np.zeros(4)]).astype(np.float32)[None])
     roots = ti.ndarray(ti.i32, 1)
     roots.fill(0)
-    packs, instances = ti.ndarray(ti.f32, (1, 12)), ti.ndarray(ti.f32, (1, INSTANCE_COLUMNS))
-    packs.fill(0.0)
+    leaf_blocks, instances = ti.ndarray(ti.f32, (1, 12)), ti.ndarray(ti.f32, (1, INSTANCE_COLUMNS))
+    leaf_blocks.fill(0.0)
     instances.fill(0.0)
-    return Obstacles(_Arrays(nodes, packs), False, instances, roots, 0)
+    return Obstacles(_Arrays(nodes, leaf_blocks), False, instances, roots, 0)
 
 
-def placed(trees: Trees, wide: bool, roots: NDArray[np.int32], matrices: NDArray[np.float64], root: int) -> Obstacles:
+def placed(
+    trees: Trees, is_bvh8: bool, roots: NDArray[np.int32], matrices: NDArray[np.float64], root: int
+) -> Obstacles:
     """Obstacles from trees that exist: of their instances the first nodes [i] and matrices [i, 3, 4].
 
     Without any instance there is nothing in the way.
@@ -110,4 +113,4 @@ def placed(trees: Trees, wide: bool, roots: NDArray[np.int32], matrices: NDArray
     instances.from_numpy(instance_rows(matrices))
     firsts = ti.ndarray(ti.i32, len(roots))
     firsts.from_numpy(np.ascontiguousarray(roots, dtype=np.int32))
-    return Obstacles(trees, wide, instances, firsts, root)
+    return Obstacles(trees, is_bvh8, instances, firsts, root)

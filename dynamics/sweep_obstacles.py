@@ -69,7 +69,7 @@ def sweep_obstacles(
     touches: Template,
     times: Template,
     counts: Template,
-    wide: Template,
+    is_bvh8: Template,
     nodes: Template,
     triangles: Template,
     instances: Template,
@@ -102,7 +102,7 @@ def sweep_obstacles(
             radius = bounding[group, 3] * (1.0 + angle)
         if step == 0 or soonest > -1:
             time, _normal, _row, _touched = look_around(
-                wide,
+                is_bvh8,
                 nodes,
                 triangles,
                 instances,
@@ -141,7 +141,7 @@ def sweep_obstacles(
                 for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
                     arm = turned(bodies, body, vector_at(spheres, sphere, 0))
                     met, normal, row, touched = look_around(
-                        wide,
+                        is_bvh8,
                         nodes,
                         triangles,
                         instances,
@@ -173,7 +173,7 @@ def distances(
     points: Floats2,
     limit: ti.f32,
     touches: Floats2,
-    wide: Template,
+    is_bvh8: Template,
     nodes: Tree,
     triangles: Tree,
     instances: Floats2,
@@ -183,7 +183,7 @@ def distances(
     """Set column 3 of `points`, f32 [n, 4], to the distance of the nearest obstacle, m; `limit` if none is nearer."""
     for i in range(points.shape[0]):
         distance, _normal, _row, _touched = look_around(
-            wide,
+            is_bvh8,
             nodes,
             triangles,
             instances,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two-level tree of boxes that spheres are looked up in: reading nodes and triangles, device functions.
 
-Two layouts, as ray tracers have them; which one is known when a kernel is compiled (`wide`). See `dynamics.obstacles`.
+Two layouts, known when a kernel is compiled (`is_bvh8`): see `dynamics.obstacles`.
 (No postponed annotations in this module.)
 """
 
@@ -37,38 +37,38 @@ def mapped(instances: Template, row: ti.i32, column: ti.i32, v, w: ti.f32):
 
 
 @ti.func
-def planes(nodes: Template, node: ti.i32, side: ti.i32, wide: Template):
+def planes(nodes: Template, node: ti.i32, side: ti.i32, is_bvh8: Template):
     """One side of the boxes of all children: 0 to 2 for the least x, y and z, 3 to 5 for the greatest."""
-    if ti.static(wide):
+    if ti.static(is_bvh8):
         return nodes[node + side]
     else:
         return vec2(nodes[node, side], nodes[node, 6 + side])
 
 
 @ti.func
-def child(nodes: Template, node: ti.i32, k: Template, wide: Template) -> ti.i32:
+def child(nodes: Template, node: ti.i32, k: Template, is_bvh8: Template) -> ti.i32:
     """The reference of a child: a node, or a negative number for a leaf."""
-    if ti.static(wide):
+    if ti.static(is_bvh8):
         return ti.bit_cast(nodes[node + 6][k], ti.i32)
     else:
         return ti.bit_cast(nodes[node, 12 + k], ti.i32)
 
 
 @ti.func
-def instance_of(leaf: ti.i32, wide: Template) -> ti.i32:
+def instance_of(leaf: ti.i32, is_bvh8: Template) -> ti.i32:
     """The instance that a leaf above the meshes refers to."""
-    if ti.static(wide):
+    if ti.static(is_bvh8):
         return -1 - leaf
     else:
         return (-1 - leaf) // 4
 
 
 @ti.func
-def triangles_of(triangles: Template, leaf: ti.i32, wide: Template):
+def triangles_of(triangles: Template, leaf: ti.i32, is_bvh8: Template):
     """Where the triangles of a leaf begin, and how many there are."""
     first = -1 - leaf
     count = 0
-    if ti.static(wide):
+    if ti.static(is_bvh8):
         names = triangles[first + 9]
         for lane in ti.static(range(4)):
             if ti.bit_cast(names[lane], ti.i32) >= 0:
@@ -80,10 +80,10 @@ def triangles_of(triangles: Template, leaf: ti.i32, wide: Template):
 
 
 @ti.func
-def triangle(triangles: Template, first: ti.i32, which: ti.i32, wide: Template):
+def triangle(triangles: Template, first: ti.i32, which: ti.i32, is_bvh8: Template):
     """A corner and the two edges from it, in the mesh's space."""
     corner, edge_1, edge_2 = vec3(0.0), vec3(0.0), vec3(0.0)
-    if ti.static(wide):
+    if ti.static(is_bvh8):
         for c in ti.static(range(3)):
             corner[c] = triangles[first + c][which]
             edge_1[c] = triangles[first + 3 + c][which] - corner[c]

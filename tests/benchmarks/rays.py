@@ -142,7 +142,7 @@ def rates(scene: DeviceScene, embree: Embree, sets: dict[str, NDArray[np.float32
     return result
 
 
-def run(traversal: str = "wide") -> list[tuple[str, float, float, str]]:
+def run(traversal: str = "bvh8") -> list[tuple[str, float, float, str]]:
     """Rows of (what, ours, Embree's, unit)."""
     description = room()
     placement = still(description)

@@ -46,7 +46,7 @@ def obstacles(*parts: np.ndarray, matrices=None, layout=None):
     def make() -> Obstacles:
         trees = MeshTrees.built(meshes, layout)
         tree = ObstacleTree(trees, [Instance(row, row, matrix) for row, matrix in enumerate(matrices)])
-        return placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
+        return placed(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
 
     return lambda _frame=0: make()
 

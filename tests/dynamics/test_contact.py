@@ -19,9 +19,9 @@ def look(
     limit: ti.f32,
     found: Floats2,
     touches: Floats2,
-    wide: ti.template(),
+    is_bvh8: ti.template(),
     nodes: Tree,
-    packs: Tree,
+    leaf_blocks: Tree,
     instances: Floats2,
     roots: Ints1,
     root: ti.i32,
@@ -36,9 +36,9 @@ def look(
             if ti.static(what == NEAREST):
                 until = limit
             number, normal, row, _count = look_around(
-                wide,
+                is_bvh8,
                 nodes,
-                packs,
+                leaf_blocks,
                 instances,
                 roots,
                 root,
@@ -61,7 +61,7 @@ def look(
                 found[i, 4] = row
 
 
-@pytest.fixture(scope="module", params=["wide", "binary"])
+@pytest.fixture(scope="module", params=["bvh8", "bvh2"])
 def scene(request):
     """Clouds of triangles, among them slivers, in instances that stretch, turn, mirror and shear them."""
     random = np.random.default_rng(3)

@@ -62,7 +62,7 @@ class Arena:
         shapes = [cover(mesh.triangles) for mesh in self.meshes]
         trees = MeshTrees.built(self.stage.meshes)
         tree = ObstacleTree(trees, (*self.stage.instances, *self.stage.colliders))
-        self.tree = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
+        self.tree = placed(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
         random = np.random.default_rng(1)
         points = random.uniform(*self.stage.bounds(), (20_000, 3))
         free = self.distances(points, 1.0)

@@ -66,7 +66,7 @@ def placed(
 
 
 def scene_of(
-    meshes: tuple[Mesh, ...], placement: Placement, traversal: str = "wide", times: tuple[int, ...] = (CURRENT,)
+    meshes: tuple[Mesh, ...], placement: Placement, traversal: str = "bvh8", times: tuple[int, ...] = (CURRENT,)
 ) -> DeviceScene:
     scene = DeviceScene(traversal)
     scene.add(described(*meshes))

@@ -118,7 +118,7 @@ def test_a_mesh_that_was_not_added(rows: list[int]) -> None:
 
 
 def test_layout_follows_the_device() -> None:
-    assert DeviceScene().traversal == ("binary" if ti.cfg.arch == ti.cuda else "wide")
-    assert DeviceScene("binary").traversal == "binary"
+    assert DeviceScene().traversal == ("bvh2" if ti.cfg.arch == ti.cuda else "bvh8")
+    assert DeviceScene("bvh2").traversal == "bvh2"
     with pytest.raises(ArgumentError, match="traversal='octal'"):
         DeviceScene("octal")

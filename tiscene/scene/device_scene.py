@@ -54,12 +54,12 @@ class DeviceScene:
     """
 
     def __init__(self, traversal: str | None = None) -> None:
-        """traversal: "wide" or "binary", the layout of the trees; None: what suits the device. Starts Taichi.
+        """traversal: "bvh8" or "bvh2", the layout of the trees; None: what suits the device. Starts Taichi.
 
         Raises ArgumentError for another layout.
         """
         architecture = runtime.start()
-        self.traversal = traversal or ("binary" if architecture == "cuda" else "wide")
+        self.traversal = traversal or ("bvh2" if architecture == "cuda" else "bvh8")
         self._bvh = Bvh(self.traversal)
         self.materials = MaterialTable()
         self.textures = TextureAtlas()
@@ -104,9 +104,9 @@ class DeviceScene:
         return self._bvh.nodes
 
     @property
-    def packs(self) -> Any:
+    def leaf_blocks(self) -> Any:
         """The triangles as traversal wants them; only tiscene.render.intersect knows their layout."""
-        return self._bvh.packs
+        return self._bvh.leaf_blocks
 
     @property
     def trees(self) -> MeshTrees:

@@ -263,7 +263,7 @@ class Trajectories:
             trees = self._setting.trees()
             instances, there = self._setting.instances(frame)
             tree = ObstacleTree(trees, instances, there)
-            self._obstacles[epoch] = placed(trees.bvh, trees.wide, tree.roots, tree.matrices, tree.root)
+            self._obstacles[epoch] = placed(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
             self._obstacle_rows = tree.rows
         return self._obstacles[epoch]
 

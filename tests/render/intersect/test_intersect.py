@@ -39,10 +39,10 @@ SQUARE = mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 
 ROOT = Path(__file__).parents[3]
 
 pytestmark = pytest.mark.usefixtures("taichi")
-both_layouts = pytest.mark.parametrize("traversal", ["wide", "binary"])
+both_layouts = pytest.mark.parametrize("traversal", ["bvh8", "bvh2"])
 
 
-def clutter(traversal: str = "wide") -> tuple[DeviceScene, np.ndarray, tuple]:
+def clutter(traversal: str = "bvh8") -> tuple[DeviceScene, np.ndarray, tuple]:
     """Sixty scaled, mirrored, overlapping spheres, boxes and rings, 20 000 rays, and what they are made of."""
     random = np.random.default_rng(5)
     meshes = tuple(
@@ -116,7 +116,7 @@ def test_barycentrics_give_the_point() -> None:
 
 
 def test_layouts_agree_to_the_bit() -> None:
-    for eight, two in zip(traced_clutter(), trace_rays(*clutter("binary")[:2]), strict=True):
+    for eight, two in zip(traced_clutter(), trace_rays(*clutter("bvh2")[:2]), strict=True):
         np.testing.assert_array_equal(eight, two)
 
 
@@ -359,9 +359,9 @@ def test_one_instance_behind_others(traversal: str) -> None:
 
 
 def test_stacks_hold_what_trees_may_need() -> None:
-    for kernels, layout in ((bvh8, workspace.WIDE), (bvh2, workspace.BINARY)):
+    for kernels, layout in ((bvh8, workspace.BVH8), (bvh2, workspace.BVH2)):
         assert layout.blas_stack + layout.tlas_stack <= kernels.STACK
-    assert workspace.WIDE.blas_stack + workspace.WIDE.tlas_stack + 3 <= bvh8_any_hit.GROUPS
+    assert workspace.BVH8.blas_stack + workspace.BVH8.tlas_stack + 3 <= bvh8_any_hit.GROUPS
 
 
 def compiled_kernels() -> int:

@@ -16,7 +16,7 @@ from tiscene.scene.bvh import bvh
 from tiscene.scene.bvh.bvh import Bvh
 
 pytestmark = pytest.mark.usefixtures("taichi")
-both_layouts = pytest.mark.parametrize("layout", ["wide", "binary"])
+both_layouts = pytest.mark.parametrize("layout", ["bvh8", "bvh2"])
 Child = tuple[NDArray[np.float32], int]
 
 
@@ -24,13 +24,13 @@ class Tree:
     """The arrays of a hierarchy, read back."""
 
     def __init__(self, tree: Bvh) -> None:
-        self.wide = tree.layout is bvh.WIDE
+        self.is_bvh8 = tree.layout is bvh.BVH8
         self.nodes = tree.nodes.to_numpy()
-        self.packs = tree.packs.to_numpy()
+        self.leaf_blocks = tree.leaf_blocks.to_numpy()
 
     def children(self, reference: int) -> list[Child]:
         """Box [6] and reference of each child of an inner node."""
-        if self.wide:
+        if self.is_bvh8:
             rows = self.nodes[reference : reference + 7]
             found = [(rows[:6, k], int(rows[6].view(np.int32)[k])) for k in range(8)]
         else:
@@ -41,15 +41,15 @@ class Tree:
 
     def triangles(self, reference: int) -> list[tuple[int, NDArray[np.float32]]]:
         """Number and corners [3, 3] of each triangle of a leaf."""
-        if self.wide:
-            pack = self.packs[-1 - reference : 9 - reference]
+        if self.is_bvh8:
+            pack = self.leaf_blocks[-1 - reference : 9 - reference]
             parts = [(int(pack[9].view(np.int32)[k]), pack[:9, k].reshape(3, 3)) for k in range(4)]
             assert all((pack[:9, k] == 0.0).all() for k in range(4) if parts[k][0] < 0)
             numbers = [number for number, _ in parts if number >= 0]
             assert numbers == sorted(numbers)
         else:
             first, last = divmod(-1 - reference, 4)
-            rows = self.packs[first : first + last + 1]
+            rows = self.leaf_blocks[first : first + last + 1]
             parts = [(int(row[3:4].view(np.int32)[0]), row[[0, 1, 2, 4, 5, 6, 8, 9, 10]].reshape(3, 3)) for row in rows]
         return [(n, corners) for n, corners in parts if n >= 0]
 
@@ -130,8 +130,8 @@ def test_equal_centers_are_halved(layout: str, count: int) -> None:
 
 def test_more_nodes_than_a_ray_can_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bvh.bvh_write, "MOST_NODES", 100)
-    with pytest.raises(ArgumentError, match="nodes of trees are more than the wide traversal can take"):
-        Bvh("wide").add_mesh(*random_triangles(3000), 0)
+    with pytest.raises(ArgumentError, match="nodes of trees are more than the bvh8 traversal can take"):
+        Bvh("bvh8").add_mesh(*random_triangles(3000), 0)
 
 
 @both_layouts
@@ -139,8 +139,8 @@ def test_a_deep_tree_is_balanced(layout: str, monkeypatch: pytest.MonkeyPatch) -
     def limit_stack(entries: int) -> None:
         limited = replace(bvh.LAYOUTS[layout], blas_stack=entries)
         monkeypatch.setitem(bvh.LAYOUTS, layout, limited)
-        if layout == "wide":
-            monkeypatch.setattr(bvh, "WIDE", limited)
+        if layout == "bvh8":
+            monkeypatch.setattr(bvh, "BVH8", limited)
 
     def build() -> tuple[list[int], int, int]:
         tree = Bvh(layout)
@@ -179,7 +179,7 @@ def tlas_instances(tree: Bvh, time: int) -> list[int]:
             if reference >= 0:
                 waiting.append(reference)
             else:
-                found.append(-1 - reference if arrays.wide else (-1 - reference) // 4)
+                found.append(-1 - reference if arrays.is_bvh8 else (-1 - reference) // 4)
     return found
 
 
@@ -227,7 +227,7 @@ def test_a_tree_that_was_placed_lately_is_not_built_again(layout: str, monkeypat
 
 
 def test_unknown_layout() -> None:
-    with pytest.raises(ArgumentError, match="'octal': must be one of wide, binary"):
+    with pytest.raises(ArgumentError, match="'octal': must be one of bvh8, bvh2"):
         Bvh("octal")
 
 
@@ -237,7 +237,7 @@ def built_arrays(layout: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]
     for mesh in (trimesh.creation.icosphere(subdivisions=2), trimesh.creation.icosphere(subdivisions=5)):
         tree.add_mesh(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32), 0)
     used = tree._used_nodes * tree.layout.unit
-    return tree.nodes.to_numpy()[:used], tree.packs.to_numpy()[: tree._used_packs]
+    return tree.nodes.to_numpy()[:used], tree.leaf_blocks.to_numpy()[: tree._used_leaf_blocks]
 
 
 @both_layouts
@@ -259,7 +259,7 @@ def test_same_bytes_with_one_thread(layout: str, tmp_path: Path) -> None:
             np.testing.assert_array_equal(array.view(np.int32), other[f"arr_{k}"].view(np.int32))
 
 
-@pytest.mark.parametrize("layout", ["wide", "binary"])
+@pytest.mark.parametrize("layout", ["bvh8", "bvh2"])
 def test_meshes_built_side_by_side_are_those_built_alone(layout):
     """Small, empty, flat and large ones: the same trees, only elsewhere in the arrays."""
     random = np.random.default_rng(8)
@@ -275,9 +275,9 @@ def test_meshes_built_side_by_side_are_those_built_alone(layout):
         assert blas.root == expected.root
         assert blas.entry == expected.entry
         np.testing.assert_array_equal(blas.box, expected.box)
-        assert (blas.nodes, blas.packs) == (expected.nodes, expected.packs)
+        assert (blas.nodes, blas.leaf_blocks) == (expected.nodes, expected.leaf_blocks)
         first += len(faces)
-    for mine, theirs in ((together.nodes, alone.nodes), (together.packs, alone.packs)):
+    for mine, theirs in ((together.nodes, alone.nodes), (together.leaf_blocks, alone.leaf_blocks)):
         mine, theirs = mine.to_numpy().view(np.int32), theirs.to_numpy().view(np.int32)
         count = min(len(mine), len(theirs))
         np.testing.assert_array_equal(mine[:count], theirs[:count])

@@ -11,7 +11,7 @@ from tiscene.scene.bvh.rebraid import INFO_PARTS, LARGE, MOST_OPENED, PARTS, lar
 
 
 def test_the_parts_of_a_mesh_hold_all_of_it() -> None:
-    trees = Bvh("wide")
+    trees = Bvh("bvh8")
     ball, square = trimesh.creation.icosphere(subdivisions=3), trimesh.creation.box()
     meshes = [
         trees.add_mesh(shape.vertices.astype(np.float32), shape.faces.astype(np.int32), 0) for shape in (ball, square)
@@ -24,7 +24,7 @@ def test_the_parts_of_a_mesh_hold_all_of_it() -> None:
         assert 2 <= len(real) <= PARTS
         np.testing.assert_allclose(real[:, 0].min(axis=0), mesh.box[0])
         np.testing.assert_allclose(real[:, 1].max(axis=0), mesh.box[1])
-    assert not Bvh("binary").parts(meshes).entries.any()
+    assert not Bvh("bvh2").parts(meshes).entries.any()
 
 
 def test_only_large_instances_are_taken_apart() -> None:
@@ -39,7 +39,7 @@ def test_only_large_instances_are_taken_apart() -> None:
 
 def test_an_instance_says_where_its_parts_are_entered() -> None:
     description = described([mesh_of(trimesh.creation.icosphere(subdivisions=2))], [matte("white", (1.0, 1.0, 1.0))])
-    info = device_scene(description, "wide").instance_info.to_numpy()
+    info = device_scene(description, "bvh8").instance_info.to_numpy()
     assert info[0, 0] > 0
     assert info[0, INFO_PARTS] != 0
-    assert not device_scene(description, "binary").instance_info.to_numpy()[0, INFO_PARTS:].any()
+    assert not device_scene(description, "bvh2").instance_info.to_numpy()[0, INFO_PARTS:].any()

@@ -30,7 +30,7 @@ def enter_box(nodes: Template, node: ti.i32, at: Template, origin, inverse, best
 
 @ti.func
 def hit_triangle(rows: Template, at: ti.i32, o, k, sheared):
-    """Distance (infinity for a miss) and barycentrics b1, b2; operation for operation what wide.hit_pack does."""
+    """Distance (infinity for a miss) and barycentrics b1, b2; the operations of bvh8.intersect_leaf_block."""
     ax = rows[at, k[0]] - o.x
     ay = rows[at, k[1]] - o.y
     az = rows[at, k[2]] - o.z
@@ -80,7 +80,7 @@ def affine(transforms: Template, time: ti.i32, row: ti.i32, v, w: ti.f32):
 @ti.func
 def trace(
     nodes: Template,
-    packs: Template,
+    leaf_blocks: Template,
     transforms: Template,
     instances: Template,
     time: ti.i32,
@@ -142,9 +142,9 @@ def trace(
             else:
                 code = -1 - current
                 for row in range(code // 4, code // 4 + code % 4 + 1):
-                    t, u, v = hit_triangle(packs, row, cyclic, axes, sheared)
+                    t, u, v = hit_triangle(leaf_blocks, row, cyclic, axes, sheared)
                     if t <= best:
-                        triangle = ti.bit_cast(packs[row, 3], ti.i32)
+                        triangle = ti.bit_cast(leaf_blocks[row, 3], ti.i32)
                         wins = t < best
                         if not wins:
                             wins = instance < hit_instance
@@ -177,7 +177,7 @@ def trace(
 @ti.kernel
 def closest(
     nodes: Floats2,
-    packs: Floats2,
+    leaf_blocks: Floats2,
     transforms: Floats3,
     instances: Ints2,
     time: ti.i32,
@@ -191,7 +191,9 @@ def closest(
     ti.loop_config(block_dim=256)
     for i in range(count):
         ray = queue[i]
-        t, b1, b2, instance, triangle = trace(nodes, packs, transforms, instances, time, root, -1, rays, ray, False)
+        t, b1, b2, instance, triangle = trace(
+            nodes, leaf_blocks, transforms, instances, time, root, -1, rays, ray, False
+        )
         if instance < 0:
             t = INFINITY
         hits[ray] = hit(t, b1, b2, 0.0)
@@ -201,7 +203,7 @@ def closest(
 @ti.kernel
 def occluded(
     nodes: Floats2,
-    packs: Floats2,
+    leaf_blocks: Floats2,
     transforms: Floats3,
     instances: Ints2,
     time: ti.i32,
@@ -220,6 +222,6 @@ def occluded(
         if targeted > 0:
             only = targets[ray]
         _t, _b1, _b2, instance, _triangle = trace(
-            nodes, packs, transforms, instances, time, root, only, rays, ray, True
+            nodes, leaf_blocks, transforms, instances, time, root, only, rays, ray, True
         )
         result[ray] = ti.select(instance >= 0, 1, 0)

@@ -52,23 +52,25 @@ def reciprocal(d: ti.f32) -> ti.f32:
 
 
 @ti.func
-def hit_pack(packs: Template, at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz):
-    """Distances (infinity for a miss) and barycentrics b1, b2 of the four triangles of a pack.
+def intersect_leaf_block(
+    leaf_blocks: Template, at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz
+):
+    """Distances (infinity for a miss) and barycentrics b1, b2 of the four triangles of a leaf block.
 
     Vertices are sheared so that the ray is the z axis; ox, oy, oz, kx, ky, kz, shx, shy, shz as `shear` says. Without
     an area, seen along the ray, the determinant is 0 and t undefined: a miss.
     """
-    ax = packs[at + kx] - ox
-    ay = packs[at + ky] - oy
-    az = packs[at + kz] - oz
-    bz = packs[at + 3 + kz] - oz
-    cz = packs[at + 6 + kz] - oz
+    ax = leaf_blocks[at + kx] - ox
+    ay = leaf_blocks[at + ky] - oy
+    az = leaf_blocks[at + kz] - oz
+    bz = leaf_blocks[at + 3 + kz] - oz
+    cz = leaf_blocks[at + 6 + kz] - oz
     ex = ax - shx * az
     ey = ay - shy * az
-    fx = packs[at + 3 + kx] - ox - shx * bz
-    fy = packs[at + 3 + ky] - oy - shy * bz
-    gx = packs[at + 6 + kx] - ox - shx * cz
-    gy = packs[at + 6 + ky] - oy - shy * cz
+    fx = leaf_blocks[at + 3 + kx] - ox - shx * bz
+    fy = leaf_blocks[at + 3 + ky] - oy - shy * bz
+    gx = leaf_blocks[at + 6 + kx] - ox - shx * cz
+    gy = leaf_blocks[at + 6 + ky] - oy - shy * cz
     u = gx * fy - gy * fx
     v = ex * gy - ey * gx
     w = fx * ey - fy * ex
@@ -139,7 +141,7 @@ def into_instance(transforms: Template, time: ti.i32, row: ti.i32, ox, oy, oz, d
 @ti.func
 def trace(
     nodes: Template,
-    packs: Template,
+    leaf_blocks: Template,
     transforms: Template,
     instances: Template,
     time: ti.i32,
@@ -221,12 +223,12 @@ def trace(
                 current = instances[instance, entry_column(entered)]
             else:
                 at = -1 - current
-                t, u, v = hit_pack(packs, at, px, py, pz, kx, ky, kz, shx, shy, shz)
+                t, u, v = intersect_leaf_block(leaf_blocks, at, px, py, pz, kx, ky, kz, shx, shy, shz)
                 least = smaller(smaller(t[0], t[1]), smaller(t[2], t[3]))
                 if least <= best:
-                    number, u_hit, v_hit = packs[at + 9][3], u[3], v[3]
+                    number, u_hit, v_hit = leaf_blocks[at + 9][3], u[3], v[3]
                     for k in ti.static((2, 1, 0)):  # the first of equals stays
-                        number = ti.select(t[k] == least, packs[at + 9][k], number)
+                        number = ti.select(t[k] == least, leaf_blocks[at + 9][k], number)
                         u_hit = ti.select(t[k] == least, u[k], u_hit)
                         v_hit = ti.select(t[k] == least, v[k], v_hit)
                     triangle = ti.bit_cast(number, ti.i32)
@@ -266,7 +268,7 @@ def trace(
 @ti.kernel
 def closest(
     nodes: Float8s1,
-    packs: Float4s1,
+    leaf_blocks: Float4s1,
     transforms: Floats3,
     instances: Ints2,
     time: ti.i32,
@@ -284,7 +286,7 @@ def closest(
         for i in range(block * size, ti.min(count, (block + 1) * size)):
             ray = queue[i]
             t, b1, b2, instance, triangle = trace(
-                nodes, packs, transforms, instances, time, root, rays, ray, references, distances
+                nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
             )
             if instance < 0:
                 t = INFINITY

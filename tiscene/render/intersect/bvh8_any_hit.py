@@ -17,7 +17,7 @@ from tiscene.render.intersect.bvh8 import (
     STACK,
     bits_of,
     entry_column,
-    hit_pack,
+    intersect_leaf_block,
     into_instance,
     larger,
     reciprocal,
@@ -69,7 +69,7 @@ def next_child(nodes: Template, groups: Template, top: ti.i32):
 @ti.kernel
 def occluded(
     nodes: Float8s1,
-    packs: Float4s1,
+    leaf_blocks: Float4s1,
     transforms: Floats3,
     instances: Ints2,
     time: ti.i32,
@@ -159,8 +159,8 @@ def occluded(
                             groups[ints[n + TOP]] = LEAVE
                             child = instances[instance, entry_column(entered)]
                         else:
-                            t, _b1, _b2 = hit_pack(
-                                packs,
+                            t, _b1, _b2 = intersect_leaf_block(
+                                leaf_blocks,
                                 -1 - child,
                                 floats[f + CYCLIC],
                                 floats[f + CYCLIC + 1],

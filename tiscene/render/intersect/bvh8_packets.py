@@ -62,7 +62,7 @@ def greatest_of(v):
 @ti.kernel
 def closest(
     nodes: Float8s1,
-    packs: Float4s1,
+    leaf_blocks: Float4s1,
     transforms: Floats3,
     instances: Ints2,
     time: ti.i32,
@@ -209,17 +209,17 @@ def closest(
                         current = instances[instance, entry_column(entered)]
                     else:
                         at = -1 - current
-                        ax = packs[at + kx] - px
-                        ay = packs[at + ky] - py
-                        az = packs[at + kz] - pz
-                        bx = packs[at + 3 + kx] - px
-                        by = packs[at + 3 + ky] - py
-                        bz = packs[at + 3 + kz] - pz
-                        vx = packs[at + 6 + kx] - px
-                        vy = packs[at + 6 + ky] - py
-                        vz = packs[at + 6 + kz] - pz
+                        ax = leaf_blocks[at + kx] - px
+                        ay = leaf_blocks[at + ky] - py
+                        az = leaf_blocks[at + kz] - pz
+                        bx = leaf_blocks[at + 3 + kx] - px
+                        by = leaf_blocks[at + 3 + ky] - py
+                        bz = leaf_blocks[at + 3 + kz] - pz
+                        vx = leaf_blocks[at + 6 + kx] - px
+                        vy = leaf_blocks[at + 6 + ky] - py
+                        vz = leaf_blocks[at + 6 + kz] - pz
                         for k in range(4):
-                            triangle = ti.bit_cast(packs[at + 9][k], ti.i32)
+                            triangle = ti.bit_cast(leaf_blocks[at + 9][k], ti.i32)
                             if triangle >= 0:
                                 e_x = ax[k] - shx * az[k]
                                 e_y = ay[k] - shy * az[k]
@@ -278,7 +278,7 @@ def closest(
             for i in range(first, last):
                 ray = queue[i]
                 t, u, v, instance, triangle = trace(
-                    nodes, packs, transforms, instances, time, root, rays, ray, references, distances
+                    nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
                 )
                 if instance < 0:
                     t = INFINITY

@@ -30,7 +30,7 @@ def closest(
     Raises ArgumentError if the scene is not placed at `time`.
     """
     arrays = _arrays(scene, time)
-    if scene.traversal == "wide":
+    if scene.traversal == "bvh8":
         with vector_mode():
             traversal = bvh8_packets if together else bvh8
             traversal.closest(*arrays, rays, queue, count, hits, hit_ids)
@@ -57,7 +57,7 @@ def _occluded(
     scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, targets: Any, targeted: int, result: Any
 ) -> None:
     arrays = _arrays(scene, time)
-    if scene.traversal == "wide":
+    if scene.traversal == "bvh8":
         with vector_mode():
             bvh8_any_hit.occluded(*arrays, rays, queue, count, targets, targeted, result)
     else:
@@ -67,4 +67,4 @@ def _occluded(
 def _arrays(scene: DeviceScene, time: int) -> tuple[Any, ...]:
     root = scene.tlas_root(time)
     transforms_time = CURRENT if time == MOVERS else time
-    return scene.nodes, scene.packs, scene.instance_from_world, scene.instances_at(time), transforms_time, root
+    return scene.nodes, scene.leaf_blocks, scene.instance_from_world, scene.instances_at(time), transforms_time, root

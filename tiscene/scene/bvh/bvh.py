@@ -2,7 +2,7 @@
 """Two-level bounding volume hierarchy: one tree for each mesh (BLAS), one over the instances for each time (TLAS).
 
 All trees share one array of nodes, so that a ray goes from a TLAS into a BLAS without changing arrays. Two layouts:
-"wide", 8 children a node and packs of 4 triangles, for the vector units of a CPU; "binary", for a GPU.
+"bvh8", 8 children a node and leaf blocks of 4 triangles, for the vector units of a CPU; "bvh2", for a GPU.
 Building is deterministic: the same input gives the same bytes, for any number of threads.
 """
 
@@ -20,7 +20,7 @@ from tiscene.device.kernel_types import float4, float8
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
 from tiscene.scene.bvh.rebraid import SplitInstances, parts_of
-from tiscene.scene.bvh.workspace import KEPT_WORKSPACE, LAYOUTS, WIDE, Boxes, Workspace
+from tiscene.scene.bvh.workspace import BVH8, KEPT_WORKSPACE, LAYOUTS, Boxes, Workspace
 
 TREES = 4  # over instances: one for each time, one over the movers
 EMPTY_NODE = 0  # a node without children: the root of an empty mesh and of an empty TLAS
@@ -34,14 +34,14 @@ class Blas:
     """A mesh in the hierarchy.
 
     root: reference of its first node. entry: where rays enter it, which is a leaf where there is but one pack.
-    box: least and greatest corner, [2, 3], m. nodes, packs: the rows that are its own, for a refit.
+    box: least and greatest corner, [2, 3], m. nodes, leaf_blocks: the rows that are its own, for a refit.
     """
 
     root: int
     entry: int
     box: NDArray[np.float64]
     nodes: range = range(0)
-    packs: range = range(0)
+    leaf_blocks: range = range(0)
 
     @property
     def empty(self) -> bool:
@@ -52,7 +52,7 @@ class Blas:
 class Bvh:
     """The nodes and packed triangles on the device, and the roots of the trees in them.
 
-    nodes, packs: Taichi arrays whose rows bvh_write.py describes. They are replaced when they grow.
+    nodes, leaf_blocks: Taichi arrays whose rows bvh_write.py describes. They are replaced when they grow.
     """
 
     def __init__(self, layout: str) -> None:
@@ -61,15 +61,15 @@ class Bvh:
         self.layout = LAYOUTS[layout]
         self._work = Workspace()
         self._used_nodes = 0
-        self._used_packs = 0
+        self._used_leaf_blocks = 0
         self._instance_capacity = 0
         self._roots: dict[int, int] = {}
         self._kept: dict[int, tuple[NDArray[np.float64], NDArray[np.int32]]] = {}  # by root, what the tree is over
         self._used_nodes = 2  # the empty one and the guard, which is empty too
         self.nodes = self._new_nodes(self._used_nodes)
-        self.packs = self._new_packs(1)
+        self.leaf_blocks = self._new_leaf_blocks(1)
         self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.NAME)
-        if self.layout is WIDE:
+        if self.layout is BVH8:
             layout_kernels.write_guard(self.nodes)
 
     def root(self, time: int) -> int:
@@ -136,33 +136,33 @@ class Bvh:
                 raise self._too_many(len(solid), "triangles in one mesh")
             firsts = (first_triangle + np.cumsum(sizes) - sizes).tolist()
             return [self.add_mesh(*each) for each in zip(positions, triangles, firsts, strict=True)]
-        nodes, packs = int(found[-1, 0]), int(found[-1, 1]) if kind == layout_kernels.PACK else len(solid)
-        self._reserve(nodes, packs)
-        first, first_pack = self._used_nodes, self._used_packs
-        self._write_nodes(nodes, first, first_pack, kind)
+        nodes, leaf_blocks = int(found[-1, 0]), int(found[-1, 1]) if kind == layout_kernels.LEAF_BLOCK else len(solid)
+        self._reserve(nodes, leaf_blocks)
+        first, first_block = self._used_nodes, self._used_leaf_blocks
+        self._write_nodes(nodes, first, first_block, kind)
         source = points, faces, self._work.order
-        target = self.packs, first_pack, first_triangle
-        if self.layout is WIDE:
-            layout_kernels.write_packs(*source, self._work.node_link, self._work.children, nodes, *target)
+        target = self.leaf_blocks, first_block, first_triangle
+        if self.layout is BVH8:
+            layout_kernels.write_leaf_blocks(*source, self._work.node_link, self._work.children, nodes, *target)
         else:
-            layout_kernels.write_triangles(*source, packs, *target)
+            layout_kernels.write_triangles(*source, leaf_blocks, *target)
         self._used_nodes += nodes
-        self._used_packs += packs
+        self._used_leaf_blocks += leaf_blocks
         if self._work.capacity > KEPT_WORKSPACE:
             self._work = Workspace()
         node_ends = first + found[:, 0]
-        pack_ends = first_pack + (found[:, 1] if kind == layout_kernels.PACK else ends)
-        rows = np.stack([[first, *node_ends[:-1]], node_ends, [first_pack, *pack_ends[:-1]], pack_ends], axis=1)
+        block_ends = first_block + (found[:, 1] if kind == layout_kernels.LEAF_BLOCK else ends)
+        rows = np.stack([[first, *node_ends[:-1]], node_ends, [first_block, *block_ends[:-1]], block_ends], axis=1)
         around = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
         for mesh, row, box in zip(meshes.tolist(), rows.tolist(), np.stack(around, axis=1), strict=True):
             root = row[0] * self.layout.unit
-            entry = -1 - 10 * row[2] if self.layout is WIDE and row[3] - row[2] == 1 else root
+            entry = -1 - 10 * row[2] if self.layout is BVH8 and row[3] - row[2] == 1 else root
             result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
         return result
 
     def parts(self, meshes: Sequence[Blas]) -> SplitInstances:
         """The children of the meshes' roots; none of a mesh of one pack, and none in the binary layout."""
-        if self.layout is not WIDE:
+        if self.layout is not BVH8:
             return parts_of(np.zeros((len(meshes), 8, 8), np.float32))
         roots = np.array([blas.root if blas.entry == blas.root else EMPTY_NODE for blas in meshes], np.int64)
         return parts_of(self.nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
@@ -173,14 +173,14 @@ class Bvh:
         vertex_position, triangle_vertices: as a DeviceScene has them. moved: how many rows behind the one that
         `triangle_vertices` names a vertex is read.
         """
-        nodes, packs = blas.nodes, blas.packs
+        nodes, leaf_blocks = blas.nodes, blas.leaf_blocks
         source = vertex_position, triangle_vertices, moved
-        if self.layout is WIDE:
-            refit_kernels.refit_packs(self.packs, packs.start, len(packs), *source)
-            refit_kernels.refit_wide(self.nodes, nodes.start, len(nodes), self.packs)
+        if self.layout is BVH8:
+            refit_kernels.refit_leaf_blocks(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
+            refit_kernels.refit_wide(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
         else:
-            refit_kernels.refit_triangles(self.packs, packs.start, len(packs), *source)
-            refit_kernels.refit_binary(self.nodes, nodes.start, len(nodes), self.packs)
+            refit_kernels.refit_triangles(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
+            refit_kernels.refit_binary(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
 
     def placed(self) -> set[int]:
         """The times at which something, or nothing, is placed."""
@@ -246,7 +246,7 @@ class Bvh:
     ) -> NDArray[np.int32] | None:
         """Build trees into the workspace, of the boxes from each of `starts` on.
 
-        Returns the totals of nodes and packs after each tree, and its stack; None if a stack is too small.
+        Returns the totals of nodes and leaf_blocks after each tree, and its stack; None if a stack is too small.
         """
         budget = self.layout.tlas_stack if leaf_kind == layout_kernels.NAME else self.layout.blas_stack
         ends = np.append(starts[1:], len(order))
@@ -268,41 +268,43 @@ class Bvh:
     def _too_many(self, count: int, what: str) -> ArgumentError:
         return ArgumentError(f"{count} {what} are more than the {self.layout.name} traversal can take")
 
-    def _write_nodes(self, count: int, first: int, first_pack: int, leaf_kind: int) -> None:
+    def _write_nodes(self, count: int, first: int, first_block: int, leaf_kind: int) -> None:
         work = self._work
-        if self.layout is WIDE:
-            rows = 10 if leaf_kind == layout_kernels.PACK else 1
+        if self.layout is BVH8:
+            rows = 10 if leaf_kind == layout_kernels.LEAF_BLOCK else 1
             layout_kernels.write_wide_nodes(
-                work.node_box, work.node_link, work.children, count, self.nodes, first, first_pack, rows
+                work.node_box, work.node_link, work.children, count, self.nodes, first, first_block, rows
             )
         else:
             layout_kernels.write_binary_nodes(
-                work.node_box, work.node_link, work.children, count, self.nodes, first, first_pack
+                work.node_box, work.node_link, work.children, count, self.nodes, first, first_block
             )
 
-    def _reserve(self, nodes: int, packs: int) -> None:
-        """Make room for more BLAS nodes and packs, the TLAS regions included, which lie at the end."""
+    def _reserve(self, nodes: int, leaf_blocks: int) -> None:
+        """Make room for more BLAS nodes and leaf_blocks, the TLAS regions included, which lie at the end."""
         needed = self._used_nodes + nodes + TREES * self._instance_capacity
-        if needed > layout_kernels.MOST_NODES and self.layout is WIDE:
+        if needed > layout_kernels.MOST_NODES and self.layout is BVH8:
             raise self._too_many(needed, "nodes of trees")
         if needed > self._node_capacity():
             self.nodes = _grown(self.nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
             self._forget()
-        if self._used_packs + packs > self._pack_capacity():
-            needed = self._used_packs + packs
-            self.packs = _grown(self.packs, self._new_packs(max(needed, 2 * self._pack_capacity())))
+        if self._used_leaf_blocks + leaf_blocks > self._leaf_block_capacity():
+            needed = self._used_leaf_blocks + leaf_blocks
+            self.leaf_blocks = _grown(
+                self.leaf_blocks, self._new_leaf_blocks(max(needed, 2 * self._leaf_block_capacity()))
+            )
 
     def _new_nodes(self, count: int) -> Any:
-        return ti.ndarray(float8, 8 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 16))
+        return ti.ndarray(float8, 8 * count) if self.layout is BVH8 else ti.ndarray(ti.f32, (count, 16))
 
-    def _new_packs(self, count: int) -> Any:
-        return ti.ndarray(float4, 10 * count) if self.layout is WIDE else ti.ndarray(ti.f32, (count, 12))
+    def _new_leaf_blocks(self, count: int) -> Any:
+        return ti.ndarray(float4, 10 * count) if self.layout is BVH8 else ti.ndarray(ti.f32, (count, 12))
 
     def _node_capacity(self) -> int:
         return int(self.nodes.shape[0]) // self.layout.unit
 
-    def _pack_capacity(self) -> int:
-        return int(self.packs.shape[0]) // (10 if self.layout is WIDE else 1)
+    def _leaf_block_capacity(self) -> int:
+        return int(self.leaf_blocks.shape[0]) // (10 if self.layout is BVH8 else 1)
 
 
 def _grown(old: Any, new: Any) -> Any:

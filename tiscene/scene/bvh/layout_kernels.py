@@ -6,7 +6,7 @@ import taichi as ti
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints1, Ints2, Template
 from tiscene.scene.bvh.build_kernels import FAR, box_of, half_area
 
-NAME, PACK, ROWS = 0, 1, 2  # what a leaf refers to: its only primitive, one pack of all, a row for each
+NAME, LEAF_BLOCK, ROWS = 0, 1, 2  # what a leaf refers to: its only primitive, one pack of all, a row for each
 
 # Of the wide layout: an empty node whose first two references are what is at the end of an instance and of a ray
 # (render/intersect/any_hit.py).
@@ -30,8 +30,8 @@ def collapse(
 ):
     """Merge the binary nodes of trees into nodes of up to `width` children, numbered depth first, tree after tree.
 
-    roots: the slot of each tree's root, in the first column. found: for each tree how many nodes and packs there are so
-    far, it included, and the most entries that a traversal of it can have on its stack.
+    roots: the slot of each tree's root, in the first column. found: for each tree how many nodes and leaf blocks
+    there are so far, it included, and the most entries that a traversal of it can have on its stack.
 
     children[node]: slots, -1 for none. The child with the largest area (by_count: the most primitives) is opened first.
     In node_link column 2 of an inner slot becomes its wide node, column 1 of a leaf what `leaf_kind` says.
@@ -39,10 +39,10 @@ def collapse(
     ti.loop_config(serialize=True)
     for tree in range(found.shape[0]):
         nodes = 0
-        packs = 0
+        leaf_blocks = 0
         if tree > 0:
             nodes = found[tree - 1, 0]
-            packs = found[tree - 1, 1]
+            leaf_blocks = found[tree - 1, 1]
         deepest = 0
         stack[0, 0] = roots[tree, 0]
         stack[0, 1] = 0
@@ -87,14 +87,14 @@ def collapse(
                         waiting += 1
                     elif leaf_kind == NAME:
                         node_link[s, 1] = order[node_link[s, 2]]
-                    elif leaf_kind == PACK:
-                        node_link[s, 1] = packs
-                        packs += 1
+                    elif leaf_kind == LEAF_BLOCK:
+                        node_link[s, 1] = leaf_blocks
+                        leaf_blocks += 1
                     else:
                         node_link[s, 1] = node_link[s, 2]
             nodes += 1
         found[tree, 0] = nodes
-        found[tree, 1] = packs
+        found[tree, 1] = leaf_blocks
         found[tree, 2] = deepest
 
 
@@ -141,15 +141,15 @@ def write_guard(nodes: Float8s1):
 
 
 @ti.kernel
-def write_packs(
+def write_leaf_blocks(
     positions: Floats2,
     triangles: Ints2,
     order: Ints1,
     node_link: Ints2,
     children: Ints2,
     count: ti.i32,
-    packs: Float4s1,
-    first_pack: ti.i32,
+    leaf_blocks: Float4s1,
+    first_block: ti.i32,
     first_triangle: ti.i32,
 ):
     """Ten rows a pack of up to four triangles: their vertices, global triangle (bits of int32), ascending."""
@@ -157,20 +157,20 @@ def write_packs(
         slot = children[node, k]
         if slot >= 0:
             if node_link[slot, 0] < 0:
-                at = 10 * (first_pack + node_link[slot, 1])
+                at = 10 * (first_block + node_link[slot, 1])
                 begin = node_link[slot, 2]
                 size = node_link[slot, 3]
                 sort(order, begin, begin + size)
                 for lane in range(4):
                     for row in range(9):
-                        packs[at + row][lane] = 0.0
+                        leaf_blocks[at + row][lane] = 0.0
                     triangle = -1
                     if lane < size:
                         local = order[begin + lane]
                         triangle = first_triangle + local
                         for corner, c in ti.ndrange(3, 3):
-                            packs[at + 3 * corner + c][lane] = positions[triangles[local, corner], c]
-                    packs[at + 9][lane] = ti.bit_cast(triangle, ti.f32)
+                            leaf_blocks[at + 3 * corner + c][lane] = positions[triangles[local, corner], c]
+                    leaf_blocks[at + 9][lane] = ti.bit_cast(triangle, ti.f32)
 
 
 @ti.func

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tiscene.device import runtime
 from tiscene.scene.bvh.bvh import Blas, Bvh
-from tiscene.scene.bvh.workspace import WIDE
+from tiscene.scene.bvh.workspace import BVH8
 from tiscene.scene.description import Instance, Mesh
 
 
@@ -22,14 +22,14 @@ class MeshTrees:
         self.blas = blas
 
     @property
-    def wide(self) -> bool:
-        """Whether the layout is "wide"; otherwise it is "binary"."""
-        return self.bvh.layout is WIDE
+    def is_bvh8(self) -> bool:
+        """Whether the layout is "bvh8"; else "bvh2"."""
+        return self.bvh.layout is BVH8
 
     @classmethod
     def built(cls, meshes: Sequence[Mesh], layout: str | None = None) -> MeshTrees:
         """Trees of their own, where nobody renders the meshes. layout: None: what suits the device. Taichi must run."""
-        bvh = Bvh(layout or ("binary" if runtime.running() == "cuda" else "wide"))
+        bvh = Bvh(layout or ("bvh2" if runtime.running() == "cuda" else "bvh8"))
         positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in meshes]
         triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in meshes]
         return cls(bvh, bvh.add_meshes(positions, triangles, 0))

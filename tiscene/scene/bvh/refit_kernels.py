@@ -35,22 +35,27 @@ def write_vertices(
 
 
 @ti.kernel
-def refit_packs(
-    packs: Float4s1, first: ti.i32, count: ti.i32, vertex_position: Floats2, triangle_vertices: Ints2, moved: ti.i32
+def refit_leaf_blocks(
+    leaf_blocks: Float4s1,
+    first: ti.i32,
+    count: ti.i32,
+    vertex_position: Floats2,
+    triangle_vertices: Ints2,
+    moved: ti.i32,
 ):
     """The wide layout's triangles. moved: how far behind its row of `triangle_vertices` each vertex is."""
     for pack in range(count):
         at = 10 * (first + pack)
         for lane in ti.static(range(4)):
-            triangle = ti.bit_cast(packs[at + 9][lane], ti.i32)
+            triangle = ti.bit_cast(leaf_blocks[at + 9][lane], ti.i32)
             if triangle >= 0:
                 for corner, c in ti.static(ti.ndrange(3, 3)):
                     vertex = triangle_vertices[triangle, corner] + moved
-                    packs[at + 3 * corner + c][lane] = vertex_position[vertex, c]
+                    leaf_blocks[at + 3 * corner + c][lane] = vertex_position[vertex, c]
 
 
 @ti.kernel
-def refit_wide(nodes: Float8s1, first: ti.i32, count: ti.i32, packs: Float4s1):
+def refit_wide(nodes: Float8s1, first: ti.i32, count: ti.i32, leaf_blocks: Float4s1):
     ti.loop_config(serialize=True)
     for turn in range(count):
         at = 8 * (first + count - 1 - turn)
@@ -65,9 +70,9 @@ def refit_wide(nodes: Float8s1, first: ti.i32, count: ti.i32, packs: Float4s1):
                 else:
                     pack = -1 - child
                     for lane in ti.static(range(4)):
-                        if ti.bit_cast(packs[pack + 9][lane], ti.i32) >= 0:
+                        if ti.bit_cast(leaf_blocks[pack + 9][lane], ti.i32) >= 0:
                             for corner, c in ti.static(ti.ndrange(3, 3)):
-                                value = packs[pack + 3 * corner + c][lane]
+                                value = leaf_blocks[pack + 3 * corner + c][lane]
                                 low[c] = ti.min(low[c], value)
                                 high[c] = ti.max(high[c], value)
                     margin = ti.max(_MARGIN * ti.max(ti.abs(low), ti.abs(high)).max(), 1e-12)
@@ -82,7 +87,7 @@ def refit_wide(nodes: Float8s1, first: ti.i32, count: ti.i32, packs: Float4s1):
 def refit_triangles(
     rows: Floats2, first: ti.i32, count: ti.i32, vertex_position: Floats2, triangle_vertices: Ints2, moved: ti.i32
 ):
-    """The binary layout's triangles; `moved` as for `refit_packs`."""
+    """The binary layout's triangles; `moved` as for `refit_leaf_blocks`."""
     for row in range(first, first + count):
         triangle = ti.bit_cast(rows[row, 3], ti.i32)
         for corner, c in ti.static(ti.ndrange(3, 3)):

@@ -31,9 +31,9 @@ class Layout:
     tlas_stack: int
 
 
-WIDE = Layout("wide", 8, 8, 4, layout_kernels.PACK, 0.5, 56, 56)
-BINARY = Layout("binary", 2, 1, 1, layout_kernels.ROWS, 1.0, 48, 24)
-LAYOUTS = {layout.name: layout for layout in (WIDE, BINARY)}
+BVH8 = Layout("bvh8", 8, 8, 4, layout_kernels.LEAF_BLOCK, 0.5, 56, 56)
+BVH2 = Layout("bvh2", 2, 1, 1, layout_kernels.ROWS, 1.0, 48, 24)
+LAYOUTS = {layout.name: layout for layout in (BVH8, BVH2)}
 KEPT_WORKSPACE = 1 << 18  # primitives; the memory for building larger trees is given back
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
 
@@ -79,7 +79,7 @@ class Workspace:
             run(1, subtrees, 0)
 
     def collapse(self, trees: int, width: int, leaf_kind: int, by_count: bool) -> NDArray[np.int32]:
-        """Merge binary nodes; of each tree the nodes and packs there are so far, and the stack that it needs."""
+        """Merge binary nodes; of each tree the nodes and leaf_blocks there are so far, and the stack that it needs."""
         found = np.zeros((trees, 3), np.int32)
         arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self.tasks, found)
         layout_kernels.collapse(*arrays, width, leaf_kind, int(by_count))

@@ -106,7 +106,7 @@ def test_a_point_at_rest_of_a_mesh_that_deforms_has_no_flow():
         assert not any(labels[name].any() for name in ("forward_flow", "backward_flow", "scene_flow"))
 
 
-@pytest.mark.parametrize("traversal", ["wide", "binary"])
+@pytest.mark.parametrize("traversal", ["bvh8", "bvh2"])
 def test_a_refitted_tree_finds_what_a_new_one_finds(traversal):
     """A sphere whose points all go astray, in several instances; its triangles begin as one point each."""
     random = np.random.default_rng(3)
