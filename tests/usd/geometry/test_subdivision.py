@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from tests.usd.helpers import area, facing, volume
+from tiscene.usd.geometry.catmull_clark import Cage, Creases, limit, refine
 from tiscene.usd.geometry.primvar import Topology
-from tiscene.usd.geometry.subdivision import Cage, Creases, limit, refine, subdivide
+from tiscene.usd.geometry.subdivision import subdivide
 from tiscene.usd.geometry.vertex_weld import Attribute
 
 POINTS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tiscene.usd.geometry.vertex_weld import Attribute, smooth_normals, unique_rows, unit, weld
+from tiscene.usd.geometry.vertex_weld import Attribute, smooth_normals, unique_rows, unit_normals, weld
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float32)
 CORNER_POINT = np.array([0, 1, 2, 0, 2, 3])
@@ -51,7 +51,7 @@ def test_points_of_no_triangle_are_dropped():
 
 def test_normals_become_unit_and_empty_ones_geometric():
     vectors = np.array([[0, 0, 5], [0, 0, 0], [3, 0, 4], [0, 0, 1]], dtype=np.float32)
-    result = unit(vectors, SQUARE, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
+    result = unit_normals(vectors, SQUARE, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     np.testing.assert_allclose(result, [[0, 0, 1], [0, 0, 1], [0.6, 0, 0.8], [0, 0, 1]], atol=1e-7)
 
 

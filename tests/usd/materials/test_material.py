@@ -129,10 +129,10 @@ def test_display_color_of_faces(tmp_path, scheme, lines):
 
 
 def test_many_colors_become_fewer_materials():
-    from tiscene.usd.geometry.display_color import quantized
+    from tiscene.usd.geometry.display_color import quantize_colors
 
     values = np.random.default_rng(3).random((20000, 4))
-    colors, groups = quantized(values)
+    colors, groups = quantize_colors(values)
     assert len(colors) <= 4096
     assert sorted(np.concatenate(groups).tolist()) == list(range(20000))
     worst = max(np.abs(values[group] - color).max() for color, group in zip(colors, groups, strict=True))
@@ -375,7 +375,7 @@ def test_a_primvar_that_a_mesh_has_not_is_named(textures):
         + shader("S", "UsdPrimvarReader_float2", 'string inputs:varname = "map2"', "float2 outputs:result")
     )
     read_with_warning(
-        textures, material(shaders), "has no primvar 'map2' that its material reads, 'st' is read instead: </M>"
+        textures, material(shaders), "has no primvar 'map2', which its material reads; 'st' is used instead: </M>"
     )
 
 

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeom shapes as triangle meshes.
+"""UsdGeom gprims as triangle meshes (`vertex_weld.WeldedMesh`).
 
 ::
 
-    mesh           UsdGeomMesh
-    primvar        primvars and normals
+    mesh           UsdGeomMesh: topology, holes, orientation
+    primvar        primvars and normals, validated
     triangulate    polygons to triangles
-    subdivision    Catmull-Clark subdivision
-    vertex_weld    one normal and uv per vertex
+    subdivision    subdivision surfaces
+    catmull_clark  control cages, refinement and limit rules
+    vertex_weld    welded meshes: one normal and uv per vertex
     gprim          cube, sphere, cylinder, cone, capsule, plane
-    curves         curves and points
-    deforming      meshes that change over time
-    skinning       UsdSkel
+    curves         curves as tubes or ribbons, points as spheres
+    deforming      shapes with time samples
+    skinning       UsdSkel skinning, baked on the stage
     display_color  displayColor and displayOpacity
 """

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeomBasisCurves as tubes or ribbons, UsdGeomPoints as balls: simple geometry, whole batches at a time."""
+"""UsdGeomBasisCurves as tubes or ribbons, UsdGeomPoints as spheres.
+
+Curves of equal vertex count are evaluated together as arrays [curves, points, components]. Above 100,000 samples, tubes
+get fewer sides and spheres fewer triangles; above 2,000,000 a prim is not drawn, curve_ids is reported.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +20,10 @@ from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.floating]
-_MOST = 2_000_000  # points, of Points or along curves
-_FINE = 100_000  # up to so many samples tubes are round, and up to so many points balls are
+_MAX_SAMPLES = 2_000_000  # points of a Points prim, or samples along all curves of a prim
+_MAX_FINE_SAMPLES = 100_000  # up to this many, tubes have 8 sides and spheres 80 triangles; above, 4 and 20
 _STEPS = 6  # samples of a cubic segment
-_BASES = {  # rows: powers of t from 3 to 0
+_BASES = {  # basis matrices; rows: powers of t from 3 to 0
     "bezier": np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 3, 0, 0], [1, 0, 0, 0]], float),
     "bspline": np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 0, 3, 0], [1, 4, 1, 0]], float) / 6.0,
     "catmullRom": np.array([[-1, 3, -3, 1], [2, -5, 4, -1], [-1, 0, 1, 0], [0, 2, 0, 0]], float) / 2.0,
@@ -27,8 +31,10 @@ _BASES = {  # rows: powers of t from 3 to 0
 
 
 def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
-    """Tubes of the curves' widths; ribbons that face their normals where these are authored. None, which is reported,
-    if nothing can be drawn.
+    """Read curves as tubes of their widths, or as ribbons facing their normals where those are authored.
+
+    Returns:
+        The mesh; None, with the reason reported, if there is nothing to draw.
     """
     curves = UsdGeom.BasisCurves(prim)
     points = array_of(curves.GetPointsAttr(), time, np.float32, width=3)
@@ -40,46 +46,48 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     normals = array_of(curves.GetNormalsAttr(), time, np.float32, width=3)
     if len(normals) != len(points):
         normals = normals[:0]
-    fault = _fault(counts, point=points, width=widths, normal=normals)
+    fault = _describe_fault(counts, point=points, width=widths, normal=normals)
     if kind == "cubic" and basis not in _BASES:
-        fault = fault or f"basis {basis!r} is not known"
+        fault = fault or f"basis {basis!r} is not known; expected one of {', '.join(_BASES)}"
     if fault:
         report.problem(prim.GetPath(), "curves", fault)
         return None
     if kind == "linear":
         basis = "linear"
     if len(points) == 0:
-        return _joined([], prim, report)
+        return _concatenate([], prim, report)
     if len(widths) == 0:
-        report.omission(prim.GetPath(), "curves without widths are drawn as thin as a thousandth of their extent")
+        report.omission(prim.GetPath(), "curves without widths are drawn with a width of a thousandth of their extent")
         widths = np.array([np.ptp(points, axis=0).max() / 1000.0], np.float32)
     starts = np.cumsum(counts) - counts
     strips: list[tuple[Floats, Floats, Floats | None, NDArray[np.int64]]] = []
     for count in np.unique(counts).tolist():
-        which = np.flatnonzero(counts == count)
-        rows = starts[which][:, None] + np.arange(count)
-        sampled = _sampled(points[rows].astype(np.float64), basis, wrap)
+        curve_ids = np.flatnonzero(counts == count)
+        rows = starts[curve_ids][:, None] + np.arange(count)
+        sampled = _evaluate(points[rows].astype(np.float64), basis, wrap)
         if sampled is None:
             report.omission(prim.GetPath(), f"curves of {count} points are too short for their basis")
             continue
-        width = _widths_of(widths, rows, which, counts, basis, wrap, sampled.shape[1])
+        width = _evaluate_widths(widths, rows, curve_ids, counts, basis, wrap, sampled.shape[1])
         if width is None:
             report.problem(
                 prim.GetPath(), "curves", f"{len(widths)} widths fit neither {len(counts)} curves nor their points"
             )
             return None
-        normal = _sampled(normals[rows].astype(np.float64), basis, wrap) if len(normals) else None
-        strips.append((sampled, width, normal, which))
+        normal = _evaluate(normals[rows].astype(np.float64), basis, wrap) if len(normals) else None
+        strips.append((sampled, width, normal, curve_ids))
     samples = sum(strip[0].shape[0] * strip[0].shape[1] for strip in strips)
-    if samples > _MOST:
-        report.omission(prim.GetPath(), f"curves of {samples:,} samples are not drawn: more than {_MOST:,}")
+    if samples > _MAX_SAMPLES:
+        report.omission(prim.GetPath(), f"curves of {samples:,} samples are not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
-    sides = 8 if samples <= _FINE else 4
+    sides = 8 if samples <= _MAX_FINE_SAMPLES else 4
     closed = wrap == "periodic"
-    return _joined(
+    return _concatenate(
         [
-            _ribbons(line, width, normal, which) if normal is not None else _tubes(line, width, which, sides, closed)
-            for line, width, normal, which in strips
+            _ribbons(line, width, normal, curve_ids)
+            if normal is not None
+            else _tubes(line, width, curve_ids, sides, closed)
+            for line, width, normal, curve_ids in strips
         ],
         prim,
         report,
@@ -87,12 +95,16 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
 
 
 def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
-    """A ball at each point, as wide as `widths` says (1 if unauthored, as USD's own renderers have it)."""
+    """Read a sphere for each point, of the diameters `widths` (1 if unauthored, as in Hydra).
+
+    Returns:
+        The mesh; None, with the reason reported, if there is nothing to draw.
+    """
     points = UsdGeom.Points(prim)
     at = array_of(points.GetPointsAttr(), time, np.float32, width=3)
     widths = array_of(points.GetWidthsAttr(), time, np.float32)
     if len(at) == 0:
-        return _joined([], prim, report)
+        return _concatenate([], prim, report)
     if len(widths) == 0:
         report.omission(prim.GetPath(), "points without widths are drawn one unit wide")
         widths = np.ones(1, np.float32)
@@ -102,27 +114,27 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     if not np.isfinite(at).all() or not np.isfinite(widths).all():
         report.problem(prim.GetPath(), "points", "a point or width is not a finite number")
         return None
-    if len(at) > _MOST:
-        report.omission(prim.GetPath(), f"{len(at):,} points are not drawn: more than {_MOST:,}")
+    if len(at) > _MAX_SAMPLES:
+        report.omission(prim.GetPath(), f"{len(at):,} points are not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
-    ball, faces = _ball(1 if len(at) <= _FINE else 0)
+    sphere, faces = _icosphere(1 if len(at) <= _MAX_FINE_SAMPLES else 0)
     kept = np.broadcast_to(widths, len(at)) > 0.0
     rows = np.flatnonzero(kept)
     radius = np.broadcast_to(widths, len(at))[rows] / 2.0
-    positions = at[rows][:, None] + ball * radius[:, None, None]
-    triangles = faces + np.arange(len(rows))[:, None, None] * len(ball)
+    positions = at[rows][:, None] + sphere * radius[:, None, None]
+    triangles = faces + np.arange(len(rows))[:, None, None] * len(sphere)
     surface = WeldedMesh(
         positions.reshape(-1, 3).astype(np.float32),
         triangles.reshape(-1, 3).astype(np.int32),
-        np.tile(ball, (len(rows), 1)).astype(np.float32),
+        np.tile(sphere, (len(rows), 1)).astype(np.float32),
         None,
         np.repeat(rows, len(faces)).astype(np.int32),
     )
-    return _joined([surface], prim, report)
+    return _concatenate([surface], prim, report)
 
 
-def _fault(counts: NDArray[np.int64], **values: Floats) -> str:
-    """What is wrong with the curves' numbers, of which `point` has one row for each control point; "" if nothing."""
+def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:
+    """Describe what is wrong with the curves' values; `point` has a row for each control point. "" if nothing."""
     if len(counts) and counts.min() < 0:
         return f"curveVertexCounts holds {counts.min()}"
     if counts.sum() != len(values["point"]):
@@ -133,8 +145,8 @@ def _fault(counts: NDArray[np.int64], **values: Floats) -> str:
     return ""
 
 
-def _control(values: Floats, basis: str, wrap: str) -> Floats | None:
-    """The four control values [c, segments, 4, k] of every cubic segment of curves [c, n, k]."""
+def _segment_controls(values: Floats, basis: str, wrap: str) -> Floats | None:
+    """Return the four control values [c, segments, 4, k] of each cubic segment of curves [c, n, k]; None: too short."""
     n = values.shape[1]
     if wrap == "periodic":
         segments = n // 3 if basis == "bezier" else n
@@ -143,7 +155,7 @@ def _control(values: Floats, basis: str, wrap: str) -> Floats | None:
             return None
         index = (np.arange(segments)[:, None] * step + np.arange(4)) % n
         return np.asarray(values[:, index])
-    if wrap == "pinned" and basis != "bezier":  # one more point before and after, so that the ends are met
+    if wrap == "pinned" and basis != "bezier":  # phantom points make the curve reach its ends
         if n < 2:
             return None
         first, last = 2.0 * values[:, :1] - values[:, 1:2], 2.0 * values[:, -1:] - values[:, -2:-1]
@@ -156,13 +168,16 @@ def _control(values: Floats, basis: str, wrap: str) -> Floats | None:
     return np.asarray(values[:, np.arange(segments)[:, None] * step + np.arange(4)])
 
 
-def _sampled(values: Floats, basis: str, wrap: str) -> Floats | None:
-    """Values [c, n, k] of control points along their curves, [c, m, k]; the first again at the end of closed ones."""
+def _evaluate(values: Floats, basis: str, wrap: str) -> Floats | None:
+    """Evaluate curves with control values [c, n, k] at m samples: [c, m, k]; None if n is too small.
+
+    Closed curves repeat their first sample at the end.
+    """
     if basis == "linear":
         if values.shape[1] < 2:
             return None
         return np.concatenate([values, values[:, :1]], axis=1) if wrap == "periodic" else values
-    control = _control(values, basis, wrap)
+    control = _segment_controls(values, basis, wrap)
     if control is None:
         return None
     t = np.arange(_STEPS + 1) / _STEPS
@@ -172,39 +187,52 @@ def _sampled(values: Floats, basis: str, wrap: str) -> Floats | None:
     return np.concatenate([inner, samples[:, -1:, -1]], axis=1)
 
 
-def _widths_of(
+def _evaluate_widths(
     widths: Floats,
     rows: NDArray[np.int64],
-    which: NDArray[np.int64],
+    curve_ids: NDArray[np.int64],
     counts: NDArray[np.int64],
     basis: str,
     wrap: str,
     samples: int,
 ) -> Floats | None:
-    """Widths [c, m] at the samples, from one for all, for each curve, for each control point or segment's end."""
+    """Evaluate the widths of some curves at their samples.
+
+    Args:
+        widths: constant (1), uniform (one for each curve), vertex (each control point) or varying (each segment end).
+        rows: [c, n], the control points of the curves among all.
+        curve_ids: [c], the curves among all.
+        counts: control points of every curve.
+        basis: "linear" or a cubic basis.
+        wrap: "nonperiodic", "periodic" or "pinned".
+        samples: samples m of each curve.
+
+    Returns:
+        float64 [c, m]; None if the number of widths fits none of these.
+    """
     if len(widths) == 1:
-        return np.full((len(which), samples), float(widths[0]))
+        return np.full((len(curve_ids), samples), float(widths[0]))
     if len(widths) == len(counts):
-        return np.repeat(widths[which].astype(np.float64)[:, None], samples, axis=1)
+        return np.repeat(widths[curve_ids].astype(np.float64)[:, None], samples, axis=1)
     if len(widths) == counts.sum():
-        sampled = _sampled(widths[rows][..., None].astype(np.float64), basis, wrap)
+        sampled = _evaluate(widths[rows][..., None].astype(np.float64), basis, wrap)
         return None if sampled is None else sampled[..., 0]
-    ends = _ends(counts, basis, wrap)
+    ends = _varying_counts(counts, basis, wrap)
     if len(widths) != ends.sum():
         return None
-    start = (np.cumsum(ends) - ends)[which]
-    count = int(ends[which[0]])
+    start = (np.cumsum(ends) - ends)[curve_ids]
+    count = int(ends[curve_ids[0]])
     at = widths[start[:, None] + np.arange(count)].astype(np.float64)
     if wrap == "periodic":
         at = np.concatenate([at, at[:, :1]], axis=1)
-    place = np.linspace(0.0, at.shape[1] - 1.0, samples)
-    low = np.minimum(place.astype(int), at.shape[1] - 2)
-    part = place - low
-    return np.asarray(at[:, low] * (1.0 - part) + at[:, low + 1] * part)
+    position = np.linspace(0.0, at.shape[1] - 1.0, samples)
+    low = np.minimum(position.astype(int), at.shape[1] - 2)
+    fraction = position - low
+    return np.asarray(at[:, low] * (1.0 - fraction) + at[:, low + 1] * fraction)
 
 
-def _ends(counts: NDArray[np.int64], basis: str, wrap: str) -> NDArray[np.int64]:
-    """How many values of `varying` interpolation each curve has."""
+def _varying_counts(counts: NDArray[np.int64], basis: str, wrap: str) -> NDArray[np.int64]:
+    """Return how many values of varying interpolation each curve has, [curves]."""
     if basis == "linear":
         return counts
     step = 3 if basis == "bezier" else 1
@@ -215,8 +243,8 @@ def _ends(counts: NDArray[np.int64], basis: str, wrap: str) -> NDArray[np.int64]
     return np.asarray(np.maximum((counts - 4) // step + 2, 0))
 
 
-def _frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
-    """Unit tangents and two perpendiculars [c, m, 3] that turn as little as can be along the lines."""
+def _parallel_frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
+    """Return tangents and two perpendiculars, each [c, m, 3], that rotate as little as possible along polylines."""
     tangent = np.empty_like(line)
     tangent[:, 1:-1] = line[:, 2:] - line[:, :-2]
     tangent[:, 0], tangent[:, -1] = line[:, 1] - line[:, 0], line[:, -1] - line[:, -2]
@@ -227,7 +255,7 @@ def _frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
     side = np.empty_like(line)
     least = np.argmin(np.abs(tangent[:, 0]), axis=-1)
     across = np.eye(3)[least]
-    for step in range(line.shape[1]):  # what of the last perpendicular is perpendicular here, too
+    for step in range(line.shape[1]):  # project the last side vector onto the plane perpendicular here
         t = tangent[:, step]
         across = across - t * np.einsum("ck,ck->c", across, t)[:, None]
         norm = np.linalg.norm(across, axis=-1, keepdims=True)
@@ -237,9 +265,10 @@ def _frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
     return tangent, side, cross(tangent, side)
 
 
-def _tubes(line: Floats, width: Floats, which: NDArray[np.int64], sides: int, closed: bool) -> WeldedMesh:
+def _tubes(line: Floats, width: Floats, curve_ids: NDArray[np.int64], sides: int, closed: bool) -> WeldedMesh:
+    """Make tubes with flat caps around polylines [c, m, 3] of widths [c, m]; closed ones have no caps."""
     curves, samples = line.shape[:2]
-    tangent, side, other = _frames(line, closed)
+    tangent, side, other = _parallel_frames(line, closed)
     turn = 2.0 * math.pi * np.arange(sides) / sides
     outward = side[:, :, None] * np.cos(turn)[:, None] + other[:, :, None] * np.sin(turn)[:, None]
     rings = line[:, :, None] + outward * (0.5 * width)[:, :, None, None]
@@ -257,11 +286,12 @@ def _tubes(line: Floats, width: Floats, which: NDArray[np.int64], sides: int, cl
         positions = np.concatenate([positions, rings[:, 0], rings[:, -1]], axis=1)
         ends = [np.repeat(-tangent[:, :1], sides, axis=1), np.repeat(tangent[:, -1:], sides, axis=1)]
         normals = np.concatenate([normals, *ends], axis=1)
-    return _batch(positions, normals, triangles, which)
+    return _repeat_triangles(positions, normals, triangles, curve_ids)
 
 
-def _ribbons(line: Floats, width: Floats, normal: Floats, which: NDArray[np.int64]) -> WeldedMesh:
-    tangent, _, _ = _frames(line, closed=False)
+def _ribbons(line: Floats, width: Floats, normal: Floats, curve_ids: NDArray[np.int64]) -> WeldedMesh:
+    """Make ribbons along polylines [c, m, 3] of widths [c, m], facing the normals [c, m, 3]."""
+    tangent, _, _ = _parallel_frames(line, closed=False)
     side = cross(tangent, normal)
     side = side / np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-30) * (0.5 * width)[..., None]
     facing = cross(side, tangent)
@@ -269,11 +299,13 @@ def _ribbons(line: Floats, width: Floats, normal: Floats, which: NDArray[np.int6
     positions = np.stack([line - side, line + side], axis=2).reshape(len(line), -1, 3)
     low = 2 * np.arange(line.shape[1] - 1)[:, None]
     triangles = (low[:, :, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
-    return _batch(positions, np.repeat(facing, 2, axis=1), triangles, which)
+    return _repeat_triangles(positions, np.repeat(facing, 2, axis=1), triangles, curve_ids)
 
 
-def _batch(positions: Floats, normals: Floats, triangles: NDArray[Any], which: NDArray[np.int64]) -> WeldedMesh:
-    """The same triangles for each of some curves: positions and normals [c, v, 3]."""
+def _repeat_triangles(
+    positions: Floats, normals: Floats, triangles: NDArray[Any], curve_ids: NDArray[np.int64]
+) -> WeldedMesh:
+    """Make a mesh of c curves with the same triangles; positions and normals are [c, v, 3]."""
     curves, vertices = positions.shape[:2]
     every = triangles + (np.arange(curves) * vertices)[:, None, None]
     return WeldedMesh(
@@ -281,11 +313,12 @@ def _batch(positions: Floats, normals: Floats, triangles: NDArray[Any], which: N
         every.reshape(-1, 3).astype(np.int32),
         normals.reshape(-1, 3).astype(np.float32),
         None,
-        np.repeat(which, len(triangles)).astype(np.int32),
+        np.repeat(curve_ids, len(triangles)).astype(np.int32),
     )
 
 
-def _joined(surfaces: list[WeldedMesh], prim: Usd.Prim, report: StageReport) -> WeldedMesh | None:
+def _concatenate(surfaces: list[WeldedMesh], prim: Usd.Prim, report: StageReport) -> WeldedMesh | None:
+    """Concatenate meshes; None, which is reported, if all are empty."""
     surfaces = [surface for surface in surfaces if len(surface.triangles)]
     if not surfaces:
         report.omission(prim.GetPath(), f"{prim.GetTypeName()} without anything to draw")
@@ -300,8 +333,8 @@ def _joined(surfaces: list[WeldedMesh], prim: Usd.Prim, report: StageReport) -> 
     )
 
 
-def _ball(level: int) -> tuple[Floats, NDArray[np.int64]]:
-    """An icosahedron on the unit sphere whose faces were split `level` times."""
+def _icosphere(level: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the vertices [n, 3] and triangles [m, 3] of an icosahedron subdivided `level` times on the unit sphere."""
     g = (1.0 + math.sqrt(5.0)) / 2.0
     points = np.array([(s, t * g, 0.0) for s in (-1, 1) for t in (-1, 1)])
     vertices = np.concatenate([points, points[:, [2, 0, 1]], points[:, [1, 2, 0]]])

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gprims whose shape changes over time: the times at which it is authored, and their vertices at each."""
+"""Deforming gprims: the time samples of a shape, and its vertices at each of them.
+
+Points, normals, widths and sizes may change over time; topology may not, because a vertex must be the same vertex in
+all frames (motion vectors and incremental rendering follow it). What cannot be played is reported as frozen.
+"""
 
 from __future__ import annotations
 
@@ -17,33 +21,32 @@ from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.primvar import array_of
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
-MOST_BYTES = 4 << 30  # of one gprim's vertices over time
-_MOVES = (
+MAX_BYTES = 4 << 30  # vertices of one gprim at all times
+_SHAPE_ATTRIBUTES = (
     *("points", "normals", "primvars:normals", "widths", "size", "radius", "height", "width", "length"),
     *("radiusTop", "radiusBottom"),
 )
-# What may not change while points move: a vertex is to be the same one at all times.
-_TOPOLOGY = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVertexCounts", "orientation")
-_HELD = ("primvars:st", "primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
+_TOPOLOGY_ATTRIBUTES = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVertexCounts", "orientation")
+_UNSUPPORTED_ATTRIBUTES = ("primvars:st", "primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
 
 
 def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
-    """The time codes at which a gprim's shape is authored; none if it never changes, or cannot be played."""
-    if not report.plays:
+    """Return the time codes at which a gprim's shape is authored; empty if it is constant or cannot be played."""
+    if not report.reads_animation:
         return []
-    held = [name for name in _HELD if varies(prim.GetAttribute(name))]
-    if held:
-        report.frozen(prim.GetPath(), f"{', '.join(held)} of a {prim.GetTypeName()}")
-    moving = [name for name in _MOVES if varies(prim.GetAttribute(name))]
-    topology = [name for name in _TOPOLOGY if varies(prim.GetAttribute(name))]
+    unsupported = [name for name in _UNSUPPORTED_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
+    if unsupported:
+        report.frozen(prim.GetPath(), f"{', '.join(unsupported)} of a {prim.GetTypeName()}")
+    moving = [name for name in _SHAPE_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
+    topology = [name for name in _TOPOLOGY_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
     if topology:
         report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes ({', '.join(topology)})")
         return []
     return sorted({time for name in moving for time in prim.GetAttribute(name).GetTimeSamples()})
 
 
-def varies(attribute: Usd.Attribute) -> bool:
-    """Whether an attribute has different values at different times: many exporters sample what never changes."""
+def is_time_varying(attribute: Usd.Attribute) -> bool:
+    """Return whether an attribute has different values at different times; many exporters sample constant values."""
     times = attribute.GetTimeSamples() if attribute else []
     if len(times) < 2:
         return False
@@ -51,15 +54,26 @@ def varies(attribute: Usd.Attribute) -> bool:
     return any(attribute.Get(time) != first for time in times[1:])
 
 
-def points_over_time(
+def read_point_samples(
     prim: Usd.Prim, times: Sequence[float], count: int, report: StageReport
 ) -> NDArray[np.float32] | None:
-    """float32 [s, n, 3], the points of a gprim; None, with the reason reported, if they are not the same ones."""
+    """Read the points of a gprim at all times.
+
+    Args:
+        prim: a point-based gprim.
+        times: time codes; empty gives None.
+        count: the number of points that it must have at each.
+        report: collects why the points cannot be played.
+
+    Returns:
+        float32 [s, count, 3]; None, with the reason reported, if their number changes, they are not finite, or they
+        take more than MAX_BYTES.
+    """
     if not times:
         return None
     attribute = UsdGeom.PointBased(prim).GetPointsAttr()
-    if count * len(times) * 24 > MOST_BYTES:
-        report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} of more than {MOST_BYTES >> 30} GiB of points")
+    if count * len(times) * 24 > MAX_BYTES:
+        report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} of more than {MAX_BYTES >> 30} GiB of points")
         return None
     samples = []
     for time in times:
@@ -74,29 +88,37 @@ def points_over_time(
     return np.stack(samples)
 
 
-def read_again(
+def with_shape_samples(
     prim: Usd.Prim,
     surface: WeldedMesh,
     times: Sequence[float],
     report: StageReport,
     read: Callable[[Usd.Prim, Usd.TimeCode, StageReport], WeldedMesh | None],
 ) -> WeldedMesh:
-    """A gprim's surface with what it is at other times, read as it was itself."""
+    """Return a gprim's mesh with position and normal samples, made by reading the gprim at each time.
+
+    Args:
+        prim: the gprim.
+        surface: its mesh at the time that is read.
+        times: time codes of the samples.
+        report: collects why the shape cannot be played; `surface` is then returned as it is.
+        read: the reader that made `surface`.
+    """
     found = [read(prim, Usd.TimeCode(time), report) for time in times]
-    moments = [each for each in found if each is not None and np.array_equal(each.triangles, surface.triangles)]
-    if len(moments) < len(times):
+    samples = [each for each in found if each is not None and np.array_equal(each.triangles, surface.triangles)]
+    if len(samples) < len(times):
         report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes")
         return surface
     normals: Any = None
     if surface.normals is not None:
-        normals = np.stack([surface.normals if each.normals is None else each.normals for each in moments])
-    moved = np.stack([each.positions for each in moments])
-    return replace(surface, moved=moved, moved_normals=normals, times=times)
+        normals = np.stack([surface.normals if each.normals is None else each.normals for each in samples])
+    moved = np.stack([each.positions for each in samples])
+    return replace(surface, position_samples=moved, normal_samples=normals, times=times)
 
 
 def deformation_of(surface: WeldedMesh, stage: Usd.Stage, meters: float) -> Deformation | None:
-    """What becomes of a surface over time, in meters and seconds."""
-    if surface.moved is None:
+    """Return the position and normal samples of a mesh in meters and seconds; None if it has none."""
+    if surface.position_samples is None:
         return None
-    positions = surface.moved * np.float32(meters)
-    return Deformation(in_seconds(stage, surface.times), positions, surface.moved_normals)
+    positions = surface.position_samples * np.float32(meters)
+    return Deformation(in_seconds(stage, surface.times), positions, surface.normal_samples)

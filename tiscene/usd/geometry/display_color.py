@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""displayColor and displayOpacity, and other primvars that stand for a constant, of gprims."""
+"""displayColor, displayOpacity and other primvars that a material reads as one value per gprim.
+
+A primvar that varies over the surface becomes its mean (`constant_primvar`), one material per face, point or curve
+(`read_element_colors`, `quantize_colors`), or a vertex attribute, for which `varies_over_surface` is the test.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +12,31 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.geometry.primvar import Topology, elements_of, read_primvar
+from tiscene.usd.geometry.primvar import Topology, primvar_topology, read_primvar
 from tiscene.usd.geometry.vertex_weld import sum_rows
 
 Floats = NDArray[np.floating]
-_MOST_COLORS = 4096  # materials that one gprim's colors become
+_MAX_COLORS = 4096  # materials made of one gprim's colors
 _DEFAULTS = {"displayColor": (0.18, 0.18, 0.18), "displayOpacity": (1.0,)}
 
 
 def constant_primvar(
-    gprim: Usd.Prim, name: str, width: int, time: Usd.TimeCode, report: StageReport, *, tell_if_it_varies: bool = True
+    gprim: Usd.Prim, name: str, width: int, time: Usd.TimeCode, report: StageReport, *, report_varying: bool = True
 ) -> tuple[float, ...] | None:
-    """One value for the whole gprim: its constant primvar, or the mean of one that varies; None if unauthored."""
+    """Return one value for the whole gprim.
+
+    Args:
+        gprim: the prim; its primvars may be inherited.
+        name: the primvar, without "primvars:".
+        width: components of each value.
+        time: when to evaluate it.
+        report: collects values that are not finite.
+        report_varying: whether to report as an omission that a varying primvar is replaced by its mean.
+
+    Returns:
+        `width` numbers: the constant primvar, or the mean of one that varies; None if it is unauthored, of another
+        size, or not finite.
+    """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
     value = primvar.Get(time) if primvar else None
     if value is None:
@@ -33,13 +50,20 @@ def constant_primvar(
     if not np.isfinite(values).all():
         report.problem(gprim.GetPath(), name, "is not a finite number")
         return None
-    if tell_if_it_varies and len(values) > 1 and (values != values[0]).any():
+    if report_varying and len(values) > 1 and (values != values[0]).any():
         report.omission(gprim.GetPath(), f"primvar {name!r} varies over the surface, its mean is used")
     return tuple(round(v, 7) for v in values.mean(axis=0).tolist())
 
 
-def varies(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool = False) -> bool:
-    """Whether a primvar of a mesh has different values, which its vertices must then have. within_faces: in a face."""
+def varies_over_surface(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool = False) -> bool:
+    """Return whether a mesh's primvar has several values, so that it must become a vertex attribute.
+
+    Args:
+        gprim: the prim; False for anything but a mesh.
+        name: the primvar, without "primvars:"; False for "".
+        time: when to evaluate it.
+        within_faces: whether to ignore primvars of uniform interpolation, which are constant in each face.
+    """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name) if name else None
     if not primvar or not gprim.IsA(UsdGeom.Mesh) or not primvar.HasValue():
         return False
@@ -49,32 +73,32 @@ def varies(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool
     return len(values) > 1 and bool((values != values[0]).any())
 
 
-def varying_display(gprim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Floats | None:
-    """Color and opacity [elements, 4] of each face, point or curve; None if they are the same everywhere."""
-    if not any(_varies(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):
+def read_element_colors(gprim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Floats | None:
+    """Return color and opacity [elements, 4] of each face, point or curve; None if neither primvar varies."""
+    if not any(_is_not_constant(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):
         return None
-    topology = elements_of(gprim, time)
-    if topology.counts.min(initial=0) < 0:  # which is told where its surface is read
+    topology = primvar_topology(gprim, time)
+    if topology.counts.min(initial=0) < 0:  # reported where the mesh is read
         return None
-    parts = [_of_elements(gprim, name, len(default), topology, time, report) for name, default in _DEFAULTS.items()]
+    parts = [_element_means(gprim, name, len(default), topology, time, report) for name, default in _DEFAULTS.items()]
     if all(part is None for part in parts):
         return None
     columns = []
     for part, (name, default) in zip(parts, _DEFAULTS.items(), strict=True):
-        fixed = constant_primvar(gprim, name, len(default), time, report, tell_if_it_varies=False) or default
+        fixed = constant_primvar(gprim, name, len(default), time, report, report_varying=False) or default
         columns.append(np.broadcast_to(fixed, (len(topology.counts), len(default))) if part is None else part)
     return np.concatenate(columns, axis=1)
 
 
-def _varies(primvar: UsdGeom.Primvar) -> bool:
+def _is_not_constant(primvar: UsdGeom.Primvar) -> bool:
     return bool(primvar) and primvar.HasValue() and primvar.GetInterpolation() != UsdGeom.Tokens.constant
 
 
-def _of_elements(
+def _element_means(
     gprim: Usd.Prim, name: str, width: int, topology: Topology, time: Usd.TimeCode, report: StageReport
 ) -> Floats | None:
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
-    if not _varies(primvar) or len(topology.counts) == 0:
+    if not _is_not_constant(primvar) or len(topology.counts) == 0:
         return None
     read = read_primvar(primvar, width, topology, time, report)
     if read is None or not len(read.values):
@@ -87,11 +111,16 @@ def _of_elements(
     return values
 
 
-def quantized(values: Floats) -> tuple[list[tuple[float, float, float, float]], list[NDArray[np.int64]]]:
-    """Distinct colors of some rows, not more than can be materials, and the rows of each. Each is its rows' mean."""
+def quantize_colors(values: Floats) -> tuple[list[tuple[float, float, float, float]], list[NDArray[np.int64]]]:
+    """Group colors [k, 4] into at most 4096 by rounding to as many steps as that allows, at most 255.
+
+    Returns:
+        colors: the mean RGBA of each group.
+        groups: the rows of each group.
+    """
     steps = 255.0
     distinct, row = np.unique(np.rint(values * steps), axis=0, return_inverse=True)
-    while len(distinct) > _MOST_COLORS:
+    while len(distinct) > _MAX_COLORS:
         steps /= 2.0
         distinct, row = np.unique(np.rint(values * steps), axis=0, return_inverse=True)
     order = np.argsort(row.reshape(-1), kind="stable")

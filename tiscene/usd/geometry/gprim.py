@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeom's parametric shapes as triangles: cube, sphere, cylinder, cone, capsule, plane."""
+"""UsdGeom's parametric gprims as triangles: cube, sphere, cylinder, cone, capsule, plane.
+
+Round shapes are surfaces of revolution with exact smooth normals and uv. `TYPES` maps prim types to their functions.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,22 @@ from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.float64]
 
-SEGMENTS = 64  # around an axis: a silhouette whose corners turn by less than 6 degrees
+SEGMENTS = 64  # around an axis: corners of a silhouette turn by less than 6 degrees
 RINGS = 32  # from pole to pole
-_LARGEST = 1e30  # stage units; single precision goes little farther
-_AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # column of a shape about z that becomes x, y, z
+_MAX_SIZE = 1e30  # stage units; float32 ends at 3.4e38
+_AXES = {
+    "X": (2, 0, 1),
+    "Y": (1, 2, 0),
+    "Z": (0, 1, 2),
+}  # for each axis: the columns of a shape about z that become x, y, z
 
 
 def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
-    """The triangles of a shape, with smooth normals and uv; None, with a problem reported, for an impossible size."""
+    """Read a parametric gprim as triangles with smooth normals and uv.
+
+    Returns:
+        The mesh; None, with a problem reported, if a size is negative, not finite, or zero where it must not be.
+    """
     kind = str(prim.GetTypeName())
     sizes = {}
     for name in ("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"):
@@ -31,7 +42,7 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Welde
         if attribute:
             value = attribute.Get(time)
             sizes[name] = math.nan if value is None else float(value)
-            if not 0.0 <= sizes[name] <= _LARGEST or (name in ("size", "radius") and not sizes[name]):
+            if not 0.0 <= sizes[name] <= _MAX_SIZE or (name in ("size", "radius") and not sizes[name]):
                 report.problem(prim.GetPath(), kind.lower(), f"{name} is {sizes[name]}")
                 return None
     if kind == "Capsule_1" and sizes["radiusTop"] != sizes["radiusBottom"]:
@@ -40,16 +51,17 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Welde
     axis = prim.GetAttribute("axis").Get(time) if prim.HasAttribute("axis") else "Z"
     order = _AXES.get(str(axis), _AXES["Z"])
     if kind == "Plane" and str(axis) == "X":
-        order = (2, 1, 0)  # its width lies along z and its length along y
+        order = (2, 1, 0)  # width along z, length along y
     if kind == "Plane" and str(axis) == "Y":
         order = (0, 2, 1)
-    return _turned(surface, order)
+    return _permute_axes(surface, order)
 
 
-def _turned(surface: WeldedMesh, order: tuple[int, int, int]) -> WeldedMesh:
+def _permute_axes(surface: WeldedMesh, order: tuple[int, int, int]) -> WeldedMesh:
+    """Permute the axes of a shape; `order` is the old column of each new one."""
     positions = np.ascontiguousarray(surface.positions[:, order])
     normals = None if surface.normals is None else np.ascontiguousarray(surface.normals[:, order])
-    even = order in _AXES.values()  # an odd permutation mirrors
+    even = order in _AXES.values()  # odd permutations mirror
     triangles = surface.triangles if even else np.ascontiguousarray(surface.triangles[:, ::-1])
     return WeldedMesh(positions, triangles, normals, surface.uv, surface.face)
 
@@ -70,7 +82,7 @@ def _cube(size: dict[str, float]) -> WeldedMesh:
     quad = np.array([[0, 1, 2], [0, 2, 3]])
     triangles = (4 * np.arange(6)[:, None, None] + quad).reshape(-1, 3)
     uv = np.tile((corner + 1.0) / 2.0, (6, 1))
-    return _surface(np.concatenate(positions) * size["size"] / 2.0, triangles, np.concatenate(normals), uv)
+    return _as_float32(np.concatenate(positions) * size["size"] / 2.0, triangles, np.concatenate(normals), uv)
 
 
 def _plane(size: dict[str, float]) -> WeldedMesh:
@@ -78,7 +90,7 @@ def _plane(size: dict[str, float]) -> WeldedMesh:
     half = np.array([size["width"], size["length"]]) / 2.0
     positions = np.concatenate([corner * half, np.zeros((4, 1))], axis=1)
     normals = np.tile([0.0, 0.0, 1.0], (4, 1))
-    return _surface(positions, np.array([[0, 1, 2], [0, 2, 3]]), normals, (corner + 1.0) / 2.0)
+    return _as_float32(positions, np.array([[0, 1, 2], [0, 2, 3]]), normals, (corner + 1.0) / 2.0)
 
 
 def _sphere(size: dict[str, float]) -> WeldedMesh:
@@ -88,7 +100,7 @@ def _sphere(size: dict[str, float]) -> WeldedMesh:
 
 
 def _cylinder(size: dict[str, float]) -> WeldedMesh:
-    """Also Cylinder_1, whose two ends have radii of their own."""
+    """Make a Cylinder, or a Cylinder_1 with a radius for each end."""
     bottom = size.get("radiusBottom", size.get("radius", 0.0))
     top = size.get("radiusTop", size.get("radius", 0.0))
     return _frustum(bottom, top, size["height"] / 2.0)
@@ -120,40 +132,50 @@ def _capsule(size: dict[str, float]) -> WeldedMesh:
 
 
 def _revolve(strips: list[tuple[Floats, Floats]]) -> WeldedMesh:
-    """Turn profiles about the z axis. Each strip: points and normals [k, 2] as (distance from the axis, z), going up
-    the outside. u runs around counter-clockwise from +x, v along the profile by its length."""
-    turn = np.linspace(0.0, 2.0 * math.pi, SEGMENTS + 1)
-    around = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    """Make a surface of revolution about the z axis.
+
+    Args:
+        strips: points and normals [k, 2] of each profile, as (distance from the axis, z), upward on the outside.
+
+    Returns:
+        The mesh; u runs counter-clockwise from +x, v along each profile by arc length.
+    """
+    angle = np.linspace(0.0, 2.0 * math.pi, SEGMENTS + 1)
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     around[-1] = around[0]
     positions, normals, uvs, triangles = [], [], [], []
     start = 0
     for profile, normal in strips:
         rings = len(profile)
-        positions.append(_swept(profile, around))
-        normals.append(_swept(normal, around))
+        positions.append(_sweep(profile, around))
+        normals.append(_sweep(normal, around))
         step = np.linalg.norm(np.diff(profile, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(step)]) / max(float(step.sum()), 1e-300)
-        grid = np.meshgrid(turn / (2.0 * math.pi), along)
+        grid = np.meshgrid(angle / (2.0 * math.pi), along)
         uvs.append(np.stack(grid, axis=-1).reshape(-1, 2))
         lower = (np.arange(rings - 1)[:, None] * (SEGMENTS + 1) + np.arange(SEGMENTS)).reshape(-1)
         upper = lower + SEGMENTS + 1
         first = np.stack([lower, lower + 1, upper + 1], axis=-1)
         second = np.stack([lower, upper + 1, upper], axis=-1)
         at_axis = np.repeat(profile[:, 0] <= 1e-9 * profile[:, 0].max(), SEGMENTS)
-        kept = [first[~at_axis[: len(first)]], second[~at_axis[SEGMENTS:]]]  # at a pole one of the two has no area
+        kept = [
+            first[~at_axis[: len(first)]],
+            second[~at_axis[SEGMENTS:]],
+        ]  # at a pole, one triangle of each quad is degenerate
         triangles.append(np.concatenate(kept) + start)
         start += rings * (SEGMENTS + 1)
-    return _surface(*(np.concatenate(part) for part in (positions, triangles, normals, uvs)))
+    return _as_float32(*(np.concatenate(part) for part in (positions, triangles, normals, uvs)))
 
 
-def _swept(profile: Floats, around: Floats) -> Floats:
+def _sweep(profile: Floats, around: Floats) -> Floats:
+    """Rotate a profile [k, 2] to the directions `around` [s, 2] in the xy plane: [k s, 3]."""
     grid = np.empty((len(profile), len(around), 3))
     grid[..., :2] = profile[:, None, :1] * around
     grid[..., 2] = profile[:, 1:]
     return grid.reshape(-1, 3)
 
 
-def _surface(positions: Floats, triangles: NDArray[Any], normals: Floats, uv: Floats) -> WeldedMesh:
+def _as_float32(positions: Floats, triangles: NDArray[Any], normals: Floats, uv: Floats) -> WeldedMesh:
     return WeldedMesh(
         positions.astype(np.float32),
         triangles.astype(np.int32),

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeomMesh: n-gons, holes, orientation, normals, texture coordinates, subdivision."""
+"""UsdGeomMesh as triangles.
+
+`read_mesh` validates topology, reads the primvars that the bound materials use, subdivides or triangulates, drops holes
+and reverses left-handed faces. A mesh that contradicts itself is reported as a problem and left out.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +15,12 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.geometry.deforming import points_over_time
-from tiscene.usd.geometry.primvar import Primvars, Topology, array_of, read_normals, read_vertex_values
-from tiscene.usd.geometry.subdivision import Creases, subdivide
+from tiscene.usd.geometry.catmull_clark import Creases
+from tiscene.usd.geometry.deforming import read_point_samples
+from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, read_normals, read_vertex_values
+from tiscene.usd.geometry.subdivision import subdivide
 from tiscene.usd.geometry.triangulate import triangulate
-from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh, weld, with_moved
+from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh, weld, with_position_samples
 
 _INFINITE_SHARPNESS = 10.0  # UsdGeomMesh's SHARPNESS_INFINITE
 
@@ -24,14 +29,22 @@ def read_mesh(
     prim: Usd.Prim,
     time: Usd.TimeCode,
     report: StageReport,
-    wanted: Sequence[Primvars],
-    of_face: NDArray[np.intp] | None,
+    primvars: Sequence[PrimvarNames],
+    primvars_of_face: NDArray[np.intp] | None,
     times: Sequence[float] = (),
 ) -> WeldedMesh | None:
-    """The triangles of a mesh, counter-clockwise from outside. None, with a reason reported, if it has none.
+    """Read a mesh as triangles that are counter-clockwise seen from outside.
 
-    wanted: what its vertices must have; of_face: [faces] which of it each face uses.
-    times: time codes at which it has another shape.
+    Args:
+        prim: a UsdGeomMesh.
+        time: when to evaluate its attributes.
+        report: collects problems and omissions.
+        primvars: the primvars that its materials read, one entry for each distinct choice.
+        primvars_of_face: [faces], which entry of `primvars` each face uses; None: all use the first.
+        times: time codes at which to sample a changing shape; empty for a constant one.
+
+    Returns:
+        The mesh; None, with the reason reported, if it has no visible face or contradicts itself.
     """
     mesh = UsdGeom.Mesh(prim)
     checked = _read_topology(mesh, time, report)
@@ -43,41 +56,54 @@ def read_mesh(
         report.omission(prim.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
     smooth = scheme in ("catmullClark", "loop")
     normals = None if smooth else read_normals(prim, topology, time, report)
-    moved = points_over_time(prim, times, len(points), report)
-    uv = _read_values(prim, topology, time, report, wanted, of_face)
-    drawn = np.ones(len(topology.counts), dtype=bool)
+    position_samples = read_point_samples(prim, times, len(points), report)
+    uv = _read_values(prim, topology, time, report, primvars, primvars_of_face)
+    visible = np.ones(len(topology.counts), dtype=bool)
     holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
-    if len(holes) and (holes.min() < 0 or holes.max() >= len(drawn)):
-        worst, last = holes.max() if holes.max() >= len(drawn) else holes.min(), len(drawn) - 1
-        text = f"holeIndices refer to face {worst}, but there are {len(drawn)} (0-{last})"
+    if len(holes) and (holes.min() < 0 or holes.max() >= len(visible)):
+        worst, last = holes.max() if holes.max() >= len(visible) else holes.min(), len(visible) - 1
+        text = f"holeIndices refer to face {worst}, but there are {len(visible)} (0-{last})"
         report.problem(prim.GetPath(), "mesh", text)
         return None
-    drawn[holes] = False
+    visible[holes] = False
     if smooth:
         creases = _read_creases(mesh, topology, time, report)
         boundary = mesh.GetInterpolateBoundaryAttr().Get(time) or "edgeAndCorner"
         uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
-        surface = subdivide(points, topology, creases, drawn, uv, boundary=boundary, uv_rule=uv_rule, moved=moved)
+        surface = subdivide(
+            points,
+            topology,
+            creases,
+            visible,
+            uv,
+            boundary=boundary,
+            uv_rule=uv_rule,
+            position_samples=position_samples,
+        )
     else:
         corners, face = triangulate(points, topology.counts, topology.indices)
-        kept = drawn[face]
-        turned = _normals_over_time(prim, topology, normals, times, report) if moved is not None else None
-        apart = np.arange(len(topology.indices)) if turned and normals is not None and normals.per_corner else None
-        surface = weld(points, topology.indices, corners[kept], face[kept], normals, uv, apart)
-        if moved is not None:
-            surface = with_moved(surface, moved, turned)
+        kept = visible[face]
+        normal_samples = (
+            _normals_over_time(prim, topology, normals, times, report) if position_samples is not None else None
+        )
+        split_by = (
+            np.arange(len(topology.indices)) if normal_samples and normals is not None and normals.per_corner else None
+        )
+        surface = weld(points, topology.indices, corners[kept], face[kept], normals, uv, split_by)
+        if position_samples is not None:
+            surface = with_position_samples(surface, position_samples, normal_samples)
     if len(surface.triangles) == 0:
         report.omission(prim.GetPath(), "a mesh without a visible face")
         return None
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
-        surface = _reversed(surface, flip_normals=smooth)
-    return replace(surface, times=times if moved is not None else ())
+        surface = _reverse_winding(surface, flip_normals=smooth)
+    return replace(surface, times=times if position_samples is not None else ())
 
 
 def _normals_over_time(
     prim: Usd.Prim, topology: Topology, normals: Attribute | None, times: Sequence[float], report: StageReport
 ) -> list[Attribute] | None:
-    """A mesh's normals at other times; None if they do not change."""
+    """Return a mesh's authored normals at each time; None if they do not change."""
     names = ("primvars:normals", "normals")
     if normals is None or not any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in names):
         return None
@@ -86,14 +112,14 @@ def _normals_over_time(
 
 
 def face_count(prim: Usd.Prim, time: Usd.TimeCode) -> int:
-    """How many faces a mesh prim has."""
+    """Return the number of faces of a mesh."""
     return len(array_of(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr(), time, np.int32))
 
 
 def _read_topology(
     mesh: UsdGeom.Mesh, time: Usd.TimeCode, report: StageReport
 ) -> tuple[NDArray[np.float32], Topology] | None:
-    """Points and faces; None and a problem if they contradict each other."""
+    """Return points [n, 3] and faces; None, with the reason reported, if they contradict each other or are absent."""
     path = mesh.GetPath()
     points = array_of(mesh.GetPointsAttr(), time, np.float32, width=3)
     counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)
@@ -128,6 +154,7 @@ def _read_topology(
 
 
 def _report_outside(topology: Topology, outside: NDArray[np.bool_], path: object, report: StageReport) -> None:
+    """Report the faces whose corners [corners] refer to points that do not exist."""
     wrong = topology.indices[outside]
     worst = int(wrong[0])
     faces = len(np.unique(topology.face_of_corner[outside]))
@@ -143,25 +170,25 @@ def _read_values(
     topology: Topology,
     time: Usd.TimeCode,
     report: StageReport,
-    wanted: Sequence[Primvars],
-    of_face: NDArray[np.intp] | None,
+    primvars: Sequence[PrimvarNames],
+    primvars_of_face: NDArray[np.intp] | None,
 ) -> Attribute | None:
-    """Texture coordinates and colors; where faces use different ones, each corner has those its face uses."""
-    many = any(each.many for each in wanted)
-    read = [read_vertex_values(prim, each, many, topology, time, report) for each in wanted]
-    if len(read) == 1 or of_face is None:
+    """Read texture coordinates and colors; where faces use different primvars, as values of corners."""
+    wide = any(each.has_more_than_uv for each in primvars)
+    read = [read_vertex_values(prim, each, wide, topology, time, report) for each in primvars]
+    if len(read) == 1 or primvars_of_face is None:
         return read[0]
-    everything = np.arange(len(topology.indices))
-    per_corner = np.zeros((len(topology.indices), 8 if many else 2), dtype=np.float32)
+    corners = np.arange(len(topology.indices))
+    per_corner = np.zeros((len(topology.indices), 8 if wide else 2), dtype=np.float32)
     for row, attribute in enumerate(read):
         if attribute is not None:
-            uses = of_face[topology.face_of_corner] == row
-            per_corner[uses] = attribute.at(topology.indices[uses], everything[uses])
+            uses = primvars_of_face[topology.face_of_corner] == row
+            per_corner[uses] = attribute.at(topology.indices[uses], corners[uses])
     return Attribute(per_corner, per_corner=True)
 
 
 def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Creases:
-    """Sharp edges and points; those that contradict the mesh are reported and left out."""
+    """Read creases and corners; those that contradict the mesh are reported and ignored."""
     path = mesh.GetPath()
     corners = array_of(mesh.GetCornerIndicesAttr(), time, np.int64)
     corner_sharpness = array_of(mesh.GetCornerSharpnessesAttr(), time, np.float64)
@@ -181,8 +208,8 @@ def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, re
         return none
     edges = int((lengths - 1).sum())
     if len(sharpness) not in (len(lengths), edges):
-        wanted = f"{len(lengths)} or {edges}"
-        report.problem(path, "mesh", f"{len(sharpness)} creaseSharpnesses, but there must be {wanted}")
+        expected = f"{len(lengths)} or {edges}"
+        report.problem(path, "mesh", f"{len(sharpness)} creaseSharpnesses, but there must be {expected}")
         return none
     if np.isnan(sharpness).any() or np.isnan(corner_sharpness).any():
         report.problem(path, "mesh", "a crease or corner sharpness is not a number")
@@ -200,13 +227,18 @@ def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, re
     )
 
 
-def _reversed(surface: WeldedMesh, flip_normals: bool) -> WeldedMesh:
-    """The other winding. Authored normals already face outwards; those made from the winding turn with it."""
+def _reverse_winding(surface: WeldedMesh, flip_normals: bool) -> WeldedMesh:
+    """Reverse the winding of the triangles.
+
+    Args:
+        surface: a mesh.
+        flip_normals: whether to negate the normals: those computed from the winding, not authored ones.
+    """
     normals = surface.normals
     if flip_normals and normals is not None:
         normals = -normals
-    moved_normals = surface.moved_normals
-    if flip_normals and moved_normals is not None:
-        moved_normals = -moved_normals
+    normal_samples = surface.normal_samples
+    if flip_normals and normal_samples is not None:
+        normal_samples = -normal_samples
     triangles = np.ascontiguousarray(surface.triangles[:, ::-1])
-    return replace(surface, triangles=triangles, normals=normals, moved_normals=moved_normals)
+    return replace(surface, triangles=triangles, normals=normals, normal_samples=normal_samples)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Primvars and normals of a mesh, checked against its topology."""
+"""Primvars and normals of a mesh, validated against its topology.
+
+A primvar whose size, interpolation or indices contradict the mesh is reported as an omission and ignored. What remains
+is returned as an `Attribute` of points or of face corners: constant and uniform values are expanded.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +27,14 @@ _TEXTURE_COORDINATE_TYPES = (
 
 
 @dataclass(frozen=True)
-class Primvars:
-    """Names of the primvars that a material reads of vertices. uv: "" for any; of the others for none.
+class PrimvarNames:
+    """Names of the primvars that a material reads per vertex.
 
-    color: three or four numbers; opacity: one.
+    Attributes:
+        uv: texture coordinates; "" for the mesh's default ones (see `read_uv`).
+        second_uv: a second set of texture coordinates; "" for none.
+        color: a primvar of three or four components; "" for none.
+        opacity: a primvar of one component; "" for none.
     """
 
     uv: str = ""
@@ -35,19 +43,25 @@ class Primvars:
     opacity: str = ""
 
     @property
-    def many(self) -> bool:
-        """Whether there is more than a uv."""
+    def has_more_than_uv(self) -> bool:
+        """Whether a second uv, color or opacity is read."""
         return bool(self.second_uv or self.color or self.opacity)
 
 
-NO_PRIMVARS = Primvars()
-# Columns of what `read_vertex_values` returns where more than a uv is read; else it has the first two.
+NO_PRIMVARS = PrimvarNames()
+# Columns of the values that `read_vertex_values` returns; only UV where nothing else is read.
 UV, SECOND_UV, COLOR, OPACITY = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 8)
 
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """Faces over points. counts: [faces]; indices: [corners], the point of each corner of each face."""
+    """Faces over points.
+
+    Attributes:
+        points: number of points.
+        counts: int32 [faces], corners of each face.
+        indices: int32 [corners], the point of each corner, face after face.
+    """
 
     points: int
     counts: NDArray[np.int32]
@@ -55,11 +69,11 @@ class Topology:
 
     @cached_property
     def face_of_corner(self) -> NDArray[np.int64]:
-        """int64 [corners]."""
+        """The face of each corner, int64 [corners]."""
         return np.repeat(np.arange(len(self.counts)), self.counts)
 
-    def elements(self, interpolation: str) -> int | None:
-        """How many values a primvar of this interpolation has; None for an unknown interpolation."""
+    def element_count(self, interpolation: str) -> int | None:
+        """Return how many values a primvar of this interpolation has; None for an unknown interpolation."""
         return {
             "constant": 1,
             "uniform": len(self.counts),
@@ -70,20 +84,31 @@ class Topology:
 
 
 def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any, width: int | None = 1) -> NDArray[Any]:
-    """The attribute's array as numpy, without a copy where dtype agrees; empty if it has no value.
+    """Return an attribute's array as numpy, without a copy where the dtype agrees.
 
-    width: how many numbers each element has, None for any. Raises ValueError for an array of another kind, which a
-    schema's attribute holds only in a damaged file.
+    Args:
+        attribute: an array-valued attribute; may be invalid.
+        time: when to evaluate it.
+        dtype: numpy dtype of the result; None keeps the attribute's.
+        width: components of each element; None for any number.
+
+    Returns:
+        [k] for width 1, else [k, width]; empty if the attribute has no value.
+
+    Raises:
+        ValueError: the elements have another shape. A schema's attribute holds such only in a damaged file.
     """
     value = attribute.Get(time) if attribute else None
     result = np.empty(0, dtype=dtype) if value is None else np.asarray(value, dtype=dtype)
     if result.size and width is not None and result.shape[1:] != (() if width == 1 else (width,)):
-        raise ValueError(f"{attribute.GetName()} holds elements of shape {result.shape[1:]}")
+        raise ValueError(
+            f"{attribute.GetName()} holds elements of shape {result.shape[1:]}, expected {width} components"
+        )
     return result
 
 
 def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
-    """The authored normals of a polygon mesh; `primvars:normals` comes before `normals`. None for flat shading."""
+    """Read the authored normals of a mesh; `primvars:normals` takes precedence over `normals`. None: flat shading."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     if primvar and primvar.HasAuthoredValue():
         return read_primvar(primvar, 3, topology, time, report)
@@ -91,16 +116,19 @@ def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report:
     values = array_of(mesh.GetNormalsAttr(), time, np.float32, width=3)
     if values.size == 0:
         return None
-    return _checked(prim, "normals", values, None, mesh.GetNormalsInterpolation(), 3, topology, report)
+    return _to_attribute(prim, "normals", values, None, mesh.GetNormalsInterpolation(), 3, topology, report)
 
 
 def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
-    """The texture coordinates of that name ("" for whichever there are: `st`, else the first of such a type)."""
+    """Read the texture coordinates of that name; "" means `st`, else the first primvar of a texture-coordinate type.
+
+    A name that the mesh lacks falls back to `st`, which is reported. None if there are none.
+    """
     api = UsdGeom.PrimvarsAPI(prim)
     primvar = api.FindPrimvarWithInheritance(name or "st")
     if not (primvar and primvar.HasAuthoredValue()):
         if name and name != "st":
-            report.omission(prim.GetPath(), f"has no primvar {name!r} that its material reads, 'st' is read instead")
+            report.omission(prim.GetPath(), f"has no primvar {name!r}, which its material reads; 'st' is used instead")
             return read_uv(prim, "st", topology, time, report)
         others = [p for p in api.GetPrimvarsWithAuthoredValues() if p.GetTypeName() in _TEXTURE_COORDINATE_TYPES]
         if name or not others:
@@ -110,17 +138,30 @@ def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, r
 
 
 def read_vertex_values(
-    prim: Usd.Prim, names: Primvars, many: bool, topology: Topology, time: Usd.TimeCode, report: StageReport
+    prim: Usd.Prim, names: PrimvarNames, all_columns: bool, topology: Topology, time: Usd.TimeCode, report: StageReport
 ) -> Attribute | None:
-    """The uv of a mesh; where many, with the second one, the color and the opacity of its vertices: 8 columns."""
+    """Read the vertex values that a material needs.
+
+    Args:
+        prim: the mesh.
+        names: the primvars to read.
+        all_columns: whether to return 8 columns (UV, SECOND_UV, COLOR, OPACITY) rather than the uv alone.
+        topology: the mesh's faces.
+        time: when to evaluate the primvars.
+        report: collects primvars that do not fit the mesh.
+
+    Returns:
+        Values of 2 or 8 columns; absent colors are 0.18, absent opacities 1. None if there is no uv and
+        `all_columns` is False.
+    """
     uv = read_uv(prim, names.uv, topology, time, report)
-    if not many:
+    if not all_columns:
         return uv
     second = read_uv(prim, names.second_uv, topology, time, report) if names.second_uv else None
     api = UsdGeom.PrimvarsAPI(prim)
     color = opacity = None
     if names.color and (primvar := api.FindPrimvarWithInheritance(names.color)):
-        color = read_primvar(primvar, 4 if _width(primvar, time) == 4 else 3, topology, time, report)
+        color = read_primvar(primvar, 4 if _component_count(primvar, time) == 4 else 3, topology, time, report)
     if names.opacity and (primvar := api.FindPrimvarWithInheritance(names.opacity)):
         opacity = read_primvar(primvar, 1, topology, time, report)
     parts = ((uv, UV), (second, SECOND_UV), (color, COLOR), (opacity, OPACITY))
@@ -135,7 +176,7 @@ def read_vertex_values(
     return Attribute(values, per_corner)
 
 
-def _width(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
+def _component_count(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
     values = np.asarray(primvar.Get(time))
     return int(values.shape[1]) if values.ndim == 2 else 1
 
@@ -143,7 +184,7 @@ def _width(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
 def read_primvar(
     primvar: UsdGeom.Primvar, width: int, topology: Topology, time: Usd.TimeCode, report: StageReport
 ) -> Attribute | None:
-    """A primvar of `width` numbers; None, which is reported, if it does not fit the mesh."""
+    """Read a primvar of `width` components; None if it is empty or does not fit the mesh, which is reported."""
     attribute = primvar.GetAttr()
     values = array_of(attribute, time, None, width=None)
     if values.size == 0:
@@ -152,10 +193,12 @@ def read_primvar(
     name = attribute.GetName()
     if width == 1 and values.ndim == 1:
         values = values[:, None]
-    return _checked(attribute.GetPrim(), name, values, indices, primvar.GetInterpolation(), width, topology, report)
+    return _to_attribute(
+        attribute.GetPrim(), name, values, indices, primvar.GetInterpolation(), width, topology, report
+    )
 
 
-def _checked(
+def _to_attribute(
     prim: Usd.Prim,
     name: str,
     values: NDArray[Any],
@@ -165,7 +208,7 @@ def _checked(
     topology: Topology,
     report: StageReport,
 ) -> Attribute | None:
-    fault = _fault(values, indices, interpolation, width, topology.elements(interpolation))
+    fault = _fault(values, indices, interpolation, width, topology.element_count(interpolation))
     if fault:
         report.omission(prim.GetPath(), f"{name}: {fault}, so that it is not used")
         return None
@@ -182,17 +225,17 @@ def _checked(
 
 
 def _fault(
-    values: NDArray[Any], indices: NDArray[np.int32] | None, interpolation: str, width: int, wanted: int | None
+    values: NDArray[Any], indices: NDArray[np.int32] | None, interpolation: str, width: int, expected: int | None
 ) -> str:
-    """What is wrong with a primvar that should have `wanted` values of `width` numbers; "" if nothing."""
-    if wanted is None:
+    """Describe what is wrong with a primvar that needs `expected` values of `width` components; "" if nothing."""
+    if expected is None:
         return f"unknown interpolation {interpolation!r}"
     if values.ndim != 2 or values.shape[1] != width or not np.issubdtype(values.dtype, np.floating):
         return f"has values of shape {values.shape[1:]}, but {width} numbers each are needed"
     count = len(values) if indices is None else len(indices)
-    if count != wanted and not (interpolation == "constant" and count > 0):
+    if count != expected and not (interpolation == "constant" and count > 0):
         kind = "values" if indices is None else "indices"
-        return f"{count} {kind}, but {interpolation} interpolation needs {wanted}"
+        return f"{count} {kind}, but {interpolation} interpolation needs {expected}"
     if indices is not None and (indices.min() < 0 or indices.max() >= len(values)):
         worst = indices.max() if indices.max() >= len(values) else indices.min()
         return f"an index refers to value {worst}, but there are {len(values)} values"
@@ -201,8 +244,8 @@ def _fault(
     return ""
 
 
-def elements_of(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
-    """What primvars of a gprim belong to: the faces of a mesh; each of some points, or each of some curves, as one."""
+def primvar_topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
+    """Return the elements that a gprim's primvars belong to: faces of a mesh; each point or each curve as one face."""
     if prim.IsA(UsdGeom.Mesh):
         mesh = UsdGeom.Mesh(prim)
         counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)

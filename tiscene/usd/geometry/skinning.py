@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdSkel: meshes bound to skeletons get the points that their skinning gives them, on the stage itself."""
+"""UsdSkel: bake the skinning of a stage into its session layer.
+
+Meshes bound to skeletons get skinned points and normals as ordinary attributes, so that the other readers need to know
+nothing about skeletons. USD computes the skinning: linear blend or dual quaternions, and blend shapes.
+"""
 
 from __future__ import annotations
 
@@ -8,38 +12,43 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import filled
 
-_EVERYTHING = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
-_LONGEST = 10_000_000  # time codes of a stage: USD counts through them all, in a microsecond each
+_TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
+_MAX_TIME_CODES = 10_000_000  # of a stage; USD visits each of them, in about a microsecond
 
 
 def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) -> None:
-    """Author the skinned points and normals of every SkelRoot in the session layer: no file is changed.
+    """Author the skinned points and normals of every SkelRoot in the session layer; no file changes.
 
-    As time samples if the stage plays, else those of one time. Instances that hold a SkelRoot become ordinary prims,
-    for each may have another pose. Skinning goes by USD's own rules: linear blend or dual quaternions, blend shapes.
+    Instances that contain a SkelRoot stop being instances, because each may have another pose.
+
+    Args:
+        stage: the stage to change.
+        time: the time code to pose it at, if it does not play.
+        report: says whether the stage plays, in which case time samples are authored; collects what stays unposed.
     """
     session = stage.GetSessionLayer()
-    if _skel_roots(stage):  # USD bakes into a layer as if its time codes were the stage's own
+    if _skel_roots(stage):  # BakeSkinning writes the stage's time codes into the layer unscaled
         session.timeCodesPerSecond = stage.GetRootLayer().timeCodesPerSecond
     with Usd.EditContext(stage, session):
-        while instances := _instances_about_skeletons(stage):
+        while instances := _instances_with_skeletons(stage):
             for prim in instances:
                 prim.SetInstanceable(False)
-        everything = report.plays or time.IsEarliestTime()
+        everything = report.reads_animation or time.IsEarliestTime()
         interval = Gf.Interval.GetFullInterval() if everything else Gf.Interval(time.GetValue())
         length = stage.GetEndTimeCode() - stage.GetStartTimeCode()
         for prim in _skel_roots(stage):
-            if length > _LONGEST:
-                report.omission(prim.GetPath(), f"a SkelRoot of a stage of {length:.3g} time codes is drawn unposed")
+            if length > _MAX_TIME_CODES:
+                text = f"a SkelRoot on a stage of {length:.3g} time codes (limit {_MAX_TIME_CODES:g}) is drawn unposed"
+                report.omission(prim.GetPath(), text)
                 continue
             root = UsdSkel.Root(prim)
-            _sample(root, time, report.plays)
+            _author_samples(root, time, report.reads_animation)
             if not UsdSkel.BakeSkinning(root, interval):
                 report.omission(prim.GetPath(), "a SkelRoot whose skinning USD cannot compute is drawn unposed")
 
 
 def is_unskinned(prim: Usd.Prim) -> bool:
-    """Whether a gprim is bound to a skeleton, but has not been posed by it."""
+    """Return whether a gprim is bound to a skeleton, but `bake_skinning` has not posed it."""
     if not UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasAuthoredValue():
         return False
     points = prim.GetPath().AppendProperty(UsdGeom.Tokens.points)
@@ -47,14 +56,14 @@ def is_unskinned(prim: Usd.Prim) -> bool:
 
 
 def _skel_roots(stage: Usd.Stage) -> list[Usd.Prim]:
-    return [prim for prim in Usd.PrimRange(stage.GetPseudoRoot(), _EVERYTHING) if prim.IsA(UsdSkel.Root)]
+    return [prim for prim in Usd.PrimRange(stage.GetPseudoRoot(), _TRAVERSAL) if prim.IsA(UsdSkel.Root)]
 
 
-def _instances_about_skeletons(stage: Usd.Stage) -> list[Usd.Prim]:
-    """The outermost instances that hold a SkelRoot, are one, or lie in one."""
+def _instances_with_skeletons(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Return the outermost instances that contain a SkelRoot, are one, or are inside one."""
     found: dict[Sdf.Path, Usd.Prim] = {}
     for root in _skel_roots(stage):
-        inner = [prim for prim in Usd.PrimRange(root, _EVERYTHING) if prim.IsInstance()]
+        inner = [prim for prim in Usd.PrimRange(root, _TRAVERSAL) if prim.IsInstance()]
         outer = root
         while outer and not outer.IsPseudoRoot():
             inner += [outer] if outer.IsInstance() else []
@@ -63,10 +72,11 @@ def _instances_about_skeletons(stage: Usd.Stage) -> list[Usd.Prim]:
     return list(found.values())
 
 
-def _sample(root: UsdSkel.Root, time: Usd.TimeCode, plays: bool) -> None:
-    """Make samples of the animations below a root at whatever time USD is to pose it: it does so at samples only.
+def _author_samples(root: UsdSkel.Root, time: Usd.TimeCode, plays: bool) -> None:
+    """Author samples of the animations below a root at the times at which USD shall pose it.
 
-    That is at every time code, since a skin goes straight from one to the next, while its joints turn; or at one time.
+    BakeSkinning evaluates at authored samples only, and skinned points are interpolated linearly while joints rotate.
+    A stage that plays therefore gets a sample at every time code, another one at `time`.
     """
     cache = UsdSkel.Cache()
     cache.Populate(root, Usd.PrimDefaultPredicate)
@@ -81,6 +91,8 @@ def _sample(root: UsdSkel.Root, time: Usd.TimeCode, plays: bool) -> None:
             if not attribute.ValueMightBeTimeVarying():
                 continue
             times = filled(attribute.GetTimeSamples()) if plays else [] if time.IsEarliestTime() else [time.GetValue()]
-            values = [(each, attribute.Get(each)) for each in times]  # all, before the first hides the others
+            values = [
+                (each, attribute.Get(each)) for each in times
+            ]  # read all first: authored samples hide those of weaker layers
             for each, value in values:
                 attribute.Set(value, each)

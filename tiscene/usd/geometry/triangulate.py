@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Polygons into triangles: fans where convex, ear clipping where not; whole batches of equal size at a time."""
+"""Polygon triangulation: fans for convex faces, ear clipping for concave ones.
+
+Faces of equal vertex count are processed together as arrays.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ Indices = NDArray[np.int64]
 
 
 def cross(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Cross product over the last axis; several times faster than numpy's on long arrays."""
+    """Return the cross product over the last axis; several times faster than np.cross on long arrays."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape), dtype=np.result_type(a, b))
     result[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     result[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -22,25 +25,30 @@ def cross(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.floati
 def triangulate(points: Points, counts: NDArray[np.integer], indices: NDArray[np.integer]) -> tuple[Indices, Indices]:
     """Split faces into triangles of the same winding.
 
-    points: [n, 3]. counts: vertices of each face; fewer than 3 make no triangle.
-    indices: the points of the faces, one face after another.
-    Returns (corners, face): int64 [m, 3] positions in `indices`, and int64 [m] the face each triangle is from.
+    Args:
+        points: [n, 3].
+        counts: [faces], vertices of each face; faces of fewer than 3 make no triangle.
+        indices: [corners], the points of the faces, face after face.
+
+    Returns:
+        corners: int64 [m, 3], corners of each triangle as positions in `indices`.
+        face: int64 [m], the face that each triangle is part of.
     """
     counts = counts.astype(np.int64)
     starts = np.cumsum(counts) - counts
-    made = np.maximum(counts - 2, 0)  # a face of n vertices makes n - 2 triangles
-    triangle_start = np.cumsum(made) - made
-    corners = np.empty((int(made.sum()), 3), dtype=np.int64)
+    triangle_counts = np.maximum(counts - 2, 0)
+    triangle_start = np.cumsum(triangle_counts) - triangle_counts
+    corners = np.empty((int(triangle_counts.sum()), 3), dtype=np.int64)
     for size in np.unique(counts[counts >= 3]).tolist():
         faces = np.flatnonzero(counts == size)
         local = _split_batch(points, indices, starts[faces], size)
         rows = triangle_start[faces][:, None] + np.arange(size - 2)
         corners[rows] = starts[faces][:, None, None] + local
-    return corners, np.repeat(np.arange(len(counts)), made)
+    return corners, np.repeat(np.arange(len(counts)), triangle_counts)
 
 
 def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, size: int) -> Indices:
-    """Triangles [faces, size - 2, 3] of faces that all have `size` vertices, as positions 0..size-1."""
+    """Triangulate faces that all have `size` vertices: [faces, size - 2, 3], as positions 0..size-1."""
     step = np.arange(size - 2)
     fan = np.stack([np.zeros_like(step), step + 1, step + 2], axis=-1)
     result = np.broadcast_to(fan, (len(starts), *fan.shape))
@@ -49,32 +57,36 @@ def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, 
     p = points[indices[starts[:, None] + np.arange(size)]].astype(np.float64)
     p -= p[:, :1]
     if size == 4:
-        return np.asarray((result + _cut_elsewhere(p)[:, None, None]) % 4)
-    turn_on, turn_back = np.arange(1, size + 1) % size, np.arange(-1, size - 1)
-    after = p[:, turn_on]
-    normal = cross(p, after).sum(axis=1)  # Newell's: twice the area vector, whatever the shape
-    into, out = p - p[:, turn_back], after - p
+        return np.asarray((result + _split_second_diagonal(p)[:, None, None]) % 4)
+    following, preceding = np.arange(1, size + 1) % size, np.arange(-1, size - 1)
+    after = p[:, following]
+    normal = cross(p, after).sum(axis=1)  # Newell's method: twice the area vector, also of concave faces
+    into, out = p - p[:, preceding], after - p
     turn = np.einsum("fvk,fk->fv", cross(into, out), normal)
     area_squared = np.einsum("fk,fk->f", normal, normal)
     reflex = turn < -1e-9 * area_squared[:, None]
     along = np.einsum("fvk,fvk->fv", into, out)
     angle = np.arctan2(turn, along * np.sqrt(area_squared)[:, None]).sum(axis=1)
-    concave = np.flatnonzero(reflex.any(axis=1) | (angle > 3.0 * np.pi))  # 4 pi: convex at each corner, yet a star
+    concave = np.flatnonzero(
+        reflex.any(axis=1) | (angle > 3.0 * np.pi)
+    )  # total turning 4 pi: a star polygon, convex at each corner
     if len(concave):
         result = result.copy()
         result[concave] = ear_clip(_flatten(p[concave], normal[concave]))
     return result
 
 
-def _cut_elsewhere(p: Points) -> NDArray[np.bool_]:
-    """Whether quadrilaterals [f, 4, 3], their first corners at 0, must be cut between their second and fourth corner:
-    cut between the others, the halves would face apart."""
+def _split_second_diagonal(p: Points) -> NDArray[np.bool_]:
+    """Return whether to split quadrilaterals [f, 4, 3] along the diagonal from the second to the fourth corner.
+
+    The first corners are at the origin. Along the other diagonal the two triangles would face opposite ways.
+    """
     first, second = cross(p[:, 1], p[:, 2]), cross(p[:, 2], p[:, 3])
     return np.asarray(np.einsum("fk,fk->f", first, second) < 0.0)
 
 
 def _flatten(p: Points, normal: Points) -> Points:
-    """Polygons [f, n, 3] in the planes of their normals, [f, n, 2], counter-clockwise."""
+    """Project polygons [f, n, 3] along the main axis of their normals: [f, n, 2], counter-clockwise."""
     drop = np.argmax(np.abs(normal), axis=1)
     rows = np.arange(len(p))
     u, v = p[rows, :, (drop + 1) % 3], p[rows, :, (drop + 2) % 3]
@@ -83,10 +95,13 @@ def _flatten(p: Points, normal: Points) -> Points:
 
 
 def ear_clip(xy: Points) -> Indices:
-    """Triangles [f, n - 2, 3] of simple counter-clockwise polygons [f, n, 2] by cutting off ears.
+    """Triangulate simple counter-clockwise polygons [f, n, 2] by ear clipping.
 
-    All polygons lose one ear a step. Of several ears the best-shaped goes first; a polygon that crosses itself
-    has no proper triangulation and gets some triangles.
+    All polygons lose one ear in each step, the best-shaped first. A self-intersecting polygon has no proper
+    triangulation; its triangles are arbitrary.
+
+    Returns:
+        int64 [f, n - 2, 3], as positions 0..n-1.
     """
     faces, size = xy.shape[:2]
     rows = np.arange(faces)
@@ -110,7 +125,7 @@ def ear_clip(xy: Points) -> Indices:
 
 
 def _ear_score(xy: Points, before: Indices, after: Indices, alive: NDArray[np.bool_], vertex: Indices) -> Points:
-    """How good an ear each polygon's `vertex` [f] is: 0..1 by shape, -1 if something lies in it, -2 if reflex."""
+    """Rate `vertex` [f] of each polygon as an ear: 0..1 by shape, -1 if it contains another vertex, -2 if reflex."""
     rows = np.arange(len(xy))
     a, b, c = (xy[rows, i][:, None] for i in (before[rows, vertex], vertex, after[rows, vertex]))
     area = _cross2(b - a, c - b)[:, 0]
@@ -123,4 +138,5 @@ def _ear_score(xy: Points, before: Indices, after: Indices, alive: NDArray[np.bo
 
 
 def _cross2(a: Points, b: Points) -> Points:
+    """Return the 2D cross product over the last axis."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

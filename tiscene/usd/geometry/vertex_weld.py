@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triangles with one normal and one uv per vertex, from faces whose corners may disagree about them."""
+"""Vertex welding: indexed triangles with one normal and one uv per vertex.
+
+UsdGeomMesh may give every face corner its own normal and uv (faceVarying), so one point can have several. `weld` makes
+one vertex for each distinct combination of point and per-corner attributes. The module also holds `WeldedMesh`, the
+result of all geometry readers, area-weighted smooth normals, and two helpers for sums and distinct rows of arrays.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +20,20 @@ from tiscene.usd.geometry.triangulate import cross
 
 @dataclass(frozen=True, eq=False)
 class WeldedMesh:
-    """A gprim's triangles in its own space, before materials.
+    """A gprim's triangles in its object space, before materials are assigned.
 
-    positions: float32 [n, 3], stage units. triangles: int32 [m, 3]. normals: float32 [n, 3] or None for flat.
-    uv: float32 [n, 2] or None; or [n, 8], with a second one, color and opacity.
-    face: int32 [m], the authored face that each triangle is part of.
-    point, corner: [n], the authored ones that each vertex was made of.
-    moved, moved_normals: float32 [s, n, 3], positions and normals at other `times` (time codes).
+    Attributes:
+        positions: float32 [n, 3], in stage units.
+        triangles: int32 [m, 3], vertices of each triangle, counter-clockwise seen from outside.
+        normals: float32 [n, 3], unit length; None for flat shading.
+        uv: float32 [n, 2]; [n, 8] with the columns that `primvar` names where a material reads more than one uv; None
+            if the gprim has none of them.
+        face: int32 [m], the authored face that each triangle is part of.
+        point: [n], the authored point of each vertex; None if the vertices were generated.
+        corner: [n], an authored face corner of each vertex; None if the vertices were generated.
+        position_samples: float32 [s, n, 3], positions at `times`; None if the shape does not change.
+        normal_samples: float32 [s, n, 3], normals at `times`; None if the shape does not change or has no normals.
+        times: time codes of the samples, increasing.
     """
 
     positions: FloatArray
@@ -31,20 +43,25 @@ class WeldedMesh:
     face: IntArray
     point: NDArray[np.integer] | None = None
     corner: NDArray[np.integer] | None = None
-    moved: FloatArray | None = None
-    moved_normals: FloatArray | None = None
+    position_samples: FloatArray | None = None
+    normal_samples: FloatArray | None = None
     times: Sequence[float] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Attribute:
-    """A vertex attribute: `values` [k, c], belonging to points (per_corner False) or to corners of faces (True)."""
+    """Values that belong to points or to face corners.
+
+    Attributes:
+        values: float [k, c], c components for each point or corner.
+        per_corner: whether k counts face corners; otherwise it counts points.
+    """
 
     values: FloatArray
     per_corner: bool
 
     def at(self, points: NDArray[np.integer], corners: NDArray[np.integer]) -> FloatArray:
-        """The values at some corners, given those corners' points."""
+        """Return the values [k, c] at face corners, given the corners and their points, both [k]."""
         values: FloatArray = self.values[corners if self.per_corner else points]
         return values
 
@@ -56,17 +73,23 @@ def weld(
     face: NDArray[np.integer],
     normals: Attribute | None,
     uv: Attribute | None,
-    apart: NDArray[np.integer] | None = None,
+    split_by: NDArray[np.integer] | None = None,
 ) -> WeldedMesh:
-    """Make vertices: corners at the same point with equal attributes become one vertex.
+    """Merge face corners at the same point with equal attributes into one vertex.
 
-    corner_point: the point of every corner. triangles: [m, 3] corners. face: [m] authored face of each triangle.
-    apart: numbers of all corners; those with different ones stay apart, whatever their attributes.
+    Args:
+        points: float [points, 3].
+        corner_point: [corners], the point of each face corner.
+        triangles: [m, 3], face corners of each triangle.
+        face: [m], the authored face of each triangle.
+        normals: normals of points or corners, any length; None for flat shading.
+        uv: texture coordinates of points or corners, or None.
+        split_by: [corners], integers; corners with different ones are never merged. None: no such restriction.
     """
     used = triangles.reshape(-1)
     used_point = corner_point[used]
     split: list[NDArray[np.generic]] = [a.values[used] for a in (normals, uv) if a is not None and a.per_corner]
-    split += [] if apart is None else [apart[used]]
+    split += [] if split_by is None else [split_by[used]]
     if split:
         first, vertex = unique_rows([used_point.astype(np.int64), *split])
         vertex_corner, vertex_point = used[first], used_point[first]
@@ -74,13 +97,15 @@ def weld(
         referenced = np.zeros(len(points), dtype=bool)
         referenced[used_point] = True
         vertex_point = np.flatnonzero(referenced)
-        vertex_corner = vertex_point  # not looked at: every attribute belongs to points
+        vertex_corner = vertex_point  # unused: every attribute is per point
         vertex = (np.cumsum(referenced) - 1)[used_point]
     shape = vertex.reshape(-1, 3).astype(np.int32)
     return WeldedMesh(
         positions=np.ascontiguousarray(points[vertex_point], dtype=np.float32),
         triangles=shape,
-        normals=None if normals is None else unit(normals.at(vertex_point, vertex_corner), points[vertex_point], shape),
+        normals=None
+        if normals is None
+        else unit_normals(normals.at(vertex_point, vertex_corner), points[vertex_point], shape),
         uv=None if uv is None else np.ascontiguousarray(uv.at(vertex_point, vertex_corner), dtype=np.float32),
         face=face.astype(np.int32),
         point=vertex_point,
@@ -88,27 +113,32 @@ def weld(
     )
 
 
-def with_moved(
+def with_position_samples(
     surface: WeldedMesh, points: NDArray[np.floating], normals: Sequence[Attribute] | None = None
 ) -> WeldedMesh:
-    """A welded surface with its vertices at other times.
+    """Return the welded mesh with position and normal samples over time.
 
-    points: [s, points, 3], of the authored ones. normals: of each time, if they change; else what they are stays.
+    Args:
+        surface: a mesh made by `weld`.
+        points: [s, points, 3], the authored points at each time.
+        normals: the authored normals at each time; None if they stay those of `surface`.
     """
     assert surface.point is not None
     assert surface.corner is not None
-    moved = np.ascontiguousarray(points[:, surface.point], dtype=np.float32)
-    turned = None
+    position_samples = np.ascontiguousarray(points[:, surface.point], dtype=np.float32)
+    normal_samples = None
     if normals is not None:
         own = [each.at(surface.point, surface.corner) for each in normals]
-        turned = np.stack([unit(each, at, surface.triangles) for each, at in zip(own, moved, strict=True)])
+        normal_samples = np.stack(
+            [unit_normals(each, at, surface.triangles) for each, at in zip(own, position_samples, strict=True)]
+        )
     elif surface.normals is not None:
-        turned = np.broadcast_to(surface.normals, moved.shape)
-    return replace(surface, moved=moved, moved_normals=turned)
+        normal_samples = np.broadcast_to(surface.normals, position_samples.shape)
+    return replace(surface, position_samples=position_samples, normal_samples=normal_samples)
 
 
-def unit(vectors: NDArray[np.floating], positions: NDArray[np.floating], triangles: IntArray) -> FloatArray:
-    """Vectors of length one; where one is too short to have a direction, the normal of the triangles around it."""
+def unit_normals(vectors: NDArray[np.floating], positions: NDArray[np.floating], triangles: IntArray) -> FloatArray:
+    """Normalize normals [n, 3]; replace those of zero length by the smooth normal of the adjacent triangles."""
     length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors, dtype=np.float64))
     short = length < 1e-12
     if short.any():
@@ -118,7 +148,7 @@ def unit(vectors: NDArray[np.floating], positions: NDArray[np.floating], triangl
 
 
 def smooth_normals(positions: NDArray[np.floating], triangles: NDArray[np.integer]) -> FloatArray:
-    """Unit vertex normals: the mean over the triangles around a vertex, weighted by area; +z where there is none."""
+    """Return unit vertex normals float32 [n, 3]: area-weighted means over adjacent triangles, +z where that is zero."""
     a, b, c = (positions[triangles[:, k]].astype(np.float64) for k in range(3))
     facing = cross(b - a, c - a)
     total = sum_rows(triangles.reshape(-1), np.repeat(facing, 3, axis=0), len(positions))
@@ -129,26 +159,28 @@ def smooth_normals(positions: NDArray[np.floating], triangles: NDArray[np.intege
 
 
 def sum_rows(index: NDArray[np.integer], values: NDArray[np.floating], size: int) -> NDArray[np.float64]:
-    """Sum the rows of `values` [k, c] that share an index: float64 [size, c]."""
+    """Return the sums float64 [size, c] of the rows of `values` [k, c] that share an index [k]."""
     return np.stack([np.bincount(index, column, minlength=size) for column in values.T], axis=-1)
 
 
 def unique_rows(columns: list[NDArray[np.generic]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Distinct rows of the given arrays [k] or [k, c] side by side, in the order in which they first appear.
+    """Find the distinct rows of arrays [k] or [k, c] taken side by side, in order of first appearance.
 
-    Returns (first, row): where each distinct row first stands, and for each of the k rows which distinct one it is.
+    Returns:
+        first: the index of the first occurrence of each distinct row.
+        row: int64 [k], the distinct row that each row equals.
     """
     words = []
     for column in columns:
         if np.issubdtype(column.dtype, np.floating):
             column = (column.astype(np.float32) + np.float32(0.0)).view(np.int32)  # -0 and 0 are one value
         words += list(column.reshape(len(column), -1).T)
-    mixed = np.zeros(len(columns[0]), dtype=np.uint64)
-    for word in words:  # rows are compared by a 64-bit mix of them: many times faster than row by row
-        mixed = (mixed ^ word.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
-        mixed ^= mixed >> np.uint64(29)
-    _, first, row = np.unique(mixed, return_index=True, return_inverse=True)
-    if any((word != word[first][row]).any() for word in words):  # two rows of one mix: practically never
+    hashes = np.zeros(len(columns[0]), dtype=np.uint64)
+    for word in words:  # sorting 64-bit hashes is many times faster than sorting rows
+        hashes = (hashes ^ word.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+        hashes ^= hashes >> np.uint64(29)
+    _, first, row = np.unique(hashes, return_index=True, return_inverse=True)
+    if any((word != word[first][row]).any() for word in words):  # hash collision: practically never
         _, first, row = np.unique(np.stack(words, axis=-1), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)

@@ -24,7 +24,7 @@ from tiscene.scene.description import (
 )
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix, unscaled
-from tiscene.usd.geometry.deforming import varies
+from tiscene.usd.geometry.deforming import is_time_varying
 from tiscene.usd.lights.shaping import light_input, read_shaping, report_unrendered
 from tiscene.usd.materials.texture import TextureTable
 
@@ -54,7 +54,7 @@ class LightReader:
             return
         report_unrendered(prim, self._time, self._report)
         inputs = (each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:"))
-        frozen = [each.GetBaseName() for each in inputs if each.GetBaseName() not in EMISSION and varies(each)]
+        frozen = [each.GetBaseName() for each in inputs if each.GetBaseName() not in EMISSION and is_time_varying(each)]
         if frozen:
             self._report.frozen(path, f"{', '.join(frozen)} of a light")
         pose = unscaled(world_from_prim)

@@ -63,7 +63,7 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
     asset = light_input(prim, "shaping:ies:file", time, None)
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         return None
-    if asset.resolvedPath and not report.root.holds(str(asset.resolvedPath)):
+    if asset.resolvedPath and not report.root.contains(str(asset.resolvedPath)):
         report.problem(prim.GetPath(), "light", f"@{asset.resolvedPath}@ is outside {report.root.folder}")
         return None
     scale = float(light_input(prim, "shaping:ies:angleScale", time, 0.0))

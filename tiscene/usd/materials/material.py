@@ -13,8 +13,13 @@ from pxr import Usd, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, Color, ColorInput, Material, TextureLookup
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.geometry.display_color import constant_primvar, quantized, varies, varying_display
-from tiscene.usd.geometry.primvar import NO_PRIMVARS, Primvars
+from tiscene.usd.geometry.display_color import (
+    constant_primvar,
+    quantize_colors,
+    read_element_colors,
+    varies_over_surface,
+)
+from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
 from tiscene.usd.materials.preview_surface import NetworkReader
 from tiscene.usd.materials.texture import TextureTable
 
@@ -29,7 +34,7 @@ class Binding:
     """
 
     row: int
-    primvars: Primvars = NO_PRIMVARS
+    primvars: PrimvarNames = NO_PRIMVARS
     is_display_color: bool = False
 
 
@@ -79,17 +84,17 @@ class MaterialTableBuilder:
 
     def by_element(self, gprim: Usd.Prim) -> list[tuple[Binding, NDArray[np.int64]]]:
         """Materials for the elements of a gprim whose displayColor or displayOpacity varies; none if neither does."""
-        values = varying_display(gprim, self._time, self._report)
+        values = read_element_colors(gprim, self._time, self._report)
         if values is None:
             return []
-        colors, groups = quantized(values)
+        colors, groups = quantize_colors(values)
         return [
             (self._display_color((r, g, b), opacity), group)
             for (r, g, b, opacity), group in zip(colors, groups, strict=True)
         ]
 
     def _row(
-        self, key: Any, material: Material, primvars: Primvars = NO_PRIMVARS, is_display_color: bool = False
+        self, key: Any, material: Material, primvars: PrimvarNames = NO_PRIMVARS, is_display_color: bool = False
     ) -> Binding:
         if key not in self._bindings:
             self._bindings[key] = Binding(len(self.materials), primvars, is_display_color)
@@ -98,7 +103,9 @@ class MaterialTableBuilder:
 
     def _of_display_color(self, gprim: Usd.Prim) -> Binding:
         within = [
-            name for name in ("displayColor", "displayOpacity") if varies(gprim, name, self._time, within_faces=True)
+            name
+            for name in ("displayColor", "displayOpacity")
+            if varies_over_surface(gprim, name, self._time, within_faces=True)
         ]
         if within:
             return self._colored_vertices("displayOpacity" in within)
@@ -112,7 +119,7 @@ class MaterialTableBuilder:
         color = Material(name, TextureLookup(VERTEX_COLORS))
         if opacity:
             color = replace(color, opacity=TextureLookup(VERTEX_COLORS, "a"), opacity_mode="presence")
-        read = Primvars(color=name, opacity="displayOpacity")
+        read = PrimvarNames(color=name, opacity="displayOpacity")
         return self._row(("displayColor of vertices", opacity), color, read, is_display_color=True)
 
     def _display_color(self, color: Color, opacity: float) -> Binding:
@@ -124,7 +131,7 @@ class MaterialTableBuilder:
     def _constant_primvar(
         self, gprim: Usd.Prim, name: str, width: int, report: bool = True
     ) -> tuple[float, ...] | None:
-        return constant_primvar(gprim, name, width, self._time, self._report, tell_if_it_varies=report)
+        return constant_primvar(gprim, name, width, self._time, self._report, report_varying=report)
 
     def _of_material(self, material: UsdShade.Material, gprim: Usd.Prim) -> Binding | None:
         """The row of a material; None, with the reason reported, if none of its shaders is known."""
@@ -146,7 +153,8 @@ class MaterialTableBuilder:
     def _values(self, gprim: Usd.Prim, names: Iterable[str]) -> tuple[Any, ...]:
         """What a gprim's primvars are as far as a material depends on them."""
         return tuple(
-            "varies" if varies(gprim, name, self._time) else self._constant_primvar(gprim, name, 3) for name in names
+            "varies" if varies_over_surface(gprim, name, self._time) else self._constant_primvar(gprim, name, 3)
+            for name in names
         )
 
 

@@ -13,8 +13,8 @@ from pxr import Sdf, Usd, UsdShade
 from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Material, TextureLookup
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of, shader_id
-from tiscene.usd.geometry.display_color import constant_primvar, varies
-from tiscene.usd.geometry.primvar import NO_PRIMVARS, Primvars
+from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
+from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
 from tiscene.usd.materials.texture import Affine, TextureTable
 
 _DEFAULT = Material("default")
@@ -49,7 +49,7 @@ class NetworkReader:
         bumps = inputs.get("normal")
         if bumps is not None and bumps.source is not None:  # the first uv is that of the normals: it has the tangents
             st = connections_of(bumps.source.shader, self._time).get("st")
-            self.primvars = Primvars(uv=self._coordinates(st)[1])
+            self.primvars = PrimvarNames(uv=self._coordinates(st)[1])
         return Material(
             name=material.GetPrim().GetName(),
             diffuse_color=self._color(inputs, "diffuseColor", default.diffuse_color),
@@ -171,7 +171,7 @@ class NetworkReader:
         width = {"UsdPrimvarReader_float": 1, "UsdPrimvarReader_float2": 2, "UsdPrimvarReader_float4": 4}.get(
             source.id, 3
         )
-        if width != 2 and varies(self._gprim, name, self._time):
+        if width != 2 and varies_over_surface(self._gprim, name, self._time):
             wanted = replace(self.primvars, opacity=name) if width == 1 else replace(self.primvars, color=name)
             mine, before = (
                 (wanted.opacity, self.primvars.opacity) if width == 1 else (wanted.color, self.primvars.color)

@@ -111,7 +111,7 @@ class TextureTable:
 
     def _read(self, path: str, prim_path: Any, instead: str = _INSTEAD) -> ImageData | None:
         if path not in self._pictures:
-            if not self._report.root.holds(path):
+            if not self._report.root.contains(path):
                 self._report.problem(prim_path, "texture", f"@{path}@ is outside {self._report.root.folder}")
                 self._pictures[path] = None
                 return None
