@@ -6,40 +6,40 @@
 
 import taichi as ti
 
-from dynamics.body_layout import CONTACT, CONTACTS, MOST_CONTACTS, MOVE, POSITION, RADIUS, ROTATION, TURN
+from dynamics.body_layout import CONTACT_COUNT, FIRST_CONTACT, MAX_CONTACTS, MOVE, POSITION, RADIUS, ROTATION, TURN
 from dynamics.contact import SKIN, WAIT
 from dynamics.kernel_types import Template
 from dynamics.trajectory_kernel import multiply, unit
 
 vec3d = ti.types.vector(3, ti.f64)
 vec4d = ti.types.vector(4, ti.f64)
-MOST_BEND = 0.25 * SKIN  # m: how far a turn may carry a sphere off its chord in one step
+MAX_BEND = 0.25 * SKIN  # m: how far a turn may carry a sphere off its chord in one step
 
 
 @ti.func
-def row3(table: Template, row: ti.i32, column: ti.i32):
+def read3(table: Template, row: ti.i32, column: ti.i32):
     return vec3d(table[row, column], table[row, column + 1], table[row, column + 2])
 
 
 @ti.func
-def row4(table: Template, row: ti.i32, column: ti.i32):
+def read4(table: Template, row: ti.i32, column: ti.i32):
     return vec4d(table[row, column], table[row, column + 1], table[row, column + 2], table[row, column + 3])
 
 
 @ti.func
-def set3(table: Template, row: ti.i32, column: ti.i32, v):
+def write3(table: Template, row: ti.i32, column: ti.i32, v):
     for i in ti.static(range(3)):
         table[row, column + i] = v[i]
 
 
 @ti.func
-def set4(table: Template, row: ti.i32, column: ti.i32, v):
+def write4(table: Template, row: ti.i32, column: ti.i32, v):
     for i in ti.static(range(4)):
         table[row, column + i] = v[i]
 
 
 @ti.func
-def rotation_by(turn):
+def quaternion_from_rotation_vector(turn):
     """The quaternion of a rotation vector."""
     angle = turn.norm()
     half = 0.5 * angle
@@ -50,7 +50,7 @@ def rotation_by(turn):
 
 
 @ti.func
-def turn_between(start, end):
+def rotation_vector_between(start, end):
     """The rotation vector that leads from one unit quaternion to another by the shorter way."""
     q = multiply(end, vec4d(start[0], -start[1], -start[2], -start[3]))
     if q[0] < 0.0:
@@ -64,32 +64,32 @@ def turn_between(start, end):
 
 
 @ti.func
-def note(integers: Template, body: ti.i32, kind: ti.i32, row: ti.i32):
+def record_contact(integers: Template, body: ti.i32, kind: ti.i32, row: ti.i32):
     """Remember that a body met something in this frame, once."""
     if kind == WAIT:
         kind = 0
     known = kind == 0
-    for i in range(integers[body, CONTACTS]):
-        if integers[body, CONTACT + 2 * i] == kind and integers[body, CONTACT + 2 * i + 1] == row:
+    for i in range(integers[body, CONTACT_COUNT]):
+        if integers[body, FIRST_CONTACT + 2 * i] == kind and integers[body, FIRST_CONTACT + 2 * i + 1] == row:
             known = True
-    if not known and integers[body, CONTACTS] < MOST_CONTACTS:
-        at = CONTACT + 2 * integers[body, CONTACTS]
+    if not known and integers[body, CONTACT_COUNT] < MAX_CONTACTS:
+        at = FIRST_CONTACT + 2 * integers[body, CONTACT_COUNT]
         integers[body, at] = kind
         integers[body, at + 1] = row
-        integers[body, CONTACTS] += 1
+        integers[body, CONTACT_COUNT] += 1
 
 
 @ti.func
-def longest_turn(bodies: Template, body: ti.i32):
-    """The largest angle that keeps every sphere within MOST_BEND of its chord."""
-    return ti.sqrt(8.0 * MOST_BEND / ti.max(bodies[body, RADIUS], 1e-6))
+def max_step_angle(bodies: Template, body: ti.i32):
+    """The largest angle that keeps every sphere within MAX_BEND of its chord."""
+    return ti.sqrt(8.0 * MAX_BEND / ti.max(bodies[body, RADIUS], 1e-6))
 
 
 @ti.func
-def go(bodies: Template, body: ti.i32, part):
+def apply_motion(bodies: Template, body: ti.i32, part):
     """Do a part, 0 .. 1, of the motion that was tried."""
-    move = row3(bodies, body, MOVE)
-    turn = row3(bodies, body, TURN)
-    set3(bodies, body, POSITION, row3(bodies, body, POSITION) + part * move)
-    rotation = multiply(rotation_by(part * turn), row4(bodies, body, ROTATION))
-    set4(bodies, body, ROTATION, unit(rotation, rotation))
+    move = read3(bodies, body, MOVE)
+    turn = read3(bodies, body, TURN)
+    write3(bodies, body, POSITION, read3(bodies, body, POSITION) + part * move)
+    rotation = multiply(quaternion_from_rotation_vector(part * turn), read4(bodies, body, ROTATION))
+    write4(bodies, body, ROTATION, unit(rotation, rotation))

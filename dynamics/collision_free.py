@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from dynamics.bodies import Body
 from dynamics.clocks import exact
 from dynamics.colliding_bodies import Mover
-from dynamics.contact import TOUCH_COLUMNS, TOUCHES
+from dynamics.contact import MAX_TOUCHES, TOUCH_COLUMNS
 from dynamics.dynamic import ClosedForm
 from dynamics.obstacles import Obstacles
 from dynamics.simulation import Simulation
-from dynamics.sweep_obstacles import distances
+from dynamics.sweep_obstacles import obstacle_distances
 
 SAMPLES = 64  # of a loop
 MARGIN = 0.005  # m
@@ -62,6 +62,6 @@ def _path(body: Body) -> NDArray[np.float64] | None:
 def _nearest(path: NDArray[np.float64], limit: float, obstacles: Obstacles) -> float:
     points = np.zeros((len(path), 4), dtype=np.float32)
     points[:, :3] = path
-    touches = np.zeros((TOUCHES, TOUCH_COLUMNS), dtype=np.float32)
-    distances(points, limit, touches, *obstacles.arguments())
+    touches = np.zeros((MAX_TOUCHES, TOUCH_COLUMNS), dtype=np.float32)
+    obstacle_distances(points, limit, touches, *obstacles.arguments())
     return float(points[:, 3].min())

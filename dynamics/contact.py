@@ -8,22 +8,32 @@ center, so that only the last subtraction rounds. (No postponed annotations in t
 import taichi as ti
 
 from dynamics.kernel_types import Template
-from dynamics.obstacles import FACTOR, METRES
-from dynamics.tree_access import STACK, child, instance_of, mapped, planes, triangle, triangles_of, vec3, vector_at
+from dynamics.obstacles import GAP_FACTOR, METERS_PER_UNIT
+from dynamics.tree_access import (
+    STACK,
+    child_bounds,
+    child_reference,
+    leaf_instance,
+    leaf_triangles,
+    load_triangle,
+    transformed,
+    vec3,
+    vector_at,
+)
 
 FAR = 1e30
 SKIN = 5e-4  # m: the gap that motion stops at
 TOLERANCE = 2e-5  # m: nearer than this to that gap counts as touching
-SLIDE = 2e-6  # m: approach that counts as sliding along
+SLIDE_TOLERANCE = 2e-6  # m: approach that counts as sliding along
 ITERATIONS = 16
-ROUGHLY = 4  # iterations where less than the exact time will do
-NEAREST, WITHIN, CONTACT = 0, 1, 2  # what is looked for
+COARSE_ITERATIONS = 4  # iterations where less than the exact time will do
+NEAREST, WITHIN, CONTACT = 0, 1, 2  # query is looked for
 
 # What a sphere meets. WAIT: the share of a gap to a mover that is still too far away to be touched.
 NOTHING, OBSTACLE, MOVER, WALL, WAIT = 0, 1, 2, 3, 4
 
 # A touch: normal (towards the sphere), arm (from the body's origin to the sphere), gap, kind.
-TOUCHES = 16  # most that a group of spheres keeps
+MAX_TOUCHES = 16  # most that a group of spheres keeps
 NORMAL, ARM, GAP, TOUCH_KIND, TOUCH_COLUMNS = 0, 3, 6, 7, 8
 
 
@@ -58,7 +68,7 @@ def nearest_on_triangle(corner, edge_1, edge_2):
 
 
 @ti.func
-def record(touches: Template, base: ti.i32, count: ti.i32, normal, arm, gap: ti.f32, kind: ti.i32) -> ti.i32:
+def record_touch(touches: Template, base: ti.i32, count: ti.i32, normal, arm, gap: ti.f32, kind: ti.i32) -> ti.i32:
     """Keep a touch among those of a group; of similar ones of one sphere the nearer. Returns how many there are."""
     slot = -1
     worst = 0
@@ -72,7 +82,7 @@ def record(touches: Template, base: ti.i32, count: ti.i32, normal, arm, gap: ti.
     result = count
     if slot < 0:
         slot = worst
-        if count < TOUCHES:
+        if count < MAX_TOUCHES:
             slot = count
             result = count + 1
             touches[base + slot, GAP] = FAR
@@ -97,14 +107,14 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
     """
     stop = radius + SKIN
     time = FAR
-    reached = 0.0
+    time_reached = 0.0
     normal = vec3(0.0)
     start_normal = normal
     start_gap = 0.0
     searching = True
     for step in range(ITERATIONS):
         if searching:
-            point = nearest_on_triangle(corner - reached * chord, edge_1, edge_2)
+            point = nearest_on_triangle(corner - time_reached * chord, edge_1, edge_2)
             distance = point.norm()
             normal = -point / ti.max(distance, 1e-9)
             if distance < 1e-6:
@@ -121,7 +131,7 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
                 start_normal = normal
             approach = -normal.dot(chord)
             if step == 0:
-                if start_gap < TOLERANCE and approach > SLIDE:
+                if start_gap < TOLERANCE and approach > SLIDE_TOLERANCE:
                     time = 0.0
                 elif start_gap < -0.5 * SKIN:
                     # Too near already: it must get away, even where its path bends back.
@@ -133,16 +143,16 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
                 if time == 0.0:
                     searching = False
             elif approach > 0.0 and distance - stop < 0.5 * TOLERANCE:
-                time = reached
+                time = time_reached
                 searching = False
             if approach <= 0.0:
                 searching = False
             if searching:
-                reached += ti.max(distance - stop, 0.0) / approach
-                if reached >= until:
+                time_reached += ti.max(distance - stop, 0.0) / approach
+                if time_reached >= until:
                     searching = False
     if searching:
-        time = reached  # not settled in time: stop where it is still free
+        time = time_reached  # not settled in time: stop where it is still free
     return time, normal, start_normal, start_gap
 
 
@@ -153,24 +163,24 @@ def first_within(corner, edge_1, edge_2, chord, radius: ti.f32, until: ti.f32) -
     FAR for never. Newton's method as in `first_contact`, ended early: it comes from before.
     """
     time = FAR
-    reached = 0.0
+    time_reached = 0.0
     searching = True
-    for _ in range(ROUGHLY):
+    for _ in range(COARSE_ITERATIONS):
         if searching:
-            point = nearest_on_triangle(corner - reached * chord, edge_1, edge_2)
+            point = nearest_on_triangle(corner - time_reached * chord, edge_1, edge_2)
             distance = point.norm()
             approach = point.dot(chord)
             if distance <= radius:
-                time = reached
+                time = time_reached
                 searching = False
             elif approach <= 0.0:
                 searching = False
             else:
-                reached += (distance - radius) * distance / approach
-                if reached >= until:
+                time_reached += (distance - radius) * distance / approach
+                if time_reached >= until:
                     searching = False
     if searching:
-        time = reached
+        time = time_reached
     return time
 
 
@@ -181,7 +191,7 @@ def reciprocal(d: ti.f32) -> ti.f32:
 
 
 @ti.func
-def look_around(
+def query_sphere(
     is_bvh8: Template,
     nodes: Template,
     triangles: Template,
@@ -199,12 +209,12 @@ def look_around(
     touches: Template,
     base: ti.i32,
     count: ti.i32,
-    what: Template,
+    query: Template,
 ):
-    """Walk the tree about a sphere. what (static):
+    """Walk the tree about a sphere. query (static):
 
     CONTACT: find when, before `limit` (1 for the whole of `chord`), the sphere first touches anything, and keep as
-    touches what is nearer than `band`. WITHIN: no later than when its center comes within `radius` of anything.
+    touches query is nearer than `band`. WITHIN: no later than when its center comes within `radius` of anything.
     NEAREST: the distance of its center to the nearest triangle. Returns that number, or `limit` if there is nothing
     before; the normal, the instance and the touch count.
     """
@@ -214,17 +224,17 @@ def look_around(
     touched = count
     # The boxes are grown, and met by a line; in an instance's space all is measured in its own units.
     reach = radius + band
-    if ti.static(what == CONTACT):
+    if ti.static(query == CONTACT):
         reach += SKIN
     grown = vec3(reach)
     start = center
     ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
     meters = vec3(1.0)
     factor = 1.0
-    references = ti.Vector([0] * STACK)
-    entries = ti.Vector([0.0] * STACK)
-    waiting = 0
-    floor = -1  # entries below it belong to the upper tree; -1 while in it
+    stack = ti.Vector([0] * STACK)
+    stack_entries = ti.Vector([0.0] * STACK)
+    stack_size = 0
+    mesh_stack_base = -1  # stack_entries below it belong to the upper tree; -1 while in it
     instance = -1
     current = root
     searching = True
@@ -232,18 +242,24 @@ def look_around(
         pop = False
         if current >= 0:
             node = current
-            entry = planes(nodes, node, 0, is_bvh8)
+            entry = child_bounds(nodes, node, 0, is_bvh8)
             leave = entry
-            if ti.static(what == NEAREST):
+            if ti.static(query == NEAREST):
                 gap = (
-                    ti.max(ti.max(entry - start[0], start[0] - planes(nodes, node, 3, is_bvh8)), 0.0) * meters[0],
+                    ti.max(ti.max(entry - start[0], start[0] - child_bounds(nodes, node, 3, is_bvh8)), 0.0) * meters[0],
                     ti.max(
-                        ti.max(planes(nodes, node, 1, is_bvh8) - start[1], start[1] - planes(nodes, node, 4, is_bvh8)),
+                        ti.max(
+                            child_bounds(nodes, node, 1, is_bvh8) - start[1],
+                            start[1] - child_bounds(nodes, node, 4, is_bvh8),
+                        ),
                         0.0,
                     )
                     * meters[1],
                     ti.max(
-                        ti.max(planes(nodes, node, 2, is_bvh8) - start[2], start[2] - planes(nodes, node, 5, is_bvh8)),
+                        ti.max(
+                            child_bounds(nodes, node, 2, is_bvh8) - start[2],
+                            start[2] - child_bounds(nodes, node, 5, is_bvh8),
+                        ),
                         0.0,
                     )
                     * meters[2],
@@ -259,87 +275,87 @@ def look_around(
                 side_z = grown[2] * (1.0 - 2.0 * flip_z)
                 entry = ti.max(
                     ti.max(
-                        (planes(nodes, node, 3 * flip_x, is_bvh8) - (start[0] + side_x)) * ix,
-                        (planes(nodes, node, 1 + 3 * flip_y, is_bvh8) - (start[1] + side_y)) * iy,
+                        (child_bounds(nodes, node, 3 * flip_x, is_bvh8) - (start[0] + side_x)) * ix,
+                        (child_bounds(nodes, node, 1 + 3 * flip_y, is_bvh8) - (start[1] + side_y)) * iy,
                     ),
-                    ti.max((planes(nodes, node, 2 + 3 * flip_z, is_bvh8) - (start[2] + side_z)) * iz, 0.0),
+                    ti.max((child_bounds(nodes, node, 2 + 3 * flip_z, is_bvh8) - (start[2] + side_z)) * iz, 0.0),
                 )
                 leave = ti.min(
                     ti.min(
-                        (planes(nodes, node, 3 - 3 * flip_x, is_bvh8) - (start[0] - side_x)) * ix,
-                        (planes(nodes, node, 4 - 3 * flip_y, is_bvh8) - (start[1] - side_y)) * iy,
+                        (child_bounds(nodes, node, 3 - 3 * flip_x, is_bvh8) - (start[0] - side_x)) * ix,
+                        (child_bounds(nodes, node, 4 - 3 * flip_y, is_bvh8) - (start[1] - side_y)) * iy,
                     ),
-                    ti.min((planes(nodes, node, 5 - 3 * flip_z, is_bvh8) - (start[2] - side_z)) * iz, best),
+                    ti.min((child_bounds(nodes, node, 5 - 3 * flip_z, is_bvh8) - (start[2] - side_z)) * iz, best),
                 )
             nearest = FAR
             found = False
             for k in ti.static(range(8 if is_bvh8 else 2)):
                 if entry[k] <= leave[k]:
-                    reference = child(nodes, node, k, is_bvh8)
+                    reference = child_reference(nodes, node, k, is_bvh8)
                     at = entry[k]
                     if found:
                         # The nearest is visited next, the others wait.
                         if at < nearest:
                             reference, current = current, reference
                             at, nearest = nearest, at
-                        references[waiting] = reference
-                        entries[waiting] = at
-                        waiting += 1
+                        stack[stack_size] = reference
+                        stack_entries[stack_size] = at
+                        stack_size += 1
                     else:
                         current = reference
                         nearest = at
                         found = True
             pop = not found
-        elif floor < 0:
-            instance = instance_of(current, is_bvh8)
-            meters = vector_at(instances, instance, METRES)
-            factor = instances[instance, FACTOR]
-            start = mapped(instances, instance, 12, center, 1.0)
-            along = mapped(instances, instance, 12, chord, 0.0)
+        elif mesh_stack_base < 0:
+            instance = leaf_instance(current, is_bvh8)
+            meters = vector_at(instances, instance, METERS_PER_UNIT)
+            factor = instances[instance, GAP_FACTOR]
+            start = transformed(instances, instance, 12, center, 1.0)
+            along = transformed(instances, instance, 12, chord, 0.0)
             ix, iy, iz = reciprocal(along[0]), reciprocal(along[1]), reciprocal(along[2])
             grown = reach / meters
-            floor = waiting
+            mesh_stack_base = stack_size
             current = roots[instance]
         else:
-            first, number = triangles_of(triangles, current, is_bvh8)
+            first, number = leaf_triangles(triangles, current, is_bvh8)
             for which in range(number):
-                corner, edge_1, edge_2 = triangle(triangles, first, which, is_bvh8)
-                corner = mapped(instances, instance, 0, corner, 1.0) - center
-                edge_1 = mapped(instances, instance, 0, edge_1, 0.0)
-                edge_2 = mapped(instances, instance, 0, edge_2, 0.0)
-                if ti.static(what == CONTACT):
+                corner, edge_1, edge_2 = load_triangle(triangles, first, which, is_bvh8)
+                corner = transformed(instances, instance, 0, corner, 1.0) - center
+                edge_1 = transformed(instances, instance, 0, edge_1, 0.0)
+                edge_2 = transformed(instances, instance, 0, edge_2, 0.0)
+                if ti.static(query == CONTACT):
                     time, normal, start_normal, start_gap = first_contact(
                         corner, edge_1, edge_2, chord, radius, slack, inward, best
                     )
                     if start_gap < band:
-                        touched = record(touches, base, touched, start_normal, arm, start_gap, OBSTACLE)
+                        touched = record_touch(touches, base, touched, start_normal, arm, start_gap, OBSTACLE)
                     if time < best:
                         best = time
                         best_normal = normal
                         best_instance = instance
-                elif ti.static(what == WITHIN):
+                elif ti.static(query == WITHIN):
                     if best > 0.0:
                         best = ti.min(best, first_within(corner, edge_1, edge_2, chord, radius, best))
                 else:
                     best = ti.min(best, nearest_on_triangle(corner, edge_1, edge_2).norm())
             pop = True
-            if ti.static(what == WITHIN):
+            if ti.static(query == WITHIN):
                 if best <= 0.0:
                     pop = False
                     searching = False
         while pop:
-            if waiting == floor:
-                floor = -1
+            if stack_size == mesh_stack_base:
+                mesh_stack_base = -1
                 start = center
                 ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
                 grown = vec3(reach)
                 meters = vec3(1.0)
                 factor = 1.0
-            if waiting == 0:
+            if stack_size == 0:
                 searching = False
                 pop = False
             else:
-                waiting -= 1
-                current = references[waiting]
-                pop = entries[waiting] > best
+                stack_size -= 1
+                current = stack[stack_size]
+                pop = stack_entries[stack_size] > best
     return best, best_normal, best_instance, touched

@@ -6,29 +6,29 @@
 
 import taichi as ti
 
-from dynamics.body_access import longest_turn, row3, row4, set3, turn_between
+from dynamics.body_access import max_step_angle, read3, read4, rotation_vector_between, write3
 from dynamics.body_layout import (
-    ACTIVE,
-    AHEAD,
-    ALLOWED,
-    ALLOWED_TURN,
+    ACTIVE_TIME,
+    ATTEMPTS,
     BOUNCES,
-    FULL,
+    FREE_TIME,
     KIND,
     MOVE,
+    MOVE_BUDGET,
     POSITION,
-    PULL,
-    PULLED,
-    REST,
+    REACHES_TARGET,
     ROTATION,
     SPIN,
     STEP,
     TARGET,
-    TRIES,
+    TIME_LEFT,
     TURN,
+    TURN_BUDGET,
     VELOCITY,
+    WALL_PUSH,
+    WALL_PUSHED,
 )
-from dynamics.bounce_response import advance_bouncing, leg_time
+from dynamics.bounce_response import advance_bouncing, look_ahead_time
 from dynamics.kernel_types import Template
 from dynamics.path_following import advance_following
 
@@ -39,51 +39,51 @@ def look_ahead(bodies: Template, integers: Template, body: ti.i32):
 
     What is pulled into walls does not go on as it does: it tries its step alone, and 0 is returned.
     """
-    leg = ti.cast(0.0, ti.f64)
-    if integers[body, PULLED] > 0:
+    duration = ti.cast(0.0, ti.f64)
+    if integers[body, WALL_PUSHED] > 0:
         propose(bodies, integers, body)
     else:
-        leg = leg_time(bodies, body, row3(bodies, body, SPIN).norm())
-        set3(bodies, body, MOVE, leg * row3(bodies, body, VELOCITY))
-        set3(bodies, body, TURN, leg * row3(bodies, body, SPIN))
-    return leg
+        duration = look_ahead_time(bodies, body, read3(bodies, body, SPIN).norm())
+        write3(bodies, body, MOVE, duration * read3(bodies, body, VELOCITY))
+        write3(bodies, body, TURN, duration * read3(bodies, body, SPIN))
+    return duration
 
 
 @ti.func
 def propose(bodies: Template, integers: Template, body: ti.i32):
     """Set the motion that the body tries next."""
     if integers[body, KIND] == BOUNCES:
-        spin = row3(bodies, body, SPIN)
-        step = ti.min(bodies[body, REST], leg_time(bodies, body, spin.norm()))
-        if bodies[body, AHEAD] > 0.0:
-            step = ti.min(step, bodies[body, AHEAD])
-        move = row3(bodies, body, VELOCITY) * step
-        if integers[body, PULLED] > 0:
-            move += row3(bodies, body, PULL) * (step / bodies[body, ACTIVE])
-        set3(bodies, body, MOVE, move)
-        set3(bodies, body, TURN, spin * step)
+        spin = read3(bodies, body, SPIN)
+        step = ti.min(bodies[body, TIME_LEFT], look_ahead_time(bodies, body, spin.norm()))
+        if bodies[body, FREE_TIME] > 0.0:
+            step = ti.min(step, bodies[body, FREE_TIME])
+        move = read3(bodies, body, VELOCITY) * step
+        if integers[body, WALL_PUSHED] > 0:
+            move += read3(bodies, body, WALL_PUSH) * (step / bodies[body, ACTIVE_TIME])
+        write3(bodies, body, MOVE, move)
+        write3(bodies, body, TURN, spin * step)
         bodies[body, STEP] = step
     else:
-        move = row3(bodies, body, TARGET) - row3(bodies, body, POSITION)
-        turn = turn_between(row4(bodies, body, ROTATION), row4(bodies, body, TARGET + 3))
-        far = move.norm()
+        move = read3(bodies, body, TARGET) - read3(bodies, body, POSITION)
+        turn = rotation_vector_between(read4(bodies, body, ROTATION), read4(bodies, body, TARGET + 3))
+        distance = move.norm()
         angle = turn.norm()
-        full = 1
-        if far > bodies[body, ALLOWED]:
-            move *= bodies[body, ALLOWED] / far
-            full = 0
-        if angle > bodies[body, ALLOWED_TURN]:
-            turn *= bodies[body, ALLOWED_TURN] / angle
-            angle = bodies[body, ALLOWED_TURN]
-            full = 0
-        if angle > longest_turn(bodies, body):
-            part = longest_turn(bodies, body) / angle
+        reaches_target = 1
+        if distance > bodies[body, MOVE_BUDGET]:
+            move *= bodies[body, MOVE_BUDGET] / distance
+            reaches_target = 0
+        if angle > bodies[body, TURN_BUDGET]:
+            turn *= bodies[body, TURN_BUDGET] / angle
+            angle = bodies[body, TURN_BUDGET]
+            reaches_target = 0
+        if angle > max_step_angle(bodies, body):
+            part = max_step_angle(bodies, body) / angle
             move *= part
             turn *= part
-            full = 0
-        set3(bodies, body, MOVE, move)
-        set3(bodies, body, TURN, turn)
-        integers[body, FULL] = full
+            reaches_target = 0
+        write3(bodies, body, MOVE, move)
+        write3(bodies, body, TURN, turn)
+        integers[body, REACHES_TARGET] = reaches_target
 
 
 @ti.func
@@ -107,5 +107,5 @@ def advance(
         )
     else:
         advance_following(bodies, integers, touches, counts, body, when, kind, row)
-        if bodies[body, REST] > 0.0 and integers[body, TRIES] == 0:
+        if bodies[body, TIME_LEFT] > 0.0 and integers[body, ATTEMPTS] == 0:
             propose(bodies, integers, body)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynamics.errors import ArgumentError
 
 # Columns of `Obstacles.instances`: the matrix, then how many meters a unit along each own axis is, then a factor.
-MATRIX, METRES, FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
+MATRIX, METERS_PER_UNIT, GAP_FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
 
 
 class Trees(Protocol):
@@ -77,8 +77,8 @@ def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float3
         rows[row, :12] = matrix.ravel()
         rows[row, 12:24] = inverse.ravel()
         # A little less than the truth, so that rounding cannot hide a box.
-        rows[row, METRES:FACTOR] = (1.0 - 1e-5) / lengths
-        rows[row, FACTOR] = 1.0 if perpendicular else 1.0 / 3.0
+        rows[row, METERS_PER_UNIT:GAP_FACTOR] = (1.0 - 1e-5) / lengths
+        rows[row, GAP_FACTOR] = 1.0 if perpendicular else 1.0 / 3.0
     return rows
 
 

@@ -15,7 +15,7 @@ from dynamics.closed_form import check_closed_form
 from dynamics.dynamic import Array, Track, fixed
 from dynamics.quadrature import GAUSS
 from dynamics.random_bounce import UniformMovementRandomBounce
-from dynamics.stepped_dynamic import Script, Stepped
+from dynamics.stepped_dynamic import Stepped, SteppedStates
 from dynamics.timings import ALWAYS, Timing
 from dynamics.trajectory_kernel import evaluate
 
@@ -32,7 +32,7 @@ class Paths:
         self._fixed = not any(track.duration for tracks in self._tracks for track in tracks)
         self._columns: tuple[Any, ...] = (*columns(self._tracks).arrays(), GAUSS)
         self._scripts = {
-            row: Script(body.dynamic, body.start, body.name)
+            row: SteppedStates(body.dynamic, body.start, body.name)
             for row, body in enumerate(bodies)
             if isinstance(body.dynamic, Stepped)
         }

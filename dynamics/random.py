@@ -14,7 +14,7 @@ TWO_PI = 2.0 * math.pi
 
 
 @ti.func
-def hash4(a: ti.u32, b: ti.u32, c: ti.u32, d: ti.u32):
+def pcg4d(a: ti.u32, b: ti.u32, c: ti.u32, d: ti.u32):
     """Four words, each mixed from all four: pcg4d of Jarzynski and Olano, "Hash functions for GPU rendering" (2020)."""
     v = ti.Vector([a, b, c, d]) * ti.u32(1664525) + ti.u32(1013904223)
     for _ in ti.static(range(2)):
@@ -30,7 +30,7 @@ def hash4(a: ti.u32, b: ti.u32, c: ti.u32, d: ti.u32):
 @ti.func
 def uniform4(seed: ti.i32, number: ti.i32, bounce: ti.i32, draw: ti.i32):
     """Four float64 in (0, 1): the middles of 2^32 equal cells."""
-    words = hash4(ti.cast(seed, ti.u32), ti.cast(number, ti.u32), ti.cast(bounce, ti.u32), ti.cast(draw, ti.u32))
+    words = pcg4d(ti.cast(seed, ti.u32), ti.cast(number, ti.u32), ti.cast(bounce, ti.u32), ti.cast(draw, ti.u32))
     cell = 1.0 / ti.cast(4294967296.0, ti.f64)
     return (ti.cast(words, ti.f64) + 0.5) * cell
 

@@ -7,27 +7,27 @@ of threads.
 
 import taichi as ti
 
-from dynamics.body_access import row3, set3, vec3d
+from dynamics.body_access import read3, vec3d, write3
 from dynamics.kernel_types import Doubles1, Doubles2, Ints1
 
 BALL_STEPS = 24
 
 
 @ti.kernel
-def nearest(points: Doubles2, centers: Doubles2, owner: Ints1):
+def find_nearest_centers(points: Doubles2, centers: Doubles2, owner: Ints1):
     """Set owner[i] to the row of the center that is nearest to points[i]; the first of equals."""
     for i in range(points.shape[0]):
-        point = row3(points, i, 0)
+        point = read3(points, i, 0)
         best = ti.cast(ti.math.inf, ti.f64)
         for k in range(centers.shape[0]):
-            square = (point - row3(centers, k, 0)).norm_sqr()
+            square = (point - read3(centers, k, 0)).norm_sqr()
             if square < best:
                 best = square
                 owner[i] = k
 
 
 @ti.kernel
-def center(corners: Doubles2, first: Ints1, centers: Doubles2):
+def find_ball_centers(corners: Doubles2, first: Ints1, centers: Doubles2):
     """Set centers[k] to about the center of the smallest ball around the rows first[k] .. first[k + 1] of `corners`.
 
     From their mean, steps towards the farthest one that become shorter (Badoiu and Clarkson 2003).
@@ -37,22 +37,22 @@ def center(corners: Doubles2, first: Ints1, centers: Doubles2):
         end = first[k + 1]
         middle = vec3d(0.0)
         for i in range(begin, end):
-            middle += row3(corners, i, 0)
+            middle += read3(corners, i, 0)
         middle /= ti.cast(end - begin, ti.f64)
         for step in range(1, 1 + BALL_STEPS):
             farthest = begin
             most = ti.cast(-1.0, ti.f64)
             for i in range(begin, end):
-                square = (row3(corners, i, 0) - middle).norm_sqr()
+                square = (read3(corners, i, 0) - middle).norm_sqr()
                 if square > most:
                     most = square
                     farthest = i
-            middle += (row3(corners, farthest, 0) - middle) / ti.cast(step + 1, ti.f64)
-        set3(centers, k, 0, middle)
+            middle += (read3(corners, farthest, 0) - middle) / ti.cast(step + 1, ti.f64)
+        write3(centers, k, 0, middle)
 
 
 @ti.kernel
-def sink(
+def sink_centers(
     corners: Doubles2,
     first: Ints1,
     outward: Doubles2,
@@ -67,25 +67,25 @@ def sink(
     outward: f64 [k, 3], unit. middles, normals: of some triangles all over the surface. depths: to try, in radii.
     """
     for k in range(centers.shape[0]):
-        start = row3(centers, k, 0)
+        start = read3(centers, k, 0)
         radius = radii[k]
         least = radius
         for tried in range(depths.shape[0]):
-            below = start - depths[tried] * radius * row3(outward, k, 0)
+            below = start - depths[tried] * radius * read3(outward, k, 0)
             larger = radius * 0.0
             for i in range(first[k], first[k + 1]):
-                larger = ti.max(larger, (row3(corners, i, 0) - below).norm_sqr())
+                larger = ti.max(larger, (read3(corners, i, 0) - below).norm_sqr())
             larger = ti.sqrt(larger)
             closest = 0
             square = ti.cast(ti.math.inf, ti.f64)
             for i in range(middles.shape[0]):
-                here = (row3(middles, i, 0) - below).norm_sqr()
+                here = (read3(middles, i, 0) - below).norm_sqr()
                 if here < square:
                     square = here
                     closest = i
             stands_out = larger - ti.sqrt(square)
-            inside = (below - row3(middles, closest, 0)).dot(row3(normals, closest, 0)) < 0.0
+            inside = (below - read3(middles, closest, 0)).dot(read3(normals, closest, 0)) < 0.0
             if stands_out < least and inside:
                 least = stands_out
-                set3(centers, k, 0, below)
+                write3(centers, k, 0, below)
                 radii[k] = larger

@@ -12,8 +12,8 @@ from dynamics.errors import ArgumentError
 
 Array = NDArray[np.float64]
 
-MOST_SPHERES = 256
-MOST_PLACES = 4096  # of the surface that are compared where covering does not depend on it
+MAX_SPHERES = 256
+MAX_SAMPLES = 4096  # of the surface that are compared where covering does not depend on it
 GROUP = 8  # spheres that share a bounding sphere, on average
 FINEST = 0.004  # m: radius below which more spheres gain nothing
 DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0)  # below the surface that centers are tried at, in radii
@@ -35,7 +35,7 @@ class Shape:
     reach: float
 
 
-def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
+def cover(corners: ArrayLike, most: int = MAX_SPHERES) -> Shape:
     """Spheres that cover a surface, so that whatever stays out of them does not touch it.
 
     corners: [n, 3, 3], the triangles' corners in the body's axes, m. most: spheres at most.
@@ -54,7 +54,7 @@ def cover(corners: ArrayLike, most: int = MOST_SPHERES) -> Shape:
     radius = max(np.sqrt(area / (2.6 * most)), extent / most, FINEST)
     pieces = _subdivided(triangles, 0.7 * radius)
     middles = pieces.mean(axis=1)
-    few = middles[:: 1 + len(middles) // MOST_PLACES]
+    few = middles[:: 1 + len(middles) // MAX_SAMPLES]
     centers = few[_farthest_points(few, most, stop=0.7 * radius)]
     for _ in range(2):
         owner = _nearest(middles, centers)
@@ -110,10 +110,10 @@ def _farthest_points(points: Array, most: int, stop: float) -> NDArray[np.intp]:
 
 def _nearest(points: Array, centers: Array) -> NDArray[np.int32]:
     """For each point the row of the nearest center."""
-    from dynamics.sphere_cover_kernels import nearest
+    from dynamics.sphere_cover_kernels import find_nearest_centers
 
     owner = np.zeros(len(points), dtype=np.int32)
-    nearest(np.ascontiguousarray(points), np.ascontiguousarray(centers), owner)
+    find_nearest_centers(np.ascontiguousarray(points), np.ascontiguousarray(centers), owner)
     return owner
 
 
@@ -135,11 +135,11 @@ class _Owned:
 
 def _centered(pieces: Array, owner: NDArray[np.int32]) -> Array:
     """About the center of the smallest ball around the pieces of each owner."""
-    from dynamics.sphere_cover_kernels import center
+    from dynamics.sphere_cover_kernels import find_ball_centers
 
     owned = _Owned.by(pieces, owner)
     centers = np.zeros((len(owned.rows), 3))
-    center(owned.corners, owned.first, centers)
+    find_ball_centers(owned.corners, owned.first, centers)
     return centers
 
 
@@ -158,17 +158,17 @@ def _is_closed(triangles: Array) -> bool:
 
 def _sunk(pieces: Array, owner: NDArray[np.int32], centers: Array, radii: Array) -> tuple[Array, Array]:
     """Centers and radii that cover the same pieces, from inside of a closed surface, and stand out the least."""
-    from dynamics.sphere_cover_kernels import sink
+    from dynamics.sphere_cover_kernels import sink_centers
 
     normals = _normals(pieces)
     outward = np.zeros_like(centers)
     np.add.at(outward, owner, normals)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
-    some = slice(None, None, 1 + len(pieces) // MOST_PLACES)
+    some = slice(None, None, 1 + len(pieces) // MAX_SAMPLES)
     owned = _Owned.by(pieces, owner)
     below, larger = centers[owned.rows], radii[owned.rows]
     middles, normals = pieces[some].mean(axis=1), np.ascontiguousarray(normals[some])
-    sink(owned.corners, owned.first, outward[owned.rows], middles, normals, np.array(DEPTHS), below, larger)
+    sink_centers(owned.corners, owned.first, outward[owned.rows], middles, normals, np.array(DEPTHS), below, larger)
     centers, radii = centers.copy(), radii.copy()
     centers[owned.rows], radii[owned.rows] = below, larger
     return centers, radii

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynamics import body_layout as at
 from dynamics.colliding_bodies import Array, CollisionState, Contact, Mover
-from dynamics.contact import MOVER, OBSTACLE, TOUCH_COLUMNS, TOUCHES, WALL
+from dynamics.contact import MAX_TOUCHES, MOVER, OBSTACLE, TOUCH_COLUMNS, WALL
 from dynamics.obstacles import Obstacles
 from dynamics.step_kernel import substep
 from dynamics.sweep_bodies import WALLS
@@ -37,8 +37,8 @@ class StepDevice:
                 bounding.append(shape.groups)
                 first += len(shape.spheres)
         groups_array = np.array(groups or [(0, 0, 0)], dtype=np.int32)
-        self.bodies: Array = np.zeros((rows, at.FLOATS))
-        self.integers: NDArray[np.int32] = np.zeros((rows, at.INTEGERS), dtype=np.int32)
+        self.bodies: Array = np.zeros((rows, at.FLOAT_COLUMNS))
+        self.integers: NDArray[np.int32] = np.zeros((rows, at.INTEGER_COLUMNS), dtype=np.int32)
         self._shaped = np.array([mover.shape is not None for mover in movers], dtype=np.bool_)
         self._limited = np.array([mover.limited for mover in movers], dtype=np.bool_)
         self._shapes = (
@@ -54,7 +54,7 @@ class StepDevice:
             ti.ndarray(ti.i32, (rows, rows + 1)),
         )
         self._found = (
-            ti.ndarray(ti.f32, (len(groups_array) * TOUCHES, TOUCH_COLUMNS)),
+            ti.ndarray(ti.f32, (len(groups_array) * MAX_TOUCHES, TOUCH_COLUMNS)),
             ti.ndarray(ti.f32, len(groups_array)),
             ti.ndarray(ti.i32, len(groups_array)),
         )
@@ -69,13 +69,13 @@ class StepDevice:
         """targets: where the paths have the bodies now. there: which of them exist."""
         bodies, integers = self.bodies[: self.count], self.integers[: self.count]
         bodies[:, at.TARGET : at.TARGET + 7] = targets
-        bodies[:, at.LOST] = 0.0
-        integers[:, [at.BLOCKED, at.CONTACTS]] = 0
+        bodies[:, at.LOST_TIME] = 0.0
+        integers[:, [at.BLOCKED, at.CONTACT_COUNT]] = 0
         integers[:, at.COLLIDES] = self._shaped & np.array(there, dtype=np.bool_)
 
     def forget_obstacles(self) -> None:
         """They are others from now on: nobody knows any more what is ahead."""
-        self.bodies[:, at.AHEAD] = 0.0
+        self.bodies[:, at.FREE_TIME] = 0.0
 
     def substep(self, targets: Array, active: Array, walls: Array | None, length: float, obstacles: Obstacles) -> None:
         """walls: planes [6, 4], None if there are none now. length: s."""
@@ -88,16 +88,16 @@ class StepDevice:
         """Put bodies elsewhere, by row."""
         for row, pose in poses.items():
             self.bodies[row, at.POSITION : at.ROTATION + 4] = pose
-            self.bodies[row, at.AHEAD] = 0.0
+            self.bodies[row, at.FREE_TIME] = 0.0
             self.integers[row, at.ON_PATH] = 0
 
     def moment(self, length: float = 1.0) -> CollisionState:
         bodies, integers = self.bodies[: self.count], self.integers[: self.count]
-        lost = (integers[:, at.KIND] == at.BOUNCES) & (bodies[:, at.LOST] > 0.5 * length)
+        lost = (integers[:, at.KIND] == at.BOUNCES) & (bodies[:, at.LOST_TIME] > 0.5 * length)
         contacts = [
             Contact(row, KINDS[int(integers[row, k])], int(integers[row, k + 1]))
-            for row in np.flatnonzero(integers[:, at.CONTACTS]).tolist()
-            for k in range(at.CONTACT, at.CONTACT + 2 * int(integers[row, at.CONTACTS]), 2)
+            for row in np.flatnonzero(integers[:, at.CONTACT_COUNT]).tolist()
+            for k in range(at.FIRST_CONTACT, at.FIRST_CONTACT + 2 * int(integers[row, at.CONTACT_COUNT]), 2)
         ]
         poses = bodies[:, at.POSITION : at.ROTATION + 4].copy()
         return CollisionState(poses, poses, (integers[:, at.BLOCKED] > 0) | lost, tuple(contacts))

@@ -7,48 +7,56 @@ threads nor bodies far away can change a bit of it. (No postponed annotations in
 
 import taichi as ti
 
-from dynamics.body_access import rotation_by, row3, row4, set3, set4, turn_between, vec3d
+from dynamics.body_access import (
+    quaternion_from_rotation_vector,
+    read3,
+    read4,
+    rotation_vector_between,
+    vec3d,
+    write3,
+    write4,
+)
 from dynamics.body_layout import (
-    ACTIVE,
-    AHEAD,
-    ALLOWED,
-    ALLOWED_TURN,
+    ACTIVE_TIME,
     ANGULAR_SPEED,
+    ATTEMPTS,
     BOUNCES,
-    BOUND,
     COLLIDES,
     FIRST_GROUP,
-    GROUPS,
+    FREE_TIME,
+    GROUP_COUNT,
     KIND,
     LIMITED,
-    LOST,
+    LOST_TIME,
+    MAX_DISPLACEMENT,
+    MOVE_BUDGET,
     ON_PATH,
     POSITION,
-    PULL,
-    PULLED,
     RADIUS,
-    REST,
     ROTATION,
     SPEED,
     SPIN,
     STEP,
     TARGET,
-    TRIES,
+    TIME_LEFT,
+    TURN_BUDGET,
     VELOCITY,
+    WALL_PUSH,
+    WALL_PUSHED,
 )
 from dynamics.contact import NOTHING, OBSTACLE, SKIN, WAIT
 from dynamics.integrate import advance, look_ahead, propose
 from dynamics.kernel_types import Doubles1, Doubles2, Floats1, Floats2, Ints1, Ints2, Template
-from dynamics.sweep_bodies import WALLS, sweep_others
-from dynamics.sweep_obstacles import REACHED, single, sweep_obstacles, turned
+from dynamics.sweep_bodies import WALLS, sweep_walls_and_movers
+from dynamics.sweep_obstacles import ROUNDING_MARGIN, read3_f32, rotate_to_world, sweep_obstacles
 from dynamics.trajectory_kernel import multiply, unit
 from dynamics.tree_access import Tree, vec3, vector_at
 
-CATCH_UP = 2.0  # times the speed on the path: how fast a follower returns to it, and besides
+CATCH_UP_FACTOR = 2.0  # times the speed on the path: how fast a follower returns to it, and besides
 CATCH_UP_SPEED, CATCH_UP_TURN = 1.0, 3.0  # m/s, rad/s
-PULL_SPEED = 3.0  # m/s at which walls take in what is outside of them
-MOST_PUSHES = 2e-3  # m: that a follower is pushed in a substep at most
-MOST_TRIES = 24  # of motions in one substep
+WALL_PUSH_SPEED = 3.0  # m/s at which walls take in what is outside of them
+MAX_TOTAL_PUSH = 2e-3  # m: that a follower is pushed in a substep at most
+MAX_ATTEMPTS = 24  # of motions in one substep
 
 
 @ti.func
@@ -59,14 +67,16 @@ def follow_freely(bodies: Template, body: ti.i32):
 
 @ti.func
 def fly_freely(bodies: Template, body: ti.i32):
-    time = bodies[body, ACTIVE]
-    set3(bodies, body, POSITION, row3(bodies, body, POSITION) + time * row3(bodies, body, VELOCITY))
-    rotation = multiply(rotation_by(time * row3(bodies, body, SPIN)), row4(bodies, body, ROTATION))
-    set4(bodies, body, ROTATION, unit(rotation, rotation))
+    time = bodies[body, ACTIVE_TIME]
+    write3(bodies, body, POSITION, read3(bodies, body, POSITION) + time * read3(bodies, body, VELOCITY))
+    rotation = multiply(
+        quaternion_from_rotation_vector(time * read3(bodies, body, SPIN)), read4(bodies, body, ROTATION)
+    )
+    write4(bodies, body, ROTATION, unit(rotation, rotation))
 
 
 @ti.func
-def pull_inside(
+def set_wall_push(
     bodies: Template,
     integers: Template,
     groups: Template,
@@ -77,7 +87,7 @@ def pull_inside(
 ):
     """Set the displacement, `length` at most, that brings what is outside of the walls back in."""
     pull = vec3d(0.0)
-    origin = single(bodies, body, POSITION)
+    origin = read3_f32(bodies, body, POSITION)
     reach = ti.cast(bodies[body, RADIUS], ti.f32)
     first = integers[body, FIRST_GROUP]
     for wall in range(WALLS):
@@ -85,18 +95,18 @@ def pull_inside(
         height = normal.dot(origin) + planes[wall, 3] - SKIN
         if height < reach:
             depth = 0.0
-            for group in range(first, first + integers[body, GROUPS]):
+            for group in range(first, first + integers[body, GROUP_COUNT]):
                 for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                    arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
                     depth = ti.max(depth, spheres[sphere, 3] - height - normal.dot(arm))
             pull += ti.cast(depth * normal, ti.f64)
     far = pull.norm()
     if far > length:
         pull *= length / far
-    set3(bodies, body, PULL, pull)
-    integers[body, PULLED] = 0
+    write3(bodies, body, WALL_PUSH, pull)
+    integers[body, WALL_PUSHED] = 0
     if far > 0.0 and length > 0.0:
-        integers[body, PULLED] = 1
+        integers[body, WALL_PUSHED] = 1
 
 
 @ti.func
@@ -108,16 +118,16 @@ def begin_bouncing(
     planes: Template,
     body: ti.i32,
 ):
-    time = bodies[body, ACTIVE]
-    bodies[body, REST] = time
+    time = bodies[body, ACTIVE_TIME]
+    bodies[body, TIME_LEFT] = time
     bound = (bodies[body, SPEED] + bodies[body, ANGULAR_SPEED] * bodies[body, RADIUS]) * time
-    integers[body, PULLED] = 0
+    integers[body, WALL_PUSHED] = 0
     if integers[body, LIMITED] > 0:
-        length = PULL_SPEED * time
-        pull_inside(bodies, integers, groups, spheres, planes, body, length)
-        if integers[body, PULLED] > 0:
-            bound += row3(bodies, body, PULL).norm()
-    bodies[body, BOUND] = bound
+        length = WALL_PUSH_SPEED * time
+        set_wall_push(bodies, integers, groups, spheres, planes, body, length)
+        if integers[body, WALL_PUSHED] > 0:
+            bound += read3(bodies, body, WALL_PUSH).norm()
+    bodies[body, MAX_DISPLACEMENT] = bound
 
 
 @ti.func
@@ -127,28 +137,30 @@ def begin_following(bodies: Template, integers: Template, targets: Template, bod
     same = True
     for i in ti.static(range(3)):
         path[i] = targets[body, i] - bodies[body, TARGET + i]
-    path_turn = turn_between(row4(bodies, body, TARGET + 3), row4(targets, body, 3))
+    path_turn = rotation_vector_between(read4(bodies, body, TARGET + 3), read4(targets, body, 3))
     for i in ti.static(range(7)):
         bodies[body, TARGET + i] = targets[body, i]
         if bodies[body, POSITION + i] != targets[body, i]:
             same = False
-    bodies[body, ALLOWED] = CATCH_UP * path.norm() + CATCH_UP_SPEED * length
-    bodies[body, ALLOWED_TURN] = CATCH_UP * path_turn.norm() + CATCH_UP_TURN * length
+    bodies[body, MOVE_BUDGET] = CATCH_UP_FACTOR * path.norm() + CATCH_UP_SPEED * length
+    bodies[body, TURN_BUDGET] = CATCH_UP_FACTOR * path_turn.norm() + CATCH_UP_TURN * length
     bodies[body, STEP] = 0.0
-    bodies[body, REST] = 0.0
-    bodies[body, BOUND] = 0.0
-    push = ti.cast(MOST_PUSHES, ti.f64)
-    bodies[body, PULL] = 0.0
+    bodies[body, TIME_LEFT] = 0.0
+    bodies[body, MAX_DISPLACEMENT] = 0.0
+    push = ti.cast(MAX_TOTAL_PUSH, ti.f64)
+    bodies[body, WALL_PUSH] = 0.0
     if integers[body, LIMITED] > 0:
-        bodies[body, PULL] = PULL_SPEED * length
-        push += bodies[body, PULL]
+        bodies[body, WALL_PUSH] = WALL_PUSH_SPEED * length
+        push += bodies[body, WALL_PUSH]
     if not same or integers[body, LIMITED] > 0:
-        bodies[body, REST] = 1.0
+        bodies[body, TIME_LEFT] = 1.0
         # All that it may do in the substep, in one motion or in several.
-        far = (row3(bodies, body, TARGET) - row3(bodies, body, POSITION)).norm()
-        angle = turn_between(row4(bodies, body, ROTATION), row4(bodies, body, TARGET + 3)).norm()
-        bodies[body, BOUND] = (
-            ti.min(far, bodies[body, ALLOWED]) + ti.min(angle, bodies[body, ALLOWED_TURN]) * bodies[body, RADIUS] + push
+        far = (read3(bodies, body, TARGET) - read3(bodies, body, POSITION)).norm()
+        angle = rotation_vector_between(read4(bodies, body, ROTATION), read4(bodies, body, TARGET + 3)).norm()
+        bodies[body, MAX_DISPLACEMENT] = (
+            ti.min(far, bodies[body, MOVE_BUDGET])
+            + ti.min(angle, bodies[body, TURN_BUDGET]) * bodies[body, RADIUS]
+            + push
         )
 
 
@@ -165,16 +177,16 @@ def freeze(
     body: ti.i32,
 ):
     """Note where the spheres of a body are, for the others to look at."""
-    origin = single(bodies, body, POSITION)
+    origin = read3_f32(bodies, body, POSITION)
     for i in ti.static(range(3)):
         frozen_bodies[body, i] = origin[i]
     first = integers[body, FIRST_GROUP]
-    for group in range(first, first + integers[body, GROUPS]):
-        middle = origin + turned(bodies, body, vector_at(bounding, group, 0))
+    for group in range(first, first + integers[body, GROUP_COUNT]):
+        middle = origin + rotate_to_world(bodies, body, vector_at(bounding, group, 0))
         for i in ti.static(range(3)):
             frozen_groups[group, i] = middle[i]
         for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-            center = origin + turned(bodies, body, vector_at(spheres, sphere, 0))
+            center = origin + rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
             for i in ti.static(range(3)):
                 frozen[sphere, i] = center[i]
 
@@ -189,7 +201,7 @@ def substep(
     frozen: Floats2,
     frozen_groups: Floats2,
     frozen_bodies: Floats2,
-    near: Ints2,
+    neighbors: Ints2,
     planes: Floats2,
     targets: Doubles2,
     active: Doubles1,
@@ -211,8 +223,8 @@ def substep(
     """
     # Freeze where everything is, and choose how far each may go.
     for body in range(targets.shape[0]):
-        bodies[body, ACTIVE] = active[body]
-        integers[body, TRIES] = 0
+        bodies[body, ACTIVE_TIME] = active[body]
+        integers[body, ATTEMPTS] = 0
         if integers[body, COLLIDES] == 0:
             for i in ti.static(range(7)):
                 bodies[body, TARGET + i] = targets[body, i]
@@ -222,8 +234,8 @@ def substep(
             else:
                 follow_freely(bodies, body)
                 integers[body, ON_PATH] = 1
-            bodies[body, REST] = 0.0
-            bodies[body, BOUND] = 0.0
+            bodies[body, TIME_LEFT] = 0.0
+            bodies[body, MAX_DISPLACEMENT] = 0.0
         else:
             freeze(bodies, integers, groups, spheres, bounding, frozen, frozen_groups, frozen_bodies, body)
             if integers[body, KIND] == BOUNCES:
@@ -233,37 +245,44 @@ def substep(
     # Find which might meet.
     for body in range(targets.shape[0]):
         count = 0
-        if bodies[body, REST] > 0.0:
-            here = row3(bodies, body, POSITION)
+        if bodies[body, TIME_LEFT] > 0.0:
+            here = read3(bodies, body, POSITION)
             for other in range(targets.shape[0]):
                 if other != body and integers[other, COLLIDES] > 0:
-                    between = (row3(bodies, other, POSITION) - here).norm()
+                    between = (read3(bodies, other, POSITION) - here).norm()
                     size = bodies[body, RADIUS] + bodies[other, RADIUS]
-                    if between < size + bodies[body, BOUND] + bodies[other, BOUND] + 8.0 * SKIN + 2.0 * REACHED:
+                    if (
+                        between
+                        < size
+                        + bodies[body, MAX_DISPLACEMENT]
+                        + bodies[other, MAX_DISPLACEMENT]
+                        + 8.0 * SKIN
+                        + 2.0 * ROUNDING_MARGIN
+                    ):
                         count += 1
-                        near[body, count] = other
-        near[body, 0] = count
+                        neighbors[body, count] = other
+        neighbors[body, 0] = count
     ti.loop_config(block_dim=1)
     for body in range(targets.shape[0]):
         tries = 0
-        if bodies[body, REST] > 0.0 and integers[body, KIND] != BOUNCES:
+        if bodies[body, TIME_LEFT] > 0.0 and integers[body, KIND] != BOUNCES:
             propose(bodies, integers, body)
-        while bodies[body, REST] > 0.0 and tries < MOST_TRIES:
+        while bodies[body, TIME_LEFT] > 0.0 and tries < MAX_ATTEMPTS:
             tries += 1
             first = integers[body, FIRST_GROUP]
-            for group in range(first, first + integers[body, GROUPS]):
+            for group in range(first, first + integers[body, GROUP_COUNT]):
                 counts[group] = 0
             time = ti.cast(1.0, ti.f32)
             normal = vec3(0.0)
             kind = NOTHING
             row = -1
-            leg = ti.cast(0.0, ti.f64)
-            looks = True
+            ahead_time = ti.cast(0.0, ti.f64)
+            queries_obstacles = True
             if integers[body, KIND] == BOUNCES:
-                looks = bodies[body, AHEAD] <= 0.0
-                if looks:
-                    leg = look_ahead(bodies, integers, body)
-            if looks:
+                queries_obstacles = bodies[body, FREE_TIME] <= 0.0
+                if queries_obstacles:
+                    ahead_time = look_ahead(bodies, integers, body)
+            if queries_obstacles:
                 time, normal, row = sweep_obstacles(
                     bodies,
                     integers,
@@ -283,15 +302,15 @@ def substep(
                 )
                 if time < 1.0:
                     kind = OBSTACLE
-            if leg > 0.0:
-                bodies[body, AHEAD] = time * leg
+            if ahead_time > 0.0:
+                bodies[body, FREE_TIME] = time * ahead_time
                 if time > 0.0:
                     time = 1.0
                     kind = NOTHING
                 propose(bodies, integers, body)
-            elif not looks:
+            elif not queries_obstacles:
                 propose(bodies, integers, body)
-            sooner, other_normal, other_kind, other = sweep_others(
+            other_time, other_normal, other_kind, other = sweep_walls_and_movers(
                 bodies,
                 integers,
                 groups,
@@ -300,7 +319,7 @@ def substep(
                 frozen,
                 frozen_groups,
                 frozen_bodies,
-                near,
+                neighbors,
                 planes,
                 touches,
                 times,
@@ -309,13 +328,13 @@ def substep(
                 time,
             )
             if other_kind != NOTHING:
-                time, normal, kind, row = sooner, other_normal, other_kind, other
-            if not looks and time <= 0.0 and kind != WAIT:
-                bodies[body, AHEAD] = 0.0  # whatever touches it counts: look at the obstacles too
+                time, normal, kind, row = other_time, other_normal, other_kind, other
+            if not queries_obstacles and time <= 0.0 and kind != WAIT:
+                bodies[body, FREE_TIME] = 0.0  # whatever touches it counts: look at the obstacles too
             else:
                 advance(bodies, integers, touches, counts, body, time, normal, kind, row)
-        if bodies[body, REST] > 0.0:
+        if bodies[body, TIME_LEFT] > 0.0:
             # It gives up: what time it has left is lost.
             if integers[body, KIND] == BOUNCES:
-                bodies[body, LOST] += bodies[body, REST]
-            bodies[body, REST] = 0.0
+                bodies[body, LOST_TIME] += bodies[body, TIME_LEFT]
+            bodies[body, TIME_LEFT] = 0.0

@@ -16,7 +16,7 @@ from dynamics.rotation import quaternion
 from dynamics.waypoints import Waypoint
 
 CHECKPOINT = 64  # steps between kept states, until there are too many
-MOST_CHECKPOINTS = 1024
+MAX_CHECKPOINTS = 1024
 
 
 class Stepped(Dynamic):
@@ -62,7 +62,7 @@ class Stepped(Dynamic):
         """Where a body in this state is."""
 
 
-class Script:
+class SteppedStates:
     """The states of one body's Stepped dynamic: some are kept, the others computed again from the one before."""
 
     def __init__(self, dynamic: Stepped, start: Pose, name: str) -> None:
@@ -113,6 +113,6 @@ class Script:
 
     def _keep(self, number: int, state: Any) -> None:
         self._kept[number] = state
-        if len(self._kept) > MOST_CHECKPOINTS:
+        if len(self._kept) > MAX_CHECKPOINTS:
             self._interval *= 2
             self._kept = {each: state for each, state in self._kept.items() if each % self._interval == 0}

@@ -28,9 +28,9 @@ from dynamics.step_arrays import StepDevice
 from dynamics.timings import AllTogether, Timing
 
 SUBSTEP = Fraction(1, 200)  # s, at most: how long movers do not look at each other
-KEPT_FRAMES = 16  # results kept for asking again
+CACHED_FRAMES = 16  # results kept for asking again
 CHECKPOINT = 16  # frames between checkpoints, until there are too many
-MOST_CHECKPOINTS = 1024
+MAX_CHECKPOINTS = 1024
 RECENT_FRAMES = 4
 
 State = tuple[Array, NDArray[np.int32]]  # the columns of all bodies
@@ -128,14 +128,14 @@ class SteppedSimulation:
         if self._reached % self._interval or self._reached in self._checkpoints:
             return
         self._checkpoints[self._reached] = self._recent[self._reached]
-        if len(self._checkpoints) > MOST_CHECKPOINTS:
+        if len(self._checkpoints) > MAX_CHECKPOINTS:
             # Every other one goes, so that memory is bounded and the distance between them grows with the stream.
             self._interval *= 2
             self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
 
     def _keep(self, number: int, moment: CollisionState) -> None:
         self._moments[number] = moment
-        while len(self._moments) > KEPT_FRAMES:
+        while len(self._moments) > CACHED_FRAMES:
             self._moments.popitem(last=False)
 
     def _moved(self, device: StepDevice, moment: CollisionState) -> CollisionState:
@@ -211,8 +211,8 @@ class SteppedSimulation:
 
     def _start(self, frame: int) -> State:
         """The columns of bodies that met nothing before a frame; of what bounces, where it starts."""
-        bodies = np.zeros((max(1, len(self.movers)), at.FLOATS))
-        integers = np.zeros((max(1, len(self.movers)), at.INTEGERS), dtype=np.int32)
+        bodies = np.zeros((max(1, len(self.movers)), at.FLOAT_COLUMNS))
+        integers = np.zeros((max(1, len(self.movers)), at.INTEGER_COLUMNS), dtype=np.int32)
         bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = self._path([Fraction(frame) / self.fps], frame)[0]
         group = 0
         for row, mover in enumerate(self.movers):
@@ -222,9 +222,9 @@ class SteppedSimulation:
             integers[row, at.ON_PATH] = 1
             integers[row, at.FIRST_GROUP] = group
             if shape is not None:
-                integers[row, at.GROUPS] = len(shape.groups)
+                integers[row, at.GROUP_COUNT] = len(shape.groups)
                 bodies[row, at.RADIUS] = shape.reach
-                bodies[row, at.CENTRE : at.CENTRE + 3] = shape.spheres[:, :3].mean(axis=0, dtype=np.float64)
+                bodies[row, at.CENTER : at.CENTER + 3] = shape.spheres[:, :3].mean(axis=0, dtype=np.float64)
                 group += len(shape.groups)
             if isinstance(dynamic, UniformMovementRandomBounce):
                 direction = np.array(dynamic.start_direction)
@@ -235,7 +235,7 @@ class SteppedSimulation:
                 integers[row, at.SEED] = np.uint32(dynamic.seed & 0xFFFFFFFF).astype(np.int32)
                 # By name, not by row: other bodies may come and go.
                 name = hashlib.sha256(mover.body.name.encode()).digest()[:4]
-                integers[row, at.NUMBER] = np.frombuffer(name, dtype="<i4")[0]
+                integers[row, at.NAME_HASH] = np.frombuffer(name, dtype="<i4")[0]
         return bodies, integers
 
 

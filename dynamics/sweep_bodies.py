@@ -8,31 +8,42 @@ Bodies look at where the others were when the substep began. The tables are thos
 import taichi as ti
 
 from dynamics.body_layout import (
-    ACTIVE,
+    ACTIVE_TIME,
+    ATTEMPTS,
     BOUNCES,
-    BOUND,
     FIRST_GROUP,
-    GROUPS,
+    GROUP_COUNT,
     KIND,
     LIMITED,
+    MAX_DISPLACEMENT,
     MOVE,
     POSITION,
-    PULL,
-    PULLED,
     RADIUS,
-    REST,
     STEP,
-    TRIES,
+    TIME_LEFT,
     TURN,
+    WALL_PUSH,
+    WALL_PUSHED,
 )
-from dynamics.contact import FAR, MOVER, NOTHING, SKIN, SLIDE, TOLERANCE, TOUCHES, WAIT, WALL, record
+from dynamics.contact import (
+    FAR,
+    MAX_TOUCHES,
+    MOVER,
+    NOTHING,
+    SKIN,
+    SLIDE_TOLERANCE,
+    TOLERANCE,
+    WAIT,
+    WALL,
+    record_touch,
+)
 from dynamics.kernel_types import Template
-from dynamics.sweep_obstacles import REACHED, chord_of, single, touch_band, turned
+from dynamics.sweep_obstacles import ROUNDING_MARGIN, point_displacement, read3_f32, rotate_to_world, touch_band
 from dynamics.tree_access import vec3, vector_at
 
 WALLS = 6
 CONTACT_GAP = 3.0 * SKIN  # m: movers nearer than this touch each other
-DEEP = 20.0 * SKIN  # m: no motion leads so deep into another body
+DEEP_PENETRATION = 20.0 * SKIN  # m: no motion leads so deep into another body
 
 
 @ti.func
@@ -43,7 +54,7 @@ def group_gap(bounding: Template, frozen_groups: Template, group: ti.i32, other:
 
 
 @ti.func
-def sweep_others(
+def sweep_walls_and_movers(
     bodies: Template,
     integers: Template,
     groups: Template,
@@ -52,7 +63,7 @@ def sweep_others(
     frozen: Template,
     frozen_groups: Template,
     frozen_bodies: Template,
-    near: Template,
+    neighbors: Template,
     planes: Template,
     touches: Template,
     gaps: Template,
@@ -64,9 +75,9 @@ def sweep_others(
 
     Returns the time, or `until`; the normal, what kind of thing it is, and its row.
     """
-    origin = single(bodies, body, POSITION)
-    move = single(bodies, body, MOVE)
-    turn = single(bodies, body, TURN)
+    origin = read3_f32(bodies, body, POSITION)
+    move = read3_f32(bodies, body, MOVE)
+    turn = read3_f32(bodies, body, TURN)
     slack = 0.125 * ti.cast(bodies[body, RADIUS], ti.f32) * turn.dot(turn)
     band = touch_band(bodies, integers, body)
     best = until
@@ -74,58 +85,62 @@ def sweep_others(
     best_kind = NOTHING
     best_row = -1
     first = integers[body, FIRST_GROUP]
-    end = first + integers[body, GROUPS]
+    end = first + integers[body, GROUP_COUNT]
     if integers[body, LIMITED] > 0:
         # What is outside already may not go on outwards by itself while it is pulled inwards.
         pulled = vec3(0.0)
-        if integers[body, KIND] == BOUNCES and integers[body, PULLED] > 0:
-            pulled = single(bodies, body, PULL) * ti.cast(bodies[body, STEP] / bodies[body, ACTIVE], ti.f32)
-        must_enter = integers[body, KIND] != BOUNCES and integers[body, TRIES] == 0
+        if integers[body, KIND] == BOUNCES and integers[body, WALL_PUSHED] > 0:
+            pulled = read3_f32(bodies, body, WALL_PUSH) * ti.cast(
+                bodies[body, STEP] / bodies[body, ACTIVE_TIME], ti.f32
+            )
+        must_enter = integers[body, KIND] != BOUNCES and integers[body, ATTEMPTS] == 0
         farthest = move.norm() + turn.norm() * ti.cast(bodies[body, RADIUS], ti.f32) + band
         for wall in range(WALLS):
             normal = vector_at(planes, wall, 0)
             height = normal.dot(origin) + planes[wall, 3] - SKIN
-            if height < ti.cast(bodies[body, RADIUS], ti.f32) + farthest + REACHED:
+            if height < ti.cast(bodies[body, RADIUS], ti.f32) + farthest + ROUNDING_MARGIN:
                 for group in range(first, end):
                     for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-                        arm = turned(bodies, body, vector_at(spheres, sphere, 0))
+                        arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
                         gap = height + normal.dot(arm) - spheres[sphere, 3]
                         if gap < farthest:
-                            chord = chord_of(turn, move, arm)
-                            counts[group] = record(touches, group * TOUCHES, counts[group], normal, arm, gap, WALL)
+                            chord = point_displacement(turn, move, arm)
+                            counts[group] = record_touch(
+                                touches, group * MAX_TOUCHES, counts[group], normal, arm, gap, WALL
+                            )
                             approach = -normal.dot(chord)
                             time = FAR
-                            if approach > SLIDE:
+                            if approach > SLIDE_TOLERANCE:
                                 time = ti.max(gap - 0.5 * TOLERANCE, 0.0) / approach
                                 if gap < TOLERANCE:
                                     time = 0.0
-                            if gap < -TOLERANCE and (must_enter or normal.dot(pulled - chord) > SLIDE):
+                            if gap < -TOLERANCE and (must_enter or normal.dot(pulled - chord) > SLIDE_TOLERANCE):
                                 time = 0.0
                             if time < best:
                                 best = time
                                 best_normal = normal
                                 best_kind = WALL
                                 best_row = wall
-    bound = ti.cast(bodies[body, BOUND], ti.f32)
+    bound = ti.cast(bodies[body, MAX_DISPLACEMENT], ti.f32)
     reach = move.norm() + turn.norm() * ti.cast(bodies[body, RADIUS], ti.f32)
     bouncing = integers[body, KIND] == BOUNCES
-    remembered = reach + band  # what is nearer is a touch
+    touch_range = reach + band  # what is nearer is a touch
     moved = bound  # at most, since the substep began
     if bouncing:
-        remembered = SKIN
-        moved *= ti.cast(1.0 - bodies[body, REST] / bodies[body, ACTIVE], ti.f32)
-    for i in range(near[body, 0]):
-        other = near[body, 1 + i]
-        theirs = ti.cast(bodies[other, BOUND], ti.f32)
+        touch_range = SKIN
+        moved *= ti.cast(1.0 - bodies[body, TIME_LEFT] / bodies[body, ACTIVE_TIME], ti.f32)
+    for i in range(neighbors[body, 0]):
+        other = neighbors[body, 1 + i]
+        other_bound = ti.cast(bodies[other, MAX_DISPLACEMENT], ti.f32)
         share = 0.5
-        if bound + theirs > 0.0:
-            share = bound / (bound + theirs)
+        if bound + other_bound > 0.0:
+            share = bound / (bound + other_bound)
         other_first = integers[other, FIRST_GROUP]
-        other_end = other_first + integers[other, GROUPS]
+        other_end = other_first + integers[other, GROUP_COUNT]
         # The pair of groups that is nearest goes first: what it meets bounds the search of the others.
         nearest = FAR
-        soonest = first
-        partner = other_first
+        nearest_group = first
+        nearest_other = other_first
         for group in range(first, end):
             away = vector_at(frozen_groups, group, 0) - vector_at(frozen_bodies, other, 0)
             least = away.norm() - bounding[group, 3] - ti.cast(bodies[other, RADIUS], ti.f32)
@@ -136,36 +151,36 @@ def sweep_others(
                     least = ti.min(least, gap)
                     if gap < nearest:
                         nearest = gap
-                        soonest = group
-                        partner = each
+                        nearest_group = group
+                        nearest_other = each
             gaps[group] = least
         # Who was put deep into another, where no way leads out for every sphere, gets out away from its origin.
         outward = vector_at(frozen_bodies, body, 0) - vector_at(frozen_bodies, other, 0)
         if outward.norm() < 1e-6:
             outward = vec3(0.0, ti.select(body > other, -1.0, 1.0), 0.0)
         outward = outward.normalized()
-        sunk = False
+        deep = False
         if nearest < 0.0:
-            for sphere in range(groups[soonest, 1], groups[soonest, 1] + groups[soonest, 2]):
-                for b in range(groups[partner, 1], groups[partner, 1] + groups[partner, 2]):
-                    apart = (vector_at(frozen, sphere, 0) - vector_at(frozen, b, 0)).norm()
-                    if apart - spheres[sphere, 3] - spheres[b, 3] < -DEEP:
-                        sunk = True
+            for sphere in range(groups[nearest_group, 1], groups[nearest_group, 1] + groups[nearest_group, 2]):
+                for b in range(groups[nearest_other, 1], groups[nearest_other, 1] + groups[nearest_other, 2]):
+                    distance_between = (vector_at(frozen, sphere, 0) - vector_at(frozen, b, 0)).norm()
+                    if distance_between - spheres[sphere, 3] - spheres[b, 3] < -DEEP_PENETRATION:
+                        deep = True
         for step in range(1 + end - first):
             group = first + step - 1
             begin = other_first
             stop = other_end
             if step == 0:
-                group = soonest
-                begin = partner
-                stop = partner + 1
-            farthest = ti.max(best * reach, remembered) + moved + band + REACHED
+                group = nearest_group
+                begin = nearest_other
+                stop = nearest_other + 1
+            farthest = ti.max(best * reach, touch_range) + moved + band + ROUNDING_MARGIN
             if share * (gaps[group] - SKIN) >= farthest:
                 stop = begin
             for each in range(begin, stop):
                 gap_here = group_gap(bounding, frozen_groups, group, each)
-                done = step > 0 and group == soonest and each == partner
-                farthest = ti.max(best * reach, remembered) + moved + band + REACHED
+                done = step > 0 and group == nearest_group and each == nearest_other
+                farthest = ti.max(best * reach, touch_range) + moved + band + ROUNDING_MARGIN
                 if share * (gap_here - SKIN) < farthest and not done:
                     for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
                         here = vector_at(frozen, sphere, 0)
@@ -178,9 +193,9 @@ def sweep_others(
                                 gap = distance - radius - spheres[b, 3]
                                 if share * (gap - SKIN) < farthest:
                                     normal = away / ti.max(distance, 1e-9)
-                                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-                                    chord = chord_of(turn, move, arm)
-                                    if sunk:
+                                    arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
+                                    chord = point_displacement(turn, move, arm)
+                                    if deep:
                                         normal = outward
                                         arm = vec3(0.0)
                                         chord = move
@@ -192,14 +207,14 @@ def sweep_others(
                                     kind = WAIT
                                     if gap < CONTACT_GAP:
                                         kind = MOVER
-                                    if left < remembered:
-                                        counts[group] = record(
-                                            touches, group * TOUCHES, counts[group], normal, arm, left, kind
+                                    if left < touch_range:
+                                        counts[group] = record_touch(
+                                            touches, group * MAX_TOUCHES, counts[group], normal, arm, left, kind
                                         )
                                     approach = -normal.dot(chord)
                                     time = FAR
                                     if left < TOLERANCE:
-                                        if approach > SLIDE:
+                                        if approach > SLIDE_TOLERANCE:
                                             time = 0.0
                                         if gap < 0.5 * SKIN and approach > -4.0 * slack - 1e-9:
                                             time = 0.0

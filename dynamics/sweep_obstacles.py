@@ -8,16 +8,16 @@ sphere around it. `spheres`, f32 [n, 4], are center and radius in the body's own
 
 import taichi as ti
 
-from dynamics.body_layout import BOUNCES, CENTRE, FIRST_GROUP, GROUPS, KIND, MOVE, POSITION, RADIUS, ROTATION, TURN
-from dynamics.contact import CONTACT, NEAREST, SKIN, TOLERANCE, TOUCHES, WITHIN, look_around
+from dynamics.body_layout import BOUNCES, CENTER, FIRST_GROUP, GROUP_COUNT, KIND, MOVE, POSITION, RADIUS, ROTATION, TURN
+from dynamics.contact import CONTACT, MAX_TOUCHES, NEAREST, SKIN, TOLERANCE, WITHIN, query_sphere
 from dynamics.kernel_types import Floats2, Ints1, Template
 from dynamics.tree_access import Tree, vec3, vector_at
 
-REACHED = 1e-4  # m: rounding that bounding spheres and pairs of groups are given
+ROUNDING_MARGIN = 1e-4  # m: rounding that bounding spheres and pairs of groups are given
 
 
 @ti.func
-def single(table: Template, row: ti.i32, column: ti.i32):
+def read3_f32(table: Template, row: ti.i32, column: ti.i32):
     """Three float64 as float32."""
     return vec3(
         ti.cast(table[row, column], ti.f32),
@@ -27,16 +27,16 @@ def single(table: Template, row: ti.i32, column: ti.i32):
 
 
 @ti.func
-def turned(bodies: Template, body: ti.i32, v):
+def rotate_to_world(bodies: Template, body: ti.i32, v):
     """A vector of a body's own axes in the world's."""
     w = ti.cast(bodies[body, ROTATION], ti.f32)
-    axis = single(bodies, body, ROTATION + 1)
+    axis = read3_f32(bodies, body, ROTATION + 1)
     twice = 2.0 * axis.cross(v)
     return v + w * twice + axis.cross(twice)
 
 
 @ti.func
-def chord_of(turn, move, arm):
+def point_displacement(turn, move, arm):
     """How a point at `arm` from the body's origin moves while the body moves by `move` and turns by `turn`."""
     angle = turn.norm()
     result = move
@@ -53,8 +53,8 @@ def touch_band(bodies: Template, integers: Template, body: ti.i32) -> ti.f32:
     """How near something must be to be remembered as a touch, m: all that could be in a follower's way."""
     band = TOLERANCE
     if integers[body, KIND] != BOUNCES:
-        length = single(bodies, body, MOVE).norm()
-        length += single(bodies, body, TURN).norm() * ti.cast(bodies[body, RADIUS], ti.f32)
+        length = read3_f32(bodies, body, MOVE).norm()
+        length += read3_f32(bodies, body, TURN).norm() * ti.cast(bodies[body, RADIUS], ti.f32)
         band += length
     return band
 
@@ -83,25 +83,25 @@ def sweep_obstacles(
     The group that might meet something first goes first, for what it meets bounds the search of the others.
     Returns the time, the normal and the instance.
     """
-    origin = single(bodies, body, POSITION)
-    move = single(bodies, body, MOVE)
-    turn = single(bodies, body, TURN)
+    origin = read3_f32(bodies, body, POSITION)
+    move = read3_f32(bodies, body, MOVE)
+    turn = read3_f32(bodies, body, TURN)
     angle = turn.norm()
     slack = 0.125 * ti.cast(bodies[body, RADIUS], ti.f32) * angle * angle
     band = touch_band(bodies, integers, body)
     first = integers[body, FIRST_GROUP]
-    count = integers[body, GROUPS]
-    soonest = -1
+    count = integers[body, GROUP_COUNT]
+    earliest_group = -1
     for step in range(count + 1):
         group = first + step - 1
         arm = vec3(0.0)
         radius = ti.cast(bodies[body, RADIUS], ti.f32)
         if step > 0:
-            arm = turned(bodies, body, vector_at(bounding, group, 0))
+            arm = rotate_to_world(bodies, body, vector_at(bounding, group, 0))
             # What it holds is not carried quite as its center is.
             radius = bounding[group, 3] * (1.0 + angle)
-        if step == 0 or soonest > -1:
-            time, _normal, _row, _touched = look_around(
+        if step == 0 or earliest_group > -1:
+            time, _normal, _row, _touched = query_sphere(
                 is_bvh8,
                 nodes,
                 triangles,
@@ -109,8 +109,8 @@ def sweep_obstacles(
                 roots,
                 root,
                 origin + arm,
-                chord_of(turn, move, arm),
-                radius + band + SKIN + REACHED,
+                point_displacement(turn, move, arm),
+                radius + band + SKIN + ROUNDING_MARGIN,
                 1.0,
                 0.0,
                 0.0,
@@ -123,24 +123,24 @@ def sweep_obstacles(
             )
             if step > 0:
                 times[group] = time
-                if time < times[soonest]:
-                    soonest = group
+                if time < times[earliest_group]:
+                    earliest_group = group
             elif time < 1.0:
-                soonest = first
+                earliest_group = first
                 times[first] = 1.0
     best = 1.0
     best_normal = vec3(0.0)
     best_row = -1
-    if soonest > -1:
+    if earliest_group > -1:
         for step in range(count + 1):
             group = first + step - 1
             if step == 0:
-                group = soonest
+                group = earliest_group
             time = times[group]
-            if (step == 0 or group != soonest) and (time < best or time <= 0.0):
+            if (step == 0 or group != earliest_group) and (time < best or time <= 0.0):
                 for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-                    arm = turned(bodies, body, vector_at(spheres, sphere, 0))
-                    met, normal, row, touched = look_around(
+                    arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
+                    time_of_sphere, normal, row, touched = query_sphere(
                         is_bvh8,
                         nodes,
                         triangles,
@@ -148,28 +148,28 @@ def sweep_obstacles(
                         roots,
                         root,
                         origin + arm,
-                        chord_of(turn, move, arm),
+                        point_displacement(turn, move, arm),
                         spheres[sphere, 3],
                         best,
                         slack,
                         band,
                         arm,
-                        turned(bodies, body, single(bodies, body, CENTRE)) - arm,
+                        rotate_to_world(bodies, body, read3_f32(bodies, body, CENTER)) - arm,
                         touches,
-                        group * TOUCHES,
+                        group * MAX_TOUCHES,
                         counts[group],
                         CONTACT,
                     )
                     counts[group] = touched
-                    if met < best:
-                        best = met
+                    if time_of_sphere < best:
+                        best = time_of_sphere
                         best_normal = normal
                         best_row = row
     return best, best_normal, best_row
 
 
 @ti.kernel
-def distances(
+def obstacle_distances(
     points: Floats2,
     limit: ti.f32,
     touches: Floats2,
@@ -182,7 +182,7 @@ def distances(
 ):
     """Set column 3 of `points`, f32 [n, 4], to the distance of the nearest obstacle, m; `limit` if none is nearer."""
     for i in range(points.shape[0]):
-        distance, _normal, _row, _touched = look_around(
+        distance, _normal, _row, _touched = query_sphere(
             is_bvh8,
             nodes,
             triangles,

@@ -136,7 +136,7 @@ def rotation_at(segments: Template, row, t, euler):
 
 
 @ti.func
-def facing(position, target, up, otherwise):
+def look_at_rotation(position, target, up, otherwise):
     """The rotation that turns -z from `position` to `target`, with +y near `up`; `otherwise` if there is none."""
     backward = position - target
     right = up.cross(backward)
@@ -209,7 +209,7 @@ def evaluate(
                 rotation = multiply(rotation, rotation_at(segments, segment, t, tracks[track, 4]))
             elif tracks[track, 0] == AIM:
                 up = ti.Vector([axes[track, 3 + i] for i in ti.static(range(3))])
-                rotation = facing(position, axis, up, rotation)
+                rotation = look_at_rotation(position, axis, up, rotation)
             else:
                 turn = ti.sin(0.5 * u) * axis
                 rotation = multiply(rotation, ti.Vector([ti.cos(0.5 * u), turn[0], turn[1], turn[2]]))

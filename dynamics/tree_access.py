@@ -22,7 +22,7 @@ def vector_at(table: Template, row: ti.i32, column: ti.i32):
 
 
 @ti.func
-def mapped(instances: Template, row: ti.i32, column: ti.i32, v, w: ti.f32):
+def transformed(instances: Template, row: ti.i32, column: ti.i32, v, w: ti.f32):
     """A point (w = 1) or a direction (w = 0) by the matrix in `column` of an instance."""
     result = vec3(0.0)
     for i in ti.static(range(3)):
@@ -37,7 +37,7 @@ def mapped(instances: Template, row: ti.i32, column: ti.i32, v, w: ti.f32):
 
 
 @ti.func
-def planes(nodes: Template, node: ti.i32, side: ti.i32, is_bvh8: Template):
+def child_bounds(nodes: Template, node: ti.i32, side: ti.i32, is_bvh8: Template):
     """One side of the boxes of all children: 0 to 2 for the least x, y and z, 3 to 5 for the greatest."""
     if ti.static(is_bvh8):
         return nodes[node + side]
@@ -46,8 +46,8 @@ def planes(nodes: Template, node: ti.i32, side: ti.i32, is_bvh8: Template):
 
 
 @ti.func
-def child(nodes: Template, node: ti.i32, k: Template, is_bvh8: Template) -> ti.i32:
-    """The reference of a child: a node, or a negative number for a leaf."""
+def child_reference(nodes: Template, node: ti.i32, k: Template, is_bvh8: Template) -> ti.i32:
+    """The reference of a child_reference: a node, or a negative number for a leaf."""
     if ti.static(is_bvh8):
         return ti.bit_cast(nodes[node + 6][k], ti.i32)
     else:
@@ -55,7 +55,7 @@ def child(nodes: Template, node: ti.i32, k: Template, is_bvh8: Template) -> ti.i
 
 
 @ti.func
-def instance_of(leaf: ti.i32, is_bvh8: Template) -> ti.i32:
+def leaf_instance(leaf: ti.i32, is_bvh8: Template) -> ti.i32:
     """The instance that a leaf above the meshes refers to."""
     if ti.static(is_bvh8):
         return -1 - leaf
@@ -64,7 +64,7 @@ def instance_of(leaf: ti.i32, is_bvh8: Template) -> ti.i32:
 
 
 @ti.func
-def triangles_of(triangles: Template, leaf: ti.i32, is_bvh8: Template):
+def leaf_triangles(triangles: Template, leaf: ti.i32, is_bvh8: Template):
     """Where the triangles of a leaf begin, and how many there are."""
     first = -1 - leaf
     count = 0
@@ -80,7 +80,7 @@ def triangles_of(triangles: Template, leaf: ti.i32, is_bvh8: Template):
 
 
 @ti.func
-def triangle(triangles: Template, first: ti.i32, which: ti.i32, is_bvh8: Template):
+def load_triangle(triangles: Template, first: ti.i32, which: ti.i32, is_bvh8: Template):
     """A corner and the two edges from it, in the mesh's space."""
     corner, edge_1, edge_2 = vec3(0.0), vec3(0.0), vec3(0.0)
     if ti.static(is_bvh8):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from dynamics.contact import CONTACT, NEAREST, SKIN, TOUCH_COLUMNS, TOUCHES, WITHIN, look_around
+from dynamics.contact import CONTACT, MAX_TOUCHES, NEAREST, SKIN, TOUCH_COLUMNS, WITHIN, query_sphere
 from dynamics.tree_access import Tree, vec3
 from tests.dynamics.solids import obstacles
 from tests.reference.distance import point_triangle
@@ -30,12 +30,12 @@ def look(
         center = vec3(spheres[i, 0], spheres[i, 1], spheres[i, 2])
         chord = vec3(chords[i, 0], chords[i, 1], chords[i, 2])
         arm = vec3(0.0)
-        for what in ti.static((NEAREST, WITHIN, CONTACT)):
+        for query in ti.static((NEAREST, WITHIN, CONTACT)):
             until = 1.0
             radius = spheres[i, 3]
-            if ti.static(what == NEAREST):
+            if ti.static(query == NEAREST):
                 until = limit
-            number, normal, row, _count = look_around(
+            number, normal, row, _count = query_sphere(
                 is_bvh8,
                 nodes,
                 leaf_blocks,
@@ -51,12 +51,12 @@ def look(
                 arm,
                 arm,
                 touches,
-                i * TOUCHES,
+                i * MAX_TOUCHES,
                 0,
-                what,
+                query,
             )
-            found[i, what] = number
-            if ti.static(what == CONTACT):
+            found[i, query] = number
+            if ti.static(query == CONTACT):
                 found[i, 3] = normal.dot(chord)
                 found[i, 4] = row
 
@@ -88,7 +88,7 @@ def scene(request):
 def looked(tree, spheres, chords, limit):
     """Nearest distance, bound on the time, time of contact, speed along the normal there, instance."""
     found = np.zeros((len(spheres), 5), np.float32)
-    touches = np.zeros((len(spheres) * TOUCHES, TOUCH_COLUMNS), np.float32)
+    touches = np.zeros((len(spheres) * MAX_TOUCHES, TOUCH_COLUMNS), np.float32)
     look(spheres.astype(np.float32), chords.astype(np.float32), limit, found, touches, *tree.arguments())
     return found
 

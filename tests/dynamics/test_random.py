@@ -6,7 +6,7 @@ import pytest
 import taichi as ti
 from scipy import stats
 
-from dynamics.random import ball, hash4, hemisphere, uniform4
+from dynamics.random import ball, hemisphere, pcg4d, uniform4
 
 COUNT = 40_000
 SIGNIFICANCE = 1e-4  # the numbers are fixed: a test that passes once passes for ever
@@ -32,7 +32,7 @@ def draw(seed: ti.i32, number: ti.i32, uniforms: Table, directions: Table, spins
 @ti.kernel
 def words(counters: ti.types.ndarray(ti.u32, 2), result: ti.types.ndarray(ti.u32, 2)):
     for i in range(counters.shape[0]):
-        hashed = hash4(counters[i, 0], counters[i, 1], counters[i, 2], counters[i, 3])
+        hashed = pcg4d(counters[i, 0], counters[i, 1], counters[i, 2], counters[i, 3])
         for c in ti.static(range(4)):
             result[i, c] = hashed[c]
 

@@ -18,10 +18,10 @@ import trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from dynamics import Body, Mover, SteppedSimulation, UniformMovementRandomBounce, cover
-from dynamics.contact import TOUCH_COLUMNS, TOUCHES
+from dynamics.contact import MAX_TOUCHES, TOUCH_COLUMNS
 from dynamics.obstacles import placed
 from dynamics.rotation import matrix_from_quaternion
-from dynamics.sweep_obstacles import distances
+from dynamics.sweep_obstacles import obstacle_distances
 from tests.dynamics.solids import spheres_at
 from tiscene import catalog
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
@@ -96,7 +96,7 @@ class Arena:
     def distances(self, points: np.ndarray, limit: float) -> np.ndarray:
         table = np.zeros((len(points), 4), np.float32)
         table[:, :3] = points
-        distances(table, limit, np.zeros((TOUCHES, TOUCH_COLUMNS), np.float32), *self.tree.arguments())
+        obstacle_distances(table, limit, np.zeros((MAX_TOUCHES, TOUCH_COLUMNS), np.float32), *self.tree.arguments())
         return table[:, 3]
 
     def is_inside(self, point: np.ndarray) -> bool:

@@ -72,7 +72,7 @@ def test_it_moves_by_its_own_law():
 def test_any_order_of_asking_gives_the_same_bits(monkeypatch):
     straight = Simulation(bodies(), AllTogether(0.5))
     expected = [straight.poses(Fraction(k, 25)).tobytes() for k in range(400)]
-    monkeypatch.setattr(module, "MOST_CHECKPOINTS", 4)
+    monkeypatch.setattr(module, "MAX_CHECKPOINTS", 4)
     again = Simulation(bodies(), AllTogether(0.5))
     for k in (399, 3, 200, 201, 199, 0, 12, 13, 398):
         assert again.poses(Fraction(k, 25)).tobytes() == expected[k], f"frame {k}"

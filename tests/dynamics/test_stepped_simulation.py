@@ -142,7 +142,7 @@ def test_a_crowd_keeps_apart(crowd):
 def test_any_order_of_asking_gives_the_same_bits(crowd, monkeypatch):
     simulation, poses = crowd
     again = SteppedSimulation(simulation.movers, fps=25, obstacles=obstacles(ROOM))
-    monkeypatch.setattr(module, "MOST_CHECKPOINTS", 4)
+    monkeypatch.setattr(module, "MAX_CHECKPOINTS", 4)
     for k in (130, 3, 131, 129, 0, 199, 64, 65, 63, 16, 17):
         assert again.frame(k).poses.tobytes() == poses[k].tobytes(), f"frame {k}"
     assert len(again._checkpoints) <= 4
