@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves as tubes and ribbons, points as balls."""
+"""UsdGeomBasisCurves as tubes and ribbons, UsdGeomPoints as spheres."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ def BasisCurves "C"
 }
 """
 COLORS = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "uniform")'
-OCTAGON = 2.0 * math.sqrt(2.0)  # area over radius squared
+OCTAGON_AREA = 2.0 * math.sqrt(2.0)  # of a circumradius of 1
 
 
-def test_straight_tubes(tmp_path):
-    """Closed octagonal prisms, one as wide as 2 and one as 1."""
+def test_linear_curves_are_closed_octagonal_prisms(tmp_path):
     (mesh,) = read(tmp_path, STRAIGHT % ('[2, 1] (interpolation = "uniform")', ""), meters=0.5).meshes
-    assert volume(mesh.positions, mesh.triangles) == pytest.approx(OCTAGON * (4.0 + 0.25 * 2.0) / 8.0, rel=1e-5)
+    assert volume(mesh.positions, mesh.triangles) == pytest.approx(OCTAGON_AREA * (4.0 + 0.25 * 2.0) / 8.0, rel=1e-5)
     low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
     assert low[2] == pytest.approx(-0.25, abs=0.02)
     assert high == pytest.approx((3.5, 0.5, 2.0), abs=0.04)
@@ -35,7 +34,7 @@ def test_straight_tubes(tmp_path):
     assert (outward > 0.8).all()
 
 
-def test_curves_of_different_colors(tmp_path):
+def test_uniform_colors_of_curves_become_materials(tmp_path):
     description = read(tmp_path, STRAIGHT % ("[1]", COLORS))
     (mesh,) = description.meshes
     colors = np.array([description.materials[row].diffuse_color for row in mesh.materials])
@@ -46,18 +45,18 @@ def test_curves_of_different_colors(tmp_path):
 @pytest.mark.parametrize(
     "widths", ["[2, 2, 1, 1, 1]", '[2, 2, 1, 1, 1] (interpolation = "varying")', '[2, 1] (interpolation = "uniform")']
 )
-def test_widths_of_points_and_of_curves(tmp_path, widths):
+def test_widths_of_each_interpolation_give_same_volume(tmp_path, widths):
     (mesh,) = read(tmp_path, STRAIGHT % (widths, "")).meshes
-    assert volume(mesh.positions, mesh.triangles) == pytest.approx(OCTAGON * (4.0 + 0.25 * 2.0), rel=1e-5)
+    assert volume(mesh.positions, mesh.triangles) == pytest.approx(OCTAGON_AREA * (4.0 + 0.25 * 2.0), rel=1e-5)
 
 
 def test_ribbons_face_their_normals(tmp_path):
     normals = "normal3f[] normals = [(0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 0, 1)]"
     (mesh,) = read(tmp_path, STRAIGHT % ("[0.5]", normals)).meshes
     assert area(mesh.positions, mesh.triangles) == pytest.approx(0.5 * (4.0 + 2.0))
-    turned = facing(mesh.positions, mesh.triangles)
-    np.testing.assert_allclose(turned[:2], [(0, 1, 0)] * 2, atol=1e-6)
-    np.testing.assert_allclose(turned[2:], [(0, 0, 1)] * 4, atol=1e-6)
+    normal = facing(mesh.positions, mesh.triangles)
+    np.testing.assert_allclose(normal[:2], [(0, 1, 0)] * 2, atol=1e-6)
+    np.testing.assert_allclose(normal[2:], [(0, 0, 1)] * 4, atol=1e-6)
 
 
 CUBIC = """
@@ -71,7 +70,7 @@ def BasisCurves "C"
     float[] widths = [0.01]
 }
 """
-# The middle of a tube's first and last ring, by the bases' definitions.
+# Centers of a tube's first and last ring, from the definitions of the bases.
 ENDS = [
     ("bezier", "nonperiodic", [(0, 0, 0), (1, 3, 0), (3, 3, 0), (4, 0, 0)], (0, 0, 0), (4, 0, 0)),
     ("bspline", "nonperiodic", [(0, 0, 0), (6, 0, 0), (6, 6, 0), (0, 6, 0)], (5, 1, 0), (5, 5, 0)),
@@ -82,21 +81,21 @@ ENDS = [
 
 
 @pytest.mark.parametrize(("basis", "wrap", "points", "first", "last"), ENDS)
-def test_where_cubic_curves_begin_and_end(tmp_path, basis, wrap, points, first, last):
+def test_cubic_curves_begin_and_end_where_their_basis_says(tmp_path, basis, wrap, points, first, last):
     (mesh,) = read(tmp_path, CUBIC % (basis, wrap, len(points), points)).meshes
     caps = mesh.positions[-16:]
     np.testing.assert_allclose(caps[:8].mean(axis=0), first, atol=1e-5)
     np.testing.assert_allclose(caps[8:].mean(axis=0), last, atol=1e-5)
 
 
-def test_a_bezier_passes_through_its_middle(tmp_path):
+def test_bezier_curve_passes_through_its_midpoint(tmp_path):
     basis, wrap, points, *_ = ENDS[0]
     (mesh,) = read(tmp_path, CUBIC % (basis, wrap, 4, points)).meshes
     rings = mesh.positions[:-16].reshape(-1, 8, 3).mean(axis=1)
     np.testing.assert_allclose(rings[3], (2, 2.25, 0), atol=1e-5)  # t = 1/2 of six steps
 
 
-UPWARD = [(0, 0, z) for z in range(7)]  # two segments of Bézier's, four of the others'
+UPWARD = [(0, 0, z) for z in range(7)]  # two Bézier segments, four of the other bases
 VARYING = [
     ("bezier", "nonperiodic", UPWARD, [1.0, 2.0, 1.0]),
     ("bspline", "nonperiodic", UPWARD, [1.0, 2.0, 3.0, 2.0, 1.0]),
@@ -106,8 +105,7 @@ VARYING = [
 
 
 @pytest.mark.parametrize(("basis", "wrap", "points", "widths"), VARYING)
-def test_widths_of_the_ends_of_cubic_segments(tmp_path, basis, wrap, points, widths):
-    """`varying`: one number for each end of a segment, in equal steps between."""
+def test_varying_widths_are_interpolated_between_segment_ends(tmp_path, basis, wrap, points, widths):
     body = (CUBIC % (basis, wrap, len(points), points)).replace("[0.01]", f'{widths} (interpolation = "varying")')
     (mesh,) = read(tmp_path, body).meshes
     positions = mesh.positions if wrap == "periodic" else mesh.positions[:-16]
@@ -137,7 +135,7 @@ def Points "P"
 """
 
 
-def test_points_are_balls_of_their_colors(tmp_path):
+def test_points_become_spheres_of_their_widths_and_colors(tmp_path):
     description = read(tmp_path, POINTS)
     (mesh,) = description.meshes
     center = mesh.positions[mesh.triangles].mean(axis=1)
@@ -168,12 +166,12 @@ def test_points_are_balls_of_their_colors(tmp_path):
         (POINTS.replace("(9, 9, 9)", "(9, 9, inf)"), "</P> points: a point or width is not a finite number"),
     ],
 )
-def test_problems(tmp_path, body, expected):
+def test_contradictory_curves_and_points_are_problems(tmp_path, body, expected):
     (problem,) = problems_of(tmp_path, body)
     assert problem.startswith(expected)
 
 
-def test_what_is_approximated_is_named(tmp_path):
+def test_approximated_curves_and_points_are_reported(tmp_path):
     thin = read_with_warning(tmp_path, STRAIGHT.replace("float[] widths = %s", "") % "", "curves without widths.*</C>")
     assert len(thin.instances) == 1
     read_with_warning(tmp_path, POINTS.replace("float[] widths = [2, 4, 0]", ""), "points without widths.*</P>")
@@ -184,7 +182,7 @@ def test_what_is_approximated_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("line", ["point3f[] points", "float[] widths"])
-def test_shapes_that_change_are_played(tmp_path, line):
+def test_points_with_time_samples_deform(tmp_path, line):
     kind = line.split(" ")[1]
     value = "[(0, 0, 0), (1, 0, 0), (2, 0, 0)]" if kind == "points" else "[1, 1, 1]"
     body = POINTS.replace(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeomMesh: faces, orientation, holes, primvars, subsets, and everything that can be wrong with them."""
+"""UsdGeomMesh: faces, orientation, holes, primvars, subsets, and the problems that are reported about them."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def mesh(body: str, lines: str = "", metadata: str = "") -> str:
     return f'def Mesh "M" {metadata}\n{{\n{body}\n{lines}\n}}'
 
 
-def only(description):
+def only_mesh(description):
     (result,) = description.meshes
     return result
 
 
-def test_a_quad(tmp_path):
-    quad = only(read(tmp_path, mesh(QUAD)))
+def test_quad_becomes_two_triangles(tmp_path):
+    quad = only_mesh(read(tmp_path, mesh(QUAD)))
     np.testing.assert_array_equal(quad.positions, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     np.testing.assert_array_equal(quad.triangles, [[0, 1, 2], [0, 2, 3]])
     assert quad.positions.dtype == np.float32
@@ -39,26 +39,26 @@ def test_a_quad(tmp_path):
     assert quad.uv is None
 
 
-def test_the_arrays_outlive_the_stage_and_are_its_own(tmp_path):
-    quad = only(read(tmp_path, mesh(QUAD)))
+def test_arrays_own_their_memory(tmp_path):
+    quad = only_mesh(read(tmp_path, mesh(QUAD)))
     assert quad.positions.flags.owndata or quad.positions.base.flags.owndata
     assert quad.positions.flags.c_contiguous
 
 
-def test_a_left_handed_mesh_is_turned(tmp_path):
-    quad = only(read(tmp_path, mesh(QUAD, 'uniform token orientation = "leftHanded"')))
+def test_left_handed_mesh_gets_reversed_winding(tmp_path):
+    quad = only_mesh(read(tmp_path, mesh(QUAD, 'uniform token orientation = "leftHanded"')))
     np.testing.assert_allclose(facing(quad.positions, quad.triangles), [[0, 0, -1], [0, 0, -1]])
 
 
-def test_a_left_handed_subdivided_mesh_has_its_normals_turned(tmp_path):
+def test_left_handed_subdivided_mesh_gets_negated_normals(tmp_path):
     body = mesh(QUAD.replace('"none"', '"catmullClark"'), 'uniform token orientation = "leftHanded"')
-    surface = only(read(tmp_path, body))
+    surface = only_mesh(read(tmp_path, body))
     np.testing.assert_allclose(facing(surface.positions, surface.triangles)[:, 2], -1.0)
     np.testing.assert_allclose(surface.normals[:, 2], -1.0)
 
 
-def test_holes(tmp_path):
-    two = only(read(tmp_path, mesh(TWO_QUADS, "int[] holeIndices = [0]")))
+def test_hole_faces_are_dropped(tmp_path):
+    two = only_mesh(read(tmp_path, mesh(TWO_QUADS, "int[] holeIndices = [0]")))
     np.testing.assert_array_equal(two.positions[:, 0].min(), 1.0)
     assert len(two.triangles) == 2
     for wrong in (2, -1):
@@ -66,14 +66,14 @@ def test_holes(tmp_path):
         assert problem == f"</M> mesh: holeIndices refer to face {wrong}, but there are 2 (0-1)"
 
 
-def test_concave_polygons(tmp_path):
+def test_concave_polygon_keeps_its_area(tmp_path):
     body = """
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [6]
     int[] faceVertexIndices = [0, 1, 2, 3, 4, 5]
     point3f[] points = [(0, 0, 0), (3, 0, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)]
     """
-    shape = only(read(tmp_path, mesh(body)))
+    shape = only_mesh(read(tmp_path, mesh(body)))
     assert area(shape.positions, shape.triangles) == pytest.approx(5.0)
 
 
@@ -88,8 +88,8 @@ NORMALS = [
 
 @pytest.mark.parametrize(("interpolation", "values", "vertices", "expected"), NORMALS)
 @pytest.mark.parametrize("name", ["normals", "primvars:normals"])
-def test_normals_of_every_interpolation(tmp_path, name, interpolation, values, vertices, expected):
-    quad = only(read(tmp_path, mesh(QUAD, f'normal3f[] {name} = {values} (interpolation = "{interpolation}")')))
+def test_normals_of_each_interpolation_reach_vertices(tmp_path, name, interpolation, values, vertices, expected):
+    quad = only_mesh(read(tmp_path, mesh(QUAD, f'normal3f[] {name} = {values} (interpolation = "{interpolation}")')))
     assert len(quad.positions) == vertices
     at = {
         tuple(p[:2].astype(int).tolist()): tuple(n.tolist()) for p, n in zip(quad.positions, quad.normals, strict=True)
@@ -98,18 +98,18 @@ def test_normals_of_every_interpolation(tmp_path, name, interpolation, values, v
         assert at[point] == normal
 
 
-def test_primvars_normals_come_first_and_may_be_indexed(tmp_path):
+def test_indexed_primvars_normals_take_precedence_over_normals(tmp_path):
     lines = """
     normal3f[] normals = [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0)]
     normal3f[] primvars:normals = [(0, 1, 0), (0, 0, 1)] (interpolation = "faceVarying")
     int[] primvars:normals:indices = [0, 0, 1, 1]
     """
-    quad = only(read(tmp_path, mesh(QUAD, lines)))
+    quad = only_mesh(read(tmp_path, mesh(QUAD, lines)))
     np.testing.assert_array_equal(quad.normals, [[0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
 
 
-def test_uniform_normals_split_the_shared_edge(tmp_path):
-    two = only(
+def test_uniform_normals_split_shared_vertices(tmp_path):
+    two = only_mesh(
         read(tmp_path, mesh(TWO_QUADS, 'normal3f[] normals = [(0, 0, 1), (1, 0, 0)] (interpolation = "uniform")'))
     )
     assert len(two.positions) == 8
@@ -117,26 +117,26 @@ def test_uniform_normals_split_the_shared_edge(tmp_path):
     np.testing.assert_array_equal(two.normals[two.triangles[2:]].reshape(-1, 3), np.tile([1, 0, 0], (6, 1)))
 
 
-def test_normals_of_a_subdivided_mesh_are_its_own(tmp_path):
+def test_subdivided_mesh_ignores_authored_normals(tmp_path):
     lines = "normal3f[] normals = [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0)]"
-    surface = only(read(tmp_path, mesh(QUAD.replace('"none"', '"catmullClark"'), lines)))
+    surface = only_mesh(read(tmp_path, mesh(QUAD.replace('"none"', '"catmullClark"'), lines)))
     np.testing.assert_allclose(surface.normals, np.tile([0, 0, 1], (len(surface.normals), 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize("scheme", ["catmullClark", "loop", "bilinear", "none"])
-def test_schemes(tmp_path, scheme):
+def test_subdivision_schemes(tmp_path, scheme):
     body = mesh(QUAD.replace('"none"', f'"{scheme}"'))
     if scheme == "loop":
-        surface = only(read_with_warning(tmp_path, body, "Loop subdivision.*</M>"))
+        surface = only_mesh(read_with_warning(tmp_path, body, "Loop subdivision.*</M>"))
     else:
-        surface = only(read(tmp_path, body))
+        surface = only_mesh(read(tmp_path, body))
     assert (len(surface.triangles) > 2) == (scheme in ("catmullClark", "loop"))
     assert area(surface.positions, surface.triangles) == pytest.approx(1.0)
 
 
-def test_the_default_scheme_is_catmull_clark(tmp_path):
+def test_default_scheme_is_catmull_clark(tmp_path):
     body = mesh(QUAD.replace('uniform token subdivisionScheme = "none"', ""))
-    assert len(only(read(tmp_path, body)).triangles) > 2
+    assert len(only_mesh(read(tmp_path, body)).triangles) > 2
 
 
 UVS = [
@@ -148,8 +148,8 @@ UVS = [
 
 
 @pytest.mark.parametrize(("line", "vertices"), UVS)
-def test_texture_coordinates(tmp_path, line, vertices):
-    quad = only(read(tmp_path, mesh(QUAD, line)))
+def test_texture_coordinates_of_each_type_and_interpolation(tmp_path, line, vertices):
+    quad = only_mesh(read(tmp_path, mesh(QUAD, line)))
     assert len(quad.positions) == vertices
     np.testing.assert_array_equal(quad.uv, quad.positions[:, :2])
     assert quad.uv.dtype == np.float32
@@ -161,38 +161,38 @@ def test_constant_texture_coordinates_are_inherited(tmp_path):
     texCoord2f[] primvars:st = [(0.25, 0.75)] (interpolation = "constant")
     def Mesh "M" {{ {QUAD} }}
 }}"""
-    np.testing.assert_array_equal(only(read(tmp_path, body)).uv, np.tile([0.25, 0.75], (4, 1)))
+    np.testing.assert_array_equal(only_mesh(read(tmp_path, body)).uv, np.tile([0.25, 0.75], (4, 1)))
 
 
-def test_indexed_texture_coordinates_with_a_seam(tmp_path):
+def test_indexed_texture_coordinates_split_vertices_at_seam(tmp_path):
     lines = """
     texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "faceVarying")
     int[] primvars:st:indices = [0, 1, 2, 3, 0, 1, 2, 3]
     """
-    two = only(read(tmp_path, mesh(TWO_QUADS, lines)))
+    two = only_mesh(read(tmp_path, mesh(TWO_QUADS, lines)))
     assert len(two.positions) == 8  # the points at x = 1 have u = 1 on one side, 0 on the other
     np.testing.assert_array_equal(two.uv[two.triangles[:2]], two.positions[two.triangles[:2]][..., :2])
     np.testing.assert_array_equal(two.uv[two.triangles[2:]], two.positions[two.triangles[2:]][..., :2] - (1, 0))
 
 
-def test_normals_and_uv_together(tmp_path):
+def test_uniform_normals_and_vertex_uv_combine(tmp_path):
     lines = """
     texCoord2f[] primvars:st = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)] (interpolation = "vertex")
     normal3f[] normals = [(0, 0, 1), (1, 0, 0)] (interpolation = "uniform")
     """
-    two = only(read(tmp_path, mesh(TWO_QUADS, lines)))
+    two = only_mesh(read(tmp_path, mesh(TWO_QUADS, lines)))
     assert len(two.positions) == 8
     np.testing.assert_array_equal(two.uv, two.positions[:, :2])
 
 
-def test_subsets_have_materials_of_their_own():
+def test_face_subsets_get_their_materials():
     description = read_stage(STAGES / "subsets.usda")
     (mesh_read,) = description.meshes
     names = [description.materials[row].name for row in mesh_read.materials]
     assert names == ["Red", "Red", "Blue", "Blue", "Gray", "Gray"]
 
 
-def test_subsets_of_a_subdivided_mesh_follow_their_faces(tmp_path):
+def test_face_subsets_of_subdivided_mesh_get_their_materials(tmp_path):
     text = (
         (STAGES / "subsets.usda")
         .read_text()
@@ -219,7 +219,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("line", "expected"), WRONG)
-def test_problems(tmp_path, line, expected):
+def test_contradictory_topology_is_a_problem(tmp_path, line, expected):
     name = line.split(" = ")[0]
     kept = "\n".join(kept for kept in QUAD.split("\n") if not kept.strip().startswith(name + " "))
     (problem,) = problems_of(tmp_path, mesh(kept, line))
@@ -246,7 +246,7 @@ UNUSED = [
 
 
 @pytest.mark.parametrize(("line", "expected"), UNUSED)
-def test_primvars_that_do_not_fit_are_named_and_not_used(tmp_path, line, expected):
+def test_primvars_that_do_not_fit_are_reported_and_ignored(tmp_path, line, expected):
     description = read_with_warning(tmp_path, mesh(QUAD, line), re.escape(expected) + ".*so that it is not used: </M>$")
     assert description.meshes[0].uv is None
     assert description.meshes[0].normals is None
@@ -269,14 +269,14 @@ CREASES = [
 
 
 @pytest.mark.parametrize(("lines", "expected"), CREASES)
-def test_wrong_creases(tmp_path, lines, expected):
+def test_contradictory_creases_are_problems(tmp_path, lines, expected):
     (problem,) = problems_of(tmp_path, mesh(QUAD.replace('"none"', '"catmullClark"'), lines))
     assert problem.startswith(f"</M> mesh: {expected}")
 
 
-def test_creased_cube_of_two_crease_encodings():
+def test_sharpness_per_crease_and_per_edge_agree():
     description = read_stage(STAGES / "creases.usda")
-    by_name = {thing.name: row for row, thing in enumerate(description.objects)}
+    by_name = {record.name: row for row, record in enumerate(description.objects)}
     meshes = {name: description.meshes[description.instances[row].mesh] for name, row in by_name.items()}
     np.testing.assert_array_equal(meshes["PerCrease"].positions, meshes["PerEdge"].positions)
     assert meshes["PerCrease"].positions[:, 1].max() == pytest.approx(1.0)  # the sharp loop keeps its height
@@ -284,7 +284,7 @@ def test_creased_cube_of_two_crease_encodings():
     assert (meshes["Corner"].positions == (1, 1, 1)).all(axis=1).any()  # the sharp point stays
 
 
-def test_every_problem_of_a_stage_is_told_at_once():
+def test_all_problems_of_a_stage_are_raised_together():
     from tiscene.errors import StageError
 
     with pytest.raises(StageError) as caught:
@@ -297,13 +297,13 @@ def test_every_problem_of_a_stage_is_told_at_once():
     assert "has 3 problems:\n  </Room/Lamp/Shade> mesh: 3 faces" in str(caught.value)
 
 
-def test_meshes_without_faces_are_named(tmp_path):
+def test_meshes_without_visible_faces_are_reported(tmp_path):
     assert not read_with_warning(tmp_path, 'def Mesh "M" {}', "a mesh without faces: </M>").instances
     body = mesh(QUAD, "int[] holeIndices = [0]")
     assert not read_with_warning(tmp_path, body, "a mesh without a visible face: </M>").instances
 
 
-def test_subset_out_of_range(tmp_path):
+def test_subset_index_out_of_range_is_a_problem(tmp_path):
     body = mesh(
         QUAD,
         """

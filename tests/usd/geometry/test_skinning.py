@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes that skeletons pose."""
+"""UsdSkel: linear blend skinning and blend shapes, at one time and over time."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tiscene.errors import StageWarning
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.template import read_template
 
-BENT = [(0, 0, 0), (1, 0, 0), (-1, 2, 0), (-1, 1, 0)]  # the upper joint, at (0, 1), turned by a quarter about z
+BENT = [(0, 0, 0), (1, 0, 0), (-1, 2, 0), (-1, 1, 0)]  # upper joint, at (0, 1), rotated by 90 degrees about z
 
 
-def posed(path, **options):
-    """The only mesh's points in the world."""
+def posed_points(path, **options):
+    """Return the points of the stage's only mesh in world space."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)
         description = read_stage(path, **options)
@@ -34,26 +34,26 @@ def posed(path, **options):
         (None, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)]),
     ],
 )
-def test_linear_blend_skinning(time, expected):
-    """A mesh that stands 5 to the right of its skeleton follows it all the same: it is bound in its space."""
-    np.testing.assert_allclose(posed(STAGES / "skinned.usda", time_code=time), expected, atol=1e-6)
+def test_linear_blend_skinning_poses_mesh_at_time(time, expected):
+    """The mesh is translated by 5 from its skeleton, but bound in skeleton space."""
+    np.testing.assert_allclose(posed_points(STAGES / "skinned.usda", time_code=time), expected, atol=1e-6)
 
 
-def test_halfway_between_poses():
-    """The joint turned by 45 degrees; USD interpolates quaternions on the sphere."""
+def test_pose_between_samples_is_slerped():
+    """USD interpolates joint rotations by slerp: 45 degrees at half time."""
     root = np.sqrt(0.5)
     expected = [(0, 0, 0), (1, 0, 0), (0, 1 + 2 * root, 0), (-root, 1 + root, 0)]
-    np.testing.assert_allclose(posed(STAGES / "skinned.usda", time_code=5.0), expected, atol=1e-6)
+    np.testing.assert_allclose(posed_points(STAGES / "skinned.usda", time_code=5.0), expected, atol=1e-6)
 
 
-def test_a_moment_is_posed_once():
+def test_stage_read_at_one_time_has_no_deformation():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         (mesh,) = read_stage(STAGES / "skinned.usda", time_code=10.0).meshes
         assert mesh.deformation is None
 
 
-def test_instances_are_posed(tmp_path):
+def test_instances_of_one_pose_share_a_skinned_mesh(tmp_path):
     body = f"""
 def "A" (instanceable = true
     prepend references = @{STAGES / "skinned.usda"}@</Arm>)
@@ -74,7 +74,7 @@ def "B" (instanceable = true
     assert a.mesh == b.mesh
 
 
-def test_templates_are_posed(tmp_path):
+def test_templates_are_posed_at_start_time(tmp_path):
     text = (STAGES / "skinned.usda").read_text().replace("startTimeCode = 0", "startTimeCode = 10")
     (tmp_path / "arm.usda").write_text(text)
     template = read_template(tmp_path / "arm.usda")
@@ -83,9 +83,9 @@ def test_templates_are_posed(tmp_path):
     np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [(-1, 0, 0), (1, 2, 0)], atol=1e-6)
 
 
-def test_no_file_is_changed():
+def test_skinning_changes_no_file():
     before = (STAGES / "skinned.usda").read_bytes()
-    posed(STAGES / "skinned.usda", time_code=10.0)
+    posed_points(STAGES / "skinned.usda", time_code=10.0)
     assert (STAGES / "skinned.usda").read_bytes() == before
 
 
@@ -130,18 +130,17 @@ def SkelRoot "Face" (
 """
 
 
-def test_blend_shapes_play(tmp_path):
-    """Weights grow from 0 to 1 over ten time codes, by way of a shape between: at 5 a point is 3 to the right."""
+def test_blend_shapes_with_inbetweens_deform_over_time(tmp_path):
+    """Weights grow from 0 to 1 over ten time codes; an in-between shape at 5 moves one point by 3 along x."""
     path = write(tmp_path, FACE, more="startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10")
     (mesh,) = read_stage(path).meshes
     for seconds, right, up in ((0.0, 1.0, 1.0), (0.2, 2.2, 1.0), (0.5, 4.0, 1.0), (1.0, 3.0, 5.0)):
         positions, _ = mesh.deformation.at(seconds)
         np.testing.assert_allclose(positions, [(0, 0, 0), (right, 0, 0), (0, up, 0)], atol=1e-6)
-    assert mesh.deformation.at(0.6)[0][1, 0] == pytest.approx(3.8)  # on the way from 4 to 3
+    assert mesh.deformation.at(0.6)[0][1, 0] == pytest.approx(3.8)  # between 4 and 3
 
 
-def test_any_frame_is_the_one_that_iterating_gives(tmp_path):
-    """A skin that is asked for out of order, seen by a camera, labels and light."""
+def test_indexing_skinned_stream_gives_same_bytes_as_iterating(tmp_path):
     import tiscene as ts
 
     light = 'def DistantLight "Sun"\n{\n float inputs:intensity = 3\n}\n'
@@ -157,11 +156,11 @@ def test_any_frame_is_the_one_that_iterating_gives(tmp_path):
     assert frames[3].depth.tobytes() != frames[4].depth.tobytes()
 
 
-def test_a_stage_of_ages_is_drawn_unposed(tmp_path):
-    """USD would count through all its time codes."""
-    path = tmp_path / "ages.usda"
+def test_stage_of_too_many_time_codes_is_drawn_unposed(tmp_path):
+    path = tmp_path / "long.usda"
     text = (STAGES / "skinned.usda").read_text()
     path.write_text(text.replace("endTimeCode = 10", "endTimeCode = 1e12"))
-    with pytest.warns(StageWarning, match="a SkelRoot on a stage of 1e\\+12 time codes .limit 1e\\+07. is drawn unposed: </Arm>"):
+    message = r"a SkelRoot on a stage of 1e\+12 time codes \(limit 1e\+07\) is drawn unposed: </Arm>"
+    with pytest.warns(StageWarning, match=message):
         (mesh,) = read_stage(path).meshes
     np.testing.assert_allclose(mesh.positions, [(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, 0)])

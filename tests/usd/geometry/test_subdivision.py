@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Catmull-Clark against values worked out by hand and against its own limit."""
+"""Catmull-Clark subdivision against hand-computed values and against its own limit positions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def cage_of(topology: Topology, edges=(), sharpness=0.0) -> Cage:
 
 
 def grid(n: int) -> tuple[np.ndarray, Topology]:
-    """n x n quadrilaterals on the unit square."""
+    """Return n x n quadrilaterals on the unit square."""
     x, y = np.meshgrid(np.arange(n + 1), np.arange(n + 1))
     points = np.stack([x.ravel() / n, y.ravel() / n, np.zeros((n + 1) ** 2)], axis=-1).astype(np.float32)
     corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).reshape(-1)
@@ -45,7 +45,7 @@ def grid(n: int) -> tuple[np.ndarray, Topology]:
     return points, Topology(len(points), np.full(n * n, 4, np.int32), indices.reshape(-1).astype(np.int32))
 
 
-def test_one_level_of_a_cube():
+def test_one_refinement_of_cube_matches_hand_computed_values():
     child, values = refine(cage_of(CUBE), POINTS.astype(float))
     np.testing.assert_allclose(np.abs(values[:8]), 5.0 / 9.0)
     edge_points = values[8:20]
@@ -55,14 +55,14 @@ def test_one_level_of_a_cube():
     assert (child.counts == 4).all()
 
 
-def test_the_limit_of_a_cube():
+def test_limit_of_cube_matches_hand_computed_value():
     child, values = refine(cage_of(CUBE), POINTS.astype(float))
     # Valence 3: (9 · 5/9 + 4 · (0 + 3/4 + 3/4) + (1 + 0 + 0)) / (3 · 8)
     np.testing.assert_allclose(np.abs(limit(child, values)[:8]), 0.5)
 
 
 @pytest.mark.parametrize("sharpness", [0.0, np.inf])
-def test_the_limit_does_not_depend_on_the_level(sharpness):
+def test_limit_is_the_same_at_every_level(sharpness):
     cage, values = cage_of(CUBE, TOP_LOOP, sharpness), POINTS.astype(float)
     cage, values = refine(cage, values)
     early = limit(cage, values)
@@ -71,7 +71,7 @@ def test_the_limit_does_not_depend_on_the_level(sharpness):
         np.testing.assert_allclose(limit(cage, values)[: len(early)], early, atol=1e-12)
 
 
-def test_the_limit_of_a_boundary_does_not_depend_on_the_level():
+def test_limit_of_boundary_is_the_same_at_every_level():
     points, topology = grid(3)
     values = points.astype(float)
     values[:, 2] = np.sin(5.0 * values[:, 0]) * values[:, 1]
@@ -82,27 +82,27 @@ def test_the_limit_of_a_boundary_does_not_depend_on_the_level():
     np.testing.assert_allclose(limit(cage, values)[: len(early)], early, atol=1e-12)
 
 
-def test_a_crease_is_a_spline_of_its_own():
+def test_infinite_crease_is_refined_as_a_curve():
     _, values = refine(cage_of(CUBE, TOP_LOOP, np.inf), POINTS.astype(float))
-    np.testing.assert_allclose(values[[2, 3, 6, 7], 1], 1.0)  # it stays in its plane
+    np.testing.assert_allclose(values[[2, 3, 6, 7], 1], 1.0)  # the loop stays in its plane
     np.testing.assert_allclose(np.abs(values[[2, 3, 6, 7]][:, [0, 2]]), 0.75)  # (6·1 + 1 - 1) / 8
 
 
-def test_three_sharp_edges_make_a_corner_and_one_makes_a_dart():
+def test_three_sharp_edges_make_a_corner_and_one_a_dart():
     _, corner = refine(cage_of(CUBE, [[0, 1], [0, 2], [0, 4]], np.inf), POINTS.astype(float))
     np.testing.assert_allclose(corner[0], POINTS[0])
     _, dart = refine(cage_of(CUBE, [[0, 1]], np.inf), POINTS.astype(float))
     np.testing.assert_allclose(np.abs(dart[0]), 5.0 / 9.0)
 
 
-def test_half_a_sharpness_lies_half_way():
+def test_edge_sharpness_of_half_is_halfway_between_smooth_and_sharp():
     smooth = refine(cage_of(CUBE), POINTS.astype(float))[1]
     sharp = refine(cage_of(CUBE, TOP_LOOP, np.inf), POINTS.astype(float))[1]
     half = refine(cage_of(CUBE, TOP_LOOP, 0.5), POINTS.astype(float))[1]
     np.testing.assert_allclose(half, (smooth + sharp) / 2.0, atol=1e-12)
 
 
-def test_half_a_sharpness_of_a_corner_alone_lies_half_way():
+def test_point_sharpness_of_half_is_halfway_between_smooth_and_sharp():
     def corner(sharpness: float) -> np.ndarray:
         cage = cage_of(CUBE)
         return refine(replace(cage, point_sharpness=np.where(np.arange(8) == 1, sharpness, 0.0)), POINTS.astype(float))[
@@ -113,17 +113,17 @@ def test_half_a_sharpness_of_a_corner_alone_lies_half_way():
     np.testing.assert_allclose(corner(0.5), (corner(0.0) + corner(np.inf)) / 2.0, atol=1e-12)
 
 
-def test_sharpness_runs_out_level_by_level():
+def test_sharpness_decreases_by_one_per_level():
     cage, values = cage_of(CUBE, TOP_LOOP, 2.0), POINTS.astype(float)
-    endless, endless_values = cage_of(CUBE, TOP_LOOP, np.inf), POINTS.astype(float)
+    infinite, infinite_values = cage_of(CUBE, TOP_LOOP, np.inf), POINTS.astype(float)
     for level in range(3):
         assert cage.sharpness.max() == max(2.0 - level, 0.0)
         cage, values = refine(cage, values)
-        endless, endless_values = refine(endless, endless_values)
-        assert np.allclose(values, endless_values) == (level < 2)
+        infinite, infinite_values = refine(infinite, infinite_values)
+        assert np.allclose(values, infinite_values) == (level < 2)
 
 
-def test_a_smooth_cube_is_closed_and_smooth():
+def test_smooth_cube_is_closed_with_outward_normals():
     surface = subdivide(POINTS, CUBE, Creases.none(), ALL, None)
     assert len(surface.positions) == len(np.unique(surface.positions, axis=0))
     outward = surface.positions / np.linalg.norm(surface.positions, axis=1)[:, None]
@@ -132,7 +132,7 @@ def test_a_smooth_cube_is_closed_and_smooth():
     assert 0.0 < volume(surface.positions, surface.triangles) < 8.0
 
 
-def test_an_entirely_creased_cube_stays_a_cube_with_split_normals():
+def test_fully_creased_cube_stays_a_cube_with_split_normals():
     edges = np.array([[0, 1], [1, 3], [3, 2], [2, 0], [4, 6], [6, 7], [7, 5], [5, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
     creases = Creases(edges, np.full(12, np.inf), np.empty(0, int), np.empty(0))
     surface = subdivide(POINTS, CUBE, creases, ALL, None)
@@ -143,7 +143,7 @@ def test_an_entirely_creased_cube_stays_a_cube_with_split_normals():
 
 
 @pytest.mark.parametrize(("boundary", "expected"), [("edgeAndCorner", 1.0), ("none", 1.0 / 9.0)])
-def test_boundaries_of_a_flat_grid(boundary, expected):
+def test_boundary_rules_of_flat_grid(boundary, expected):
     points, topology = grid(3)
     surface = subdivide(points, topology, Creases.none(), np.ones(9, bool), None, boundary=boundary)
     assert area(surface.positions, surface.triangles) == pytest.approx(expected, rel=0.06)
@@ -153,18 +153,18 @@ def test_boundaries_of_a_flat_grid(boundary, expected):
         assert corners <= {tuple(p) for p in surface.positions[:, :2].tolist()}
 
 
-def test_edge_only_rounds_the_corners():
+def test_edge_only_boundary_rounds_corners():
     points, topology = grid(3)
     sharp = subdivide(points, topology, Creases.none(), np.ones(9, bool), None)
     round_ = subdivide(points, topology, Creases.none(), np.ones(9, bool), None, boundary="edgeOnly")
     assert area(round_.positions, round_.triangles) < area(sharp.positions, sharp.triangles) - 0.01
 
 
-def test_holes_leave_a_gap_and_shape_the_rest():
-    drawn = ALL.copy()
-    drawn[3] = False
+def test_holes_are_not_drawn_but_shape_their_neighbors():
+    visible = ALL.copy()
+    visible[3] = False
     whole = subdivide(POINTS, CUBE, Creases.none(), ALL, None)
-    open_ = subdivide(POINTS, CUBE, Creases.none(), drawn, None)
+    open_ = subdivide(POINTS, CUBE, Creases.none(), visible, None)
     assert 3 not in open_.face
     assert set(open_.face.tolist()) == {0, 1, 2, 4, 5}
     kept = {tuple(p) for p in open_.positions.tolist()}
@@ -172,19 +172,19 @@ def test_holes_leave_a_gap_and_shape_the_rest():
 
 
 @pytest.mark.parametrize("rule", ["none", "cornersOnly", "cornersPlus1", "cornersPlus2", "boundaries", "all"])
-def test_uv_of_a_single_sheet_stays_on_it(rule):
+def test_uv_of_sheet_without_seams_stays_in_unit_square(rule):
     points, topology = grid(2)
     per_corner = points[topology.indices][:, :2].copy()
     surface = subdivide(points, topology, Creases.none(), np.ones(4, bool), Attribute(per_corner, True), uv_rule=rule)
     assert surface.uv.min() >= -1e-6
     assert surface.uv.max() <= 1.0 + 1e-6
-    if rule not in ("none", "all"):  # then uv is refined exactly as the points are
+    if rule not in ("none", "all"):  # uv is refined exactly as the points
         np.testing.assert_allclose(surface.uv, surface.positions[:, :2], atol=1e-6)
     if rule == "all":
         assert {(0.25, 0.25), (0.5, 0.5), (1.0, 1.0)} <= {tuple(uv) for uv in surface.uv.tolist()}
 
 
-def test_a_seam_keeps_both_sides_apart():
+def test_uv_seam_keeps_each_side_in_its_range():
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
     uv = Attribute(np.tile(square, (6, 1)), per_corner=True)  # each face of the cube has the whole image
     surface = subdivide(POINTS, CUBE, Creases.none(), ALL, uv)
@@ -193,7 +193,7 @@ def test_a_seam_keeps_both_sides_apart():
         np.testing.assert_allclose([used.min(axis=0), used.max(axis=0)], [[0, 0], [1, 1]], atol=1e-6)
 
 
-def test_vertex_uv_is_interpolated_like_the_points():
+def test_vertex_uv_is_refined_as_the_points():
     uv = Attribute(POINTS[:, :2].copy(), per_corner=False)
     surface = subdivide(POINTS, CUBE, Creases.none(), ALL, uv)
     np.testing.assert_allclose(surface.uv, surface.positions[:, :2], atol=1e-6)
@@ -209,7 +209,7 @@ def test_triangles_and_n_gons_become_quadrilaterals():
     assert 0.0 < volume(surface.positions, surface.triangles) < 1.0 / 6.0
 
 
-def test_faces_of_two_corners_are_left_out():
+def test_faces_of_two_corners_are_ignored():
     topology = Topology(8, np.append(CUBE.counts, 2).astype(np.int32), np.append(CUBE.indices, [0, 1]).astype(np.int32))
     surface = subdivide(POINTS, topology, Creases.none(), np.ones(7, bool), None)
     assert volume(surface.positions, surface.triangles) == pytest.approx(
@@ -217,7 +217,7 @@ def test_faces_of_two_corners_are_left_out():
     )
 
 
-def test_dense_meshes_are_drawn_as_they_are(monkeypatch):
+def test_dense_mesh_is_not_refined(monkeypatch):
     monkeypatch.setattr("tiscene.usd.geometry.subdivision.MAX_QUADS", 20)
     surface = subdivide(POINTS, CUBE, Creases.none(), ALL, None)
     assert len(surface.triangles) == 12

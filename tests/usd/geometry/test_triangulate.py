@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triangulation: exact areas, one winding, any batch."""
+"""Polygon triangulation: exact areas, consistent winding, mixed batches."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def lift(xy: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("polygon", "area"), [(L_SHAPE, 5.0), (DART, 6.0), (COMB, 8.0)])
-def test_concave_polygons_keep_their_area_and_winding(polygon, area):
-    for start in range(len(polygon)):  # whatever corner the file begins with
+def test_concave_polygon_keeps_area_and_winding(polygon, area):
+    for start in range(len(polygon)):  # for every first corner
         xy = np.roll(polygon, -start, axis=0)
         corners, face = triangulate(lift(xy), np.array([len(xy)]), np.arange(len(xy)))
         areas = signed_areas(xy, corners)
@@ -36,7 +36,7 @@ def test_concave_polygons_keep_their_area_and_winding(polygon, area):
 
 
 @pytest.mark.parametrize("axes", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)])
-def test_the_plane_of_the_polygon_does_not_matter(axes):
+def test_polygon_in_any_plane_keeps_area(axes):
     points = lift(L_SHAPE)[:, axes] + (10.0, -20.0, 30.0)
     corners, _ = triangulate(points, np.array([6]), np.arange(6))
     p = points[corners]
@@ -45,7 +45,7 @@ def test_the_plane_of_the_polygon_does_not_matter(axes):
     assert np.linalg.norm(normal, axis=1).sum() == pytest.approx(5.0)
 
 
-def test_a_mixed_batch_numbers_faces_and_corners():
+def test_faces_of_mixed_sizes_return_their_own_corners():
     points = np.concatenate([lift(L_SHAPE), lift(DART + 10.0), [[0, 0, 5], [1, 0, 5], [0, 1, 5]]])
     counts = np.array([3, 6, 2, 4])
     indices = np.array([10, 11, 12, 0, 1, 2, 3, 4, 5, 0, 1, 6, 7, 8, 9])
@@ -61,7 +61,7 @@ def test_a_mixed_batch_numbers_faces_and_corners():
     assert signed_areas(xy, corners[5:]).sum() == pytest.approx(6.0)
 
 
-def test_random_star_shaped_polygons():
+def test_random_star_shaped_polygons_keep_area_and_winding():
     rng = np.random.default_rng(5)
     for size in (5, 9, 40, 150):
         angle = np.sort(rng.uniform(0, 2 * np.pi, (6, size)), axis=1)
@@ -77,7 +77,7 @@ def test_random_star_shaped_polygons():
         np.testing.assert_allclose(np.bincount(face, areas), area, rtol=1e-9)
 
 
-def test_a_hole_joined_by_a_bridge():
+def test_hole_joined_by_bridge_keeps_area():
     outer = [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]
     inner = [[1, 1], [1, 3], [3, 3], [3, 1], [1, 1]]
     xy = np.array(outer + inner, dtype=float)
@@ -87,7 +87,7 @@ def test_a_hole_joined_by_a_bridge():
     assert areas.sum() == pytest.approx(12.0)
 
 
-def test_polygons_that_cross_themselves_end_all_the_same():
+def test_self_intersecting_polygon_terminates():
     star = np.array([[np.cos(a), np.sin(a)] for a in np.arange(5) * 4 * np.pi / 5])
     corners, _ = triangulate(lift(star), np.array([5]), np.arange(5))
     assert corners.shape == (3, 3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Welding corners into vertices."""
+"""Welding of face corners into vertices, distinct rows, normals."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ CORNER_POINT = np.array([0, 1, 2, 0, 2, 3])
 TRIANGLES = np.array([[0, 1, 2], [3, 4, 5]])
 
 
-def test_rows_are_numbered_as_they_first_appear():
+def test_distinct_rows_are_numbered_in_order_of_first_appearance():
     first, row = unique_rows([np.array([7, 3, 7, 3]), np.array([[0.0], [1.0], [-0.0], [2.0]], dtype=np.float32)])
     assert first.tolist() == [0, 1, 3]
     assert row.tolist() == [0, 1, 0, 2]
 
 
-def test_many_random_rows_agree_with_numpy():
+def test_distinct_random_rows_agree_with_numpy():
     rng = np.random.default_rng(0)
     numbers, values = rng.integers(0, 50, 5000), rng.integers(0, 3, (5000, 2)).astype(np.float32)
     first, row = unique_rows([numbers, values])
@@ -28,14 +28,14 @@ def test_many_random_rows_agree_with_numpy():
     assert (np.diff(first) > 0).all()
 
 
-def test_corners_that_agree_share_a_vertex():
+def test_corners_with_equal_attributes_share_a_vertex():
     uv = Attribute(np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], dtype=np.float32), per_corner=True)
     surface = weld(SQUARE, CORNER_POINT, TRIANGLES, np.zeros(2), None, uv)
     assert len(surface.positions) == 4
     np.testing.assert_array_equal(surface.uv[surface.triangles].reshape(-1, 2), uv.values)
 
 
-def test_corners_that_differ_split_the_vertex():
+def test_corners_with_different_attributes_split_the_vertex():
     uv = Attribute(np.array([[0, 0], [1, 0], [1, 1], [5, 5], [1, 1], [0, 1]], dtype=np.float32), per_corner=True)
     surface = weld(SQUARE, CORNER_POINT, TRIANGLES, np.zeros(2), None, uv)
     assert len(surface.positions) == 5
@@ -43,19 +43,19 @@ def test_corners_that_differ_split_the_vertex():
     np.testing.assert_array_equal(surface.positions[surface.triangles].reshape(-1, 3), SQUARE[CORNER_POINT])
 
 
-def test_points_of_no_triangle_are_dropped():
+def test_points_without_triangle_are_dropped():
     points = np.concatenate([[[9, 9, 9]], SQUARE]).astype(np.float32)
     surface = weld(points, CORNER_POINT + 1, TRIANGLES[:1], np.zeros(1), None, None)
     np.testing.assert_array_equal(surface.positions, SQUARE[:3])
 
 
-def test_normals_become_unit_and_empty_ones_geometric():
+def test_zero_normals_are_replaced_by_smooth_ones():
     vectors = np.array([[0, 0, 5], [0, 0, 0], [3, 0, 4], [0, 0, 1]], dtype=np.float32)
     result = unit_normals(vectors, SQUARE, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
     np.testing.assert_allclose(result, [[0, 0, 1], [0, 0, 1], [0.6, 0, 0.8], [0, 0, 1]], atol=1e-7)
 
 
-def test_smooth_normals_weigh_triangles_by_area():
+def test_smooth_normals_are_area_weighted():
     points = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=np.float32)
     normals = smooth_normals(points, np.array([[0, 1, 2], [0, 2, 3]]))
     np.testing.assert_allclose(normals[0], np.array([1, 0, 2]) / np.sqrt(5), atol=1e-6)
