@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One Taichi start and one cache folder for the whole session."""
+"""One Taichi runtime and one cache folder for the whole session."""
 
 import os
 
 import pytest
 
 from tiscene.device import runtime
+from tiscene.device.taichi_patches import fence
+
+fence.include("tests")  # before test modules, and the kernels in them, are imported
 
 
 @pytest.fixture(scope="session", autouse=True)
 def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Other processes that a test starts find it too."""
+    """Set the folder of the base image cache, for subprocesses too."""
     os.environ["TISCENE_CACHE"] = str(tmp_path_factory.mktemp("cache"))
 
 

@@ -3,11 +3,37 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
+from taichi.lang import impl
+from taichi.lang._ndarray import ScalarNdarray
+
+
+def device_array(dtype: Any, shape: int | tuple[int, ...]) -> Any:
+    """Allocate a device array whose memory is freed with the Python object.
+
+    Taichi 1.7.4 frees arrays of scalars only; arrays of vectors would stay until the process ends.
+
+    Args:
+        dtype: a Taichi scalar or vector type.
+        shape: lengths of the axes, each at least 1.
+
+    Returns:
+        A ti.ndarray, its values undefined.
+    """
+    array = ti.ndarray(dtype, shape)
+    if not isinstance(array, ScalarNdarray):
+        weakref.finalize(array, _free, impl.get_runtime().prog, array.arr).atexit = False
+    return array
+
+
+def _free(program: Any, memory: Any) -> None:
+    if impl.get_runtime().prog is program:  # else Taichi was started anew, and has freed everything
+        program.delete_ndarray(memory)
 
 
 def upload(values: NDArray[Any]) -> Any:
@@ -18,7 +44,7 @@ def upload(values: NDArray[Any]) -> Any:
     dtype = np.dtype(np.int32) if np.issubdtype(values.dtype, np.integer) else np.dtype(np.float32)
     if values.size == 0:
         values = np.zeros([max(length, 1) for length in values.shape], dtype)
-    array = ti.ndarray(ti.i32 if dtype == np.int32 else ti.f32, values.shape)
+    array = device_array(ti.i32 if dtype == np.int32 else ti.f32, values.shape)
     array.from_numpy(np.ascontiguousarray(values, dtype))
     return array
 
@@ -26,6 +52,6 @@ def upload(values: NDArray[Any]) -> Any:
 def upload_vectors(values: NDArray[np.float32]) -> Any:
     """Rows, float32 [n, k], as a ti.ndarray of n vectors: a kernel then knows that their numbers stand together."""
     count, length = values.shape
-    array = ti.ndarray(ti.types.vector(length, ti.f32), count)
+    array = device_array(ti.types.vector(length, ti.f32), count)
     array.from_numpy(np.ascontiguousarray(values, np.float32))
     return array

@@ -10,14 +10,14 @@ import os
 
 import taichi as ti
 
-from tiscene.device.taichi_patches import frontend, launch, memcpy
+from tiscene.device.taichi_patches import patched_kernel
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
 
 _process: int | None = None  # in which Taichi was started
 
-frontend.use()  # now, since decorators of kernels gain by it too
+patched_kernel.install()  # before kernel modules are imported, since their decorators gain by it
 
 
 def running() -> str | None:
@@ -35,7 +35,6 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     """
     if arch is not None and arch not in ARCHITECTURES:
         raise ArgumentError(f"arch={arch!r}: must be one of {', '.join(ARCHITECTURES)}")
-    launch.use()
     check_process()
     global _process
     _process = os.getpid()
@@ -65,7 +64,6 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
         ti.lang.impl.get_runtime().materialize()  # Taichi insists on this thread; kernels may run in any
     except RuntimeError as error:
         raise DeviceError(f"arch={wanted!r}: Taichi finds no such device here; use arch='cpu'") from error
-    memcpy.use()
     return wanted
 
 

@@ -14,8 +14,9 @@ def vector_mode() -> Iterator[None]:
     An undocumented switch of Taichi (`real_matrix_scalarize`). In this mode vector operands of unary minus, `abs`,
     `cast`, `bit_cast`, `exp`, `log`, `pow`, `sign` and the trigonometric functions abort the process, and a vector
     comparison indexed by a lane is silently wrong; + - * /, min, max, `select`, dot, norm and lane reads are right.
-    Traversal kernels use it, which tests/render/intersect/test_intersect.py compares with the scalar mode, and those that shade
-    paths: nothing that these call may do the above, and no vector be made before their loops, where it is not aligned.
+    Traversal kernels use it, which tests/render/intersect/test_intersect.py compares with the scalar mode, and those
+    that shade paths: nothing that these call may do the above, and no vector be made before their loops, where it is
+    not aligned.
     """
     before = ti.cfg.real_matrix_scalarize
     ti.cfg.real_matrix_scalarize = False

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fingerprint is the same in another process, and another one where anything that a kernel is made of is."""
+"""A fingerprint is the same in another process, and differs where anything that a kernel depends on does."""
 
 import enum
+import importlib
 import os
 import random
 import subprocess
@@ -15,7 +16,6 @@ import pytest
 import taichi as ti
 
 from tiscene.device import runtime
-from tiscene.device.taichi_patches import fingerprint as fingerprint_module
 from tiscene.device.taichi_patches.fingerprint import NoFingerprint, fingerprint, source_digest
 from tiscene.device.vector_mode import vector_mode
 
@@ -69,10 +69,10 @@ def taken(made=kernel, times=2):
     return fingerprint(made._primal, args, made._primal.mapper.lookup(args)[1])
 
 
-def test_it_is_the_same_again():
+def test_fingerprint_repeats():
     first, second = taken(), taken()
     assert first.text == second.text
-    assert first.files == {__name__}
+    assert first.modules == {__name__}
 
 
 @pytest.mark.parametrize(
@@ -89,45 +89,51 @@ def test_it_is_the_same_again():
         ("Pair", Size),
     ],
 )
-def test_another_value_or_function_is_another_kernel(name, value, monkeypatch):
+def test_fingerprint_changes_with_named_values_and_functions(name, value, monkeypatch):
     before = taken().text
     monkeypatch.setitem(globals(), name, value)
     assert taken().text != before
 
 
-def test_so_is_another_template_argument_and_another_type():
+def test_fingerprint_changes_with_template_arguments_and_their_types():
     assert len({taken(times=1).text, taken(times=2).text, taken(times=True).text}) == 3
 
 
-def test_so_is_another_configuration():
+def test_fingerprint_changes_with_taichi_configuration():
     before = taken().text
     with vector_mode():
         assert taken().text != before
 
 
-def test_so_is_another_source(monkeypatch):
-    before = taken().text
-    assert taken().is_true()
-    monkeypatch.setattr(fingerprint_module, "_digest", lambda module: "changed")
-    assert not taken().is_true()
+def test_fingerprint_changes_with_the_source_file(tmp_path, monkeypatch):
+    source = "import taichi as ti\n@ti.kernel\ndef total(values: ti.types.ndarray(ti.f32, 1)):\n    values[0] = 1.0\n"
+    file = tmp_path / "changing_source.py"
+    file.write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("changing_source")
+    before = taken(module.total)
+    assert before.is_current()
+    file.write_text(source + "# changed\n")
+    assert not before.is_current()
+    assert taken(module.total).text == before.text, "the source that was read first is the kernel's"
     source_digest.cache_clear()
     try:
-        assert taken().text != before
+        assert taken(module.total).text != before.text
     finally:
         source_digest.cache_clear()
 
 
-@pytest.mark.parametrize("thing", [object(), sys.stderr, iter(()), time.time, random.random, os.getenv, None])
-def test_what_cannot_be_asked_for_has_none(thing, monkeypatch):
-    monkeypatch.setitem(globals(), "field", thing)
-    if thing is None:
+@pytest.mark.parametrize("value", [object(), sys.stderr, iter(()), time.time, random.random, os.getenv, None])
+def test_value_that_may_differ_elsewhere_has_no_fingerprint(value, monkeypatch):
+    monkeypatch.setitem(globals(), "field", value)
+    if value is None:
         assert taken(with_a_field).text
     else:
         with pytest.raises(NoFingerprint):
             taken(with_a_field)
 
 
-def test_functions_of_one_name_are_told_apart():
+def test_functions_of_one_name_have_different_fingerprints():
     def make(factor):
         @ti.func
         def same(x):
@@ -142,7 +148,7 @@ def test_functions_of_one_name_are_told_apart():
     assert taken(make(1.0)).text == taken(make(1.0)).text != taken(make(2.0)).text
 
 
-def test_it_is_the_same_in_another_process(tmp_path):
+def test_fingerprint_is_the_same_in_another_process(tmp_path):
     (tmp_path / "sources.py").write_text(
         textwrap.dedent("""
             import taichi as ti

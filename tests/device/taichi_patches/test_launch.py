@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that were called once are launched as Taichi would launch them: same results, same refusals."""
+"""Kernels launched directly have the results and the errors of Taichi's own launches."""
 
 import gc
+import weakref
 
 import numpy as np
 import pytest
 import taichi as ti
-
-from tiscene.device.taichi_patches import launch
+from taichi.lang.kernel_impl import Kernel
 
 vec4 = ti.types.vector(4, ti.f32)
 FLOATS = ti.types.ndarray(ti.f32, 2)
@@ -64,7 +64,7 @@ def device_array(values):
     return array
 
 
-def test_arrays_of_both_kinds_come_and_go():
+def test_results_are_right_for_changing_numpy_and_taichi_arrays():
     rng = np.random.default_rng(0)
     kept = rng.random((5, 3)).astype(np.float32)
     on_device = device_array(kept)
@@ -76,10 +76,10 @@ def test_arrays_of_both_kinds_come_and_go():
             scale(source, count, 0.5 + turn_number, result)
             assert np.array_equal(result[:count], values[:count] * np.float32(0.5 + turn_number))
             assert not result[count:].any()
-        gc.collect()  # arrays that are gone may be followed by others at the same place
+        gc.collect()  # a later array may lie at the address of a deleted one
 
 
-def test_an_array_is_written_in_whatever_order_launches_come():
+def test_result_is_written_for_any_order_of_launches():
     a, b = (ti.ndarray(ti.f32, (2, 2)) for _ in range(2))
     ones = np.ones((2, 2), np.float32)
     for number in range(1, 4):
@@ -89,7 +89,7 @@ def test_an_array_is_written_in_whatever_order_launches_come():
         assert np.array_equal(a.to_numpy(), 10 * number * ones)
 
 
-def test_vectors_and_templates():
+def test_vector_arrays_and_template_arguments():
     vectors = ti.ndarray(vec4, 3)
     for up, by in ((True, 3.0), (False, 1.0), (True, 0.5), (False, 2.5)):
         before = vectors.to_numpy()
@@ -97,7 +97,7 @@ def test_vectors_and_templates():
         assert np.array_equal(vectors.to_numpy(), before + (by if up else -by))
 
 
-def test_arrays_of_any_type():
+def test_untyped_arrays_take_any_element_type():
     for _ in range(3):
         for dtype, other in ((np.float32, np.float64), (np.int32, np.uint8), (np.float64, np.float32)):
             values, result = np.arange(5).astype(dtype), np.zeros(5, other)
@@ -112,16 +112,16 @@ def test_arrays_of_any_type():
         assert ints.to_numpy().tolist() == [0, 1, 2]
 
 
-def test_counts_are_handed_back():
+def test_integer_results_are_returned():
     values = np.arange(10, dtype=np.float32).reshape(10, 1)
     on_device = device_array(values)
     for limit in (3.0, -1.0, 20.0, 3.0):
         expected = int((values > limit).sum()) - 2
         assert above(values, limit) == above(on_device, limit) == expected
-    assert launch._plans[above._primal].counts
+    assert above._primal.launch_plan.returns_integer
 
 
-def test_whatever_is_not_plain_is_left_to_taichi():
+def test_unsupported_arguments_take_taichi_s_own_way():
     values = np.arange(6, dtype=np.float32).reshape(3, 2)
     for _ in range(3):
         result = np.zeros((3, 2), np.float32)
@@ -149,18 +149,18 @@ def test_whatever_is_not_plain_is_left_to_taichi():
         (np.zeros((2, 2), np.float32), 2, 1.0),
     ],
 )
-def test_a_wrong_argument_is_refused_as_ever(arguments):
+def test_wrong_argument_raises_what_taichi_raises(arguments):
     right = np.ones((2, 2), np.float32)
     scale(right, 2, 1.0, right)
     with pytest.raises(Exception) as own:  # noqa: PT011 - whatever Taichi raises
-        launch._own_way(scale._primal, *arguments)
+        Kernel.__call__(scale._primal, *arguments)
     with pytest.raises(own.type):
         scale(*arguments)
     scale(right, 2, 3.0, right)
     assert (right == 3.0).all()
 
 
-def test_a_wrong_array_of_taichi_is_refused():
+def test_taichi_array_of_wrong_type_is_refused():
     right = np.ones((2, 2), np.float32)
     scale(right, 2, 1.0, right)
     for wrong in (ti.ndarray(ti.i32, (2, 2)), ti.ndarray(ti.f32, 4), ti.ndarray(vec4, 2)):
@@ -168,13 +168,13 @@ def test_a_wrong_array_of_taichi_is_refused():
             scale(wrong, 2, 1.0, right)
 
 
-def test_arrays_are_not_kept_alive():
+def test_launch_keeps_no_array_alive():
     result = np.zeros((1, 1), np.float32)
     alive = []
     for _ in range(3):
         array = device_array(np.ones((1, 1), np.float32))
         scale(array, 1, 1.0, result)
-        alive.append(launch.weakref.ref(array))
+        alive.append(weakref.ref(array))
         del array
         gc.collect()
     assert [each() for each in alive] == [None] * 3

@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replacements for slow parts of Taichi 1.7.4's Python front end.
+"""Replacements for slow parts of Taichi 1.7.4's Python code, for the kernels of this project alone.
+
+A launch takes 0.06 ms instead of 0.2 to 0.3 ms, and the first frame half the time. Kernels, functions and arrays of
+other packages in the process run on Taichi's own code. ``TISCENE_TAICHI_PATCHES=0`` in the environment turns all
+patches off, and any other version of Taichi does so with a warning; the results are the same, byte for byte.
 
 ::
 
-    frontend        parse each function once
-    ast_recorder    record AST builder calls and replay them in later processes
-    recording_file  recorded calls as files
-    fingerprint     identify a kernel by everything its source depends on
-    launch          launch kernels with less Python
-    memcpy          copy arrays without kernels
+    fence            which packages are patched; the switch and the version check
+    patched_kernel   PatchedKernel, the class of this project's kernels
+    launch           launch a compiled kernel with less Python
+    frontend         parse each function once while kernels compile
+    ast_recorder     record AST builder calls and replay them in later processes
+    recorded_calls   the calls that are recorded
+    recording_file   recorded calls as files
+    fingerprint      identify a kernel by everything its source depends on
+    memcpy           copy arrays without kernels
 """

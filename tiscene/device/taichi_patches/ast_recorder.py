@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What Taichi's front end tells the builder of a kernel is kept beside Taichi's cache; the next process tells it again.
+"""Record the calls that build a kernel's AST; replay them in later processes.
 
-Taichi 1.7.4 finds a kernel in its cache by the syntax tree that it makes in Python from all sources, at every start.
-Here the calls by which the tree is made are written down the first time, under the fingerprint of the sources, and made
-again where that is the same: the same tree, and so the same name in Taichi's cache, in a tenth of the time. What cannot
-be written down (a field, a print, a function that is not inlined) is left to Taichi.
+Taichi 1.7.4 finds a kernel in its offline cache by the AST, which its Python front end builds from the sources at every
+start. Here the calls into Taichi's C++ library that build it are recorded the first time, in a file named by the
+`fingerprint` of the sources, and replayed where the fingerprint is the same: the same AST, hence the same cache entry,
+in a tenth of the time.
+
+What cannot be recorded (fields, prints, functions that are not inlined) is left to Taichi. A recording that fails to
+replay is deleted, and Taichi builds the AST.
 """
 
 from __future__ import annotations
 
 import json
-import operator
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,80 +26,53 @@ from taichi.lang import impl
 from taichi.lang.kernel_impl import AutodiffMode, Kernel
 
 from tiscene.device.taichi_patches.fingerprint import Fingerprint, NoFingerprint, fingerprint
+from tiscene.device.taichi_patches.recorded_calls import CALLS, FUNCTIONS, METHODS, SIDE_EFFECTS
 from tiscene.device.taichi_patches.recording_file import (
     CONFIG,
-    FIRST,
+    DEBUG_INFO,
+    FIRST_CONSTANT,
     KERNEL,
-    PLACE,
-    NotKept,
-    Tape,
-    decoded,
-    encoded,
-    read_tape,
-    write_tape,
+    CallRecording,
+    NotRecordable,
+    decode,
+    encode,
+    read_recording,
+    write_recording,
 )
 
-FOLDER = "front_end"  # in that of Taichi's cache
+FOLDER = "front_end"  # in the folder of Taichi's cache
 
-_BOUND = core.Expr.__mro__[-2]  # what all objects of Taichi's library are
-# What makes expressions, what puts them together, and what says what a kernel takes and gives.
-_FUNCTIONS = {
-    name: function
-    for name, function in vars(core).items()
-    if type(function) is type(len)
-    and str(function.__doc__).split("\n")[0].endswith((".Expr", ".Expr]", ".TypeFactory"))
-}
-_TOLD = {
-    core.ASTBuilder: ("",),
-    core.Expr: ("type_check",),
-    core.ExprGroup: ("push_back",),
-    core.TypeFactory: ("get_",),
-    core.Kernel: ("insert_", "finalize_", "ast_builder"),
-}
-_METHODS = {
-    (kind, name): method
-    for kind, wanted in _TOLD.items()
-    for name, method in vars(kind).items()
-    if not name.startswith("_") and name.startswith(wanted)
-}
-_CALLS: dict[str, Callable[..., Any]] = {
-    **_FUNCTIONS,
-    **{f"{kind.__name__}.{name}": method for (kind, name), method in _METHODS.items()},
-    "ExprGroup": core.ExprGroup,
-    "item": operator.getitem,
-    "list": lambda *values: list(values),
-}
-# These change something. Of the others those are made again whose results are asked for.
-_EFFECTS = {
-    f"{kind.__name__}.{name}" for kind, name in _METHODS if kind is not core.TypeFactory and name != "ast_builder"
-}
+_NATIVE = core.Expr.__mro__[-2]  # the base class of all objects of Taichi's library
 
 
-def prepare(kernel: Kernel, key: Any, args: Any, features: Any, own_way: Callable[..., None]) -> None:
-    """Make a kernel's syntax tree, as Taichi's `Kernel.materialize`, which is the own way."""
+def materialize(kernel: Kernel, key: Any, args: Any, features: Any) -> None:
+    """Create a kernel's AST, as `Kernel.materialize` does, from a recording if there is one.
+
+    Args:
+        kernel: The kernel.
+        key: The key of `kernel.compiled_kernels`.
+        args: The arguments of the call.
+        features: What Taichi compiles the kernel for: types of arrays, values of templates.
+    """
     kernel.runtime.materialize()
-    made_of = _made_of(kernel, key, args, features)
-    if made_of is None:
-        own_way(kernel, key=key, args=args, arg_features=features)
+    identity = _fingerprint_of(kernel, key, args, features)
+    if identity is None:
+        Kernel.materialize(kernel, key=key, args=args, arg_features=features)
         return
-    path = Path(impl.current_cfg().offline_cache_file_path, FOLDER, f"{made_of.text}.calls")
-    tape = read_tape(path)
-    if tape is not None:
-        name = f"{kernel.func.__name__}_c{kernel.kernel_counter}_{key[1]}"
-        program = impl.get_runtime().prog
-        kernel.compiled_kernels[key] = program.create_kernel(partial(_play, tape), name, kernel.autodiff_mode)
+    path = Path(impl.current_cfg().offline_cache_file_path, FOLDER, f"{identity.text}.calls")
+    if _materialize_from(path, kernel, key):
         return
-    with _recording() as reel:
-        own_way(kernel, key=key, args=args, arg_features=features)
-    if reel.kept and not kernel.has_print and made_of.is_true():
-        write_tape(path, reel.tape())
+    with _recording() as recorder:
+        Kernel.materialize(kernel, key=key, args=args, arg_features=features)
+    if recorder.complete and not kernel.has_print and identity.is_current():
+        write_recording(path, recorder.recording())
 
 
-def _made_of(kernel: Kernel, key: Any, args: Any, features: Any) -> Fingerprint | None:
-    """None where the tree is not to be kept."""
+def _fingerprint_of(kernel: Kernel, key: Any, args: Any, features: Any) -> Fingerprint | None:
+    """Return None where the AST is not to be recorded."""
     config = impl.current_cfg()
-    plain = key is not None and kernel.autodiff_mode == AutodiffMode.NONE and not kernel.runtime.inside_kernel
-    if not plain or not config.offline_cache or config.debug:
+    supported = key is not None and kernel.autodiff_mode == AutodiffMode.NONE and not kernel.runtime.inside_kernel
+    if not supported or not config.offline_cache or config.debug:
         return None
     try:
         return fingerprint(kernel, args, features)
@@ -104,118 +80,143 @@ def _made_of(kernel: Kernel, key: Any, args: Any, features: Any) -> Fingerprint 
         return None
 
 
-def _play(tape: Tape, kernel: Any) -> None:
-    """Make the calls again."""
-    values = [kernel, impl.get_runtime().prog.config(), core.DebugInfo(), *map(decoded, tape.constants)]
-    calls = {name: _call(name) for name in set(tape.calls)}
-    at, arguments, add = 0, tape.arguments, values.append
-    for name, count in zip(tape.calls, tape.counts, strict=True):
-        add(calls[name](*[values[place] for place in arguments[at : at + count]]))
-        at += count
+def _materialize_from(path: Path, kernel: Kernel, key: Any) -> bool:
+    """Replay a recording; return False, and delete it, if it fails."""
+    recording = read_recording(path)
+    if recording is None:
+        return False
+    name = f"{kernel.func.__name__}_c{kernel.kernel_counter}_{key[1]}"
+    try:
+        compiled = impl.get_runtime().prog.create_kernel(partial(_replay, recording), name, kernel.autodiff_mode)
+    except Exception:  # whatever is wrong with the file, Taichi can still build the AST
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+        return False
+    kernel.compiled_kernels[key] = compiled
+    return True
 
 
-def _call(said: str) -> Callable[..., Any]:
-    """What is called, by its name and by the names of its last arguments that are given by name."""
-    name, *keywords = said.split()
-    call = _CALLS[name]
+def _replay(recording: CallRecording, kernel: Any) -> None:
+    """Make the recorded calls."""
+    values = [kernel, impl.get_runtime().prog.config(), core.DebugInfo(), *map(decode, recording.constants)]
+    calls = {name: _callable(name) for name in set(recording.calls)}
+    begin, arguments, append = 0, recording.arguments, values.append
+    for name, count in zip(recording.calls, recording.counts, strict=True):
+        append(calls[name](*[values[place] for place in arguments[begin : begin + count]]))
+        begin += count
+
+
+def _callable(recorded_name: str) -> Callable[..., Any]:
+    """Return what a recorded name stands for: the call's name, then the keywords of its last arguments."""
+    name, *keywords = recorded_name.split()
+    call = CALLS[name]
     if not keywords:
         return call
     return lambda *values: call(*values[: -len(keywords)], **dict(zip(keywords, values[-len(keywords) :], strict=True)))
 
 
-class _Reel:
-    """A tape in the making. kept: whether all could be written down. Arguments of rows: the number of the row whose
-    result it is, a constant in words, or what is always there."""
+class CallRecorder:
+    """Records calls of one thread, each as a row: its name and its arguments.
+
+    An argument is ("result", row of the call that returned it), ("constant", JSON text) or ("fixed", place).
+
+    Attributes:
+        complete: False once a call had an argument that cannot be recorded.
+    """
 
     def __init__(self) -> None:
-        self.kept = True
+        self.complete = True
+        self._thread = threading.get_ident()
         self._rows: list[tuple[str, list[tuple[str, Any]]]] = []
-        self._results: dict[int, int] = {}
-        self._alive: list[Any] = []
-        self._checked: set[int] = set()
+        self._row_of_result: dict[int, int] = {}  # by id
+        self._alive: list[Any] = []  # results, so that no id is used twice
+        self._checked: set[int] = set()  # ids of expressions whose types were checked
 
-    def recorded(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """The call, and its row."""
+    def wrap(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function that makes a call and records it under a name."""
 
-        def recorded(*values: Any, **named: Any) -> Any:
-            result = call(*values, **named)
-            if self.kept:
+        def recorded(*values: Any, **keywords: Any) -> Any:
+            result = call(*values, **keywords)
+            if self.complete and threading.get_ident() == self._thread:
                 try:
-                    self._add(" ".join([name, *named]), [*values, *named.values()], result)
-                except NotKept:
-                    self.kept = False
+                    self._add(" ".join([name, *keywords]), [*values, *keywords.values()], result)
+                except NotRecordable:
+                    self.complete = False
             return result
 
         return recorded
 
-    def _add(self, call: str, values: list[Any], result: Any) -> None:
-        if call == "Expr.type_check":  # which changes nothing the second time
+    def _add(self, name: str, values: list[Any], result: Any) -> None:
+        if name == "Expr.type_check":  # has no effect the second time
             if id(values[0]) in self._checked:
                 return
             self._checked.add(id(values[0]))
-        self._know(result, self._row(call, values))
+        self._add_result(result, self._add_row(name, values))
         if isinstance(result, list):
-            for k, each in enumerate(result):
-                if isinstance(each, _BOUND):
-                    self._know(each, self._row("item", [result, k]))
+            for k, item in enumerate(result):
+                if isinstance(item, _NATIVE):
+                    self._add_result(item, self._add_row("item", [result, k]))
 
-    def _row(self, call: str, values: list[Any]) -> int:
+    def _add_row(self, name: str, values: list[Any]) -> int:
         arguments = [self._argument(value) for value in values]
-        self._rows.append((call, arguments))
+        self._rows.append((name, arguments))
         return len(self._rows) - 1
 
-    def _know(self, result: Any, row: int) -> None:
-        if isinstance(result, (_BOUND, list)):
-            self._results.setdefault(id(result), row)
+    def _add_result(self, result: Any, row: int) -> None:
+        if isinstance(result, (_NATIVE, list)):
+            self._row_of_result.setdefault(id(result), row)
             self._alive.append(result)
 
     def _argument(self, value: Any) -> tuple[str, Any]:
-        if id(value) in self._results:
-            return "result", self._results[id(value)]
-        for kind, place in ((core.Kernel, KERNEL), (core.CompileConfig, CONFIG), (core.DebugInfo, PLACE)):
+        if id(value) in self._row_of_result:
+            return "result", self._row_of_result[id(value)]
+        for kind, place in ((core.Kernel, KERNEL), (core.CompileConfig, CONFIG), (core.DebugInfo, DEBUG_INFO)):
             if isinstance(value, kind):
-                return "always", place
-        if isinstance(value, (list, tuple)) and any(isinstance(each, (_BOUND, list)) for each in value):
-            return "result", self._row("list", list(value))
-        return "constant", json.dumps(encoded(value))
+                return "fixed", place
+        if isinstance(value, (list, tuple)) and any(isinstance(item, (_NATIVE, list)) for item in value):
+            return "result", self._add_row("list", list(value))
+        return "constant", json.dumps(encode(value))
 
-    def tape(self) -> Tape:
-        """Without calls that change nothing and whose results nobody takes."""
-        needed = [call.split()[0] in _EFFECTS for call, _ in self._rows]
+    def recording(self) -> CallRecording:
+        """Return the recording, without calls that have neither side effects nor used results."""
+        needed = [name.split()[0] in SIDE_EFFECTS for name, _ in self._rows]
         for row in range(len(self._rows) - 1, -1, -1):
             if needed[row]:
-                for kind, what in self._rows[row][1]:
+                for kind, content in self._rows[row][1]:
                     if kind == "result":
-                        needed[what] = True
-        rows = [row for row, wanted in zip(self._rows, needed, strict=True) if wanted]
-        constants = dict.fromkeys(what for _, arguments in rows for kind, what in arguments if kind == "constant")
-        places = {words: FIRST + k for k, words in enumerate(constants)}
-        results = FIRST + len(places) + np.cumsum([False, *needed])
-        tape = Tape([json.loads(words) for words in places])
-        for call, arguments in rows:
-            tape.calls.append(call)
-            tape.counts.append(len(arguments))
-            for kind, what in arguments:
-                place = int(results[what]) if kind == "result" else places[what] if kind == "constant" else what
-                tape.arguments.append(place)
-        return tape
+                        needed[content] = True
+        rows = [row for row, is_needed in zip(self._rows, needed, strict=True) if is_needed]
+        constants = dict.fromkeys(content for _, arguments in rows for kind, content in arguments if kind == "constant")
+        places = {text: FIRST_CONSTANT + k for k, text in enumerate(constants)}
+        results = FIRST_CONSTANT + len(places) + np.cumsum([False, *needed])
+        recording = CallRecording([json.loads(text) for text in places])
+        for name, arguments in rows:
+            recording.calls.append(name)
+            recording.counts.append(len(arguments))
+            for kind, content in arguments:
+                if kind == "result":
+                    content = int(results[content])
+                elif kind == "constant":
+                    content = places[content]
+                recording.arguments.append(content)
+        return recording
 
 
 @contextmanager
-def _recording() -> Iterator[_Reel]:
-    """Write down what Taichi's library is told."""
-    reel = _Reel()
+def _recording() -> Iterator[CallRecorder]:
+    """Record the calls into Taichi's library that this thread makes inside the context."""
+    recorder = CallRecorder()
     group = core.ExprGroup
     try:
-        for name, function in _FUNCTIONS.items():
-            setattr(core, name, reel.recorded(name, function))
-        for (kind, name), method in _METHODS.items():
-            setattr(kind, name, reel.recorded(f"{kind.__name__}.{name}", method))
-        core.ExprGroup = reel.recorded("ExprGroup", group)
-        yield reel
+        for name, function in FUNCTIONS.items():
+            setattr(core, name, recorder.wrap(name, function))
+        for (owner, name), method in METHODS.items():
+            setattr(owner, name, recorder.wrap(f"{owner.__name__}.{name}", method))
+        core.ExprGroup = recorder.wrap("ExprGroup", group)
+        yield recorder
     finally:
-        for name, function in _FUNCTIONS.items():
+        for name, function in FUNCTIONS.items():
             setattr(core, name, function)
-        for (kind, name), method in _METHODS.items():
-            setattr(kind, name, method)
+        for (owner, name), method in METHODS.items():
+            setattr(owner, name, method)
         core.ExprGroup = group

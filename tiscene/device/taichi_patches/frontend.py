@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What Taichi does in Python before a kernel runs: once for each function, not again wherever it is called.
+"""A faster front end: the source and the parsed tree of a function serve all of its calls.
 
-Taichi inlines a function at each of its calls. Taichi 1.7.4 reads, wraps and parses its source for each of them, words
-where each node of its syntax tree stands, should an error have to say so, and looks through all modules for the source
-around each decorator. Here a function's source and tree serve all of its calls: the same kernels, under the same names
-in Taichi's cache, in half the time. What comes of it is kept for the next process (`recordings`).
+Taichi inlines a function at each call. Taichi 1.7.4 reads and parses its source anew for each of them, and composes the
+text of an error message for every node of the syntax tree. Here both happen at most once. The kernels are the same,
+under the same names in Taichi's cache, in half the time.
+
+Taichi's functions are replaced only while one of this project's kernels compiles, and restored afterwards.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from __future__ import annotations
 import ast
 import functools
 import gc
-import sys
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,29 +22,43 @@ from typing import Any
 from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
-from tiscene.device.taichi_patches import ast_recorder, fingerprint
+from tiscene.device.taichi_patches import fingerprint
 
-_materialize: Any = kernel_impl.Kernel.materialize
-_walk: Any = kernel_impl.transform_tree
-
-
-def use() -> None:
-    """Prepare all kernels of this process so."""
-    kernel_impl._inside_class = _inside_class
-    kernel_impl._get_tree_and_ctx = _tree_and_context
-    kernel_impl.transform_tree = _walked
-    kernel_impl.Kernel.materialize = _prepared
-    ASTTransformerContext.get_pos_info = _position
+_transform: Any = kernel_impl.transform_tree
 
 
-def _inside_class(level_of_class_stackframe: int) -> bool:
-    """Whether the decorator that is so many calls up is used in the body of a class."""
-    return "__qualname__" in sys._getframe(level_of_class_stackframe - 1).f_locals
+@contextmanager
+def patched_frontend() -> Iterator[None]:
+    """Use the faster front end inside the context, without garbage collection."""
+    replacements = (
+        (kernel_impl, "_get_tree_and_ctx", _tree_and_context),
+        (kernel_impl, "transform_tree", _transformed),
+        (ASTTransformerContext, "get_pos_info", _position),
+    )
+    originals = [(owner, name, getattr(owner, name)) for owner, name, _ in replacements]
+    collects = gc.isenabled()
+    gc.disable()  # the trees are many objects, and all of them are alive until the kernel exists
+    try:
+        for owner, name, replacement in replacements:
+            setattr(owner, name, replacement)
+        yield
+    finally:
+        for owner, name, original in originals:
+            setattr(owner, name, original)
+        if collects:
+            gc.enable()
 
 
 @dataclass(eq=False)
-class _Source:
-    """A function as it is written. trees: parsed, those that nothing walks at the moment."""
+class FunctionSource:
+    """The source of a function.
+
+    Attributes:
+        file: Its path.
+        lines: Its lines, decorators included.
+        first_line: The number of the first of them.
+        trees: Parsed trees that no call uses at the moment. A recursive function needs several.
+    """
 
     file: str
     lines: list[str]
@@ -53,15 +67,15 @@ class _Source:
 
 
 @functools.cache
-def _source(function: Any) -> _Source:
+def _source(function: Any) -> FunctionSource:
     with suppress(fingerprint.NoFingerprint):
-        fingerprint.source_digest(function.__module__)  # before it is read: what it says is true from now on
+        fingerprint.source_digest(function.__module__)  # before the file is read, so that a later change is noticed
     lines, first_line = kernel_impl.getsourcelines(function)
     lines = [textwrap.fill(line, tabsize=4, width=9999) for line in lines]
-    return _Source(kernel_impl.getsourcefile(function), lines, first_line)
+    return FunctionSource(kernel_impl.getsourcefile(function), lines, first_line)
 
 
-def _parsed(lines: list[str]) -> ast.Module:
+def _parse(lines: list[str]) -> ast.Module:
     tree = ast.parse(textwrap.dedent("\n".join(lines)))
     tree.body[0].decorator_list = []  # type: ignore[attr-defined]
     return tree
@@ -76,7 +90,7 @@ def _tree_and_context(
     ast_builder: Any = None,
     is_real_function: bool = False,
 ) -> tuple[ast.Module, Any]:
-    """A tree of the function and what is known while it is walked, as Taichi's own."""
+    """Replace `kernel_impl._get_tree_and_ctx`: return a tree of the function and the context of its transformation."""
     source, names = _source(self.func), kernel_impl._get_global_vars(self.func)
     if is_kernel or is_real_function:
         names |= {self.arguments[row].name: args[row] for row in self.template_slot_locations}
@@ -93,18 +107,19 @@ def _tree_and_context(
         ast_builder=ast_builder,
         is_real_function=is_real_function,
     )
-    return source.trees.pop() if source.trees else _parsed(source.lines), context
+    return source.trees.pop() if source.trees else _parse(source.lines), context
 
 
-def _walked(tree: ast.Module, context: Any) -> Any:
-    result = _walk(tree, context)
-    if not (context.is_kernel or context.is_real_function):  # those have lost their arguments on the way
+def _transformed(tree: ast.Module, context: Any) -> Any:
+    """Replace `kernel_impl.transform_tree`: return its result, and keep the tree for the next call."""
+    result = _transform(tree, context)
+    if not (context.is_kernel or context.is_real_function):  # their transformation removes the arguments
         _source(context.func.func).trees.append(tree)
     return result
 
 
 def _position(self: Any, node: Any) -> str:
-    """What an error says of where a node stands: the file and the line, and below, which part of it."""
+    """Replace `ASTTransformerContext.get_pos_info`: return file, line and the marked source of a node, for errors."""
     try:
         return node.position  # type: ignore[no-any-return]
     except AttributeError:
@@ -115,21 +130,3 @@ def _position(self: Any, node: Any) -> str:
             f"{line}\n{' ' * first}{'^' * (last - first)}\n"
         )
         return node.position  # type: ignore[no-any-return]
-
-
-def _prepared(self: Any, key: Any = None, args: Any = None, arg_features: Any = None) -> None:
-    if key is None or key not in self.compiled_kernels:
-        with _without_collection():
-            ast_recorder.prepare(self, key, args, arg_features, _materialize)
-
-
-@contextmanager
-def _without_collection() -> Iterator[None]:
-    """A kernel's syntax trees are many objects, all of them needed: looking for garbage among them finds none."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
