@@ -45,7 +45,7 @@ from tiscene.render.film.denoise import denoise
 from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import meter, tone_map
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
-from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass, ReplayImage
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage, IncrementalPass
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
@@ -146,7 +146,7 @@ def differences(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator
             seed=seed, spp=paths, max_depth=DEPTH, base_spp=plan.base_spp,
         )  # fmt: skip
 
-    def replay(replayed: IncrementalPass, paths: int, frames: range) -> ReplayImage:
+    def replay(replayed: IncrementalPass, paths: int, frames: range) -> IncrementalImage:
         for frame in frames:
             prepare(replayed, frame, paths)
             scene.place(room.placement(frame))

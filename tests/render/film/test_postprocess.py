@@ -11,39 +11,39 @@ import pytest
 from tiscene.device.memory import upload
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.postprocess import Postprocessor
-from tiscene.render.integrators.incremental.base_image import Base
-from tiscene.render.integrators.incremental.incremental_pass import ReplayImage
+from tiscene.render.integrators.incremental.base_image import IncrementalBase
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
 
 HEIGHT, WIDTH = 48, 64
 
 
-def noisy_base() -> Base:
+def noisy_base() -> IncrementalBase:
     rng = np.random.default_rng(1)
     image = np.zeros((HEIGHT, WIDTH, 9), np.float32)
     image[..., :3] = rng.gamma(4.0, 0.125, (HEIGHT, WIDTH, 3))
     image[..., 3:6] = 0.5
     image[..., 8] = 1.0
     cache = SimpleNamespace(mean=upload(image.reshape(-1, 9)))
-    return Base(SimpleNamespace(groups=1), image, cache, SimpleNamespace())
+    return IncrementalBase(SimpleNamespace(groups=1), image, cache, SimpleNamespace())
 
 
-def difference(base: Base, change: float = 0.0) -> ReplayImage:
+def difference(base: IncrementalBase, change: float = 0.0) -> IncrementalImage:
     """What came into the right half, if anything."""
-    radiance, albedo, normal = base.parts()
-    unmoved = np.ones((HEIGHT, WIDTH, 1), np.float32)
+    radiance, albedo, normal = base.channels()
+    static_mask = np.ones((HEIGHT, WIDTH, 1), np.float32)
     if change:
         radiance[:, WIDTH // 2 :] += change
-        unmoved[:, WIDTH // 2 :] = 0.0
-    patches = [(slice(0, HEIGHT), slice(16, WIDTH))] if change else []
-    return ReplayImage(radiance, albedo, normal, radiance, base, np.ones((1, 3), np.float32), unmoved, patches)
+        static_mask[:, WIDTH // 2 :] = 0.0
+    regions = [(slice(0, HEIGHT), slice(16, WIDTH))] if change else []
+    return IncrementalImage(radiance, albedo, normal, radiance, base, np.ones((1, 3), np.float32), static_mask, regions)
 
 
 @pytest.mark.parametrize("downscale", [1, 2])
 def test_where_nothing_changed_the_base_shows_at_its_best(downscale: int) -> None:
     base = noisy_base()
     shown = Postprocessor("fast", downscale, True).difference(difference(base))
-    np.testing.assert_allclose(shown, denoise(*base.parts(), "high"), atol=1e-5)
-    assert len(base.kept) == 1
+    np.testing.assert_allclose(shown, denoise(*base.channels(), "high"), atol=1e-5)
+    assert len(base.derived) == 1
 
 
 @pytest.mark.parametrize("downscale", [1, 2])
@@ -62,7 +62,7 @@ def test_without_a_denoiser_nothing_is_touched_but_what_overshoots() -> None:
     shown = Postprocessor(None, 1, True).difference(image)
     assert (shown[0, 0] == 0.0).all()
     assert (shown[1:] == image.hdr[1:]).all()
-    assert not base.kept
+    assert not base.derived
 
 
 def test_a_wide_lens_is_told_apart() -> None:
@@ -70,4 +70,4 @@ def test_a_wide_lens_is_told_apart() -> None:
     base = noisy_base()
     for quality in ("fast", "balanced"):
         Postprocessor(quality, 1, True).difference(difference(base))
-    assert len(base.kept) == 2
+    assert len(base.derived) == 2

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.upsample import light, upsample
-from tiscene.render.integrators.incremental.base_image import Base
-from tiscene.render.integrators.incremental.changed_regions import AROUND, Patch
-from tiscene.render.integrators.incremental.incremental_pass import ReplayImage
+from tiscene.render.integrators.incremental.base_image import IncrementalBase
+from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
 from tiscene.render.integrators.path.path_pass import PathImage
 
 FloatImage = NDArray[np.float32]
@@ -39,7 +39,7 @@ class Postprocessor:
         reached, white, _ = light(image.hdr, image.albedo, image.normal)
         return upsample(self._denoised(reached, white, image.normal, False), image.normal, albedo, normal)
 
-    def difference(self, image: ReplayImage) -> FloatImage:
+    def difference(self, image: IncrementalImage) -> FloatImage:
         """Radiance of a picture that is a difference to a base, both of full size.
 
         What is denoised is the sum, as far as that goes in a moment: if light is reduced, in full size only where much
@@ -48,10 +48,10 @@ class Postprocessor:
         """
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)  # a difference may overshoot
-        noisy = np.maximum(image.even, 0.0), image.albedo, image.normal
+        noisy = np.maximum(image.filtered, 0.0), image.albedo, image.normal
         shown = self._refined(self._quick(*noisy), image, (slice(None), slice(None)), COARSE)
         if self.downscale > 1:
-            for rows, columns in image.patches:
+            for rows, columns in image.changed_regions:
                 here = rows, columns
                 radiance, albedo, normal = (each[here] for each in noisy)
                 fine = self._refined(self._denoised(radiance, albedo, normal, False), image, here, FINE)
@@ -59,23 +59,23 @@ class Postprocessor:
                 shown[here] += weight * (fine - shown[here])
         return np.maximum(shown, 0.0, out=shown)
 
-    def _refined(self, quick: FloatImage, image: ReplayImage, here: Patch, kind: str) -> FloatImage:
+    def _refined(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:
         """Without what is known to be wrong with it."""
         for group, factor in enumerate(image.factors):
             if factor.any():
                 more = self._refinement(image.base, group, kind)[here] * factor
-                more *= image.unmoved[here]
+                more *= image.static_mask[here]
                 quick += more
         return quick
 
-    def _refinement(self, base: Base, group: int, kind: str) -> FloatImage:
+    def _refinement(self, base: IncrementalBase, group: int, kind: str) -> FloatImage:
         """What the best picture of a base under a group of lights has more than one that is made as those of frames."""
         name = f"{kind} refinement of {self} in group {group}"
-        if name not in base.kept:
-            best = denoise(*base.parts(group), "high", clean=self.sharp)
-            rough = base.rough_parts(group)
-            base.kept[name] = best - (self._quick(*rough) if kind == COARSE else self._denoised(*rough, False))
-        return base.kept[name]
+        if name not in base.derived:
+            best = denoise(*base.channels(group), "high", clean=self.sharp)
+            rough = base.noise_matched_channels(group)
+            base.derived[name] = best - (self._quick(*rough) if kind == COARSE else self._denoised(*rough, False))
+        return base.derived[name]
 
     def _quick(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
         if self.downscale == 1:
@@ -90,15 +90,15 @@ class Postprocessor:
         return denoise(radiance, albedo, normal, self.denoiser, clean=clean)
 
 
-def inside(patch: Patch, height: int, width: int) -> FloatImage:
+def inside(patch: Region, height: int, width: int) -> FloatImage:
     """Weights [h, w, 1] that grow from 0 to 1 along those sides of a patch that are not the picture's."""
     ramps = []
     for span, size in zip(patch, (height, width), strict=True):
         here = np.arange(span.start, span.stop, dtype=np.float32) + 0.5
         ramp = np.ones(len(here), np.float32)
         if span.start > 0:
-            ramp = np.minimum(ramp, (here - span.start) / AROUND)
+            ramp = np.minimum(ramp, (here - span.start) / MARGIN)
         if span.stop < size:
-            ramp = np.minimum(ramp, (span.stop - here) / AROUND)
+            ramp = np.minimum(ramp, (span.stop - here) / MARGIN)
         ramps.append(ramp)
     return np.minimum(ramps[0][:, None, None], ramps[1][None, :, None])

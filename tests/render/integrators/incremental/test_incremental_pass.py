@@ -17,8 +17,13 @@ from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, desc
 from tiscene.device.memory import upload
 from tiscene.render.integrators.incremental import path_cache
 from tiscene.render.integrators.incremental.base_lights import BaseLights
-from tiscene.render.integrators.incremental.incremental_pass import CACHE_FRAME, NEAR_FRAME, IncrementalPass, grouped
-from tiscene.render.integrators.incremental.outlier_filter import evened
+from tiscene.render.integrators.incremental.incremental_pass import (
+    CACHED_PATHS_FRAME,
+    EXTRA_PATHS_FRAME,
+    IncrementalPass,
+    cluster_boxes,
+)
+from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import BLOCK
 from tiscene.render.integrators.incremental.path_recording import light_column
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
@@ -113,7 +118,7 @@ class Box:
         self.device.place(self.at(*positions))
         return self.passes.render(self.moving)
 
-    def trace(self, *positions: tuple[float, float, float], frame: int = CACHE_FRAME, spp: int = 4) -> PathImage:
+    def trace(self, *positions: tuple[float, float, float], frame: int = CACHED_PATHS_FRAME, spp: int = 4) -> PathImage:
         self.device.place(self.at(*positions))
         # What a mover emits is met, and not sampled, as in a difference.
         lights = self.device.lights
@@ -202,7 +207,7 @@ def test_pixels_in_which_a_mover_is_seen_have_more_paths(block: int, monkeypatch
     after = stacked(scene.replay(*AT, near_spp=3))
     seen = (after != before).any(axis=-1)
     assert 0.02 < seen.mean() < 0.3
-    both = (4.0 * stacked(scene.trace(*AT)) + 3.0 * stacked(scene.trace(*AT, frame=NEAR_FRAME, spp=3))) / 7.0
+    both = (4.0 * stacked(scene.trace(*AT)) + 3.0 * stacked(scene.trace(*AT, frame=EXTRA_PATHS_FRAME, spp=3))) / 7.0
     np.testing.assert_allclose(scene.replayed_mean()[seen], both[seen], rtol=1e-4, atol=1e-4)
     np.testing.assert_array_equal(stacked(scene.replay(*AT, near_spp=3)), after)
 
@@ -307,7 +312,7 @@ def test_spikes_are_evened_out_and_no_light_is_lost() -> None:
     change[block][..., :3] = -0.4
     change[mover][:3], change[mover][5] = 3.0, 0.2
     hdr += change[..., :3]
-    even = evened(upload(change.reshape(-1, 9)), hdr)
+    even = filter_outliers(upload(change.reshape(-1, 9)), hdr)
     assert even.sum(dtype=float) == pytest.approx(hdr.sum(dtype=float), rel=1e-6)
     assert 0.3 < even[lone][0] < 0.5
     assert np.abs(even - hdr)[hdr == 0.5].max() < 0.02
@@ -322,7 +327,7 @@ def test_no_light_of_a_spike_is_lost_at_the_edges(size: tuple[int, int]) -> None
         change, hdr = np.zeros((height, width, 9), np.float32), np.full((height, width, 3), 0.5, np.float32)
         change[y, x, :3] = 0.3
         hdr += change[..., :3]
-        even = evened(upload(change.reshape(-1, 9)), hdr)
+        even = filter_outliers(upload(change.reshape(-1, 9)), hdr)
         assert even.sum(dtype=float) == pytest.approx(hdr.sum(dtype=float), rel=1e-5)
         assert even[y, x, 0] < 0.7
 
@@ -331,7 +336,7 @@ def test_a_spike_that_is_too_large_to_spread_is_no_blotch() -> None:
     """What a bright path had brought to a dark wall, and is now cut: the wall is hardly darker around."""
     change, hdr = np.zeros((48, 64, 9), np.float32), np.full((48, 64, 3), 0.01, np.float32)
     change[20, 30, :3] = -7.0
-    even = evened(upload(change.reshape(-1, 9)), hdr + change[..., :3])
+    even = filter_outliers(upload(change.reshape(-1, 9)), hdr + change[..., :3])
     assert even.min() > 0.006
     assert np.median(even) > 0.0095
 
@@ -355,11 +360,11 @@ def test_boxes_about_boxes() -> None:
     random = np.random.default_rng(3)
     low = random.uniform(-2.0, 2.0, (50, 3))
     boxes = np.concatenate([low, low + random.uniform(0.0, 0.5, (50, 3))], axis=1)
-    groups = grouped(boxes)
+    groups = cluster_boxes(boxes)
     assert groups.shape == (8, 6)
     inside = (groups[:, None, :3] <= boxes[:, :3]).all(axis=-1) & (groups[:, None, 3:] >= boxes[:, 3:]).all(axis=-1)
     assert inside.any(axis=0).all()
-    assert (grouped(boxes[:3])[3:, :3] > 1e29).all()
+    assert (cluster_boxes(boxes[:3])[3:, :3] > 1e29).all()
 
 
 def test_the_base_follows_what_stands_still() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tells where movers are, and what the denoiser is shown of them: smooth edges, patches of what has changed."""
+"""What tells where movers are, and what the denoiser is shown of them: smooth edges, bounding_regions of what has changed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from tests.render.integrators.incremental.test_incremental_pass import AT, LENS, RED, SIZE, Box
 from tiscene.device.memory import upload
-from tiscene.render.integrators.incremental.changed_regions import AROUND, CELL, STEP, changed_patches, patches
-from tiscene.render.integrators.incremental.incremental_pass import ReplayImage
-from tiscene.render.integrators.incremental.mover_coverage import NOT_LOOKED, PLACES
+from tiscene.render.integrators.incremental.changed_regions import CELL, MARGIN, STEP, bounding_regions, changed_regions
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
+from tiscene.render.integrators.incremental.mover_coverage import NO_MOVER_NEAR, SUBPIXELS
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -49,13 +49,13 @@ def test_places_tell_how_much_of_a_pixel_is_covered() -> None:
     """The small ball has few faces and is a little smaller than its sphere."""
     scene = Box()
     exact, looks = coverage(scene), looks_of(scene)
-    assert (looks[exact > 0.25] != NOT_LOOKED).all()
-    known = np.maximum(looks, 0) / PLACES
+    assert (looks[exact > 0.25] != NO_MOVER_NEAR).all()
+    known = np.maximum(looks, 0) / SUBPIXELS
     edges = (known > 0.0) & (known < 1.0)
     assert 10 < edges.sum() < 200
     assert np.abs(known - exact).max() < 0.4
     assert np.sqrt(np.mean((known - exact)[edges] ** 2)) < 0.12
-    first = np.maximum(looks_of(scene, all_places=False), 0) / PLACES
+    first = np.maximum(looks_of(scene, all_places=False), 0) / SUBPIXELS
     assert set(np.unique(first)) <= {0.0, 0.5, 1.0}
     assert np.abs(first - exact).sum() > 1.5 * np.abs(known - exact).sum()
 
@@ -65,9 +65,9 @@ def test_the_denoiser_sees_edges_without_noise() -> None:
     scene = Box(RED)
     truth = scene.trace(*AT, frame=7, spp=256)
     looks = looks_of(scene)
-    edges = (looks > 0) & (looks < PLACES)
+    edges = (looks > 0) & (looks < SUBPIXELS)
     image = scene.passes.render(scene.moving)
-    assert isinstance(image, ReplayImage)
+    assert isinstance(image, IncrementalImage)
     seen, chance = np.zeros((2, HEIGHT, WIDTH))
     for seed in range(4):
         scene.replay(*AT, seed=seed)
@@ -79,7 +79,7 @@ def test_the_denoiser_sees_edges_without_noise() -> None:
     blurred = Box(RED, camera=LENS)
     blurred.replay(*AT)
     hdr = blurred.passes.render(blurred.moving)
-    inside = looks == PLACES
+    inside = looks == SUBPIXELS
     np.testing.assert_allclose(hdr.albedo[inside], blurred.replayed_mean()[..., 3:6][inside], atol=1e-5)
 
 
@@ -92,19 +92,19 @@ def test_patches_hold_what_has_changed() -> None:
             y, x = random.integers(0, cells.shape[0]), random.integers(0, cells.shape[1])
             cells[y : y + random.integers(1, 5), x : x + random.integers(1, 5)] = True
         held = np.zeros((height, width), bool)
-        for rows, columns in patches(cells, height, width):
+        for rows, columns in bounding_regions(cells, height, width):
             assert 0 <= rows.start < rows.stop <= height
             assert 0 <= columns.start < columns.stop <= width
             assert (rows.stop - rows.start) % STEP == 0 or rows.stop - rows.start == height
             held[rows, columns] = True
         wanted = np.kron(cells, np.ones((CELL, CELL), bool))[:height, :width]
-        around = np.pad(wanted, AROUND)
-        for shift in (-AROUND, AROUND):
+        around = np.pad(wanted, MARGIN)
+        for shift in (-MARGIN, MARGIN):
             for axis in (0, 1):
-                moved = np.roll(around, shift, axis)[AROUND:-AROUND, AROUND:-AROUND]
+                moved = np.roll(around, shift, axis)[MARGIN:-MARGIN, MARGIN:-MARGIN]
                 assert held[moved].all()
-    assert patches(np.zeros((4, 4), bool), 32, 32) == []
-    assert patches(np.ones((4, 4), bool), 32, 32) == [(slice(0, 32), slice(0, 32))]
+    assert bounding_regions(np.zeros((4, 4), bool), 32, 32) == []
+    assert bounding_regions(np.ones((4, 4), bool), 32, 32) == [(slice(0, 32), slice(0, 32))]
 
 
 def test_shadows_count_and_specks_do_not() -> None:
@@ -114,7 +114,7 @@ def test_shadows_count_and_specks_do_not() -> None:
     change[16:24, 24:32, :3] = -0.3  # a shadow
     change[50, 80, :3] = 1.0  # a speck
     drawn = below + change[..., :3]
-    (shadow,) = changed_patches(upload(change.reshape(-1, 10)), drawn, drawn, unmoved)
+    (shadow,) = changed_regions(upload(change.reshape(-1, 10)), drawn, drawn, unmoved)
     assert shadow == (slice(4, 36), slice(12, 44))
     unmoved[60, 90] = 0.0
-    assert len(changed_patches(upload(change.reshape(-1, 10)), drawn, drawn, unmoved)) == 2
+    assert len(changed_regions(upload(change.reshape(-1, 10)), drawn, drawn, unmoved)) == 2

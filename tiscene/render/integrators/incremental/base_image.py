@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from tiscene.device.memory import upload
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.base_lights import BaseLights
-from tiscene.render.integrators.incremental.mover_coverage import Looks
+from tiscene.render.integrators.incremental.mover_coverage import MoverCoverage
 from tiscene.render.integrators.incremental.path_cache import PathCache
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
-from tiscene.render.integrators.path.path_pass import PathPass, SceneForPaths
+from tiscene.render.integrators.path.path_pass import PathPass, PathScene
 from tiscene.render.view import View
 from tiscene.scene.placement import CURRENT, Placement
 
@@ -29,7 +29,7 @@ ProgressCallback = Callable[[str, float], None]  # what is being made, and how m
 
 
 @dataclass(frozen=True, eq=False)
-class Base:
+class IncrementalBase:
     """What never moves. image: f32 [h, w, 6 + 3 * groups], columns as `light_column` says.
 
     lights: of it, which alone are sampled: what a mover emits is met.
@@ -42,9 +42,9 @@ class Base:
     lights: BaseLights
     image: FloatImage
     cache: PathCache
-    looks: Looks
+    looks: MoverCoverage
     near: PathCache | None = None
-    kept: dict[str, FloatImage] = field(default_factory=dict)
+    derived: dict[str, FloatImage] = field(default_factory=dict)
 
     @cached_property
     def mean(self) -> Any:
@@ -76,16 +76,16 @@ class Base:
         rough: FloatImage = fine + ROUGHNESS * (self.mean.to_numpy()[:, columns].reshape(fine.shape) - fine)
         return np.ascontiguousarray(rough)
 
-    def parts(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
+    def channels(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
         """Radiance under a group of lights, albedo and normal as arrays of their own."""
         radiance, albedo, normal = (
             self.image[..., first : first + 3].copy() for first in (light_column(group), AUXILIARY, AUXILIARY + 3)
         )
         return radiance, albedo, normal
 
-    def rough_parts(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
+    def noise_matched_channels(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
         """The same, with the radiance of `rough`."""
-        _, albedo, normal = self.parts(group)
+        _, albedo, normal = self.channels(group)
         return self.rough[..., 3 * group : 3 * group + 3].copy(), albedo, normal
 
 
@@ -96,7 +96,7 @@ def standing(placement: Placement, moving: NDArray[np.bool_]) -> Placement:
     return replace(placement, present=placement.present & ~moving, lights=lights)
 
 
-def under_group(paths: PathPass, group: int, lights: BaseLights | None) -> SceneForPaths:
+def under_group(paths: PathPass, group: int, lights: BaseLights | None) -> PathScene:
     """The scene where one group of lights shines; what glows by itself does so in group 0.
 
     lights: all of them; None: no others are placed.

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints2
 
-Patch = tuple[slice, slice]  # rows and columns
+Region = tuple[slice, slice]  # rows and columns
 
 CELL = 8  # px; what has changed is told by such squares
 OF_LIGHT = 0.15  # the change of light of a cell that counts, as a part of what was there
-AROUND, STEP = 8, 16  # px around the cells of a patch; its sides are multiples of the latter, so that few sizes occur
+MARGIN, STEP = 8, 16  # px around the cells of a patch; its sides are multiples of the latter, so that few sizes occur
 
 
-def changed_patches(
+def changed_regions(
     change: Any, drawn: NDArray[np.float32], even: NDArray[np.float32], unmoved: NDArray[np.float32]
-) -> list[Patch]:
+) -> list[Region]:
     """One for each group of cells in which something moves or light has changed much.
 
     change: f32 [pixels, n], as `combine` has it; drawn, even: radiance with that and without its spikes [h, w, 3].
@@ -27,7 +27,7 @@ def changed_patches(
     height, width = unmoved.shape[:2]
     cells = np.empty((-(-height // CELL), -(-width // CELL)), np.int32)
     find_changed(width, height, change, drawn, even, unmoved, cells)
-    return patches(cells > 0, height, width)
+    return bounding_regions(cells > 0, height, width)
 
 
 @ti.kernel
@@ -48,7 +48,7 @@ def find_changed(
         cells[row, column] = ti.cast(moved > 0.0 or much, ti.i32)
 
 
-def patches(cells: NDArray[np.bool_], height: int, width: int) -> list[Patch]:
+def bounding_regions(cells: NDArray[np.bool_], height: int, width: int) -> list[Region]:
     """Rectangles of a picture that hold all of those cells, one for each group of neighbors; one of the whole picture,
     if they are no smaller together."""
     left = set(map(tuple, np.argwhere(cells).tolist()))
@@ -70,7 +70,7 @@ def patches(cells: NDArray[np.bool_], height: int, width: int) -> list[Patch]:
 
 def _span(cells: Sequence[int], size: int) -> slice:
     """Pixels along one axis that hold the cells and what is around them."""
-    begin, end = min(cells) * CELL - AROUND, (max(cells) + 1) * CELL + AROUND
+    begin, end = min(cells) * CELL - MARGIN, (max(cells) + 1) * CELL + MARGIN
     length = min(-(-(end - begin) // STEP) * STEP, size)
     begin = max(0, min((begin + end - length) // 2, size - length))
     return slice(begin, begin + length)

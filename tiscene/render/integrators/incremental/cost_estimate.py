@@ -10,7 +10,7 @@ import numpy as np
 
 from tiscene.render.integrators.incremental.path_cache import PathCache, room_for
 from tiscene.render.integrators.incremental.path_recording import SEGMENT
-from tiscene.render.integrators.path.path_pass import PathPass, SceneForPaths
+from tiscene.render.integrators.path.path_pass import PathPass, PathScene
 from tiscene.render.integrators.path.path_state import PathState
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
@@ -25,7 +25,7 @@ class Probe:
     What is decided by them biases no picture, as their random numbers are their own.
     """
 
-    def __init__(self, paths: PathPass, scene: SceneForPaths, view: View, seed: int, max_depth: int) -> None:
+    def __init__(self, paths: PathPass, scene: PathScene, view: View, seed: int, max_depth: int) -> None:
         width = min(view.width, WIDTH)
         small = replace(view, width=width, height=-(-view.height * width // view.width))
         self.cache = PathCache(

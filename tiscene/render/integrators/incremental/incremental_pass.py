@@ -18,20 +18,26 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float8
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
-from tiscene.render.integrators.incremental.base_image import Base, ProgressCallback, base_image, standing, under_group
+from tiscene.render.integrators.incremental.base_image import (
+    IncrementalBase,
+    ProgressCallback,
+    base_image,
+    standing,
+    under_group,
+)
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.base_lights import BaseLights
-from tiscene.render.integrators.incremental.changed_regions import Patch, changed_patches
+from tiscene.render.integrators.incremental.changed_regions import Region, changed_regions
 from tiscene.render.integrators.incremental.cost_estimate import Probe
-from tiscene.render.integrators.incremental.mover_coverage import NOT_LOOKED, PLACES, Looks
+from tiscene.render.integrators.incremental.mover_coverage import NO_MOVER_NEAR, SUBPIXELS, MoverCoverage
 from tiscene.render.integrators.incremental.mover_culling import find_near
-from tiscene.render.integrators.incremental.outlier_filter import evened
+from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import Block, PathCache, room_for
 from tiscene.render.integrators.incremental.selected_paths import Selection
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass, SceneForPaths
+from tiscene.render.integrators.path.path_pass import PathImage, PathPass, PathScene
 from tiscene.render.integrators.path.path_state import PathState, chunks_for
 from tiscene.render.intersect.trace import occluded
 from tiscene.render.sampling.sobol import frame_key, index_bits
@@ -40,30 +46,30 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
 
 # What stands for the frame in the keys of random numbers.
-CACHE_FRAME, MOVERS_FRAME, NEAR_FRAME, NEAR_MOVERS_FRAME = -2, -3, -5, -6
-ONE_PIXEL = 1 << 30  # as many samples a pixel: the row alone tells rays apart
+CACHED_PATHS_FRAME, MOVER_OPACITY_FRAME, EXTRA_PATHS_FRAME, EXTRA_OPACITY_FRAME = -2, -3, -5, -6
+SINGLE_PIXEL_SPP = 1 << 30  # as many samples a pixel: the row alone tells rays apart
 BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
-NOWHERE = 1e30
+EMPTY_BOUND = 1e30
 CACHE_BYTES = 1 << 30
 MAX_PROBES = 16
 # Where movers cut more of the paths than this, a picture from nothing is as cheap and may have less noise.
-MOST_CUT = 0.75
+MAX_INVALIDATED = 0.75
 
 
 @dataclass(frozen=True, eq=False)
-class ReplayImage(PathImage):
+class IncrementalImage(PathImage):
     """even: for the denoiser, `hdr` without lone spikes, the edges of movers smooth, and as much noise everywhere as
     becomes it. base: what it is a difference to.
     factors: float32 [groups, 3], how much of its light each group of the base's lights gives.
-    unmoved: float32 [h, w, 1], 1 where no mover has come into the pixel itself, else 0. patches: rows and columns of
+    unmoved: float32 [h, w, 1], 1 where no mover has come into the pixel itself, else 0. bounding_regions: rows and columns of
     rectangles outside of which little has changed.
     """
 
-    even: NDArray[np.float32]
-    base: Base
+    filtered: NDArray[np.float32]
+    base: IncrementalBase
     factors: NDArray[np.float32]
-    unmoved: NDArray[np.float32]
-    patches: Sequence[Patch]
+    static_mask: NDArray[np.float32]
+    changed_regions: Sequence[Region]
 
 
 class IncrementalPass:
@@ -91,11 +97,11 @@ class IncrementalPass:
         self._images = images
         self._progress = progress or (lambda doing, done: None)
         self._paths = paths or PathPass(scene, width, height)
-        self._bases: dict[tuple[Any, ...], Base] = {}  # the one used last at the end
+        self._bases: dict[tuple[Any, ...], IncrementalBase] = {}  # the one used last at the end
         self._probes: dict[tuple[Any, ...], tuple[Probe, _Scratch]] = {}  # the one used last at the end
         self._scratch: _Scratch | None = None
         self._selection = Selection()
-        self._boxes = ti.ndarray(float8, 6)
+        self._boxes = device_array(float8, 6)
         self._paths_on_way: PathState | None = None
 
     @property
@@ -138,14 +144,14 @@ class IncrementalPass:
             self.scene.place(left)
             lights = BaseLights(self.scene, placement.light_groups)
             self._state(max(spp, near_spp))  # enough for both
-            keys = frame_key(seed, CACHE_FRAME), frame_key(seed, MOVERS_FRAME)
+            keys = frame_key(seed, CACHED_PATHS_FRAME), frame_key(seed, MOVER_OPACITY_FRAME)
             cache = self._kept_paths(view, lights, keys, spp, max_depth, self.memory_limit)
             near, rest = None, self.memory_limit - cache.bytes
             if near_spp and rest > cache.bytes // cache.numbers[0]:
-                keys = frame_key(seed, NEAR_FRAME), frame_key(seed, NEAR_MOVERS_FRAME)
+                keys = frame_key(seed, EXTRA_PATHS_FRAME), frame_key(seed, EXTRA_OPACITY_FRAME)
                 near = self._kept_paths(view, lights, keys, near_spp, max_depth, rest)
-            looks = Looks(self.scene, view, cache.order, cache.pixels)
-            base = Base(lights, image, cache, looks, near)
+            looks = MoverCoverage(self.scene, view, cache.order, cache.pixels)
+            base = IncrementalBase(lights, image, cache, looks, near)
             self._progress("paths", 1.0)
             while self._bases and self.cached_bytes + base.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
@@ -173,9 +179,9 @@ class IncrementalPass:
         self.scene.place(placement)
         paths, scratch = probe
         self._test(paths.block.rays, paths.block.rows, self._groups(moving), scratch)
-        return paths.cut_share(scratch.cut) <= MOST_CUT
+        return paths.cut_share(scratch.cut) <= MAX_INVALIDATED
 
-    def render(self, moving: NDArray[np.bool_]) -> ReplayImage:
+    def render(self, moving: NDArray[np.bool_]) -> IncrementalImage:
         """The picture of what the scene has placed at CURRENT, which was prepared for.
 
         moving: bool [n], which instances are not in the base.
@@ -191,12 +197,12 @@ class IncrementalPass:
         scene = self._paths.scene_arrays(base.lights.shining(factors))
         for block in cache.blocks:
             self._replay(scene, cache, block, cache.pixels, factors, scratch, groups)
-        by_looks = base.spp < PLACES and base.looks.sharp and self._paths.pixel_filter_name == "box"
+        by_looks = base.spp < SUBPIXELS and base.looks.sharp and self._paths.pixel_filter_name == "box"
         looks = base.looks.covered(lambda rays, count: self._test(rays, count, groups, scratch), scratch.cut, by_looks)
         if base.near:
-            near = np.flatnonzero(looks.ravel()[cache.order] != NOT_LOOKED)
+            near = np.flatnonzero(looks.ravel()[cache.order] != NO_MOVER_NEAR)
             for block, pixels in self._selection.blocks(base.near, near):
-                with self._paths.through(pixels):
+                with self._paths.restricted_to(pixels):
                     self._replay(scene, base.near, block, pixels, factors, scratch, groups, cache.numbers[0])
         hdr, drawn, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(4))
         unmoved = np.empty((self.height, self.width, 1), np.float32)
@@ -204,9 +210,9 @@ class IncrementalPass:
             self.width, self.height, looks, int(by_looks), scratch.change, scratch.met, factors,
             base.mean, base.image, base.rough, hdr, drawn, albedo, normal, unmoved,
         )  # fmt: skip
-        even = evened(scratch.change, drawn)
-        patches = changed_patches(scratch.change, drawn, even, unmoved)
-        return ReplayImage(hdr, albedo, normal, even, base, factors, unmoved, patches)
+        even = filter_outliers(scratch.change, drawn)
+        bounding_regions = changed_regions(scratch.change, drawn, even, unmoved)
+        return IncrementalImage(hdr, albedo, normal, even, base, factors, unmoved, bounding_regions)
 
     def _key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
         """What tells the bases of one scene apart."""
@@ -224,7 +230,7 @@ class IncrementalPass:
 
     def _groups(self, moving: NDArray[np.bool_]) -> Any:
         """Boxes about what moves, of what is placed at CURRENT; its tree is built."""
-        self._boxes.from_numpy(grouped(self.scene.place_movers(moving)).T.copy())
+        self._boxes.from_numpy(cluster_boxes(self.scene.place_movers(moving)).T.copy())
         return self._boxes
 
     def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
@@ -235,7 +241,7 @@ class IncrementalPass:
             occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.cut)
         return int(near)
 
-    def _look_through(self, scene: SceneForPaths, cache: PathCache, block: Block, near: int, scratch: _Scratch) -> None:
+    def _look_through(self, scene: PathScene, cache: PathCache, block: Block, near: int, scratch: _Scratch) -> None:
         """Let light through movers that are only partly there.
 
         The base let it through what stands still; the movers' own chances are drawn apart from that.
@@ -247,12 +253,14 @@ class IncrementalPass:
         for begin in range(0, count, s.size):
             rays = min(s.size, count - begin)
             kernels.copy_rays(scratch.shadow_rows, begin, rays, block.rays, s.shadow_rays, s.shadow_queue)
-            self._paths.cast_shadows(scene, s, rays, begin, block.number, (ONE_PIXEL, 0, cache.movers_key), tree=MOVERS)
+            self._paths.cast_shadows(
+                scene, s, rays, begin, block.number, (SINGLE_PIXEL_SPP, 0, cache.movers_key), tree=MOVERS
+            )
             kernels.note_answers(scratch.shadow_rows, begin, rays, s.occluded, scratch.cut)
 
     def _replay(
         self,
-        scene: SceneForPaths,
+        scene: PathScene,
         cache: PathCache,
         block: Block,
         pixels: Any,
@@ -323,29 +331,29 @@ class _Scratch:
         rows = self.rows = max(cache.most_rows, looks)
         self.steps, self.size = cache.steps, cache.state.size
         paths = cache.state.size
-        self.cut = ti.ndarray(ti.i32, (rows,))
-        self.candidates = ti.ndarray(ti.i32, (rows,))
-        self.shadow_rows = ti.ndarray(ti.i32, (rows,))
-        self.row_chunks = ti.ndarray(ti.i32, (chunks_for(rows),))
-        self.difference = ti.ndarray(ti.f32, (paths, 3))
-        self.cut_at = ti.ndarray(ti.i32, (paths, 2))
-        self.path_chunks = ti.ndarray(ti.i32, (chunks_for(paths), cache.steps))
-        self.entering = ti.ndarray(ti.i32, (paths,))
+        self.cut = device_array(ti.i32, (rows,))
+        self.candidates = device_array(ti.i32, (rows,))
+        self.shadow_rows = device_array(ti.i32, (rows,))
+        self.row_chunks = device_array(ti.i32, (chunks_for(rows),))
+        self.difference = device_array(ti.f32, (paths, 3))
+        self.cut_at = device_array(ti.i32, (paths, 2))
+        self.path_chunks = device_array(ti.i32, (chunks_for(paths), cache.steps))
+        self.entering = device_array(ti.i32, (paths,))
         pixels = int(cache.mean.shape[0])
-        self.change = upload(np.zeros((pixels, kernels.CHANGE_COLUMNS), np.float32))
-        self.met = upload(np.zeros((pixels, kernels.MET_COLUMNS), np.float32))
+        self.change = upload(np.zeros((pixels, kernels.CORRECTION_COLUMNS), np.float32))
+        self.met = upload(np.zeros((pixels, kernels.MOVER_COLUMNS), np.float32))
 
     def fits(self, cache: PathCache, looks: int) -> bool:
         """Whether there is room for the blocks of another cache of pictures of this size."""
         return self.rows >= max(cache.most_rows, looks) and self.steps >= cache.steps and self.size >= cache.state.size
 
 
-def grouped(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+def cluster_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
     """BOXES boxes that hold all of the boxes [n, 6]: neighbors along the axis on which they are spread most.
 
     They are a little larger than what they hold, as float32 [BOXES, 6]; those that are left over hold nothing.
     """
-    result = np.repeat(np.array([[NOWHERE] * 3 + [-NOWHERE] * 3], np.float32), BOXES, axis=0)
+    result = np.repeat(np.array([[EMPTY_BOUND] * 3 + [-EMPTY_BOUND] * 3], np.float32), BOXES, axis=0)
     if len(boxes):
         centers = 0.5 * (boxes[:, :3] + boxes[:, 3:])
         axis = int(np.argmax(np.ptp(centers, axis=0)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lone spikes of a difference, evened out for the denoiser, which takes a speck in a clean picture for a detail.
+"""Lone spikes of a difference, filter_outliers out for the denoiser, which takes a speck in a clean picture for a detail.
 
 A bright path that few frames have is a speck where it comes, and a dark one where the base has it and the frame not.
 What is more than its surroundings explain is spread so far that it is not seen. No light is lost, but of a spike that
@@ -113,7 +113,7 @@ def spread_spikes(width: ti.i32, height: ti.i32, spikes: Floats3, cells: Floats3
             even[y, x, c] = value[c]
 
 
-def evened(change: Any, hdr: NDArray[np.float32]) -> NDArray[np.float32]:
+def filter_outliers(change: Any, hdr: NDArray[np.float32]) -> NDArray[np.float32]:
     """Radiance [h, w, 3] without its spikes. change: f32 [pixels, n], as of `collect`."""
     height, width = hdr.shape[:2]
     spikes, even = np.empty_like(hdr), np.empty_like(hdr)

@@ -12,9 +12,9 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental import path_recording as record
-from tiscene.render.integrators.path.path_pass import PathPass, SceneForPaths
+from tiscene.render.integrators.path.path_pass import PathPass, PathScene
 from tiscene.render.integrators.path.path_state import CHUNK, FEATURE_COLUMNS, PathState
 from tiscene.render.intersect.ray_queue import ray, tiled_order, upload_pixels
 from tiscene.render.view import View
@@ -73,7 +73,7 @@ class PathCache:
     def __init__(
         self,
         paths: PathPass,
-        scenes: Sequence[SceneForPaths],
+        scenes: Sequence[PathScene],
         view: View,
         state: PathState,
         *,
@@ -96,7 +96,7 @@ class PathCache:
         self._paths, self._scenes, self._view = paths, scenes, view
         spp = numbers[0]
         pixel_count = view.width * view.height
-        self.mean = ti.ndarray(ti.f32, (pixel_count, record.light_column(len(scenes))))
+        self.mean = device_array(ti.f32, (pixel_count, record.light_column(len(scenes))))
         self._block_size = block_size(spp)
         total = pixel_count * spp
         self.state = state
@@ -118,7 +118,7 @@ class PathCache:
     def _trace(self, number: int, count: int) -> Block:
         first = number * self._block_size
         segment_counts, shadow_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
-        features = ti.ndarray(ti.f32, (count, FEATURE_COLUMNS))
+        features = device_array(ti.f32, (count, FEATURE_COLUMNS))
         written: list[list[_Rows]] = [[] for _ in range(self.steps)]
         for group, scene in enumerate(self._scenes):
             self._trace_group(group, scene, first, count, written, segment_counts, shadow_counts)
@@ -129,7 +129,7 @@ class PathCache:
     def _trace_group(
         self,
         group: int,
-        scene: SceneForPaths,
+        scene: PathScene,
         first: int,
         count: int,
         written: list[list[_Rows]],
@@ -138,7 +138,7 @@ class PathCache:
     ) -> None:
         """Trace a block under the lights of one group, and write down what it brings at each step."""
         s = self.state
-        with self._paths.through(self.pixels):
+        with self._paths.restricted_to(self.pixels):
             self._paths.start(self._view, s, first, count, self.numbers)
         live = count
         last_depth = self.max_depth - 1
@@ -181,9 +181,9 @@ class PathCache:
             count,
             rows,
             upload(offsets),
-            ti.ndarray(ray, max(rows, 1)),
-            ti.ndarray(ti.f32, (max(rows, 1), 3)),
-            ti.ndarray(ti.f32, (max(restorable, 1), record.RESTORE_COLUMNS)),
+            device_array(ray, max(rows, 1)),
+            device_array(ti.f32, (max(rows, 1), 3)),
+            device_array(ti.f32, (max(restorable, 1), record.RESTART_COLUMNS)),
             features,
         )
         next_row, next_segment = upload(offsets), upload(first_segments)
@@ -209,7 +209,7 @@ class _Rows:
 
     def __init__(self, count: int, group: int, is_segment: bool = False) -> None:
         self.count, self.group, self.is_segment = count, group, is_segment
-        self.paths = ti.ndarray(ti.i32, (count,))
-        self.rays = ti.ndarray(ray, count)
-        self.light = ti.ndarray(ti.f32, (count, 3))
-        self.restore = ti.ndarray(ti.f32, (count, record.RESTORE_COLUMNS)) if is_segment else None
+        self.paths = device_array(ti.i32, (count,))
+        self.rays = device_array(ray, count)
+        self.light = device_array(ti.f32, (count, 3))
+        self.restore = device_array(ti.f32, (count, record.RESTART_COLUMNS)) if is_segment else None

@@ -14,15 +14,15 @@ import taichi as ti
 from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec3
 from tiscene.render.integrators.path.path_state import (
     DEPTH_MASK,
-    DIFFUSE_PART,
+    DIFFUSE_FRACTION,
     DIRECT,
     FEATURE_COLUMNS,
+    FEATURES_WRITTEN,
+    LIGHT_PENDING,
     ORIGIN,
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
-    SAMPLED,
-    SEEN,
     SPREAD,
     THROUGHPUT,
     States,
@@ -48,7 +48,7 @@ def light_column(group: ti.i32) -> ti.i32:
 
 
 # Columns of `restore`: what a path needs to be traced again from the beginning of a segment.
-RESTORE_COLUMNS = 11
+RESTART_COLUMNS = 11
 R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS, R_SPREAD, R_DIFFUSE = 0, 3, 4, 5, 8, 9, 10
 
 
@@ -74,7 +74,7 @@ def begin_segments(
         write3(restore, k, R_VERTEX, get3(state, i, ORIGIN))
         restore[k, R_STATUS] = ti.cast(status[i], ti.f32)
         restore[k, R_SPREAD] = state[i][SPREAD]
-        restore[k, R_DIFFUSE] = state[i][DIFFUSE_PART]
+        restore[k, R_DIFFUSE] = state[i][DIFFUSE_FRACTION]
         set3(state, i, RADIANCE, vec3(0.0))
 
 
@@ -121,7 +121,7 @@ def end_segments(
         _, end = nearest_light(lights, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])
         brought = finite(get3(state, i, RADIANCE))
         status = ti.cast(restore[k, R_STATUS], ti.i32)
-        needed = group == 0 and ((status & DEPTH_MASK) < last_depth or (status & SEEN) == 0)
+        needed = group == 0 and ((status & DEPTH_MASK) < last_depth or (status & FEATURES_WRITTEN) == 0)
         if brought.max() == 0.0 and not needed:
             end = 0.0
         else:
@@ -153,7 +153,7 @@ def end_shadows(
     """Note the light of those that reached it (t_max 0 for the others), and take it from the paths."""
     for k in range(count):
         i = paths[k]
-        status[i] &= ~SAMPLED
+        status[i] &= ~LIGHT_PENDING
         if occluded[i] == 0:
             write3(light, k, 0, finite(get3(state, i, DIRECT)))
             rows[i] += 1
@@ -184,7 +184,7 @@ def sort_segments(
             sorted_rays[row] = rays[k]
             sorted_rays[row][SEGMENT] = ti.cast(segment, ti.f32)
             write3(sorted_light, row, 0, read3(light, k, 0))
-            for c in ti.static(range(RESTORE_COLUMNS)):
+            for c in ti.static(range(RESTART_COLUMNS)):
                 sorted_restore[segment, c] = restore[k, c]
 
 

@@ -5,7 +5,7 @@ is lost, put the paths that are cut back on their way, and add up what changed."
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, vec3
-from tiscene.render.integrators.incremental.mover_coverage import PLACES
+from tiscene.render.integrators.incremental.mover_coverage import SUBPIXELS
 from tiscene.render.integrators.incremental.mover_culling import add_up
 from tiscene.render.integrators.incremental.path_recording import (
     R_DIFFUSE,
@@ -20,15 +20,15 @@ from tiscene.render.integrators.incremental.path_recording import (
     light_column,
 )
 from tiscene.render.integrators.path.path_state import (
-    DIFFUSE_PART,
+    DIFFUSE_FRACTION,
     DIRECT,
     FEATURE_COLUMNS,
+    FEATURES_WRITTEN,
+    LIGHT_PENDING,
     ORIGIN,
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
-    SAMPLED,
-    SEEN,
     SPREAD,
     THROUGHPUT,
     States,
@@ -42,9 +42,9 @@ from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, ray_direction,
 PARTS = 16  # paths are taken up in so many rounds through the picture
 
 # Columns of the change of a pixel, means over its paths: of light, albedo and normal; how many met a mover first.
-CHANGE_COLUMNS, MET = 10, 9
+CORRECTION_COLUMNS, MOVER_HITS = 10, 9
 # Of pixels in which some did, sums over those: light, albedo, normal; over the others: change of light; number of all.
-MET_COLUMNS, MISSED, PATHS = 13, 9, 12
+MOVER_COLUMNS, MISS_LIGHT, PATH_COUNT = 13, 9, 12
 
 
 @ti.kernel
@@ -103,7 +103,7 @@ def settle(
                 state[i][PDF] = restore[at, R_PDF]
                 state[i][RELATIVE_IOR2] = restore[at, R_IOR2]
                 state[i][SPREAD] = restore[at, R_SPREAD]
-                state[i][DIFFUSE_PART] = restore[at, R_DIFFUSE]
+                state[i][DIFFUSE_FRACTION] = restore[at, R_DIFFUSE]
                 set3(state, i, ORIGIN, read3(restore, at, R_VERTEX))
                 status[i] = ti.cast(restore[at, R_STATUS], ti.i32)
                 for c in ti.static(range(FEATURE_COLUMNS)):
@@ -154,22 +154,22 @@ def collect(
     film: Floats2,
     met: Floats2,
 ):
-    """What the paths of these pixels say, to film [n, CHANGE_COLUMNS] and met [n, MET_COLUMNS].
+    """What the paths of these pixels say, to film [n, CORRECTION_COLUMNS] and met [n, MOVER_COLUMNS].
 
     others: of how many paths a pixel that is there already.
     """
     for rank in range(first // spp, (first + count) // spp):
-        sums = ti.Vector.zero(ti.f32, CHANGE_COLUMNS)
-        first_sums = ti.Vector.zero(ti.f32, PATHS)
+        sums = ti.Vector.zero(ti.f32, CORRECTION_COLUMNS)
+        first_sums = ti.Vector.zero(ti.f32, PATH_COUNT)
         for i in range(rank * spp - first, (rank + 1) * spp - first):
             change = read3(difference, i, 0)
             at, brought = cut_at[i, 0], vec3(0.0)
             if at >= 0:
                 brought = get3(state, i, RADIANCE)
-                if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
+                if (status[i] & LIGHT_PENDING) != 0 and occluded[i] == 0:
                     brought += get3(state, i, DIRECT)
                 change += brought
-                if (ti.cast(restore[at, R_STATUS], ti.i32) & SEEN) == 0:
+                if (ti.cast(restore[at, R_STATUS], ti.i32) & FEATURES_WRITTEN) == 0:
                     for c in ti.static(range(FEATURE_COLUMNS)):
                         sums[3 + c] += features[i, c] - base_features[i, c]
             is_number = ti.abs(change.sum()) < ti.math.inf  # false for nan too
@@ -177,7 +177,7 @@ def collect(
                 for c in ti.static(range(3)):
                     sums[c] += change[c]
             if cut_at[i, 1] == 0:
-                sums[MET] += 1.0
+                sums[MOVER_HITS] += 1.0
                 for c in ti.static(range(FEATURE_COLUMNS)):
                     first_sums[3 + c] += features[i, c]
             if is_number:
@@ -185,23 +185,23 @@ def collect(
                     if cut_at[i, 1] == 0:
                         first_sums[c] += brought[c]
                     else:
-                        first_sums[MISSED + c] += change[c]
+                        first_sums[MISS_LIGHT + c] += change[c]
         pixel = pixels[rank][ROW]
-        met_before = film[pixel, MET] if others > 0 else 0.0
-        if met_before + sums[MET] > 0.0:
-            for c in ti.static(range(PATHS)):
+        met_before = film[pixel, MOVER_HITS] if others > 0 else 0.0
+        if met_before + sums[MOVER_HITS] > 0.0:
+            for c in ti.static(range(PATH_COUNT)):
                 before = 0.0
                 if met_before > 0.0:
                     before = met[pixel, c]
-                elif ti.static(c >= MISSED):
+                elif ti.static(c >= MISS_LIGHT):
                     if others > 0:
-                        before = film[pixel, c - MISSED] * others
+                        before = film[pixel, c - MISS_LIGHT] * others
                 met[pixel, c] = before + first_sums[c]
-            met[pixel, PATHS] = others + spp
-        for c in ti.static(range(MET)):
+            met[pixel, PATH_COUNT] = others + spp
+        for c in ti.static(range(MOVER_HITS)):
             before = film[pixel, c] * others if others > 0 else 0.0
             film[pixel, c] = (before + sums[c]) / (others + spp)
-        film[pixel, MET] = met_before + sums[MET]
+        film[pixel, MOVER_HITS] = met_before + sums[MOVER_HITS]
 
 
 @ti.kernel
@@ -224,7 +224,7 @@ def combine(
 ):
     """The picture: the change added to the base image, and where movers cover most of a pixel, to its own paths' mean.
 
-    looks: as of `Looks.covered`. change, met: as of `collect`; factors: as of `settle`;
+    looks: as of `MoverCoverage.covered`. change, met: as of `collect`; factors: as of `settle`;
     mean [n, ...], base [h, w, ...]: columns as `light_column` says.
     drawn: what the denoiser gets, with `rough` [h, w, 3 * groups] in the place of the base. If by_looks is 1, movers
     cover as much of a pixel there, and of albedo and normal, as the looks say, not as much as a few paths meet.
@@ -237,7 +237,7 @@ def combine(
         for c in ti.static(range(3, 9)):
             changed += ti.abs(change[pixel, c])
         unmoved[y, x, 0] = ti.cast(changed == 0.0, ti.f32)
-        mixed = by_looks != 0 and looks[y, x] >= 0 and change[pixel, MET] > 0.0
+        mixed = by_looks != 0 and looks[y, x] >= 0 and change[pixel, MOVER_HITS] > 0.0
         for c in ti.static(range(3)):
             below = vec3(base[y, x, c], base[y, x, 3 + c], base[y, x, 6 + c])
             own = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
@@ -248,14 +248,14 @@ def combine(
                 own[0] += factors[group, c] * mean[pixel, column]
                 noisy += factors[group, c] * rough[y, x, 3 * group + c]
             all_changed = vec3(change[pixel, c], change[pixel, 3 + c], change[pixel, 6 + c])
-            hdr[y, x, c] = all_changed[0] + (below[0] if 2 * seen <= PLACES else own[0])
+            hdr[y, x, c] = all_changed[0] + (below[0] if 2 * seen <= SUBPIXELS else own[0])
             below[0] = noisy
-            shown = all_changed + (below if 2 * seen <= PLACES else own)
+            shown = all_changed + (below if 2 * seen <= SUBPIXELS else own)
             if mixed:
-                covers, meets = ti.cast(seen, ti.f32) / PLACES, change[pixel, MET]
-                missing = ti.max(met[pixel, PATHS] - meets, 1.0)
+                covers, meets = ti.cast(seen, ti.f32) / SUBPIXELS, change[pixel, MOVER_HITS]
+                missing = ti.max(met[pixel, PATH_COUNT] - meets, 1.0)
                 shown = covers / meets * vec3(met[pixel, c], met[pixel, 3 + c], met[pixel, 6 + c])
-                shown += (1.0 - covers) * (below + vec3(met[pixel, MISSED + c] / missing, 0.0, 0.0))
+                shown += (1.0 - covers) * (below + vec3(met[pixel, MISS_LIGHT + c] / missing, 0.0, 0.0))
             drawn[y, x, c] = shown[0]
             albedo[y, x, c] = shown[1]
             normal[y, x, c] = shown[2]

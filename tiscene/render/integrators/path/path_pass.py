@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path pass: radiance by path tracing with next-event estimation, in waves of kernels over batches of paths."""
+"""The path pass: radiance by path tracing with next-event estimation, as a wavefront of kernels over batches of paths.
+
+`PathPass.render` is the whole integrator. `start`, `advance` and `cast_shadows` are its steps, which the incremental
+renderer calls one by one.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +21,10 @@ from tiscene.device.vector_mode import vector_mode
 from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.integrators.path import wavefront_kernels as kernels
-from tiscene.render.integrators.path.last_segment import finish
-from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathState
+from tiscene.render.integrators.path.last_segment import finish_at_lights
+from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
 from tiscene.render.integrators.path.shading import SceneArrays, shade
-from tiscene.render.integrators.path.shadow_rays import pass_shadows
+from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
 from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import closest, occluded
@@ -33,19 +37,21 @@ from tiscene.scene.placement import CURRENT
 
 FloatImage = NDArray[np.float32]
 
-# Paths in flight. Fewer would stay in a CPU's cache, but threads then wait for each other more often: measured, 2^15
-# takes a third longer than this.
+# Paths in flight. Smaller batches would fit a CPU's cache, but threads would wait for each other more often: 2^15 was
+# measured to take a third longer.
 BATCH_SIZE = 1 << 20
-# A path passes through so many partly absent surfaces for nothing; each further one costs it a bounce.
-FREE_PASSES = 16
+# Alpha-rejected surfaces that a path passes without counting them as path depth.
+MAX_ALPHA_LAYERS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class PathImage:
-    """Float32 [height, width, 3] images, means over the samples of each pixel.
+    """Images of a path-traced frame, float32 [height, width, 3], means over the samples of each pixel.
 
-    hdr: scene-linear Rec.709 radiance. albedo (0..1), normal (world, unit before the mean): of the first thing seen
-    that is not a mirror or clear glass, for the denoiser.
+    Attributes:
+        hdr: Scene-linear Rec.709 radiance, W/m²/sr.
+        albedo: Denoiser feature, 0..1: diffuse albedo of the first surface that is neither mirror nor clear glass.
+        normal: Denoiser feature: shading normal of that surface, world space, of unit length before averaging.
     """
 
     hdr: FloatImage
@@ -53,11 +59,45 @@ class PathImage:
     normal: FloatImage
 
 
-class PathPass:
-    """Renders radiance of what a DeviceScene has placed at CURRENT.
+@dataclass(frozen=True, eq=False)
+class PathScene:
+    """Scene data for the path tracing kernels.
 
-    background: what camera rays see where nothing is, that of the view rendered last.
-    nonfinite: how many samples of the last picture were infinite or not numbers; they are left out of the means.
+    Attributes:
+        arrays: Device arrays.
+        any_coverage: Whether a material is partially opaque (alpha), so that hits may be rejected.
+        any_emission: Whether a material is emissive.
+        ends_at_lights: Whether the last segment of a path contributes only if it reaches a light: no surface emits and
+            no hit is ever rejected.
+    """
+
+    arrays: SceneArrays
+    any_coverage: bool
+    any_emission: bool
+    ends_at_lights: bool
+
+    def steps(self, max_depth: int) -> int:
+        """Return how many times paths may be advanced."""
+        return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
+
+
+class PathPass:
+    """Path tracer for a DeviceScene as placed at CURRENT.
+
+    Args:
+        scene: The scene.
+        width: Image width, pixels.
+        height: Image height, pixels.
+        batch_size: Paths in flight; None: BATCH_SIZE. It does not affect results.
+        pixel_filter: A name from `PIXEL_FILTERS`.
+        clamp: Limit of the largest channel of a path's radiance, W/m²/sr. It removes energy. None: no limit.
+
+    Attributes:
+        background: Radiance of camera rays that hit nothing, or SKY; that of the view rendered last.
+        nonfinite: Number of infinite or NaN samples in the last image. They are left out of the means.
+
+    Raises:
+        ArgumentError: If the image is empty.
     """
 
     def __init__(
@@ -70,12 +110,8 @@ class PathPass:
         pixel_filter: str = "box",
         clamp: float | None = None,
     ) -> None:
-        """batch_size: paths in flight; no effect on any byte of the result. pixel_filter: of `PIXEL_FILTERS`.
-
-        clamp: the most that a path brings in any channel, W/m²/sr, which takes light away; None: all of it.
-        """
         if width < 1 or height < 1:
-            raise ArgumentError(f"a picture of {width}x{height} pixels: both must be at least 1")
+            raise ArgumentError(f"image size {width}x{height} pixels: width and height must be at least 1")
         self.scene = scene
         self.width = width
         self.height = height
@@ -101,211 +137,181 @@ class PathPass:
         max_depth: int,
         mis: bool = True,
         progress: Callable[[float], None] | None = None,
-        part: tuple[int, int] | None = None,
-        scene: SceneForPaths | None = None,
+        sample_range: tuple[int, int] | None = None,
+        scene: PathScene | None = None,
     ) -> PathImage:
-        """One picture; a pure function of the scene, the view and the four numbers.
+        """Render one image, a pure function of the scene, the view, frame_index, seed, spp and max_depth.
 
-        spp: paths per pixel, any number; powers of two are stratified best. max_depth: how many edges a path may have,
-        as in Mitsuba's `path`: 1 shows what emits light, 2 adds direct light, n adds n - 2 bounces more. Passing
-        through a partly absent surface is no bounce. mis=False samples lights alone, for tests.
-        progress: called now and then with how much is done, 0..1.
-        part: the number of the first sample and how many are traced now, of the spp; the first part has the number 0,
-        and the others go on with the same picture: the scene and the view may move between them.
-        scene: what is told about what is placed; by default `scene_arrays()`.
-        Raises ArgumentError for numbers out of range or a view of another size.
+        Args:
+            view: Camera and image size.
+            frame_index: Frame number; with `seed` it selects the random numbers.
+            seed: Seed of the random numbers.
+            spp: Samples per pixel. Powers of two are stratified best.
+            max_depth: Largest number of segments of a path, as in Mitsuba's `path`: 1 shows emission only, 2 adds
+                direct lighting, n adds n - 2 further bounces. Passing an alpha-rejected surface does not count.
+            mis: False samples lights without multiple importance sampling, for tests.
+            progress: Called after each batch with the completed fraction, 0..1.
+            sample_range: First sample and number of samples to trace now, of the `spp` samples. A range that starts at
+                0 clears the film and the following ranges continue the same image; the scene and the view may change
+                in between. None: all samples.
+            scene: Scene data; None: `scene_arrays()`.
+
+        Raises:
+            ArgumentError: If a number is out of range or the view has another size.
         """
         self._check(view, spp, max_depth)
-        self._expose(
+        samples = PathSamples(sample_range[1] if sample_range else spp, index_bits(spp), frame_key(seed, frame_index))
+        self._trace(
             view,
             self.width * self.height,
-            spp,
-            frame_key(seed, frame_index),
+            samples,
             max_depth,
-            mis,
-            progress or (lambda _: None),
-            part,
-            scene,
+            mis=mis,
+            progress=progress,
+            first_sample=sample_range[0] if sample_range else 0,
+            scene=scene,
         )
-        if part is not None:
-            spp = sum(part)
-        return self._developed(spp)
-
-    def _developed(self, spp: int) -> PathImage:
-        shape = (self.height, self.width)
-        hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
-        dropped = np.empty(shape, np.int32)
-        kernels.develop(self._film, self.width, self.height, spp, hdr, albedo, normal, dropped)
-        self.nonfinite = int(dropped.sum())
-        return PathImage(hdr, albedo, normal)
-
-    def rehearse(self, view: View, emission: Callable[[], bool]) -> Iterator[None]:
-        """Compile the kernels, without a path. At last shading, as scenes need it in which surfaces emit or do not."""
-        scene, s, numbers = self.scene_arrays(), PathState(CHUNK), (1, 0, 0)
-        self._trace(scene, view, s, 0, 0, numbers, 0, 1)
-        closest(self.scene, CURRENT, s.rays, s.queue, 0, s.hits, s.hit_ids)
-        self.cast_shadows(scene, s, 0, 0, 0, numbers)
-        self._developed(1)
-        yield
-        self.advance(replace(scene, any_emission=emission()), s, 0, 0, 0, numbers, 1, 1)
+        return self._developed(sum(sample_range) if sample_range else spp)
 
     def sums(self, view: View, pixels: NDArray[np.int32], *, spp: int, key: int, max_depth: int) -> NDArray[np.float32]:
-        """`spp` paths through each of some pixels (rows y * width + x): the film's rows, float32 [n, FILM_COLUMNS].
+        """Trace `spp` paths through each of some pixels and return their film rows, float32 [n, FILM_COLUMNS].
 
-        key: of their random numbers, see `frame_key`.
+        Args:
+            view: Camera and image size.
+            pixels: i32 [n], pixel numbers y * width + x.
+            spp: Samples per pixel.
+            key: Key of the random numbers, see `frame_key`.
+            max_depth: See `render`.
         """
         self._check(view, spp, max_depth)
-        with self.through(upload_pixels(pixels, self.width, self.height)):
-            self._expose(view, len(pixels), spp, key, max_depth, True, lambda _: None)
+        with self.restricted_to(upload_pixels(pixels, self.width, self.height)):
+            self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth)
         rows: NDArray[np.float32] = self._film.to_numpy()[pixels]
         return rows
 
+    def warm_up(self, view: View, emission: Callable[[], bool]) -> Iterator[None]:
+        """Compile the kernels without tracing a path; yields between parts.
+
+        Args:
+            view: Camera and image size.
+            emission: Called last: whether the scene has emissive surfaces, which selects the variant of `shade`.
+        """
+        scene, state, samples = self.scene_arrays(), PathState(CHUNK), PathSamples(1, 0, 0)
+        self._trace_batch(scene, view, state, 0, 0, samples, 0, 1)
+        closest(self.scene, CURRENT, state.rays, state.queue, 0, state.hits, state.hit_ids)
+        self.cast_shadows(scene, state, 0, 0, 0, samples)
+        self._developed(1)
+        yield
+        self.advance(replace(scene, any_emission=emission()), state, 0, 0, 0, samples, 1, 1)
+
     @contextlib.contextmanager
-    def through(self, pixels: Any) -> Iterator[None]:
-        """Number paths by these pixels, as `upload_pixels` makes them, in the place of all."""
-        every, self._pixels = self._pixels, pixels
+    def restricted_to(self, pixels: Any) -> Iterator[None]:
+        """Number paths by these pixels, made by `upload_pixels`, instead of by all pixels of the image."""
+        all_pixels, self._pixels = self._pixels, pixels
         try:
             yield
         finally:
-            self._pixels = every
+            self._pixels = all_pixels
 
-    def _check(self, view: View, spp: int, max_depth: int) -> None:
-        if spp < 1 or max_depth < 1:
-            raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
-        if (view.width, view.height) != (self.width, self.height):
-            raise ArgumentError(f"a view of {view.width}x{view.height} pixels for a {self.width}x{self.height} picture")
-        if self.width * self.height * spp >= 1 << 31:
-            raise ArgumentError(f"{self.width}x{self.height} pixels at spp={spp}: more than 2^31 paths in one frame")
-
-    def _expose(
-        self,
-        view: View,
-        pixels: int,
-        spp: int,
-        key: int,
-        max_depth: int,
-        mis: bool,
-        progress: Callable[[float], None],
-        part: tuple[int, int] | None = None,
-        scene: SceneForPaths | None = None,
-    ) -> None:
-        """Trace the paths of the first so many of `self._pixels` onto the film."""
-        first_sample, samples = part or (0, spp)
-        total = pixels * samples
-        size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
-        if self._state is None or self._state.size < size:
-            self._state = PathState(size)
-        self._state.first_sample = first_sample
-        self.background = view.background
-        scene = scene or self.scene_arrays()
-        numbers = (samples, index_bits(spp), key)
-        for first in range(0, total, size):
-            self._trace(scene, view, self._state, first, min(size, total - first), numbers, max_depth, int(mis))
-            progress(min(1.0, (first + size) / total))
-
-    def _trace(
-        self,
-        scene: SceneForPaths,
-        view: View,
-        s: PathState,
-        first: int,
-        count: int,
-        numbers: tuple[int, int, int],
-        max_depth: int,
-        mis: int,
-    ) -> None:
-        """Trace the paths first .. first + count - 1 to their ends and add them to the film."""
-        spp, bits, key = numbers
-        self.start(view, s, first, count, numbers)
-        live = count
-        for step in range(scene.steps(max_depth)):
-            live, shadows = self.advance(scene, s, live, first, step, numbers, max_depth, mis)
-            if shadows:
-                self.cast_shadows(scene, s, shadows, first, step, numbers)
-            if not live:
-                break
-        kernels.expose(
-            self.pixel_filter, self._clamp, self._pixels, first, count, spp, bits, key,
-            s.status, s.occluded, s.state, s.features, self._film, s.first_sample,
-        )  # fmt: skip
-
-    def start(self, view: View, s: PathState, first: int, count: int, numbers: tuple[int, int, int]) -> None:
-        """Put the paths first .. first + count - 1 at the head of the queue, where the camera sends them."""
-        spp, bits, key = numbers
+    def start(self, view: View, state: PathState, first: int, count: int, samples: PathSamples) -> None:
+        """Generate the camera rays of paths first .. first + count - 1 and queue them."""
+        spp, bits, key = samples
         with self.vector_mode():
             kernels.start_paths(
                 view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
-                s.rays, s.state, s.status, s.queue, s.first_sample,
+                state.rays, state.state, state.status, state.queue, state.first_sample,
             )  # fmt: skip
 
     def advance(
         self,
-        scene: SceneForPaths,
-        s: PathState,
+        scene: PathScene,
+        state: PathState,
         live: int,
         first: int,
         step: int,
-        numbers: tuple[int, int, int],
+        samples: PathSamples,
         max_depth: int,
         mis: int,
     ) -> tuple[int, int]:
-        """Take the first `live` paths of the queue to their next vertex.
+        """Intersect and shade one segment of the first `live` paths of the queue.
 
-        Returns how many go on, then the first of the queue, and how many of `s.shadow_queue` sampled a light there.
+        Args:
+            scene: Scene data.
+            state: The paths; its queue is compacted.
+            live: Number of paths to advance.
+            first: Number of the path in row 0.
+            step: Number of times the paths were advanced before.
+            samples: Random numbers of the paths.
+            max_depth: See `render`.
+            mis: 0 samples lights only, see `render`.
+
+        Returns:
+            The number of paths that continue, at the head of the queue, and the number of shadow rays to cast, in
+            `state.shadow_queue`.
         """
-        spp, bits, key = numbers
+        spp, bits, key = samples
         if scene.ends_at_lights and step == max_depth - 1 > 0:
             with self.vector_mode():
-                finish(
+                finish_at_lights(
                     *scene.arrays.lighting, mis,
-                    s.queue, live, s.rays, s.shadow_rays, s.occluded, s.state, s.status,
+                    state.queue, live, state.rays, state.shadow_rays, state.occluded, state.state, state.status,
                 )  # fmt: skip
         else:
-            closest(self.scene, CURRENT, s.rays, s.queue, live, s.hits, s.hit_ids, together=step == 0)
+            closest(self.scene, CURRENT, state.rays, state.queue, live, state.hits, state.hit_ids, together=step == 0)
             with self.vector_mode():
                 shade(
                     *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
-                    s.queue, live, s.rays, s.hits, s.hit_ids, s.shadow_rays, s.occluded, s.state, s.features, s.status,
-                    s.first_sample, scene.any_emission,
+                    state.queue, live, state.rays, state.hits, state.hit_ids, state.shadow_rays, state.occluded,
+                    state.state, state.features, state.status, state.first_sample, scene.any_emission,
                 )  # fmt: skip
-        both = kernels.compact(s.status, s.queue, live, s.next_queue, s.shadow_queue, s.chunks)
-        live, shadows = both & 0xFFFFFFFF, both >> 32
-        s.swap()
-        return live, shadows
-
-    def vector_mode(self) -> contextlib.AbstractContextManager[None]:
-        """For kernels whose vectors allow it: they compile sooner."""
-        return vector_mode() if self.scene.traversal == "wide" else contextlib.nullcontext()
+        counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
+        state.swap_queues()
+        return counts & 0xFFFFFFFF, counts >> 32
 
     def cast_shadows(
         self,
-        scene: SceneForPaths,
-        s: PathState,
+        scene: PathScene,
+        state: PathState,
         count: int,
         first: int,
         step: int,
-        numbers: tuple[int, int, int],
+        samples: PathSamples,
         tree: int = CURRENT,
     ) -> None:
-        """Find out which of the shadow rays reach their lights, past all instances at CURRENT or the MOVERS alone."""
+        """Trace the first `count` shadow rays of the shadow queue and set `state.occluded`.
+
+        Args:
+            scene: Scene data.
+            state: The paths.
+            count: Number of shadow rays.
+            first: Number of the path in row 0.
+            step: Number of times the paths were advanced before.
+            samples: Random numbers of the paths, used by partially opaque surfaces.
+            tree: CURRENT for all instances, MOVERS for movers only.
+        """
         if not scene.any_coverage:
-            occluded(self.scene, tree, s.shadow_rays, s.shadow_queue, count, s.occluded)
+            occluded(self.scene, tree, state.shadow_rays, state.shadow_queue, count, state.occluded)
             return
-        spp, _, key = numbers
-        hits, hit_ids = s.shadow_hits
-        for layer in range(FREE_PASSES):
-            closest(self.scene, tree, s.shadow_rays, s.shadow_queue, count, hits, hit_ids)
-            going_on = pass_shadows(
-                *scene.arrays, self._pixels, first, spp, key, step, layer, s.shadow_queue, count,
-                s.shadow_rays, hits, hit_ids, s.occluded, s.first_sample,
+        spp, _, key = samples
+        hits, hit_ids = state.shadow_hits
+        for layer in range(MAX_ALPHA_LAYERS):
+            closest(self.scene, tree, state.shadow_rays, state.shadow_queue, count, hits, hit_ids)
+            continued = continue_shadow_rays(
+                *scene.arrays, self._pixels, first, spp, key, step, layer, state.shadow_queue, count,
+                state.shadow_rays, hits, hit_ids, state.occluded, state.first_sample,
             )  # fmt: skip
-            if not going_on:
+            if not continued:
                 break
 
-    def scene_arrays(self, lights: LightArrays | None = None) -> SceneForPaths:
-        """The scene's arrays as they are now; tables that depend on the materials are made when those change.
+    def vector_mode(self) -> contextlib.AbstractContextManager[None]:
+        """Return the context in which kernels whose vector operations permit it compile faster."""
+        return vector_mode() if self.scene.traversal == "wide" else contextlib.nullcontext()
 
-        lights: what is sampled, by default all lights that are placed.
+    def scene_arrays(self, lights: LightArrays | None = None) -> PathScene:
+        """Return the scene's data as it is now; BSDF energy tables are recomputed when glass materials change.
+
+        Args:
+            lights: Lights to sample; None: all lights of the scene.
         """
         scene = self.scene
         iors = tuple(scene.materials.glass_iors)
@@ -321,18 +327,76 @@ class PathPass:
         )
         materials = scene.materials
         ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        return SceneForPaths(arrays, materials.any_coverage, materials.any_emission, ends_at_lights)
+        return PathScene(arrays, materials.any_coverage, materials.any_emission, ends_at_lights)
 
+    def _check(self, view: View, spp: int, max_depth: int) -> None:
+        if spp < 1 or max_depth < 1:
+            raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
+        if (view.width, view.height) != (self.width, self.height):
+            raise ArgumentError(
+                f"view of {view.width}x{view.height} pixels: must have the image size, {self.width}x{self.height}"
+            )
+        if self.width * self.height * spp >= 1 << 31:
+            raise ArgumentError(
+                f"{self.width}x{self.height} pixels at spp={spp}: more than 2^31 paths per frame; reduce spp"
+            )
 
-@dataclass(frozen=True, eq=False)
-class SceneForPaths:
-    """What the kernels of one picture are told about the scene."""
+    def _trace(
+        self,
+        view: View,
+        pixel_count: int,
+        samples: PathSamples,
+        max_depth: int,
+        *,
+        mis: bool = True,
+        progress: Callable[[float], None] | None = None,
+        first_sample: int = 0,
+        scene: PathScene | None = None,
+    ) -> None:
+        """Trace paths through the first `pixel_count` of `self._pixels`, in batches, and add them to the film."""
+        total = pixel_count * samples.spp
+        size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
+        if self._state is None or self._state.size < size:
+            self._state = PathState(size)
+        self._state.first_sample = first_sample
+        self.background = view.background
+        scene = scene or self.scene_arrays()
+        for first in range(0, total, size):
+            self._trace_batch(scene, view, self._state, first, min(size, total - first), samples, max_depth, int(mis))
+            if progress:
+                progress(min(1.0, (first + size) / total))
 
-    arrays: SceneArrays
-    any_coverage: bool
-    any_emission: bool
-    ends_at_lights: bool  # no surface emits, and every path is as long as it has steps
+    def _trace_batch(
+        self,
+        scene: PathScene,
+        view: View,
+        state: PathState,
+        first: int,
+        count: int,
+        samples: PathSamples,
+        max_depth: int,
+        mis: int,
+    ) -> None:
+        """Trace the paths first .. first + count - 1 to their ends and add them to the film."""
+        spp, bits, key = samples
+        self.start(view, state, first, count, samples)
+        live = count
+        for step in range(scene.steps(max_depth)):
+            live, shadows = self.advance(scene, state, live, first, step, samples, max_depth, mis)
+            if shadows:
+                self.cast_shadows(scene, state, shadows, first, step, samples)
+            if not live:
+                break
+        kernels.accumulate(
+            self.pixel_filter, self._clamp, self._pixels, first, count, spp, bits, key,
+            state.status, state.occluded, state.state, state.features, self._film, state.first_sample,
+        )  # fmt: skip
 
-    def steps(self, max_depth: int) -> int:
-        """How often a path may be advanced."""
-        return max_depth + (FREE_PASSES if self.any_coverage else 0)
+    def _developed(self, spp: int) -> PathImage:
+        """Return the film as images."""
+        shape = (self.height, self.width)
+        hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
+        dropped = np.empty(shape, np.int32)
+        kernels.develop(self._film, self.width, self.height, spp, hdr, albedo, normal, dropped)
+        self.nonfinite = int(dropped.sum())
+        return PathImage(hdr, albedo, normal)

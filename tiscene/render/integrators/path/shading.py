@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One step of every live path: what it met, the light there, where it goes on."""
+"""The shading kernel of the wavefront path tracer: one vertex of every live path.
+
+For each path, `shade` adds the light sample of the previous vertex if its shadow ray was unoccluded and the emission
+that the segment found. At a surface it evaluates the material, samples a light (next-event estimation, whose shadow ray
+is traced afterwards) and samples the BSDF for the next segment, with Russian roulette. Light and BSDF samples are
+combined by multiple importance sampling. See Physically Based Rendering, 4th edition, section 15.3.
+"""
 
 from typing import Any, NamedTuple
 
@@ -11,16 +17,16 @@ from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shad
 from tiscene.render.integrators.path.path_state import (
     ALBEDO,
     DEPTH_MASK,
-    DIFFUSE_PART,
+    DIFFUSE_FRACTION,
     DIRECT,
+    FEATURES_WRITTEN,
+    LIGHT_PENDING,
     LIVE,
     NORMAL,
     ORIGIN,
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
-    SAMPLED,
-    SEEN,
     SPREAD,
     THROUGHPUT,
     States,
@@ -33,11 +39,11 @@ from tiscene.render.intersect.surface_interaction import Geometry, offset_origin
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import (
     LIGHT_FRONT,
-    another_blocks,
+    is_blocked_by_light,
     nearest_light,
     power_heuristic,
     response,
-    seen_lights,
+    weighted_emission,
 )
 from tiscene.render.lights.light_sample import lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
@@ -46,17 +52,17 @@ from tiscene.scene.lights.light_table import KIND, MESH, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE
 from tiscene.scene.placement import CURRENT
 
-# Sets of numbers, at every step.
+# Sets of random numbers of each segment, offsets from FIRST_STEP_SET + SETS * step.
 OPACITY_SET, LIGHT_SET, LOBE_SET, DIRECTION_SET, TEXTURE_SET, SETS = range(6)
 
 RUSSIAN_ROULETTE_DEPTH = 2
-# How much a path widens by a scattering of density 1/sr: its neighbors go apart, and make out no detail together.
+# Ray-cone spread after scattering with a density of 1/sr: neighboring paths diverge, so textures are filtered more.
 SCATTERED_SPREAD = 0.25
-LARGEST_SURVIVAL = 0.95
+MAX_SURVIVAL = 0.95
 
 
 class SceneArrays(NamedTuple):
-    """What `shade` and `pass_shadows` read of the scene, in the order of their arguments."""
+    """Scene arrays in the order in which `shade` and `continue_shadow_rays` take them."""
 
     vertex_position: Any
     vertex_normal: Any
@@ -79,23 +85,25 @@ class SceneArrays(NamedTuple):
 
     @property
     def surfaces(self) -> tuple[Any, ...]:
-        """The geometry and the materials, without textures."""
+        """Arrays of geometry and materials, without textures."""
         return self[:10]
 
     @property
     def lighting(self) -> tuple[Any, ...]:
-        """The textures and the lights."""
+        """Arrays of textures and lights."""
         return self[11:17]
 
 
 @ti.func
 def write3(array: Template, row: ti.i32, column: ti.i32, v: vec3):
+    """Write a vector to three columns of a row."""
     for c in ti.static(range(3)):
         array[row, column + c] = v[c]
 
 
 @ti.func
 def read3(array: Template, row: ti.i32, column: ti.i32) -> vec3:
+    """Read three columns of a row."""
     return vec3(array[row, column], array[row, column + 1], array[row, column + 2])
 
 
@@ -143,10 +151,23 @@ def shade(
     first_sample: ti.i32,
     any_emission: Template,
 ):
-    """Advance the paths in the queue by one vertex.
+    """Shade the hits of the paths in queue[0..count) and generate their next segments and shadow rays.
 
-    step: how often they were advanced before; it names their random numbers. mis: 0 samples lights alone (for tests).
-    first_sample: number of the first of the `spp` in each pixel. any_emission: whether some surface gives light.
+    The first 18 arguments are the scene, see `SceneArrays`.
+
+    Args:
+        pixels: See `upload_pixels`; path first + i belongs to pixels[(first + i) // spp].
+        first: Number of the path in row 0.
+        spp: Samples per pixel.
+        bits: Bits that number all samples of a pixel.
+        frame_key: Key of the random numbers.
+        step: Number of times the paths were advanced previous_depth; it selects their random numbers.
+        max_depth: Largest number of segments of a path.
+        mis: 0 samples lights only, without multiple importance sampling (for tests).
+        background_red, background_green, background_blue: Radiance of camera rays that hit nothing; negative red shows
+            the lights at infinity.
+        first_sample: Number of the first of the `spp` samples in each pixel.
+        any_emission: Compile-time: whether a material is emissive.
     """
     geometry = ti.static(
         Geometry(
@@ -163,66 +184,73 @@ def shade(
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
-    sets = FIRST_STEP_SET + SETS * step
-    texture_key = set_key(frame_key, sets + TEXTURE_SET)
+    first_set = FIRST_STEP_SET + SETS * step
+    texture_key = set_key(frame_key, first_set + TEXTURE_SET)
     ti.loop_config(block_dim=128)
-    # No vectors are made before the loop: in vector mode they would be kept where they are not aligned.
+    # Vectors must be created inside the loop: in vector mode, memory of vectors created before it is not aligned.
     for k in range(count):
         i = queue[k]
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         throughput, radiance = get3(state, i, THROUGHPUT), get3(state, i, RADIANCE)
-        pdf, part, last_vertex = state[i][PDF], state[i][DIFFUSE_PART], get3(state, i, ORIGIN)
-        bits_of_status = status[i]
-        if (bits_of_status & SAMPLED) != 0 and occluded[i] == 0:
+        pdf, diffuse_fraction, last_vertex = state[i][PDF], state[i][DIFFUSE_FRACTION], get3(state, i, ORIGIN)
+        status_bits = status[i]
+        # Next-event estimation of the previous vertex: its shadow ray has been traced.
+        if (status_bits & LIGHT_PENDING) != 0 and occluded[i] == 0:
             radiance += get3(state, i, DIRECT)
-        depth = bits_of_status & DEPTH_MASK
-        goes_on, sampled = False, 0
+        depth = status_bits & DEPTH_MASK
+        continues, sampled = False, 0
 
         instance = hit_ids[i][0]
         light, distance = nearest_light(lights, origin, direction, hits[i][0])
-        last = False  # the path's last surface, of which only what it emits would count, emits nothing
-        if instance >= 0 and depth + 1 >= max_depth and (bits_of_status & SEEN) != 0:
-            last = (material_info[triangle_material[hit_ids[i][1]], FLAGS] & (COVERAGE | EMITS)) == 0
-        seen = vec3(0.0)  # emitted towards the path by what it met
-        shines, triangle, glow, before = False, -1, vec3(0.0), depth
+        # At the last vertex of a path only emission counts: a surface that cannot emit need not be evaluated.
+        skip_surface = False
+        if instance >= 0 and depth + 1 >= max_depth and (status_bits & FEATURES_WRITTEN) != 0:
+            skip_surface = (material_info[triangle_material[hit_ids[i][1]], FLAGS] & (COVERAGE | EMITS)) == 0
+        emitted = vec3(0.0)  # radiance that arrives along the segment
+        emits, triangle, emission, previous_depth = False, -1, vec3(0.0), depth
         if light < 0 and instance < 0 and pdf == 0.0 and background_red >= 0.0:
-            seen = vec3(background_red, background_green, background_blue)
+            emitted = vec3(background_red, background_green, background_blue)
         elif light >= 0 or instance < 0:
-            shines = True
-        elif not last:
+            emits = True
+        elif not skip_surface:
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             index = path_index(pixels, first + i, spp, bits, first_sample)
-            width = hits[i][0] * state[i][SPREAD]
-            point = shaded_material_at(materials, textures, surface, direction, width, combine(texture_key, index))
-            absent = False
-            if point.flags & COVERAGE:
-                absent = draw(set_keys(frame_key, sets + OPACITY_SET), index).x >= point.opacity
-            if absent:
-                goes_on = True
+            footprint_width = hits[i][0] * state[i][SPREAD]
+            material = shaded_material_at(
+                materials, textures, surface, direction, footprint_width, combine(texture_key, index)
+            )
+            # A hit of a partially opaque surface is accepted with probability `opacity`.
+            alpha_rejected = False
+            if material.flags & COVERAGE:
+                alpha_rejected = draw(set_keys(frame_key, first_set + OPACITY_SET), index).x >= material.opacity
+            if alpha_rejected:
+                continues = True
                 write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
             else:
                 if ti.static(any_emission):
-                    if point.flags & EMITS:
-                        shines, triangle, glow, distance = True, hit_ids[i][1], point.emissive_color, hits[i][0]
+                    if material.flags & EMITS:
+                        emits, triangle, emission, distance = True, hit_ids[i][1], material.emissive_color, hits[i][0]
                 depth += 1
                 wo = -1.0 * direction
-                normal = shading_normal(surface, point, wo)
-                if (bits_of_status & SEEN) == 0 and is_mirror_like(point) == 0:
-                    bits_of_status |= SEEN
-                    write3(features, i, ALBEDO, point.diffuse_color)
+                normal = shading_normal(surface, material, wo)
+                if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
+                    status_bits |= FEATURES_WRITTEN
+                    write3(features, i, ALBEDO, material.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    light_u = draw(set_keys(frame_key, sets + LIGHT_SET), index)
-                    lit_side = normal * ti.cast((point.flags & GLASS) == 0, ti.f32)  # glass is lit from all around
-                    light_sample = dispatch.sample(lights, textures, surface.position, lit_side, light_u)
-                    bsdf_u = draw(set_keys(frame_key, sets + DIRECTION_SET), index)
+                    light_u = draw(set_keys(frame_key, first_set + LIGHT_SET), index)
+                    # Glass receives light from both sides: a zero normal excludes no light.
+                    lit_normal = normal * ti.cast((material.flags & GLASS) == 0, ti.f32)
+                    light_sample = dispatch.sample(lights, textures, surface.position, lit_normal, light_u)
+                    bsdf_u = draw(set_keys(frame_key, first_set + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
-                    if (point.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
-                        lobe_and_survival = draw(set_keys(frame_key, sets + LOBE_SET), index)
+                    if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
+                        lobe_and_survival = draw(set_keys(frame_key, first_set + LOBE_SET), index)
                     scattering = bsdf.scatter(
-                        surface, point, energy, normal, wo, light_sample.direction, vec3(bsdf_u, lobe_and_survival.x)
+                        surface, material, energy, normal, wo, light_sample.direction, vec3(bsdf_u, lobe_and_survival.x)
                     )
 
+                    # Direct lighting: the shadow ray decides at the next step whether DIRECT counts.
                     if light_sample.pdf > 0.0:
                         light_row = light_sample.row
                         direct = throughput * scattering.towards_light.xyz * light_sample.radiance
@@ -238,16 +266,18 @@ def shade(
                             start = offset_origin(surface, towards)
                             if ti.static(any_emission):
                                 if light_values[light_row, KIND] == MESH:
-                                    # Rays meet it: from where they start they must not meet it too early.
+                                    # Triangles of mesh lights are in the BVH: aim from the offset origin, so that the
+                                    # ray ends just in front of the sampled point.
                                     aim = surface.position + towards * reach - start
                                     reach = aim.norm()
                                     towards = aim / ti.max(reach, 1e-20)
                             reach *= 1.0 - LIGHT_FRONT
-                            if another_blocks(lights, light_row, start, towards, reach * (1.0 - LIGHT_FRONT)) == 0:
-                                sampled = SAMPLED
+                            if is_blocked_by_light(lights, light_row, start, towards, reach * (1.0 - LIGHT_FRONT)) == 0:
+                                sampled = LIGHT_PENDING
                                 write_ray(shadow_rays, i, start, towards, reach)
                                 set3(state, i, DIRECT, direct)
 
+                    # Next segment, along the sampled BSDF direction.
                     if scattering.onward.w > 0.0:
                         throughput_onward = throughput * scattering.onward.xyz * (1.0 / scattering.onward.w)
                         ior2 = state[i][RELATIVE_IOR2]
@@ -256,30 +286,32 @@ def shade(
                             state[i][RELATIVE_IOR2] = ior2
                         survival = 1.0
                         if depth >= RUSSIAN_ROULETTE_DEPTH:
-                            # The root: least cost times error, as what a path yet brings varies more than its weight.
-                            survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), LARGEST_SURVIVAL)
+                            # The square root minimizes cost times error: the remaining radiance of a path varies more
+                            # than its throughput.
+                            survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
                         if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
-                            goes_on = True
+                            continues = True
                             set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
                             state[i][PDF] = scattering.onward.w
-                            state[i][DIFFUSE_PART] = scattering.diffuse_parts.y
+                            state[i][DIFFUSE_FRACTION] = scattering.diffuse_parts.y
                             spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
                             state[i][SPREAD] = ti.max(state[i][SPREAD], spread)
                             set3(state, i, ORIGIN, surface.position)
                             start = offset_origin(surface, scattering.direction)
                             write_ray(rays, i, start, scattering.direction, ti.math.inf)
-        if shines:
-            seen = seen_lights(
-                lights, textures, light, instance, triangle, glow,
-                origin, direction, distance, last_vertex, pdf, part, before, mis,
+        if emits:
+            emitted = weighted_emission(
+                lights, textures, light, instance, triangle, emission,
+                origin, direction, distance, last_vertex, pdf, diffuse_fraction, previous_depth, mis,
             )  # fmt: skip
-        if seen.max() > 0.0:
-            radiance += throughput * seen
-        if (bits_of_status & SEEN) == 0 and (step == 0 or not goes_on):
-            write3(features, i, ALBEDO, vec3(0.0) if goes_on else ti.min(throughput * seen, 1.0))
+        if emitted.max() > 0.0:
+            radiance += throughput * emitted
+        # Paths that end before any feature was written have the feature of a visible light, or none.
+        if (status_bits & FEATURES_WRITTEN) == 0 and (step == 0 or not continues):
+            write3(features, i, ALBEDO, vec3(0.0) if continues else ti.min(throughput * emitted, 1.0))
             write3(features, i, NORMAL, vec3(0.0))
         set3(state, i, RADIANCE, radiance)
-        bits_of_status = depth | (bits_of_status & SEEN) | sampled
-        if goes_on:
-            bits_of_status |= LIVE
-        status[i] = bits_of_status
+        status_bits = depth | (status_bits & FEATURES_WRITTEN) | sampled
+        if continues:
+            status_bits |= LIVE
+        status[i] = status_bits

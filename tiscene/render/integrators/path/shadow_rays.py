@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shadow rays through surfaces that are only partly there."""
+"""Shadow rays through partially opaque surfaces.
+
+A surface whose material has an alpha channel (`material_table.COVERAGE`) is hit with probability `opacity`. A shadow
+ray whose hit is alpha-rejected continues behind the surface; `PathPass.cast_shadows` traces the continued rays again.
+"""
 
 import taichi as ti
 
@@ -12,13 +16,13 @@ from tiscene.render.texture_lookup import Textures
 from tiscene.scene.material_table import COVERAGE, OPACITY
 from tiscene.scene.placement import CURRENT
 
-_SHADOW_SETS = 1 << 20  # the keys of these numbers begin beyond those of any path's dimensions
-# A ray that has its answer meets nothing more, and still is a ray (t_max > 0).
-_DONE = 1e-30
+_SHADOW_SETS = 1 << 20  # number of the first set of random numbers for shadow rays, beyond the sets of any path
+# t_max of a ray whose visibility is known: tracing it again finds no hit, and t_max > 0 still holds.
+_RESOLVED = 1e-30
 
 
 @ti.kernel
-def pass_shadows(
+def continue_shadow_rays(
     vertex_position: Floats2,
     vertex_normal: Floats2,
     vertex_uv: Floats2,
@@ -51,9 +55,17 @@ def pass_shadows(
     occluded: Ints1,
     first_sample: ti.i32,
 ) -> ti.i32:
-    """Let the rays that met a surface through it, each with the chance that the surface is not there.
+    """Resolve the hits of shadow rays: accept them as occlusion, or continue the rays behind alpha-rejected surfaces.
 
-    Sets occluded[ray]; for a ray that goes on, to 1, which stands if it is never traced again. Returns how many go on.
+    Args:
+        pixels: See `upload_pixels`; with first, spp and first_sample they identify the random numbers of each path.
+        step: Number of times the paths were advanced before.
+        layer: Number of surfaces that the rays may have passed already.
+        queue: Rows of the rays; count: their number.
+        occluded: Output, i32 [ray]. It is 1 for a continued ray too, which holds if the ray is not traced again.
+
+    Returns:
+        The number of rays that continue.
     """
     geometry = ti.static(
         Geometry(
@@ -69,30 +81,30 @@ def pass_shadows(
     )
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
-    going_on = 0
+    continued = 0
     shadow_key = set_key(frame_key, _SHADOW_SETS + (step << 8) + layer)
     for k in range(count):
         i = queue[k]
         t_max = shadow_rays[i][7]
-        if t_max > _DONE:
+        if t_max > _RESOLVED:
             instance = hit_ids[i][0]
-            through = False
+            passes = False
             if instance < 0:
                 occluded[i] = 0
             else:
                 occluded[i] = 1
                 direction = ray_direction(shadow_rays, i)
                 surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
-                point = material_at(materials, textures, surface, 1 << OPACITY, Footprint())
-                if point.flags & COVERAGE:
+                material = material_at(materials, textures, surface, 1 << OPACITY, Footprint())
+                if material.flags & COVERAGE:
                     key = combine(shadow_key, ti.cast(pixels[(first + i) // spp][PLACE], ti.u32))
-                    if uniform(combine(key, ti.cast(first_sample + (first + i) % spp, ti.u32))) >= point.opacity:
+                    if uniform(combine(key, ti.cast(first_sample + (first + i) % spp, ti.u32))) >= material.opacity:
                         start = offset_origin(surface, direction)
                         traveled = (start - ray_origin(shadow_rays, i)).dot(direction)
-                        through = t_max > traveled
+                        passes = t_max > traveled
                         write_ray(shadow_rays, i, start, direction, t_max - traveled)
-            if through:
-                going_on += 1  # an integer: any order gives the same sum
+            if passes:
+                continued += 1  # integer sums do not depend on the order
             else:
-                shadow_rays[i][7] = _DONE
-    return going_on
+                shadow_rays[i][7] = _RESOLVED
+    return continued

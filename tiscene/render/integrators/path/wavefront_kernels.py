@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path tracer's own kernels: start paths, compact the live ones, add finished ones to the film, develop it.
+"""Kernels of the wavefront path tracer: generate camera rays, compact queues, accumulate samples, develop the film.
 
-Each thread owns the rows, chunks or pixels it writes, and sums run in one fixed order, so that every result has the
-same bytes for any number of threads and any size of batch.
+Each thread owns the rows, chunks or pixels that it writes, and sums are evaluated in a fixed order: results have the
+same bytes for any number of threads and any batch size.
 """
 
 import taichi as ti
@@ -13,11 +13,11 @@ from tiscene.render.integrators.path.path_state import (
     DROPPED,
     FEATURE_COLUMNS,
     FILM_COLUMNS,
+    LIGHT_PENDING,
     LIVE,
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
-    SAMPLED,
     SPREAD,
     THROUGHPUT,
     States,
@@ -32,29 +32,35 @@ from tiscene.render.sampling.sobol import draw, draw_words, reverse_bits, set_ke
 from tiscene.render.view import FOCUS_DISTANCE, FORWARD, LENS_RADIUS, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
-LANES = 16  # paths whose random numbers are computed together, as SIMD
+LANES = 16  # paths whose random numbers are computed in one SIMD vector
 Words = ti.types.vector(LANES, ti.u32)
 
-# Sets of two dimensions: where on the pixel, where on the lens, then some for each step of a path.
+# Each set is two dimensions of the sample: position in the pixel, position on the lens, then the sets of each segment.
 PIXEL_SET, LENS_SET, FIRST_STEP_SET = 0, 1, 2
 
 
 @ti.func
 def path_index(pixels: Template, path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
-    """Which points of the picture's are a path's, as `draw` takes it."""
+    """Return the index of a path's Sobol point, bit-reversed as `draw` expects it."""
     return reverse_bits(path_number(pixels, path, spp, bits, first_sample))
 
 
 @ti.func
 def path_number(pixels: Template, path: ti.i32, spp: ti.i32, bits: ti.i32, first_sample: ti.i32) -> ti.u32:
-    """The same, not reversed: those of a pixel are 2**bits in a row."""
+    """Return the index of a path's Sobol point. The 2**bits points of a pixel are consecutive."""
     place = ti.cast(pixels[path // spp][PLACE], ti.u32)
     return (place << bits) + ti.cast(first_sample + path % spp, ti.u32)
 
 
 @ti.func
 def pixel_offset(pixel_filter: Template, keys: uint3, index: ti.u32) -> ti.math.vec2:
-    """Where a path goes through its pixel, px from the center. keys: of PIXEL_SET. index: `path_index`."""
+    """Sample the pixel filter: offset of a path from the pixel center, px.
+
+    Args:
+        pixel_filter: Table of the filter, see `pixel_filter.PixelFilter.table`.
+        keys: Keys of PIXEL_SET.
+        index: See `path_index`.
+    """
     u = draw(keys, index)
     return ti.math.vec2(sample_offset(pixel_filter, u.x), sample_offset(pixel_filter, u.y))
 
@@ -77,13 +83,15 @@ def start_paths(
     queue: Ints1,
     first_sample: ti.i32,
 ):
-    """Send the paths first .. first + count - 1 through their pixels, `spp` each, numbered from first_sample on.
+    """Generate the camera rays of paths first .. first + count - 1, and reset their state.
 
-    Their random numbers are made LANES paths side by side.
+    Path p belongs to pixels[p // spp]. Random numbers are computed for LANES paths at a time.
 
-    bits: they count all of a pixel's samples, of which these may be a part.
+    Args:
+        bits: Bits that number all samples of a pixel, of which `spp` may be a part.
+        first_sample: Number of the first of these samples in each pixel.
     """
-    # A pixel's paths share it; no pixel is looked at closer than this.
+    # Ray-cone spread: the pixel's paths share its footprint, down to a quarter of the pixel.
     spread = 2.0 * view[CURRENT, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(1 << bits, ti.f32)), 0.25)
     ti.loop_config(block_dim=32)
     for block in range((count + LANES - 1) // LANES):
@@ -92,7 +100,7 @@ def start_paths(
         for lane in range(LANES):
             number[lane] = path_number(pixels, first + ti.min(begin + lane, count - 1), spp, bits, first_sample)
         index = reverse_bits(number)
-        # Keys are made here, since vectors made before the loop are kept where they are not aligned.
+        # Vectors must be created inside the loop: memory of vectors created before it is not aligned for SIMD.
         x, y = draw_words(set_keys(frame_key, PIXEL_SET), index)
         for lane in range(ti.min(LANES, count - begin)):
             i = begin + lane
@@ -126,45 +134,49 @@ def compact(
     shadows: Ints1,
     chunks: Ints2,
 ) -> ti.i64:
-    """Of queue[0..count) the live paths to `live` and the SAMPLED ones to `shadows`, in the same order.
+    """Compact queue[0..count): live paths to `live`, paths with LIGHT_PENDING to `shadows`, both in queue order.
 
-    Returns how many: live + shadows * 2^32.
+    Args:
+        chunks: Scratch, i32 [chunks_for(count), 2].
+
+    Returns:
+        Their numbers in one integer: live + shadows * 2^32.
     """
     size = chunk_size(count)
     chunk_count = (count + size - 1) // size
     for chunk in range(chunk_count):
-        lives, casts = 0, 0
+        live_count, shadow_count = 0, 0
         for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             i = queue[k]
             if status[i] & LIVE:
-                lives += 1
-            if status[i] & SAMPLED:
-                casts += 1
-        chunks[chunk, 0] = lives
-        chunks[chunk, 1] = casts
+                live_count += 1
+            if status[i] & LIGHT_PENDING:
+                shadow_count += 1
+        chunks[chunk, 0] = live_count
+        chunks[chunk, 1] = shadow_count
     ti.loop_config(serialize=True)
     for column in range(2):
         total = 0
         for chunk in range(chunk_count):
-            here = chunks[chunk, column]
+            size_of_chunk = chunks[chunk, column]
             chunks[chunk, column] = total
-            total += here
+            total += size_of_chunk
         chunks[chunk_count, column] = total
     for chunk in range(chunk_count):
-        lives, casts = chunks[chunk, 0], chunks[chunk, 1]
+        live_count, shadow_count = chunks[chunk, 0], chunks[chunk, 1]
         for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             i = queue[k]
             if status[i] & LIVE:
-                live[lives] = i
-                lives += 1
-            if status[i] & SAMPLED:
-                shadows[casts] = i
-                casts += 1
+                live[live_count] = i
+                live_count += 1
+            if status[i] & LIGHT_PENDING:
+                shadows[shadow_count] = i
+                shadow_count += 1
     return ti.cast(chunks[chunk_count, 0], ti.i64) + (ti.cast(chunks[chunk_count, 1], ti.i64) << 32)
 
 
 @ti.kernel
-def expose(
+def accumulate(
     pixel_filter: Floats1,
     clamp: ti.f32,
     pixels: Pixels,
@@ -180,28 +192,32 @@ def expose(
     film: Floats2,
     first_sample: ti.i32,
 ):
-    """Add a batch to the sums of its pixels, sample by sample in their order; the samples from 0 on begin them anew.
+    """Add the paths first .. first + count - 1 to the sums of their pixels, in order of their samples.
 
-    clamp: what the largest channel of a path's radiance is brought down to; infinite for all of it.
+    Sample 0 of a pixel resets the pixel's sums. Non-finite samples are counted and left out of the radiance.
+
+    Args:
+        clamp: Limit of the largest channel of a path's radiance, W/m²/sr; infinity to disable.
+        film: f32 [pixels, FILM_COLUMNS].
     """
     pixel_keys = set_keys(frame_key, PIXEL_SET)
     for rank in range(first // spp, (first + count - 1) // spp + 1):
         pixel = pixels[rank][ROW]
         begin, end = ti.max(first, rank * spp), ti.min(first + count, (rank + 1) * spp)
-        fresh = begin == rank * spp and first_sample == 0
+        is_first = begin == rank * spp and first_sample == 0
         sums = ti.Vector.zero(ti.f32, FILM_COLUMNS)
-        if not fresh:
+        if not is_first:
             for c in ti.static(range(FILM_COLUMNS)):
                 sums[c] = film[pixel, c]
         for path in range(begin, end):
             i = path - first
             radiance = get3(state, i, RADIANCE)
-            if (status[i] & SAMPLED) != 0 and occluded[i] == 0:
+            if (status[i] & LIGHT_PENDING) != 0 and occluded[i] == 0:
                 radiance += get3(state, i, DIRECT)
-            if ti.abs(radiance.sum()) < ti.math.inf:  # false for nan too
+            if ti.abs(radiance.sum()) < ti.math.inf:  # also false for NaN
                 if radiance.max() > clamp:
                     radiance *= clamp / radiance.max()
-                if pixel_filter[0] != 1.0:  # some weights are negative
+                if pixel_filter[0] != 1.0:  # the filter has negative lobes
                     index = path_index(pixels, path, spp, bits, first_sample)
                     offset = pixel_offset(pixel_filter, pixel_keys, index)
                     radiance *= offset_weight(pixel_filter, offset.x, offset.y)
@@ -226,12 +242,16 @@ def develop(
     normal: Floats3,
     dropped: Ints2,
 ):
-    """Means of the sums, as images."""
+    """Divide the film by the number of samples and write it as images [height, width, 3].
+
+    Args:
+        dropped: Output, i32 [height, width], number of non-finite samples of each pixel.
+    """
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width
-        kept = ti.max(spp - film[pixel, DROPPED], 1.0)
+        valid = ti.max(spp - film[pixel, DROPPED], 1.0)
         for c in ti.static(range(3)):
-            hdr[y, x, c] = film[pixel, c] / kept
+            hdr[y, x, c] = film[pixel, c] / valid
             albedo[y, x, c] = film[pixel, 3 + c] / spp
             normal[y, x, c] = film[pixel, 6 + c] / spp
         dropped[y, x] = ti.cast(film[pixel, DROPPED], ti.i32)
