@@ -69,7 +69,7 @@ def centers(scenario: Scenario, frames: int = 60, fps: float = 5.0) -> dict[str,
                for each in scenario.objects]  # fmt: skip
     free = Scenario(scenario.scene, objects, camera=scenario.camera)
     world = ts.Stream(free, fps=fps, width=8, height=6, buffers=("depth",)).world
-    rows = [{row.name: row.position for row in world.objects(frame)} for frame in range(frames)]
+    rows = [{row.name: row.position for row in world.state(frame).objects} for frame in range(frames)]
     return {each.id: np.array([row[each.id] for row in rows]) for each in objects}
 
 
@@ -174,7 +174,7 @@ def test_what_is_not_in_the_way_of_anything_moves_freely(room):
     world = ts.Stream(scenario, fps=5, width=8, height=6, buffers=("depth",)).world
     free = centers(scenario, 40)[scenario.objects[0].id]
     for frame in range(0, 40, 5):
-        (row,) = (each for each in world.objects(frame) if each.name == scenario.objects[0].id)
+        (row,) = (each for each in world.state(frame).objects if each.name == scenario.objects[0].id)
         np.testing.assert_allclose(row.position, free[frame], atol=1e-9)
 
 

@@ -17,13 +17,13 @@ from tests.usd.helpers import write
 from tiscene.catalog import find_scene
 from tiscene.errors import StageError, StageWarning
 from tiscene.frame.buffers import BUFFERS
-from tiscene.render.renderer import QUALITIES
+from tiscene.render.render_settings import PRESETS
 from tiscene.render.warm_up import rehearsal
 from tiscene.scene.textures.mipmaps import coarser_copies
 from tiscene.stream import loading
 from tiscene.usd.read import subprocess_reader
 from tiscene.usd.read.stage_reader import read_stage
-from tiscene.usd.read.subprocess_reader import unsaved
+from tiscene.usd.read.subprocess_reader import has_unsaved_layers
 
 BOX = 'def Cube "Box" (kind = "component")\n{\n}\ndef Volume "Smoke"\n{\n}'
 
@@ -53,7 +53,7 @@ STEPS = """
 import sys
 from tiscene.device import runtime
 from tiscene.stream import loading
-from tiscene.render.renderer import QUALITIES
+from tiscene.render.render_settings import PRESETS
 from tiscene.catalog import find_scene
 from pathlib import Path
 rehearsal = loading.rehearsal
@@ -64,7 +64,7 @@ def slow(*args):
     print("end", flush=True)
 loading.rehearsal = slow
 loading._pays = lambda buffers: True
-loading.load(Path(sys.argv[1]), ("rgb",), QUALITIES["fast"], None, False)
+loading.load(Path(sys.argv[1]), ("rgb",), PRESETS["fast"], None, False)
 """
 
 
@@ -77,7 +77,7 @@ def beside(monkeypatch):
 def load(path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        stage, _ = loading.load(path, ("instance",), QUALITIES["fast"], None, untrusted=False)
+        stage, _ = loading.load(path, ("instance",), PRESETS["fast"], None, untrusted=False)
     return stage, [str(each.message) for each in caught if each.category is StageWarning]
 
 
@@ -111,7 +111,7 @@ def test_its_errors_are_those_of_reading_here(tmp_path, beside):
 @pytest.mark.parametrize("program", ["raise SystemExit(3)", None])
 def test_where_no_other_process_can_it_is_read_here(program, tmp_path, beside, monkeypatch):
     if program:
-        monkeypatch.setattr(subprocess_reader, "_PROGRAM", program)
+        monkeypatch.setattr(subprocess_reader, "WORKER_PROGRAM", program)
     else:
         monkeypatch.setattr(subprocess_reader.sys, "executable", str(tmp_path / "gone"))
     path = write(tmp_path, BOX)
@@ -126,7 +126,7 @@ def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, mon
     assert not loading._pays(("depth", "instance"))
     layer = Sdf.Layer.FindOrOpen(str(path))
     layer.documentation = "changed"
-    assert unsaved()
+    assert has_unsaved_layers()
     assert not loading._pays(("depth", "rgb"))
 
 
@@ -134,7 +134,7 @@ def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, mon
 @pytest.mark.parametrize("quality", ["fast", "preview"])
 @pytest.mark.parametrize("emission", [False, True])
 def test_a_rehearsal_goes_on_to_its_end(buffers, quality, emission):
-    assert len(list(rehearsal(buffers, QUALITIES[quality], lambda: emission))) == 5
+    assert len(list(rehearsal(buffers, PRESETS[quality], lambda: emission))) == 5
 
 
 @pytest.mark.slow
@@ -156,30 +156,29 @@ def Material "Lamp" {
 
 
 @pytest.mark.parametrize(("text", "glows"), [(GLOWING % 2, True), (GLOWING % 0, False), (BOX, False)])
-def test_the_other_process_says_first_whether_anything_glows(text, glows, tmp_path, monkeypatch):
-    monkeypatch.setattr(subprocess_reader, "_MOMENT", 60.0)
-    with subprocess_reader.SubprocessReader(write(tmp_path, text), {}) as reading:
-        assert reading.glows() == glows
+def test_the_other_process_says_first_whether_anything_glows(text, glows, tmp_path):
+    with subprocess_reader.SubprocessReader(read_stage, write(tmp_path, text), {}, probe_emission=True) as reading:
+        assert reading.has_emission(60.0) == glows
 
 
-def test_of_a_wrong_stage_it_says_no(tmp_path, monkeypatch):
-    monkeypatch.setattr(subprocess_reader, "_MOMENT", 60.0)
-    with subprocess_reader.SubprocessReader(write(tmp_path, "def Mesh {"), {}) as reading:
-        assert not reading.glows()
+def test_of_a_wrong_stage_it_says_no(tmp_path):
+    with subprocess_reader.SubprocessReader(
+        read_stage, write(tmp_path, "def Mesh {"), {}, probe_emission=True
+    ) as reading:
+        assert not reading.has_emission(60.0)
         with pytest.raises(StageError):
             reading.result()
 
 
 def test_nobody_waits_long_for_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(subprocess_reader, "_PROGRAM", "import time; time.sleep(60)")
-    monkeypatch.setattr(subprocess_reader, "_MOMENT", 0.05)
-    with subprocess_reader.SubprocessReader(write(tmp_path, BOX), {}) as reading:
-        assert not reading.glows()
+    monkeypatch.setattr(subprocess_reader, "WORKER_PROGRAM", "import time; time.sleep(60)")
+    with subprocess_reader.SubprocessReader(read_stage, write(tmp_path, BOX), {}, probe_emission=True) as reading:
+        assert not reading.has_emission(0.05)
 
 
 def test_the_other_process_makes_the_copies_of_textures():
     path = find_scene("room_01")
-    with subprocess_reader.SubprocessReader(path, {}) as reading:
+    with subprocess_reader.SubprocessReader(read_stage, path, {}, probe_emission=True) as reading:
         there = reading.result().textures
     here = read_stage(path).textures
     assert here

@@ -14,7 +14,7 @@ from tests.world.test_collisions import EMPTY, STAGE, bouncer, path, world
 from tiscene.errors import ArgumentError, StageWarning
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.view import View
-from tiscene.stream.shutter import MOST_MOMENTS, moments
+from tiscene.stream.shutter import MAX_TIMES, shutter_samples
 from tiscene.usd.read.stage_reader import read_stage
 
 # A square of 2 m that glows before a camera that sees 10 m of its plane from below to above: 5 px a meter.
@@ -143,16 +143,17 @@ def test_moments_are_spread_over_the_time_and_a_function_of_the_frame():
     x = [[moment.placement.world_from_object[1, 0, 0, 3] for moment in each] for each in seen]
     assert x[0] == x[1] != x[2]
     assert [moment.spp for moment in seen[0]] == [1] * 8
-    assert len(seen[3]) == MOST_MOMENTS
+    assert len(seen[3]) == MAX_TIMES
     assert sum(moment.spp for moment in seen[3]) == 200
     # One in each eighth of half a frame, which is 1 cm a frame on this path.
     step = 2.0 / (2.0 * 25)
-    parts = (np.array(x[0]) - made.placement(5).world_from_object[1, 0, 0, 3]) / (0.5 * step) * 8
+    parts = (np.array(x[0]) - made.state(5).placement.world_from_object[1, 0, 0, 3]) / (0.5 * step) * 8
     assert (parts.astype(int) == np.arange(8)).all()
 
 
 def taken(made, index, spp):
-    return moments(made, index, View(*made.view(index), 8, 6), (0.0, 0.5), spp=spp, seed=3)
+    state = made.state(index)
+    return shutter_samples(made, state, View(*state.cameras[0], 8, 6), (0.0, 0.5), spp=spp, seed=3)
 
 
 def test_formulas_are_exact_and_collisions_go_straight():
@@ -162,15 +163,15 @@ def test_formulas_are_exact_and_collisions_go_straight():
     # The same path beside something that bounces: it is stepped, but keeps to its formula.
     beside = world(ts.Object("f", "Cube", (0, 0, 0), dynamic=loop), bouncer("b", position=(-2, -1, -2)), stage=STAGE)
     for frame in (0, 7, 31):
-        exact = free._motion.between(frame, shift)[0]
-        assert exact.tobytes() == free._motion._formulas.poses(Fraction(8 * frame + 3, 8 * 25))[0].tobytes()
-        assert beside._motion.between(frame, shift)[0].tobytes() == exact.tobytes()
-        before, now, after = (beside._motion.poses(k)[1] for k in (frame - 1, frame, frame + 1))
+        exact = free.trajectories.between(frame, shift)[0]
+        assert exact.tobytes() == free.trajectories.closed_form.poses(Fraction(8 * frame + 3, 8 * 25))[0].tobytes()
+        assert beside.trajectories.between(frame, shift)[0].tobytes() == exact.tobytes()
+        before, now, after = (beside.trajectories.poses(k)[1] for k in (frame - 1, frame, frame + 1))
         np.testing.assert_allclose(
-            beside._motion.between(frame, shift)[1, :3], now[:3] + 0.375 * (after - now)[:3], atol=1e-12
+            beside.trajectories.between(frame, shift)[1, :3], now[:3] + 0.375 * (after - now)[:3], atol=1e-12
         )
         np.testing.assert_allclose(
-            beside._motion.between(frame, -shift)[1, :3], now[:3] + 0.375 * (before - now)[:3], atol=1e-12
+            beside.trajectories.between(frame, -shift)[1, :3], now[:3] + 0.375 * (before - now)[:3], atol=1e-12
         )
 
 
@@ -179,5 +180,5 @@ def test_a_camera_keeps_to_its_path():
     made = world(camera=around, stage=EMPTY)
     for shift in (Fraction(1, 2), Fraction(-1, 4)):
         angle = 2.0 * np.pi * float(3 + shift) / 25
-        place = made.camera_at(3, shift).position
+        place = made.between(3, shift)[1][0].position
         np.testing.assert_allclose(place, (3 * np.sin(angle), 1.0, 3 * np.cos(angle)), atol=1e-9)

@@ -13,6 +13,7 @@ from tiscene.frame.events import Event
 from tiscene.scene.description import Collider, Instance, Mesh, SceneDescription, SceneObject, Template
 from tiscene.world.trajectories import Trajectories
 from tiscene.world.world import World
+from tiscene.world.world_state import CameraStep
 
 ROOM = box((6.0, 4.0, 6.0))
 PILLAR = box((0.5, 4.0, 0.5), (1.5, 0.0, 0.0))
@@ -49,33 +50,35 @@ def path(*stations: tuple[float, float, float], time: float = 4.0) -> ts.LinearW
 
 
 def poses(made: World, frames: range | list[int]) -> np.ndarray:
-    return np.array([[(*row.position, *row.rotation) for row in made.objects(k) if not row.prim_path] for k in frames])
+    return np.array(
+        [[(*row.position, *row.rotation) for row in made.state(k).objects if not row.prim_path] for k in frames]
+    )
 
 
 def is_stepped(made: World) -> bool:
-    made.objects(0)
-    return isinstance(made._motion._stepped, SteppedSimulation)
+    made.state(0)
+    return isinstance(made.trajectories.stepped, SteppedSimulation)
 
 
 def test_a_bouncing_object_stays_out_of_the_stage_and_says_what_it_met():
     made = world(bouncer())
     everything = np.concatenate([ROOM, PILLAR])
     for k in range(0, 250, 5):
-        placed = made.placement(k)
+        placed = made.state(k).placement
         matrix = placed.world_from_object[1, -1]
         corners = CUBE.reshape(-1, 3) @ matrix[:, :3].T + matrix[:, 3]
         assert point_triangle(corners, everything).min() > 0.0
         assert (np.abs(corners) < (3.0, 2.0, 3.0)).all()
-    met = [event for k in range(250) for event in made.events(k) if event.kind not in ("enter", "leave")]
+    met = [event for k in range(250) for event in made.state(k).events() if event.kind not in ("enter", "leave")]
     assert met[0] == Event("spawn", 3)
     assert met[1] == Event("contact", 3, other=1), "the pillar comes first"
     assert {event.other for event in met[1:]} == {1, 2}
-    assert made.objects(0)[0].name == "Pillar"
+    assert made.state(0).objects[0].name == "Pillar"
 
 
 def test_what_nobody_sees_is_in_the_way_and_in_no_picture():
     """The pillar as a collider alone: of no thing, then of the walls."""
-    for owner, met in ((-1, {"other": 0, "wall": "/Pillar"}), (0, {"other": 1})):
+    for owner, met in ((-1, {"other": 0, "surface": "/Pillar"}), (0, {"other": 1})):
         stage = SceneDescription(
             "room",
             STAGE.meshes,
@@ -85,9 +88,9 @@ def test_what_nobody_sees_is_in_the_way_and_in_no_picture():
         )
         made = world(bouncer(), stage=stage)
         np.testing.assert_array_equal(poses(made, range(60)), poses(world(bouncer()), range(60)))
-        first = next(event for k in range(60) for event in made.events(k) if event.kind == "contact")
+        first = next(event for k in range(60) for event in made.state(k).events() if event.kind == "contact")
         assert first == Event("contact", 2, **met)
-        assert made.placement(0).mesh.tolist() == [1, 2]
+        assert made.state(0).placement.mesh.tolist() == [1, 2]
 
 
 def test_a_template_collides_by_its_colliders():
@@ -99,7 +102,7 @@ def test_a_template_collides_by_its_colliders():
             ts.Scenario("room", [bouncer()]), STAGE, lambda name, it=description: Template("Cube", "toy", it), 25.0
         )
         assert is_stepped(made)
-        assert made._motion._stepped.movers[0].shape.reach == pytest.approx(reach, rel=0.15)
+        assert made.trajectories.stepped.movers[0].shape.reach == pytest.approx(reach, rel=0.15)
 
 
 def test_frames_are_a_function_of_their_number():
@@ -108,7 +111,7 @@ def test_frames_are_a_function_of_their_number():
     made = world(*objects)
     for k in (50, 3, 51, 20):
         assert poses(made, [k])[0].tobytes() == straight[k].tobytes()
-    placement = world(*objects).placement(50)
+    placement = world(*objects).state(50).placement
     np.testing.assert_array_equal(placement.world_from_object[0, -1, :, 3], straight[49, 1, :3])
     np.testing.assert_array_equal(placement.world_from_object[2, -1, :, 3], straight[51, 1, :3])
 
@@ -116,15 +119,15 @@ def test_frames_are_a_function_of_their_number():
 def test_a_follower_is_held_up_and_returns():
     made = world(ts.Object("f", "Cube", dynamic=path((-1, 0, 0), (1.6, 0, 0.1))))
     free = world(ts.Object("f", "Cube", dynamic=path((-1, 0, 0), (1.6, 0, 0.1)), collide=False))
-    blocked = [made.objects(k)[-1].blocked for k in range(100)]
+    blocked = [made.state(k).objects[-1].blocked for k in range(100)]
     assert is_stepped(made)
     assert not is_stepped(free)
     assert True in blocked[30:60]
-    same = [made.objects(k)[-1].position == free.objects(k)[-1].position for k in range(100)]
+    same = [made.state(k).objects[-1].position == free.state(k).objects[-1].position for k in range(100)]
     assert same[:20] == [True] * 20
     assert not all(same)
     assert same[99], "back on its path"
-    assert Event("contact", 3, 1) in [event for k in range(40, 55) for event in made.events(k)]
+    assert Event("contact", 3, 1) in [event for k in range(40, 55) for event in made.state(k).events()]
 
 
 @pytest.mark.parametrize(
@@ -149,7 +152,7 @@ def test_only_what_can_meet_something_is_stepped(objects, stage, frustum, steppe
     assert is_stepped(made) is stepped
     # A frame that is far away costs nothing then.
     if not stepped:
-        made.placement(10**7)
+        made.state(10**7)
 
 
 def test_the_frustum_holds_objects_and_moves_with_the_camera():
@@ -162,22 +165,22 @@ def test_the_frustum_holds_objects_and_moves_with_the_camera():
     ]
     made = world(*objects, stage=EMPTY, camera=turning, frustum=ts.Frustum(6.0))
     for k in range(0, 200, 4):
-        planes = made.view(k)[1].frustum_planes(4 / 3, 6.0)
-        placed = made.placement(k).world_from_object[1]
+        planes = made.state(k).cameras[0].current.frustum_planes(4 / 3, 6.0)
+        placed = made.state(k).placement.world_from_object[1]
         for row, matrix in enumerate(placed[:3]):
             corners = CUBE.reshape(-1, 3) @ matrix[:, :3].T + matrix[:, 3]
             if row < 2 or k > 75:
                 assert (corners @ planes[:, :3].T + planes[:, 3]).min() > 0.0, f"object {row} at frame {k}"
         np.testing.assert_array_equal(placed[3][:, 3], (0.0, 9.0, -3.0))
-    walls = {event.surface for k in range(200) for event in made.events(k) if event.kind == "contact"}
+    walls = {event.surface for k in range(200) for event in made.state(k).events() if event.kind == "contact"}
     assert "left" in walls or "right" in walls
 
 
 def test_events_of_life_spans():
     made = world(ts.Object("a", "Cube", (-1, 0, 0), first_frame=3, last_frame=5))
-    happened = {k: made.events(k) for k in range(8)}
-    assert happened.pop(3) == [Event("spawn", 3), Event("enter", 3)]
-    assert happened.pop(6) == [Event("despawn", 3), Event("leave", 3)]
+    happened = {k: made.state(k).events() for k in range(8)}
+    assert happened.pop(3) == (Event("spawn", 3), Event("enter", 3))
+    assert happened.pop(6) == (Event("despawn", 3), Event("leave", 3))
     assert not any(happened.values())
 
 
@@ -192,10 +195,10 @@ def test_bouncing_scenarios_are_written_and_read(tmp_path):
 def test_shapes_are_shared_by_template_and_scale():
     made = world(bouncer("a"), bouncer("b", position=(-1, 0, 0)), bouncer("c", position=(-1, 1, 0), scale=2.0))
     assert is_stepped(made)
-    motion = made._motion
+    motion = made.trajectories
     assert isinstance(motion, Trajectories)
     assert len(motion._shapes) == 2
-    first, second, third = (mover.shape for mover in motion._stepped.movers)
+    first, second, third = (mover.shape for mover in motion.stepped.movers)
     assert first is second
     assert third.reach > 1.5 * first.reach
 
@@ -211,24 +214,24 @@ def test_what_enters_and_leaves_the_view():
     made = World(ts.Scenario("room", objects, camera=camera), EMPTY, lambda name: TEMPLATE, 25.0, aspect=1.0)
     seen = {kind: [] for kind in ("enter", "leave")}
     for k in range(101):
-        for event in made.events(k):
+        for event in made.state(k).events():
             if event.kind in seen:
                 seen[event.kind].append((k, event.object))
     # Its near corners lie 2.85 m, its far ones 3.15 m before the camera, which sees as far to the sides.
     enters, leaves = (round((6 + x) / 3 * 25 + 0.5) for x in (-3.15 - 0.15, 3.15 + 0.15))
     assert seen["enter"] == [(10, 2), (enters, 1)]
     assert seen["leave"] == [(20, 2), (leaves, 1)]
-    assert made.events(enters) == made.events(enters), "a function of the frame"
+    assert made.state(enters).events() == made.state(enters).events(), "a function of the frame"
     # Another camera has events of its own.
     back = ts.Camera((0, 0, 0), (0, 0, 1, 0), vertical_fov=np.pi / 2)
-    assert Event("enter", 3) in made.events(0, (back, back, back), 1.0)
-    assert Event("enter", 3) not in made.events(0)
+    assert Event("enter", 3) in made.state(0).events(CameraStep(back, back, back), 1.0)
+    assert Event("enter", 3) not in made.state(0).events()
 
 
 def test_a_camera_that_turns_sees_the_stage_come_and_go():
     turning = ts.Camera((0, 0, 0), vertical_fov=0.8, dynamic=ts.Orbit((0, 0, 0), period=4.0))
     made = world(camera=turning)
-    events = [(event.kind, event.object) for k in range(100) for event in made.events(k)]
+    events = [(event.kind, event.object) for k in range(100) for event in made.state(k).events()]
     assert ("enter", 1) in events
     assert ("leave", 1) in events
     assert not [event for event in events if event[1] == 2], "the walls are around it, in every view"

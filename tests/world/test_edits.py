@@ -59,7 +59,7 @@ def played(made: World) -> dict[int, Placement]:
         if frame == 40:
             made.despawn("a")
             made.move("b", (-2.0, 0.0, 0.0))
-        seen[frame] = made.placement(frame)
+        seen[frame] = made.state(frame).placement
     return seen
 
 
@@ -71,7 +71,7 @@ def test_a_replay_shows_what_was_seen(name, tmp_path):
     made.scenario.save(tmp_path / "edited.json")
     replay = world(ts.Scenario.load(tmp_path / "edited.json"), stage)
     for frame in (59, 9, 10, 19, 20, 21, 39, 40, 0, 30):
-        for shown in (replay.placement(frame), made.placement(frame)):
+        for shown in (replay.state(frame).placement, made.state(frame).placement):
             rows = len(seen[frame].mesh)
             # Objects that come later are there as rows, but not present.
             assert not shown.present[:, rows:].any()
@@ -95,21 +95,21 @@ def test_edits_are_effective_on_the_next_frame_and_not_anticipated():
     made.next_frame = 20
     made.despawn(number)
     made.move("a", (0.0, 1.0, 0.0))
-    rows = {k: [(row.id, row.name) for row in made.objects(k) if row.template] for k in (9, 10, 19, 20)}
+    rows = {k: [(row.id, row.name) for row in made.state(k).objects if row.template] for k in (9, 10, 19, 20)}
     old, new = (3, "a"), (4, "new")
     assert rows == {9: [old], 10: [old, new], 19: [old, new], 20: [old]}
     # Columns: frames before, at and after; rows: a, new.
-    present = {k: made.placement(k).present[:, -2:].T.tolist() for k in (9, 10, 19, 20)}
+    present = {k: made.state(k).placement.present[:, -2:].T.tolist() for k in (9, 10, 19, 20)}
     assert present[9] == [[True] * 3, [False] * 3], "the spawn at 10 is not known at 9"
     assert present[10] == [[True] * 3, [False, True, True]]
     assert present[19] == [[True] * 3, [True] * 3], "nor the despawn at 20 at 19"
     assert present[20] == [[True] * 3, [True, False, False]]
-    x = {k: made.placement(k).world_from_object[:, -2, :, 3].tolist() for k in (19, 20)}
+    x = {k: made.state(k).placement.world_from_object[:, -2, :, 3].tolist() for k in (19, 20)}
     assert x[19] == [[-1, 0, 0]] * 3
     assert x[20] == [[-1, 0, 0], [0, 1, 0], [0, 1, 0]]
-    assert [row.velocity for row in made.objects(19) if row.name == "a"] == [(0, 0, 0)]
-    assert made.events(10) == [Event("spawn", 4), Event("enter", 4)]
-    assert made.events(20) == [Event("despawn", 4), Event("leave", 4)]
+    assert [row.velocity for row in made.state(19).objects if row.name == "a"] == [(0, 0, 0)]
+    assert made.state(10).events() == (Event("spawn", 4), Event("enter", 4))
+    assert made.state(20).events() == (Event("despawn", 4), Event("leave", 4))
 
 
 def test_ids_are_never_reused():
@@ -141,19 +141,19 @@ def test_what_appears_and_vanishes_at_one_frame_was_never_there():
     made.next_frame = 10
     made.despawn(made.spawn("Cube", (0, 0, 0)))
     for frame in (9, 10, 11):
-        assert made.events(frame) == []
-        assert [row.name for row in made.objects(frame) if row.template] == ["a"]
-        assert not made.placement(frame).present[:, -1].any()
+        assert made.state(frame).events() == ()
+        assert [row.name for row in made.state(frame).objects if row.template] == ["a"]
+        assert not made.state(frame).placement.present[:, -1].any()
 
 
 def test_a_spawn_changes_nothing_before_it_and_nothing_far_away():
     scenario, stage = SCENARIOS["bouncing"]
     plain, edited = world(scenario, stage), world(scenario, stage)
-    before = [plain.placement(k) for k in range(40)]
+    before = [plain.state(k).placement for k in range(40)]
     edited.next_frame = 20
     edited.spawn("Cube", (50.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(2.0))
     for k in range(40):
-        shown = edited.placement(k).world_from_object[:, : len(before[k].mesh)]
+        shown = edited.state(k).placement.world_from_object[:, : len(before[k].mesh)]
         assert shown.tobytes() == before[k].world_from_object.tobytes()
 
 
@@ -161,13 +161,13 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
     made = world(*SCENARIOS["path"])
     made.next_frame = 1000
     made.spawn("Cube", (5, 5, 5), dynamic=path((5, 5, 5), (6, 6, 6)))
-    made.placement(10**6)
-    assert made._motion._stepped is None
+    made.state(10**6)
+    assert made.trajectories.stepped is None
     made.next_frame = 5000
     made.spawn("Cube", (-0.5, 0.0, 0.9))
-    made.placement(5001)
-    assert made._motion._stepped is not None
-    assert min(made._motion._stepped._checkpoints) == 4999, "what was free is not stepped again"
+    made.state(5001)
+    assert made.trajectories.stepped is not None
+    assert min(made.trajectories.stepped._checkpoints) == 4999, "what was free is not stepped again"
 
 
 @pytest.mark.parametrize(
@@ -194,11 +194,11 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
 )
 def test_what_cannot_be_done_changes_nothing(edit, error, match):
     made = world(*SCENARIOS["still"])
-    before = made.scenario, made.placement(3)
+    before = made.scenario, made.state(3).placement
     with pytest.raises(error, match=match):
         edit(made)
     assert made.scenario == before[0]
-    assert same(made.placement(3), before[1])
+    assert same(made.state(3).placement, before[1])
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_edits_check_their_values():
         Move(1.0, "a", (0, 0, 0))
     for edit in (Despawn, lambda frame, id: Move(frame, id, (0, 0, 0))):
         for id in (5, "", None):
-            with pytest.raises(ScenarioError, match=f"id={id!r}: must be a text"):
+            with pytest.raises(ScenarioError, match=f"id={id!r}: must be a string"):
                 edit(3, id)
     with pytest.raises(ScenarioError, match="aspect=0: must be greater"):
         SetFrustumWalls(3, None, ts.Camera(), 0)
@@ -257,31 +257,31 @@ def test_things_of_the_stage_are_moved_and_taken_away():
     scenario, stage = SCENARIOS["still"]
     made = world(scenario, stage)
     thing = stage.objects[0]
-    before = [made.placement(k) for k in range(12)]
+    before = [made.state(k).placement for k in range(12)]
     made.next_frame = 5
     made.move(thing.prim_path, (1.0, 2.0, 3.0), (0, 90, 0))
     made.next_frame = 8
     made.despawn(1)
     assert made.scenario.edits == (Move(5, thing.prim_path, (1, 2, 3), (0, 90, 0)), Despawn(8, thing.prim_path))
     for k in range(5):
-        assert same(made.placement(k), before[k]), "what was shown stays what it was, edits are not anticipated"
-    rows = {k: {row.id: row for row in made.objects(k)} for k in (4, 5, 7, 8)}
+        assert same(made.state(k).placement, before[k]), "what was shown stays what it was, edits are not anticipated"
+    rows = {k: {row.id: row for row in made.state(k).objects} for k in (4, 5, 7, 8)}
     assert rows[5][1].position == rows[7][1].position == (1, 2, 3)
     assert 1 not in rows[8]
     part = 0  # those of the first thing come first
-    moved = made.placement(5).world_from_object[:, part]
+    moved = made.state(5).placement.world_from_object[:, part]
     np.testing.assert_array_equal(moved[0], np.eye(4)[:3])
     np.testing.assert_allclose(moved[1, :, 3], (1, 2, 3), atol=1e-12)
     np.testing.assert_array_equal(moved[1], moved[2])
-    assert made.placement(8).present[:, part].tolist() == [True, False, False]
-    assert Event("despawn", 1) in made.events(8)
+    assert made.state(8).placement.present[:, part].tolist() == [True, False, False]
+    assert Event("despawn", 1) in made.state(8).events()
     replayed = world(made.scenario, stage)
     for k in (9, 2, 7, 5, 4, 8):
-        assert same(replayed.placement(k), made.placement(k))
-        assert replayed.objects(k) == made.objects(k)
-        assert replayed.events(k) == made.events(k)
-    assert made.moving(7)[part]
-    assert not made.moving(4)[part]
+        assert same(replayed.state(k).placement, made.state(k).placement)
+        assert replayed.state(k).objects == made.state(k).objects
+        assert replayed.state(k).events() == made.state(k).events()
+    assert made.state(7).movers[part]
+    assert not made.state(4).movers[part]
     with pytest.raises(ObjectNotFound, match=thing.prim_path):
         made.move(thing.prim_path, (0, 0, 0))
     with pytest.raises(ScenarioError, match=r"no thing '/Pilar'.*did you mean '/Pillar'"):
@@ -299,17 +299,18 @@ def test_what_bounces_meets_a_thing_where_it_was_put(tmp_path):
     made.spawn("Cube", (0.0, 1.0, 2.0))
     made.next_frame = 80
     made.despawn("/Pillar")
-    first = next((k, event) for k in range(80) for event in made.events(k) if event.kind == "contact")
+    first = next((k, event) for k in range(80) for event in made.state(k).events() if event.kind == "contact")
     assert first[1] == Event("contact", 3, 1)
     assert 20 < first[0] < 40, "it met the pillar at its new place"
     for k in (9, 10, 11):
         assert (
-            made.placement(k).world_from_object[1, 2].tobytes() == plain.placement(k).world_from_object[1, 2].tobytes()
+            made.state(k).placement.world_from_object[1, 2].tobytes()
+            == plain.state(k).placement.world_from_object[1, 2].tobytes()
         )
     made.scenario.save(tmp_path / "run.json")
     again = world(ts.Scenario.load(tmp_path / "run.json"), STILL_STAGE)
     for k in (120, 35, 79, 81, 29):
-        assert same(again.placement(k), made.placement(k)), f"frame {k}"
+        assert same(again.state(k).placement, made.state(k).placement), f"frame {k}"
 
 
 def test_walls_of_another_view():
@@ -319,14 +320,14 @@ def test_walls_of_another_view():
     made.set_frustum_walls(ts.Frustum(6.0), ts.Camera((0, 0, 3), vertical_fov=0.6), 1.0)
     made.next_frame = 100
     made.set_frustum_walls(None)
-    inside = [made.objects(k)[0].position for k in range(100)]
+    inside = [made.state(k).objects[0].position for k in range(100)]
     assert max(abs(x) for x, _, _ in inside) < 3.0
-    walls = {event.surface for k in range(100) for event in made.events(k) if event.kind == "contact"}
+    walls = {event.surface for k in range(100) for event in made.state(k).events() if event.kind == "contact"}
     assert walls
-    away = [np.linalg.norm(made.objects(k)[0].position) for k in (100, 300)]
+    away = [np.linalg.norm(made.state(k).objects[0].position) for k in (100, 300)]
     assert away[1] > away[0] + 5.0, "nothing holds it any more"
     again = world(made.scenario, EMPTY)
-    assert same(again.placement(99), made.placement(99))
+    assert same(again.state(99).placement, made.state(99).placement)
     with pytest.raises(ScenarioError, match="aspect"):
         made.set_frustum_walls(None, aspect=0.0)
 
@@ -338,7 +339,7 @@ def test_what_was_put_into_another_comes_out():
         ts.Object("b", "Cube", (-2.0, 0.0, 0.0), dynamic=ts.UniformMovementRandomBounce(1.0)),
     ]
     made = world(ts.Scenario("room", objects), STILL_STAGE)
-    places = np.array([made.objects(k)[-1].position for k in range(60)])
+    places = np.array([made.state(k).objects[-1].position for k in range(60)])
     assert np.isfinite(places).all()
     assert np.linalg.norm(places - (-2.0, 0.0, 0.0), axis=1).max() > 0.6
 
@@ -361,15 +362,15 @@ def test_an_edit_of_every_frame_costs_no_frame_twice(monkeypatch):
             made.set_frustum_walls(ts.Frustum(4.0), ts.Camera((0, 0, 2 - 0.01 * frame)))
         if frame % 9 == 0:
             made.move("a", (0.0, 0.5, -0.01 * frame), (0, frame, 0))
-        seen.append(made.placement(frame).world_from_object)
+        seen.append(made.state(frame).placement.world_from_object)
     assert len(made.scenario.edits) == 79
     # Each frame has been computed as the next of the one before it, and again once that is edited.
     assert len(advanced) <= 2 * 80
     replay = world(made.scenario, stage)
     for frame in (79, 9, 10, 30, 63):
-        np.testing.assert_array_equal(replay.placement(frame).world_from_object, seen[frame])
+        np.testing.assert_array_equal(replay.state(frame).placement.world_from_object, seen[frame])
     plain = world(scenario, stage)
-    assert not (plain.placement(30).world_from_object == seen[30]).all(), "the walls hold what had none before"
+    assert not (plain.state(30).placement.world_from_object == seen[30]).all(), "the walls hold what had none before"
 
 
 def test_walls_set_up_later_but_at_an_earlier_frame_win():
@@ -378,9 +379,9 @@ def test_walls_set_up_later_but_at_an_earlier_frame_win():
     for frame, far in ((20, 5.0), (40, 2.5), (30, 4.0)):
         made.next_frame = frame
         made.set_frustum_walls(ts.Frustum(far), ts.Camera((0, 0, 2)))
-    planes = {frame: made._motion._walls(Fraction(frame, 25)) for frame in (20, 21, 30, 31, 41)}
+    planes = {frame: made.trajectories.walls(Fraction(frame, 25)) for frame in (20, 21, 30, 31, 41)}
     far = {frame: round(float(plane[5, 3]), 6) for frame, plane in planes.items()}
     assert far[20] != far[21] == far[30] != far[31] == far[41]
     replay = world(made.scenario, stage)
     for frame in (50, 25, 35):
-        assert same(replay.placement(frame), made.placement(frame))
+        assert same(replay.state(frame).placement, made.state(frame).placement)

@@ -6,7 +6,7 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 from fractions import Fraction
 
 import numpy as np
@@ -79,19 +79,19 @@ def test_descriptions_are_the_stage_and_each_template_once_in_the_order_of_need(
     made = world(ts.Object("a", "Ball"), ts.Object("b", "Chair 01"), ts.Object("c", "Ball"))
     assert made.descriptions == [STAGE, BALL.description, CHAIR.description]
     assert made.templates == ["Ball", "Chair 01"]
-    assert made.placement(0).mesh.tolist() == [0, 1, 1, 2, 3, 3, 4, 2]
+    assert made.state(0).placement.mesh.tolist() == [0, 1, 1, 2, 3, 3, 4, 2]
 
 
 def test_a_template_of_the_stage_wins_over_the_catalog():
     stage = SceneDescription("room", (FLOOR,), templates=(STAGE_BALL,))
     made = world(ts.Object("a", "Ball"), stage=stage)
     assert made.descriptions[1] is STAGE_BALL.description
-    assert made.objects(0)[0].category == "toy"
+    assert made.state(0).objects[0].category == "toy"
     assert made.templates == ["Ball"]
 
 
 def test_rows_are_in_the_order_of_ids_and_parts_share_one():
-    placement = world(ts.Object("a", "Chair 01"), ts.Object("b", "Ball")).placement(0)
+    placement = world(ts.Object("a", "Chair 01"), ts.Object("b", "Ball")).state(0).placement
     assert placement.instance_id.tolist() == [1, 2, 2, 4, 4, 4, 5]
     assert placement.category_id.tolist() == [1, 2, 2, 3, 3, 3, 4]
     assert placement.instance_id.dtype == placement.category_id.dtype == placement.mesh.dtype == np.int32
@@ -111,7 +111,7 @@ def test_categories_are_numbered_as_they_first_appear():
 
 
 def test_things_of_the_stage_stand_where_the_stage_puts_them():
-    placement = world(ts.Object("a", "Ball", dynamic=GO)).placement(3)
+    placement = world(ts.Object("a", "Ball", dynamic=GO)).state(3).placement
     for time in range(3):
         for row, instance in enumerate((1, 0, 2)):
             assert (placement.world_from_object[time, row] == STAGE.instances[instance].world_from_object[:3]).all()
@@ -120,11 +120,11 @@ def test_things_of_the_stage_stand_where_the_stage_puts_them():
 def test_an_object_is_placed_by_position_rotation_and_scale():
     made = world(ts.Object("a", "Chair 01", (1, 2, 3), (0, 90, 0), scale=(1, 2, 4)))
     expected = at(1, 2, 3, (0, 90, 0)) @ np.diag([1, 2, 4, 1.0]) @ at(0, 1, 0)
-    matrices = made.placement(5).world_from_object
+    matrices = made.state(5).placement.world_from_object
     np.testing.assert_allclose(matrices[:, 3], np.tile(expected[:3], (3, 1, 1)), atol=1e-15)
     # What stands still does not move by a single bit.
     assert matrices[0].tobytes() == matrices[1].tobytes() == matrices[2].tobytes()
-    row = made.objects(5)[-1]
+    row = made.state(5).objects[-1]
     assert (row.position, row.velocity) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
     np.testing.assert_allclose(row.rotation, quaternion((0, 90, 0)))
 
@@ -133,7 +133,7 @@ def test_a_mover_is_where_its_path_is_before_at_and_after_the_frame():
     made = world(ts.Object("a", "Ball", (9, 9, 9), dynamic=GO, scale=2.0))
     poses = Simulation([Body(GO)]).poses
     for frame in (1, 7, 55, 12345):
-        placement = made.placement(frame)
+        placement = made.state(frame).placement
         for time, step in enumerate((-1, 0, 1)):
             pose = poses(Fraction(frame + step, 10))[0]
             assert placement.world_from_object[time, -1, :, 3].tolist() == pose[:3].tolist()
@@ -143,7 +143,7 @@ def test_a_mover_is_where_its_path_is_before_at_and_after_the_frame():
 
 def test_before_frame_0_the_world_stands_as_at_frame_0():
     late = ts.Object("b", "Ball", dynamic=GO, first_frame=1)
-    placement = world(ts.Object("a", "Ball", dynamic=GO), late).placement(0)
+    placement = world(ts.Object("a", "Ball", dynamic=GO), late).state(0).placement
     previous, current, following = placement.world_from_object
     assert previous.tobytes() == current.tobytes()
     assert following[-2, 0, 3] > 0.0
@@ -152,7 +152,7 @@ def test_before_frame_0_the_world_stands_as_at_frame_0():
 
 def test_life_spans_are_inclusive_and_absent_objects_have_their_planned_pose():
     made = world(ts.Object("a", "Ball", dynamic=GO, first_frame=10, last_frame=12))
-    present = {frame: made.placement(frame).present[:, -1].tolist() for frame in range(8, 15)}
+    present = {frame: made.state(frame).placement.present[:, -1].tolist() for frame in range(8, 15)}
     assert present == {
         8: [False, False, False],
         9: [False, False, True],
@@ -163,29 +163,29 @@ def test_life_spans_are_inclusive_and_absent_objects_have_their_planned_pose():
         14: [False, False, False],
     }
     # Born at waypoint 0, where it is already before; a tenth of a second is 0.1 m; it goes on after its end.
-    x = {frame: made.placement(frame).world_from_object[1, -1, 0, 3] for frame in (0, 9, 10, 11, 12, 13, 30)}
+    x = {frame: made.state(frame).placement.world_from_object[1, -1, 0, 3] for frame in (0, 9, 10, 11, 12, 13, 30)}
     np.testing.assert_allclose(list(x.values()), [0, 0, 0, 0.1, 0.2, 0.3, 2.0], atol=1e-15)
-    assert [row.name for row in made.objects(9)] == ["Floor", "Lamp", "Cup"]
+    assert [row.name for row in made.state(9).objects] == ["Floor", "Lamp", "Cup"]
     assert (
-        [row.name for row in made.objects(10)]
-        == [row.name for row in made.objects(12)]
+        [row.name for row in made.state(10).objects]
+        == [row.name for row in made.state(12).objects]
         == ["Floor", "Lamp", "Cup", "a"]
     )
-    assert made.objects(12)[-1].first_frame == 10
-    assert made.objects(12)[-1].last_frame == 12
-    np.testing.assert_allclose(made.objects(12)[-1].velocity, (1, 0, 0), atol=1e-12)
+    assert made.state(12).objects[-1].first_frame == 10
+    assert made.state(12).objects[-1].last_frame == 12
+    np.testing.assert_allclose(made.state(12).objects[-1].velocity, (1, 0, 0), atol=1e-12)
 
 
 def test_timings_hold_objects_but_not_the_camera():
     camera = ts.Camera(dynamic=GO)
     made = world(ts.Object("a", "Ball", dynamic=GO), timings=ts.AllTogether(1.0), camera=camera)
-    assert made.placement(15).world_from_object[1, -1, 0, 3] == 0.5
-    assert made.view(15)[1].position == (1.5, 0.0, 0.0)
+    assert made.state(15).placement.world_from_object[1, -1, 0, 3] == 0.5
+    assert made.state(15).cameras[0].current.position == (1.5, 0.0, 0.0)
 
 
 def test_boxes_are_around_all_parts_in_the_objects_own_axes():
     made = world(ts.Object("a", "Chair 01", (5, 5, 5), (10, 20, 30), scale=2.0), ts.Object("b", "Ball"))
-    rows = made.objects(0)
+    rows = made.state(0).objects
     assert rows[0].box == ((-2, 0, -2), (2, 0, 2))
     # The lamp's axes are its first part's, turned by 90 degrees: scaled by a half, and 1 m above the other part.
     np.testing.assert_allclose(rows[1].box, ((-0.5, -0.25, -0.5), (0.5, 1.5, 0.5)), atol=1e-12)
@@ -200,8 +200,8 @@ def test_boxes_are_around_all_parts_in_the_objects_own_axes():
 def test_box_coordinates_lead_back_to_the_objects_own_box(row):
     """Corner 0..1 of the box -> object axes -> world, and mesh -> world, must meet."""
     made = world(ts.Object("a", "Chair 01", (5, 5, 5), (10, 20, 30), scale=(2, 1, 1)))
-    placement = made.placement(0)
-    owner = made.objects(0)[int(placement.instance_id[row]) - 1]
+    placement = made.state(0).placement
+    owner = made.state(0).objects[int(placement.instance_id[row]) - 1]
     points = np.array([(-0.5, 0.2, 0.1), (0.3, -0.4, 0.5)])
     world_points = points @ placement.world_from_object[1, row, :, :3].T + placement.world_from_object[1, row, :, 3]
     own = (world_points - owner.position) @ matrix_from_quaternion(owner.rotation)
@@ -213,12 +213,12 @@ def test_box_coordinates_lead_back_to_the_objects_own_box(row):
 
 
 def test_a_flat_object_lies_at_half_of_its_box():
-    matrix = world().placement(0).box_from_object[0]
+    matrix = world().state(0).placement.box_from_object[0]
     np.testing.assert_allclose(matrix @ (0.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5))
 
 
 def test_rows_say_who_is_who():
-    rows = world(ts.Object("a", "Chair 01")).objects(0)
+    rows = world(ts.Object("a", "Chair 01")).state(0).objects
     assert [(row.id, row.name, row.template, row.category, row.category_id, row.prim_path) for row in rows] == [
         (1, "Floor", "", "floor", 1, "/Floor"),
         (2, "Lamp", "", "lamp", 2, "/Lamp"),
@@ -232,23 +232,23 @@ def test_mirrored_things_of_the_stage_have_a_proper_rotation():
     stage = SceneDescription(
         "room", (UNIT_CUBE,), instances=(Instance(0, 0, mirror),), objects=(SceneObject("a", "/A"),)
     )
-    row = world(stage=stage).objects(0)[0]
+    row = world(stage=stage).state(0).objects[0]
     np.testing.assert_allclose(np.linalg.norm(row.rotation), 1.0)
     assert math.prod(np.subtract(row.box[1], row.box[0])) == pytest.approx(2.0)
 
 
 def test_the_camera_moves_by_its_dynamic():
-    still = world().view(7)
+    still = world().state(7).cameras[0]
     assert still[0] is still[1] is still[2]
     assert still[1].name == "Door"
     moving = ts.Camera((3, 1, 0), vertical_fov=0.5, dynamic=LookAt((0, 1, 0), Orbit((0, 0, 0), period=4.0)))
-    before, now, after = world(fps=1.0, camera=moving).view(1)
+    before, now, after = world(fps=1.0, camera=moving).state(1).cameras[0]
     np.testing.assert_allclose(
         [before.position, now.position, after.position], [(3, 1, 0), (0, 1, -3), (-3, 1, 0)], atol=1e-14
     )
     np.testing.assert_allclose(-now.axes()[:, 2], (0, 0, 1), atol=1e-14)
     assert now.vertical_fov == 0.5
-    start = world(fps=1.0, camera=moving).view(0)
+    start = world(fps=1.0, camera=moving).state(0).cameras[0]
     assert start[0] == start[1]
 
 
@@ -264,7 +264,7 @@ def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
         objects=(SceneObject("Cup", "/Cup"), SceneObject("Floor", "/Floor"), SceneObject("Lift", "/Lift")),
         tracks=(track,),
     )
-    rows = {row.name: row.position for row in world(stage=stage).objects(5)}
+    rows = {row.name: row.position for row in world(stage=stage).state(5).objects}
     assert rows == {"Cup": (0.0, 0.0, 0.0), "Floor": (5.0, 5.0, 5.0), "Lift": (0.5, 1.0, 1.5)}
 
 
@@ -278,26 +278,24 @@ def test_which_camera():
         world(camera="Windw")
 
 
-def test_what_is_handed_out_may_be_changed():
+def test_a_state_cannot_be_changed():
     made = world(ts.Object("a", "Ball", dynamic=GO))
-    first = made.placement(3)
-    before = first.world_from_object.tobytes()
-    for array in vars(first).values():
-        if array is not None:
-            array[...] = 0
-    again = made.placement(3)
-    assert again.world_from_object.tobytes() == before
-    assert again.mesh.tolist() == [0, 1, 1, 2]
-    assert again.present.all()
-    made.objects(3).clear()
-    assert len(made.objects(3)) == 4
+    state = made.state(3)
+    for array in vars(state.placement).values():
+        if isinstance(array, np.ndarray):
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0
+    with pytest.raises(FrozenInstanceError):
+        state.frame = 4
+    assert made.state(3) is state
+    assert isinstance(state.objects, tuple)
 
 
 def test_an_empty_world():
     made = world(stage=SceneDescription("empty"))
-    placement = made.placement(0)
+    placement = made.state(0).placement
     assert placement.world_from_object.shape == (3, 0, 3, 4)
-    assert made.objects(0) == []
+    assert made.state(0).objects == ()
 
 
 def test_adding_an_object_changes_no_bit_of_the_others():
@@ -307,8 +305,8 @@ def test_adding_an_object_changes_no_bit_of_the_others():
     )
     alone, together = world(one), world(one, other)
     for frame in (0, 3, 77, 10**6):
-        matrices = together.placement(frame).world_from_object[:, :4]
-        assert np.ascontiguousarray(matrices).tobytes() == alone.placement(frame).world_from_object.tobytes()
+        matrices = together.state(frame).placement.world_from_object[:, :4]
+        assert np.ascontiguousarray(matrices).tobytes() == alone.state(frame).placement.world_from_object.tobytes()
 
 
 def digest() -> str:
@@ -320,9 +318,9 @@ def digest() -> str:
     )
     result = hashlib.sha256()
     for frame in (0, 1, 2, 17, 5, 99999):
-        for array in vars(made.placement(frame)).values():
+        for array in vars(made.state(frame).placement).values():
             result.update(b"" if array is None else array.tobytes())
-        result.update(repr((made.view(frame), made.objects(frame))).encode())
+        result.update(repr((made.state(frame).cameras[0], made.state(frame).objects)).encode())
     return result.hexdigest()
 
 
@@ -356,9 +354,9 @@ def test_impossible_worlds_are_refused():
         with pytest.raises(ArgumentError, match="fps="):
             world(fps=fps)
     with pytest.raises(ArgumentError, match="frame=-1: must be 0 or more"):
-        world().placement(-1)
+        world().state(-1)
     with pytest.raises(TypeError):
-        world().objects(1.5)
+        world().state(1.5)
     things = tuple(SceneObject(f"t{i}", f"/t{i}", f"label {i}") for i in range(65536))
     with pytest.raises(ScenarioError, match="'label 65535': one category too many"):
         World(ts.Scenario("many"), SceneDescription("many", objects=things), CATALOG.__getitem__, 25.0)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a stream hands out: one frame's buffers, its camera and its objects."""
+"""Frame: one frame of a stream, with its buffers, camera, objects and events."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +21,10 @@ from tiscene.scene.camera import Camera, Quaternion, Vector3
 class FrameCamera:
     """The camera that took a frame.
 
-    camera: pose and lens, in USD's axes (x right, y up, -z forward). width, height: px.
+    Attributes:
+        camera: pose and lens, in USD's axes (x right, y up, -z forward).
+        width: image width, px.
+        height: image height, px.
     """
 
     camera: Camera
@@ -30,7 +33,7 @@ class FrameCamera:
 
     @property
     def position(self) -> Vector3:
-        """m, world."""
+        """Position in the world, m."""
         return self.camera.position
 
     @property
@@ -40,13 +43,15 @@ class FrameCamera:
 
     @property
     def K(self) -> NDArray[np.float64]:
-        """The 3x3 intrinsic matrix, px; the center of the top left pixel is (0, 0), as in OpenCV."""
+        """3x3 intrinsic matrix, px; the center of the top left pixel is (0, 0), as in OpenCV."""
         return self.K_at(0.0)
 
     def K_at(self, center: float) -> NDArray[np.float64]:
-        """The 3x3 intrinsic matrix where the center of the top left pixel has the coordinates (center, center).
+        """Return the 3x3 intrinsic matrix for another pixel convention.
 
-        0.5 puts whole numbers on the pixels' corners, which is how boxes are given.
+        Args:
+            center: both coordinates of the center of the top left pixel, px. With 0.5, whole numbers lie on the pixels'
+                corners, as in the boxes of `frame.objects`.
         """
         K = self.camera.intrinsics(self.width, self.height)
         K[:2, 2] += center
@@ -54,12 +59,12 @@ class FrameCamera:
 
     @property
     def world_from_camera(self) -> NDArray[np.float64]:
-        """4x4 from camera coordinates (x right, y down, z forward; OpenCV's) to the world, m."""
+        """4x4 matrix from OpenCV's camera axes (x right, y down, z forward) to the world, m."""
         return self.camera.world_from_camera()
 
     @property
     def camera_from_world(self) -> NDArray[np.float64]:
-        """4x4 from the world to camera coordinates: what OpenCV calls the extrinsic matrix."""
+        """4x4 matrix from the world to OpenCV's camera axes: the extrinsic matrix."""
         pose = self.world_from_camera
         inverse = np.eye(4)
         inverse[:3, :3] = pose[:3, :3].T
@@ -68,16 +73,21 @@ class FrameCamera:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
-    """One frame of a stream.
+class Frame(Mapping[str, NDArray[Any]]):
+    """One frame of a stream: a mapping from buffer names to arrays.
 
-    index: its number, from 0. time: s. camera: what took it. buffers: numpy arrays by name, [height, width, ...]; also
-    attributes, so that `frame.rgb` is `frame.buffers["rgb"]`. Nobody else holds the arrays: they may be written to.
-    objects: one row for each live object, computed when first looked at. categories: what the ids of `semantic` mean.
-    materials: what those of `material_coverage` mean: prim paths.
-    events: what was spawned, was despawned, met something, came into view or left it since the frame before.
-    spp: paths per pixel that color was made of, in the mean; 0 where the frame has no color.
-    others: the same moment as the stream's other cameras see it; `views` has all by name.
+    `frame["depth"]` and `frame.depth` are the same array. The arrays belong to the frame: they may be written to.
+
+    Attributes:
+        index: frame number, from 0.
+        time: s.
+        camera: the camera that took it.
+        buffers: numpy arrays [height, width, ...] by name.
+        objects: one row for each live object; columns are computed when they are first read.
+        categories: names of the ids in `semantic`.
+        events: spawns, despawns, contacts, and objects that entered or left the view, since the frame before.
+        spp: samples per pixel of the color buffers (their mean, if adaptive); 0 without color.
+        materials: prim paths of the ids in `material_coverage`.
     """
 
     index: int
@@ -88,28 +98,44 @@ class Frame:
     categories: Mapping[int, str] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     spp: float = 0.0
-    others: tuple[Frame, ...] = ()
     materials: Mapping[int, str] = field(default_factory=dict)
+    _other_views: tuple[Frame, ...] = ()
+
+    # Frames are compared by identity: arrays have no single truth value.
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
 
     @property
     def views(self) -> dict[str, Frame]:
-        """What each of the stream's cameras sees at this moment, by the camera's name; this frame comes first."""
-        return {each.camera.camera.name: each for each in (self, *self.others)}
+        """The frames of all of the stream's cameras at this moment, by camera name; this frame comes first."""
+        return {each.camera.camera.name: each for each in (self, *self._other_views)}
 
-    def __getattr__(self, name: str) -> NDArray[Any]:
-        """The buffer of that name. Raises BufferNotFound (an AttributeError) with what to do about it."""
-        if name.startswith("__") or name in type(self).__dataclass_fields__:
-            raise AttributeError(name)  # asked for by copy and pickle before the fields are set
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a buffer.
+
+        Raises:
+            BufferNotFound: a KeyError and an AttributeError that says how to ask for the buffer.
+        """
         try:
             return self.buffers[name]
         except KeyError:
             pass
         if name in BUFFERS:
             wanted = (*self.buffers, name)
-            raise BufferNotFound(
-                "buffer", name, (), f" in frame {self.index}", f"Ask for it: Stream(..., buffers={wanted!r})."
-            )
+            hint = f"Ask for it: Stream(..., buffers={wanted!r})."
+            raise BufferNotFound("buffer", name, (), f" in frame {self.index}", hint)
         raise BufferNotFound("buffer", name, BUFFERS)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.buffers)
+
+    def __len__(self) -> int:
+        return len(self.buffers)
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        if name.startswith("__") or name in type(self).__dataclass_fields__:
+            raise AttributeError(name)  # asked for by copy and pickle before the fields are set
+        return self[name]
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.buffers})

@@ -65,6 +65,7 @@ class Scenario:
     camera: Camera | str | Sequence[Camera | str] | None = None
     edits: Sequence[Edit] = ()
     lights: Sequence[LightMotion] = ()
+    variants: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
@@ -82,6 +83,7 @@ class Scenario:
                 raise ScenarioError(f"timings: {error}") from error
             object.__setattr__(self, "edits", _check_edits(self.edits))
             object.__setattr__(self, "lights", _check_lights(self.lights))
+            object.__setattr__(self, "variants", _check_variants(self.variants))
             self.log()
 
     def lives(self) -> list[ObjectHistory]:
@@ -168,12 +170,14 @@ class Scenario:
         if not isinstance(source, str | os.PathLike):
             raise ArgumentError(f"source={source!r}: must be a Scenario, a scene's name or a file")
         if Path(source).suffix.lower() == ".json":
-            return cls._load_json(Path(source))
+            loaded = cls._load_json(Path(source))
+            return replace(loaded, variants={**loaded.variants, **variants}) if variants else loaded
         if still:
-            return cls(os.fspath(source))
+            return cls(os.fspath(source), variants=dict(variants or {}))
         file = catalog.find_scene(source)
         authored = provider("read_usd")(file, variants=variants)
         content = {"format": FORMAT, "version": VERSION, "scene": os.fspath(source)} | authored.content
+        content["variants"] = dict(variants or {})
         try:
             return cls.from_json(content)
         except ScenarioError as error:
@@ -245,6 +249,7 @@ FIELDS: dict[str, Mapping[str, type]] = {
     "objects": _classes(Object),
     "parts": _DYNAMICS,
     "timings": _classes(dynamics.AllTogether, dynamics.DictTimings, dynamics.WaitUntilComplete),
+    "variants": {},
     "waypoints": _classes(dynamics.Waypoint),
 }
 
@@ -273,6 +278,14 @@ def _check_edits(value: Any) -> tuple[Edit, ...]:
         if isinstance(each, Spawn) and not isinstance(each.object, Object):
             raise ScenarioError(f"edits[{row}].object={each.object!r}: must be an Object(id, template, ...)")
     return tuple(value)
+
+
+def _check_variants(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise ScenarioError(
+            f'variants={value!r}: must map prims and sets to variants, as {{"/Room{{lighting}}": "night"}}'
+        )
+    return dict(value)
 
 
 def _check_lights(value: Any) -> tuple[LightMotion, ...]:

@@ -2,7 +2,7 @@
 """Frozen dataclasses to JSON values and back, strictly: unknown keys and wrong values name their place in the file.
 
 A table says which classes a field may hold, by the field's name. Where there is a choice the JSON object carries the
-class's name as "type"; where there is none, nothing. Everything else is numbers, text, true, false, null and arrays of
+class's name as "type"; where there is none, nothing. A field with no classes holds a plain mapping. Everything else is numbers, text, true, false, null and arrays of
 them, which the classes check themselves when they are made.
 """
 
@@ -37,6 +37,8 @@ def encode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
         }
     if isinstance(value, tuple | list):
         return [encode(item, table, classes, f"{path}[{index}]") for index, item in enumerate(value)]
+    if isinstance(value, Mapping) and classes is not None and not classes:
+        return {str(key): encode(item, table, classes, f"{path}[{key!r}]") for key, item in value.items()}
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
     raise ScenarioError(f"{path}={value!r}: cannot be written to a file")
@@ -48,8 +50,10 @@ def decode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
         return tuple(decode(item, table, classes, f"{path}[{index}]") for index, item in enumerate(value))
     if not isinstance(value, Mapping):
         return value
-    if not classes:
+    if classes is None:
         raise ScenarioError(f"{path}: must be a plain value, not an object {{...}}")
+    if not classes:
+        return {str(key): decode(item, table, classes, f"{path}[{key!r}]") for key, item in value.items()}
     members = dict(value)
     kind = _class_of(members, classes, path)
     fields = {field.name: field for field in dataclasses.fields(kind)}

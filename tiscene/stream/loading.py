@@ -12,25 +12,39 @@ from typing import Any
 
 from tiscene.device import runtime
 from tiscene.frame.buffers import COLORS
-from tiscene.render.renderer import RenderSettings
+from tiscene.render.render_settings import RenderSettings
 from tiscene.render.warm_up import rehearsal
 from tiscene.scene.description import SceneDescription
+from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.stage_reader import read_stage
-from tiscene.usd.read.subprocess_reader import SubprocessFailed, SubprocessReader, unsaved
+from tiscene.usd.read.subprocess_reader import SubprocessFailed, SubprocessReader, has_unsaved_layers
 
 
 def load(
-    path: Path, buffers: Sequence[str], quality: RenderSettings, arch: str | None, untrusted: bool, **options: Any
+    path: Path,
+    buffers: Sequence[str],
+    quality: RenderSettings,
+    arch: str | None,
+    untrusted: bool,
+    limits: Limits | None = None,
+    **options: Any,
 ) -> tuple[SceneDescription, str]:
-    """`read_stage(path, **options)`, and the architecture. buffers, quality: of the frames of the stage."""
+    """`read_stage(path, **options)`, and the architecture. buffers, quality: of the frames of the stage.
+
+    limits: bounds of reading, of trusted files too; with them a file is always read in a child process.
+    """
     if not untrusted and _pays(buffers):
-        with contextlib.suppress(SubprocessFailed), SubprocessReader(path, options) as reading:
+        in_child = options | {"limits": limits, "isolate": False}
+        with (
+            contextlib.suppress(SubprocessFailed),
+            SubprocessReader(read_stage, path, in_child, limits, probe_emission=True) as reading,
+        ):
             arch = runtime.start(arch)
-            for _ in rehearsal(buffers, quality, reading.glows):
+            for _ in rehearsal(buffers, quality, reading.has_emission):
                 if reading.done():
                     break
             return reading.result(), arch
-    return read_stage(path, untrusted=untrusted, **options), runtime.start(arch)
+    return read_stage(path, untrusted=untrusted, limits=limits, **options), runtime.start(arch)
 
 
 def _pays(buffers: Sequence[str]) -> bool:
@@ -38,4 +52,4 @@ def _pays(buffers: Sequence[str]) -> bool:
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     is_python = "python" in Path(sys.executable or "").name.lower() and not hasattr(sys, "frozen")
     much = runtime.running() is None and not COLORS.isdisjoint(buffers)
-    return much and processors > 1 and is_python and not unsaved()
+    return much and processors > 1 and is_python and not has_unsaved_layers()

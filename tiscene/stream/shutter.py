@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The shutter: the moments at which a picture looks while it is open."""
+"""Shutter samples: times while the shutter is open, for motion blur.
+
+The open interval is divided into equal parts with one jittered time each (stratified sampling of time, as in *Physically
+Based Rendering*, section 8.3). A time is a fraction of a frame in whole ticks, so that poses are exact.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 
@@ -13,60 +17,61 @@ from tiscene.render.renderer import ShutterSample
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.world.world import World
+from tiscene.world.world_state import WorldState
 
-# Placing everything takes as long as some paths; more moments than these are not told apart.
-MOST_MOMENTS = 64
-TICKS = 4096  # of a frame, in which moments are counted
+# Placing all instances costs as much as some samples per pixel; more times than these are not distinguished.
+MAX_TIMES = 64
+TICKS = 4096  # per frame
 _KEY = 0x5B07
 
 
-def moments(
+def shutter_samples(
     world: World,
-    index: int,
+    state: WorldState,
     view: View,
     shutter: tuple[float, float] | None = None,
     *,
     spp: int,
     seed: int,
-    camera_at: Callable[[Fraction], Camera] | None = None,
+    camera_row: int | None = None,
 ) -> Iterator[ShutterSample] | None:
-    """Moments at random, one in each of as many equal parts of the time that the shutter is open: `spp` paths in all.
+    """Return the times at which a frame is sampled while the shutter is open, with the scene at each.
 
-    None if it does not open, or if nothing moves meanwhile: neither the camera, nor anything in the world, nor a light.
-    shutter: when it opens and closes, frames from the frame; None: as the camera says. camera_at: the camera by so many
-    frames from the frame; by default it goes straight from one camera of the view to the next.
-    A pure function of the world and the numbers.
+    Args:
+        world: the world.
+        state: its state at the frame.
+        view: the camera at frames k - 1, k and k + 1.
+        shutter: opening and closing time, frames relative to the frame; None: as the camera says.
+        spp: samples per pixel, distributed over the times.
+        seed: of the jitter.
+        camera_row: the world's camera whose path the view follows; None: the view's cameras are interpolated.
+
+    Returns:
+        The samples, a pure function of the arguments; None if the shutter does not open, or if neither the camera nor
+        an object nor a light changes.
     """
     opens, closes = shutter or (view.current.shutter_open, view.current.shutter_close)
-    still = view.previous == view.current == view.next and not world.has_dynamic_lights
-    if opens == closes or (still and not world.moving(index).any()):
+    is_still = view.previous == view.current == view.next and not world.has_dynamic_lights
+    if opens == closes or (is_still and not state.movers.any()):
         return None
-    return _moments(world, index, view, opens, closes, spp, seed, camera_at)
+    return _samples(world, state.frame, view, opens, closes, spp, seed, camera_row)
 
 
-def _moments(
-    world: World,
-    index: int,
-    view: View,
-    opens: float,
-    closes: float,
-    spp: int,
-    seed: int,
-    camera_at: Callable[[Fraction], Camera] | None,
+def _samples(
+    world: World, frame: int, view: View, opens: float, closes: float, spp: int, seed: int, camera_row: int | None
 ) -> Iterator[ShutterSample]:
-    count = min(spp, MOST_MOMENTS)
-    chances = np.random.default_rng((_KEY, seed, index)).random(count)
-    for number, chance in enumerate(chances.tolist()):
-        shift = Fraction(round(TICKS * (opens + (closes - opens) * (number + chance) / count)), TICKS)
-        camera = camera_at(shift) if camera_at else _between(view, float(shift))
+    count = min(spp, MAX_TIMES)
+    jitter = np.random.default_rng((_KEY, seed, frame)).random(count)
+    for number, offset in enumerate(jitter.tolist()):
+        shift = Fraction(round(TICKS * (opens + (closes - opens) * (number + offset) / count)), TICKS)
+        placement, cameras = world.between(frame, shift)
+        camera = _interpolated(view, float(shift)) if camera_row is None else cameras[camera_row]
         samples = spp * (number + 1) // count - spp * number // count
-        yield ShutterSample(
-            replace(view, previous=camera, current=camera, next=camera), world.placement(index, shift), samples
-        )
+        yield ShutterSample(replace(view, previous=camera, current=camera, next=camera), placement, samples)
 
 
-def _between(view: View, shift: float) -> Camera:
-    """The camera of a view by so many frames from now, -1..1."""
+def _interpolated(view: View, shift: float) -> Camera:
+    """Interpolate a view's camera at a shift of -1..1 frames: position linearly, rotation by normalized lerp."""
     start, end = view.current, view.next if shift > 0.0 else view.previous
     if start == end or not shift:
         return start

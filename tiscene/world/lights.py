@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -53,17 +53,17 @@ class WorldLights:
         self.motions = [_row(stage, motion.light) for motion in motions]
         self._motions = dict(zip(self.motions, motions, strict=True))
         self._rows = {light.prim_path: row for row, light in enumerate(stage.lights)}
-        self._relit: dict[int, Light] = {}
+        self._replaced: dict[int, Light] = {}
         self._known: dict[tuple[int, int, int], tuple[bytes, Light]] = {}
 
     @property
-    def relit(self) -> bool:
-        """Whether `relight` was called."""
-        return bool(self._relit)
+    def is_edited(self) -> bool:
+        """Whether `replace_light` was called."""
+        return bool(self._replaced)
 
-    def relight(self, row: int, light: Light) -> None:
-        """Another light of the same kind takes the place of the stage's in that row."""
-        self._relit[row] = light
+    def replace_light(self, row: int, light: Light) -> None:
+        """Replace the stage's light in that row by another of the same kind."""
+        self._replaced[row] = light
         for key in ((_NOW, 0, row), (_BRIGHTEST, 0, row)):
             self._known.pop(key, None)
 
@@ -92,7 +92,7 @@ class WorldLights:
         result = []
         moved = dict(zip(self.motions, matrices, strict=True))
         for row, authored in enumerate(self.stage.lights):
-            light = self._relit.get(row, authored)
+            light = self._replaced.get(row, authored)
             by = thing(light.prim_path)
             if by is None:
                 continue
@@ -118,12 +118,12 @@ class WorldLights:
             row = self._rows.get(light.prim_path, -1) if description == 0 else -1
             motion = self._motions.get(row)
             number, now, most = 0, shine(light), shine(light)
-            if row in self._relit or (motion is not None and motion.times):
+            if row in self._replaced or (motion is not None and motion.times):
                 way: Any = row
                 most = shine(self.stage.lights[row])
                 if motion is not None and motion.times:
                     most = motion.max_radiance(most)
-                    if row not in self._relit:
+                    if row not in self._replaced:
                         way = motion.times, motion.intensity, motion.color, motion.radiance, motion.repeat
                 r, g, b = (b if b > 0.0 else a for a, b in zip(now, most, strict=True))
                 most = r, g, b
@@ -148,6 +148,20 @@ class WorldLights:
         if known is None or known[0] != state:
             known = self._known[key] = state, shining(replace(light, world_from_light=pose), shines)
         return known[1]
+
+
+def same_lights(a: LightGroups, b: LightGroups) -> bool:
+    """Return whether two groupings hold the same lights, whatever their intensity factors are."""
+    pairs = zip(a.lights, b.lights, strict=False)
+    return len(a.lights) == len(b.lights) and a.group == b.group and all(_equal(x, y) for x, y in pairs)
+
+
+def _equal(a: tuple[int, Light], b: tuple[int, Light]) -> bool:
+    if a[1] is b[1]:
+        return a[0] == b[0]
+    names = [field.name for field in fields(a[1])]
+    same = type(a[1]) is type(b[1]) and a[0] == b[0]
+    return same and all(np.array_equal(getattr(a[1], name), getattr(b[1], name)) for name in names)
 
 
 def _row(stage: SceneDescription, name: str) -> int:

@@ -92,7 +92,7 @@ class Trajectories:
         self._log = log
         self._setting = setting
         self._fps = exact(setting.fps)
-        self._formulas = self._simulation()
+        self.closed_form = self._simulation()
         # Frames from which on the stage is another one: first as it was read.
         moved = [move.frame for life in log.stage.values() for move in life.moves]
         gone = [life.despawned for life in log.stage.values() if life.despawned is not None]
@@ -102,7 +102,7 @@ class Trajectories:
         self._obstacles: dict[int, Obstacles] = {}
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
         self._movers: list[Mover] = []
-        self._stepped: SteppedSimulation | None = None
+        self.stepped: SteppedSimulation | None = None
         self._free_until = 0  # before this frame nothing could be met
         self._is_stepped: bool | None = None
         self._poses_by_frame: dict[int, Array] = {}
@@ -111,7 +111,7 @@ class Trajectories:
         """The log has one edit more. Frames before the edit's stay what they are, and are not computed again."""
         spawned = isinstance(edit, Spawn)
         if spawned:
-            self._formulas = self._simulation()
+            self.closed_form = self._simulation()
         for frame in [each for each in self._poses_by_frame if spawned or each >= edit.frame]:
             del self._poses_by_frame[frame]
         row = None
@@ -123,7 +123,7 @@ class Trajectories:
             self._obstacles = {epoch: each for epoch, each in self._obstacles.items() if epoch <= kept}
             if edit.frame not in self._changes[kept : kept + 1]:
                 self._changes.insert(kept, edit.frame)
-        if self._stepped is None:
+        if self.stepped is None:
             if self._is_stepped is not None:
                 self._free_until = edit.frame
             else:
@@ -132,16 +132,16 @@ class Trajectories:
             return
         if row is not None:
             self._movers[row : row + 1] = [self._mover(row)]
-        self._stepped.amend(self._movers, edit.frame)
+        self.stepped.amend(self._movers, edit.frame)
         if edit.frame < self._free_until:
             self._free_until = edit.frame
-            self._stepped.start_at(edit.frame)
+            self.stepped.start_at(edit.frame)
 
     def poses(self, frame: int) -> Array:
         """Before frame 0 everything is where it starts."""
         poses = self._poses_by_frame.get(frame)
         if poses is None:
-            poses = self._formulas.poses(Fraction(frame) / self._fps)
+            poses = self.closed_form.poses(Fraction(frame) / self._fps)
             stepped = self._stepping(frame)
             if stepped is not None:
                 poses[: len(self._log.lives)] = stepped.frame(max(frame, 0)).poses
@@ -158,7 +158,7 @@ class Trajectories:
         if not shift:
             return self.poses(frame)
         time = frame + shift
-        poses = self._formulas.poses(time / self._fps)
+        poses = self.closed_form.poses(time / self._fps)
         stepped = self._stepping(frame)
         start = math.floor(time)
         if stepped is None or start < 0:
@@ -167,7 +167,7 @@ class Trajectories:
         before, after = stepped.frame(start).poses, stepped.frame(start + 1).arrivals
         strayed = np.zeros(len(before), np.bool_)
         for number, found in ((start, before), (start + 1, after)):
-            strayed |= (found != self._formulas.poses(Fraction(number) / self._fps)[rows]).any(axis=1)
+            strayed |= (found != self.closed_form.poses(Fraction(number) / self._fps)[rows]).any(axis=1)
         poses[rows][strayed] = _between(before[strayed], after[strayed], float(time - start))
         return poses
 
@@ -208,7 +208,7 @@ class Trajectories:
         """The simulation of what collides at a frame, None if nothing can."""
         if self._is_stepped is None:
             self._is_stepped = self._must_step()
-        return None if frame < self._free_until else self._stepped
+        return None if frame < self._free_until else self.stepped
 
     def _must_step(self) -> bool:
         lives = self._log.lives
@@ -223,10 +223,10 @@ class Trajectories:
         self._movers = [self._mover(row) for row in range(len(lives))]
         if not bouncing and not put_elsewhere and all_free(self._movers, self._obstacles_at(0), walled):
             return False
-        self._stepped = SteppedSimulation(
-            self._movers, self._scenario.timings, fps=self._fps, obstacles=self._obstacles_at, walls=self._walls
+        self.stepped = SteppedSimulation(
+            self._movers, self._scenario.timings, fps=self._fps, obstacles=self._obstacles_at, walls=self.walls
         )
-        self._stepped.start_at(self._free_until)
+        self.stepped.start_at(self._free_until)
         return True
 
     def _mover(self, row: int) -> Mover:
@@ -283,7 +283,7 @@ class Trajectories:
             self._shapes[key] = cover(surface) if len(surface) else None
         return self._shapes[key]
 
-    def _walls(self, time: Fraction) -> Array | None:
+    def walls(self, time: Fraction) -> Array | None:
         """The planes that hold objects on the way to a time, s; None if there are none then."""
         frustum, camera, aspect = self._scenario.frustum, self._setting.cameras[0], self._setting.aspect
         made = bisect.bisect_left(self._log.enclosures, math.ceil(time * self._fps), key=lambda edit: edit.frame)
@@ -293,7 +293,7 @@ class Trajectories:
         if frustum is None:
             return None
         if camera.dynamic is not None:
-            x, y, z, a, b, c, d = self._formulas.poses(time)[len(self._log.lives)].tolist()
+            x, y, z, a, b, c, d = self.closed_form.poses(time)[len(self._log.lives)].tolist()
             camera = camera.with_pose((x, y, z), (a, b, c, d))
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
 

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from dynamics import Dynamic
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
-from tiscene.frame.events import Event
 from tiscene.scenario.edits import Despawn, Edit, Move, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
@@ -31,11 +30,12 @@ from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.lights.light_groups import LightGroups
 from tiscene.scene.placement import Placement
 from tiscene.validation import positive
-from tiscene.world.event_detector import EventDetector
-from tiscene.world.lights import WorldLights
+from tiscene.world.event_detector import detect_changes
+from tiscene.world.lights import WorldLights, same_lights
 from tiscene.world.object_registry import ObjectRegistry, WorldObject
 from tiscene.world.stage_objects import StageObjects, matrix
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
+from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
 
 Array = NDArray[np.float64]
 NOW = Fraction(0)
@@ -70,7 +70,7 @@ class World:
         The camera is the scenario's, else the stage's first, else one that sees the whole stage.
         Raises ScenarioError, CameraNotFound, LightNotFound, ArgumentError, and what `load_template` raises.
         """
-        self._asked = scenario
+        self._scenario = scenario
         self._log = scenario.log()
         self.stage = stage
         self.fps = positive("fps", fps)
@@ -79,36 +79,36 @@ class World:
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two of them have one name")
         self.next_frame = 0
-        self._first_lights: tuple[LightGroups, LightGroups] | None = None
+        self._starting_lights: tuple[LightGroups, ...] | None = None
+        self._last_state: WorldState | None = None
         self._aspect = aspect
-        self._inventory = ObjectRegistry(stage, load_template)
-        self._lives = self._log.lives
-        inventory = self._inventory
-        self._things = StageObjects(stage, inventory.stage_rows, inventory.stage_owner, inventory.stage_tracks, fps)
-        self._things.settle(self._log.stage)
-        self._inventory.settle(self._lives)
-        self._witness = EventDetector(stage, self._things, self._lives, self.objects)
-        self._lighting = WorldLights(stage, scenario.lights)
+        self._registry = ObjectRegistry(stage, load_template)
+        self._histories = self._log.lives
+        registry = self._registry
+        self._stage_objects = StageObjects(stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, fps)
+        self._stage_objects.settle(self._log.stage)
+        self._registry.settle(self._histories)
+        self._lights = WorldLights(stage, scenario.lights)
         self._setting = TrajectoryContext(
             stage=stage,
             cameras=self.cameras,
             fps=fps,
             aspect=aspect,
             lights=[
-                (motion.dynamic, *pose) for motion, pose in zip(scenario.lights, self._lighting.poses(), strict=True)
+                (motion.dynamic, *pose) for motion, pose in zip(scenario.lights, self._lights.poses(), strict=True)
             ],
-            surface=self._inventory.surface,
+            surface=self._registry.surface,
             trees=functools.cache(trees or (lambda: MeshTrees.built(stage.meshes))),
-            instances=self._things.instances,
+            instances=self._stage_objects.instances,
         )
-        self._motion = Trajectories(scenario, self._log, self._setting)
+        self.trajectories = Trajectories(scenario, self._log, self._setting)
 
     @property
     def scenario(self) -> Scenario:
         """What was asked for, and the edits."""
-        if len(self._asked.edits) < len(self._log.edits):
-            self._asked = replace(self._asked, edits=tuple(self._log.edits))
-        return self._asked
+        if len(self._scenario.edits) < len(self._log.edits):
+            self._scenario = replace(self._scenario, edits=tuple(self._log.edits))
+        return self._scenario
 
     @property
     def camera(self) -> Camera:
@@ -118,53 +118,117 @@ class World:
     @property
     def templates(self) -> list[str]:
         """Names of the templates that the stage holds or the scenario uses, sorted."""
-        return sorted(self._inventory.templates)
+        return sorted(self._registry.templates)
 
     @property
     def descriptions(self) -> list[SceneDescription]:
         """The stage, then the templates in the order in which they were needed first: the meshes of placements."""
-        return self._inventory.descriptions
+        return self._registry.descriptions
 
     @property
     def categories(self) -> dict[int, str]:
         """What category ids mean; 0 is the background."""
-        return self._inventory.categories
+        return self._registry.categories
 
-    def placement(self, frame: int, shift: Fraction = NOW) -> Placement:
-        """Every mesh at the frames before, at and after `frame`, in new arrays.
+    @property
+    def initial_objects(self) -> list[WorldObject]:
+        """The stage's objects as they are authored, before any edit."""
+        return list(self._registry.stage_rows)
 
-        shift: by so many frames, -1..1, the middle one of the three is another moment, such as while a shutter is open.
+    def state(self, frame: int) -> WorldState:
+        """Compute everything about the world at one frame.
 
-        Before frame 0 the world stands as at frame 0. Objects that are not alive at one of the three are not
-        present then, but have the pose that their path gives them, so that motion is defined at spawn and despawn.
+        Args:
+            frame: 0 or more.
+
+        Returns:
+            The state, a pure function of the scenario with its edits up to `frame`. Edits are not anticipated:
+            `placement` at frame + 1 shows what was planned when `frame` was made.
+
+        Raises:
+            ArgumentError: for a negative frame.
         """
         frame = _frame_number(frame)
-        inventory, columns = self._inventory, self._inventory.columns
+        if self._last_state is None or self._last_state.frame != frame:
+            self._last_state = self._compute_state(frame)
+        return self._last_state
+
+    def _compute_state(self, frame: int) -> WorldState:
+        objects = tuple(self._objects(frame))
+        if frame == 0:
+            previous = ObjectBounds.of(tuple(each for each in objects if each.prim_path))
+        elif self._last_state is not None and self._last_state.frame == frame - 1:
+            previous = self._last_state.bounds
+        else:
+            previous = ObjectBounds.of(tuple(self._objects(frame - 1)))
+        placement = self._place(frame, NOW)
+        lights = placement.lights
+        return WorldState(
+            frame=frame,
+            aspect=self._aspect,
+            cameras=tuple(self._camera_step(frame, row) for row in range(len(self.cameras))),
+            placement=placement,
+            objects=objects,
+            lights=self.stage.lights if lights is None else tuple(light for _, light in lights),
+            movers=self._movers(frame),
+            starting_lights=lights is None or self._are_starting_lights(placement.light_groups),
+            changes=detect_changes(
+                frame, self.stage, self._stage_objects.lives, self._histories, self.trajectories.meetings(frame)
+            ),
+            previous_bounds=previous,
+        )
+
+    def between(self, frame: int, shift: Fraction) -> tuple[Placement, tuple[Camera, ...]]:
+        """Return the placement and the cameras at a time within the shutter interval of a frame.
+
+        Args:
+            frame: 0 or more.
+            shift: offset from `frame`, in frames, -1..1.
+
+        Returns:
+            The placement, whose current time is `frame + shift`, and one camera per camera of the world.
+        """
+        frame = _frame_number(frame)
+        cameras = list(self.cameras)
+        if any(camera.dynamic is not None for camera in cameras):
+            poses = self.trajectories.between(frame, shift)[len(self._histories) :].tolist()
+            for row, camera in enumerate(cameras):
+                if camera.dynamic is not None:
+                    x, y, z, *rotation = poses[row]
+                    cameras[row] = camera.with_pose((x, y, z), tuple(rotation))
+        return self._place(frame, shift), tuple(cameras)
+
+    def _place(self, frame: int, shift: Fraction) -> Placement:
+        """Place every instance at `frame - 1`, `frame + shift` and `frame + 1`, in new read-only arrays.
+
+        Before frame 0 the world stands as at frame 0. An object that is not alive at one of the three times is not
+        present then, but keeps the pose of its trajectory, so that motion is defined at spawn and despawn.
+        """
+        registry, columns = self._registry, self._registry.columns
         count, total = columns.stage, len(columns.mesh)
         seconds = np.array([max(frame - 1, 0), max(float(frame + shift), 0.0), frame + 1]) / self.fps
         world = np.empty((3, total, 3, 4))
         present = np.ones((3, total), dtype=np.bool_)
-        self._things.place(frame, seconds, world, present)
+        self._stage_objects.place(frame, seconds, world, present)
         if count < total:
-            # What comes is shown as it is planned now: edits are not anticipated.
+            # The next frame is the one planned now: edits are not anticipated.
             before, now, after = (
-                self._motion.poses(frame - 1),
-                self._motion.between(frame, shift),
-                self._motion.arrivals(frame + 1),
+                self.trajectories.poses(frame - 1),
+                self.trajectories.between(frame, shift),
+                self.trajectories.arrivals(frame + 1),
             )
-            poses = np.stack([before, now, after])[:, inventory.owner]
+            poses = np.stack([before, now, after])[:, registry.owner]
             axes = matrix_from_quaternion(poses[..., 3:])
             # einsum, not matmul: its sums have one fixed order, whatever library numpy was built with.
-            inner = [inventory.object_tracks.at(second) for second in seconds.tolist()]
+            inner = [registry.object_tracks.at(second) for second in seconds.tolist()]
             own = np.stack([matrices for matrices, _ in inner])
             world[:, count:] = np.einsum("tpij,tpjk->tpik", axes, own)
             world[:, count:, :, 3] += poses[..., :3]
             for time, step in enumerate((-1, 0, 1)):
-                alive = [life.alive(max(frame + step, 0), as_of=frame) for life in self._lives]
-                present[time, count:] = np.array(alive)[inventory.owner] & inner[time][1]
-        lights = self._lights(frame, shift)
-        groups = None if lights is None else self._lighting.groups(lights)
-        return Placement(
+                alive = [each.alive(max(frame + step, 0), as_of=frame) for each in self._histories]
+                present[time, count:] = np.array(alive)[registry.owner] & inner[time][1]
+        lights = self._lights_at(frame, shift)
+        placement = Placement(
             mesh=columns.mesh.copy(),
             instance_id=columns.instance_id.copy(),
             category_id=columns.category_id.copy(),
@@ -174,123 +238,80 @@ class World:
             lights=lights,
             part=columns.part.copy(),
             seconds=seconds,
-            light_groups=groups,
+            light_groups=None if lights is None else self._lights.groups(lights),
         )
+        for array in vars(placement).values():
+            if isinstance(array, np.ndarray):
+                array.setflags(write=False)
+        return placement
 
-    def lights(self, frame: int) -> list[Light]:
-        """The lights at `frame`: where they are, and how they shine."""
-        lights = self._lights(_frame_number(frame))
-        return list(self.stage.lights) if lights is None else [light for _, light in lights]
+    def _objects(self, frame: int) -> list[WorldObject]:
+        """Return the rows of all live objects at a frame, by id."""
+        rows = self._stage_objects.rows(frame)
+        if self._registry.object_rows:
+            now, after = self.trajectories.poses(frame), self.trajectories.arrivals(frame + 1)
+            velocities = ((after[:, :3] - now[:, :3]) * self.fps).tolist()
+            blocked = self.trajectories.blocked(frame)
+            states = zip(self._histories, self._registry.object_rows, now.tolist(), velocities, blocked, strict=False)
+            for history, row, (x, y, z, *rotation), velocity, is_blocked in states:
+                if history.alive(frame, as_of=frame):
+                    position, turned, moving = (x, y, z), tuple(rotation), tuple(velocity)
+                    rows.append(replace(row, position=position, rotation=turned, velocity=moving, blocked=is_blocked))
+        return rows
 
-    def light_groups(self, frame: int) -> LightGroups:
-        """The lights at `frame`, how bright they are told apart."""
-        lights = self._lights(_frame_number(frame))
-        return self._lighting.groups(tuple((0, light) for light in self.stage.lights) if lights is None else lights)
+    def _camera_step(self, frame: int, row: int) -> CameraStep:
+        camera = self.cameras[row]
+        if camera.dynamic is None:
+            return CameraStep(camera, camera, camera)
+        poses = [self.trajectories.poses(frame + step)[len(self._histories) + row].tolist() for step in (-1, 0, 1)]
+        return CameraStep(*(camera.with_pose((x, y, z), tuple(rotation)) for x, y, z, *rotation in poses))
 
-    @property
-    def initial_lights(self) -> tuple[LightGroups, LightGroups]:
-        """Those at frames 0 and 1: the same object until an edit changes them."""
-        if self._first_lights is None:
-            self._first_lights = self.light_groups(0), self.light_groups(1)
-        return self._first_lights
-
-    def relight(self, row: int, light: Light) -> None:
-        """See `Stream.relight`: no part of the scenario."""
-        self._lighting.relight(row, light)
-        self._first_lights = None
-
-    def _lights(self, frame: int, shift: Fraction = NOW) -> tuple[tuple[int, Light], ...] | None:
-        """Each with the row of its description; None if they are the stage's as it was read, always."""
+    def _lights_at(self, frame: int, shift: Fraction = NOW) -> tuple[tuple[int, Light], ...] | None:
+        """Return the lights, each with the row of its description; None if they are the stage's, unchanged, always."""
         if not self.has_dynamic_lights:
             return None
-        carried = self._inventory.carried
-        poses = self._motion.between(frame, shift)
-        objects: list[Array | None] = [None] * len(self._lives)
-        for row in {each.object for each in carried}:
-            if self._lives[row].alive(frame, as_of=frame):
+        attached = self._registry.carried
+        poses = self.trajectories.between(frame, shift)
+        objects: list[Array | None] = [None] * len(self._histories)
+        for row in {each.object for each in attached}:
+            if self._histories[row].alive(frame, as_of=frame):
                 objects[row] = matrix(poses[row])
-        matrices = np.array([matrix(pose) for pose in poses[len(self._lives) + len(self.cameras) :]]).reshape(-1, 4, 4)
+        first = len(self._histories) + len(self.cameras)
+        matrices = np.array([matrix(pose) for pose in poses[first:]]).reshape(-1, 4, 4)
         time = max(float(frame + shift), 0.0) / self.fps
-        return self._lighting.at(time, matrices, lambda path: self._things.carries(path, frame), carried, objects)
+        carries = functools.partial(self._stage_objects.carries, frame=frame)
+        return self._lights.at(time, matrices, carries, attached, objects)
 
     @property
     def has_dynamic_lights(self) -> bool:
-        """Whether any light may move, come, go or shine otherwise, at some frame."""
-        return bool(self._asked.lights or self._inventory.carried or self._things.lives or self._lighting.relit)
-
-    def moving(self, frame: int) -> NDArray[np.bool_]:
-        """Of every mesh of the placement at `frame`, whether it is known then to move, deform, come or go ever."""
-        frame = _frame_number(frame)
-        count = self._inventory.columns.stage
-        moving = np.zeros(len(self._inventory.columns.mesh), bool)
-        restless = np.array([not life.is_static(as_of=frame) for life in self._lives], bool)
-        moving[count:] = restless[self._inventory.owner]
-        moving[:count] = self._things.restless(frame)
-        return moving | self._inventory.changing
-
-    def view(self, frame: int, camera: int = 0) -> tuple[Camera, Camera, Camera]:
-        """A camera, by its row in `cameras`, at the frames before, at and after `frame`."""
-        frame = _frame_number(frame)
-        chosen = self.cameras[camera]
-        if chosen.dynamic is None:
-            return (chosen, chosen, chosen)
-        row = len(self._lives) + camera
-        before, now, after = (self._motion.poses(frame + step)[row].tolist() for step in (-1, 0, 1))
-        return (
-            chosen.with_pose(tuple(before[:3]), tuple(before[3:])),
-            chosen.with_pose(tuple(now[:3]), tuple(now[3:])),
-            chosen.with_pose(tuple(after[:3]), tuple(after[3:])),
+        """Whether any light may move, appear, vanish or change its intensity at some frame."""
+        return bool(
+            self._scenario.lights or self._registry.carried or self._stage_objects.lives or self._lights.is_edited
         )
 
-    def camera_at(self, frame: int, shift: Fraction, camera: int = 0) -> Camera:
-        """A camera, by its row in `cameras`, by so many frames, -1..1, from a frame."""
-        chosen = self.cameras[camera]
-        if chosen.dynamic is None:
-            return chosen
-        x, y, z, *rotation = self._motion.between(_frame_number(frame), shift)[len(self._lives) + camera].tolist()
-        return chosen.with_pose((x, y, z), tuple(rotation))
+    def _are_starting_lights(self, groups: LightGroups | None) -> bool:
+        """Whether lights are those of frames 0 and 1, except for their intensity.
 
-    def objects(self, frame: int) -> list[WorldObject]:
-        """Everything that is alive at `frame`, in the order of ids."""
-        frame = _frame_number(frame)
-        rows = self._things.rows(frame)
-        if self._inventory.object_rows:
-            now, after = self._motion.poses(frame), self._motion.arrivals(frame + 1)
-            velocities = ((after[:, :3] - now[:, :3]) * self.fps).tolist()
-            blocked = self._motion.blocked(frame)
-            states = zip(self._lives, self._inventory.object_rows, now.tolist(), velocities, blocked, strict=False)
-            for life, row, pose, velocity, stuck in states:
-                if life.alive(frame, as_of=frame):
-                    x, y, z, *rotation = pose
-                    rows.append(
-                        replace(
-                            row,
-                            position=(x, y, z),
-                            rotation=tuple(rotation),
-                            velocity=tuple(velocity),
-                            blocked=stuck,
-                        )
-                    )
-        return rows
-
-    @property
-    def initial_objects(self) -> list[WorldObject]:
-        """The stage's things as the stage has them, whatever was done to them."""
-        return list(self._inventory.stage_rows)
-
-    def events(
-        self, frame: int, view: tuple[Camera, Camera, Camera] | None = None, aspect: float | None = None
-    ) -> list[Event]:
-        """What has happened since the frame before: spawns and despawns, what met what, what came into view and left.
-
-        view: the camera before, at and after the frame that "enter" and "leave" are for, and its width / height; by
-        default the main camera's. Something is in view while any of the box around it, in its own axes, lies within
-        the sides of the picture in front of the camera, hidden or not. It enters when it is there and in view, and was
-        not at the frame before; things of the stage that are in view at frame 0 do not.
+        One frame at which a moving lamp stands as at the start does not count: frame 1 must be like it too.
         """
-        frame = _frame_number(frame)
-        before, now, _ = view or self.view(frame)
-        return self._witness.events(frame, self._motion.meetings(frame), before, now, aspect or self._aspect)
+        if self._starting_lights is None:
+            starts = (self._lights_at(0) or (), self._lights_at(1) or ())
+            self._starting_lights = tuple(self._lights.groups(lights) for lights in starts)
+        return groups is not None and all(same_lights(groups, start) for start in self._starting_lights)
+
+    def set_light(self, row: int, light: Light) -> None:
+        """Replace a light of the stage; see `Stream.set_light`. Not part of the scenario."""
+        self._lights.replace_light(row, light)
+        self._starting_lights = self._last_state = None
+
+    def _movers(self, frame: int) -> NDArray[np.bool_]:
+        """Return for every instance whether it is known at `frame` to move, deform, appear or vanish at some frame."""
+        count = self._registry.columns.stage
+        moving = np.zeros(len(self._registry.columns.mesh), bool)
+        dynamic = np.array([not each.is_static(as_of=frame) for each in self._histories], bool)
+        moving[count:] = dynamic[self._registry.owner]
+        moving[:count] = self._stage_objects.restless(frame)
+        return moving | self._registry.changing
 
     def spawn(
         self,
@@ -308,13 +329,13 @@ class World:
         collide, scale. Raises ScenarioError, TemplateNotFound, changing nothing.
         """
         if id is None:
-            first = len(self._lives) - len(self._asked.objects) + 1
+            first = len(self._histories) - len(self._scenario.objects) + 1
             names = (f"spawned_{number}" for number in itertools.count(first))
             id = next(name for name in names if self._log.row(name) is None)
         new = Object(id, template, position, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
-        self._inventory.template(new)
+        self._registry.template(new)
         self._edit(Spawn(self.next_frame, new))
-        return self._inventory.object_rows[-1].id
+        return self._registry.object_rows[-1].id
 
     def despawn(self, object: int | str) -> None:
         """Let something be gone from the next frame on: by its instance id, an object's name or a thing's prim path.
@@ -334,9 +355,11 @@ class World:
         if rotation is None:
             row = self._log.row(name)
             if row is None:
-                rotation = next(row.rotation for row in self._things.rows(self.next_frame) if row.prim_path == name)
+                rotation = next(
+                    row.rotation for row in self._stage_objects.rows(self.next_frame) if row.prim_path == name
+                )
             else:
-                rotation = self._motion.arrivals(self.next_frame)[row, 3:].tolist()
+                rotation = self.trajectories.arrivals(self.next_frame)[row, 3:].tolist()
         self._edit(Move(self.next_frame, name, position, rotation))  # type: ignore[arg-type]
 
     def set_frustum_walls(
@@ -351,18 +374,18 @@ class World:
             raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
         if not isinstance(camera, Camera | None):
             raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
-        camera = replace(camera or self.view(self.next_frame)[1], dynamic=None)
+        camera = replace(camera or self._camera_step(self.next_frame, 0).current, dynamic=None)
         self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
 
     def _live_name(self, object: int | str) -> str:
         """The scenario's name, or the stage's prim path, of something that is there at the next frame."""
         if not isinstance(object, int | str | np.integer):
             raise ArgumentError(f"object={object!r}: must be an id, a name or a prim path")
-        frame, rows = self.next_frame, self._inventory.object_rows
-        alive = [life.alive(frame, as_of=frame) for life in self._lives]
+        frame, rows = self.next_frame, self._registry.object_rows
+        alive = [life.alive(frame, as_of=frame) for life in self._histories]
         objects = {row.id: row.name for row, there in zip(rows, alive, strict=True) if there}
-        stage = enumerate(self._inventory.stage_rows)
-        things = {row.id: row.prim_path for number, row in stage if self._things.there(number, frame)}
+        stage = enumerate(self._registry.stage_rows)
+        things = {row.id: row.prim_path for number, row in stage if self._stage_objects.there(number, frame)}
         names = objects | things
         if object in names.values():
             return str(object)
@@ -376,13 +399,13 @@ class World:
 
     def _edit(self, edit: Edit) -> None:
         self._log.add(edit)
-        self._things.settle(self._log.stage)
+        self._stage_objects.settle(self._log.stage)
         if isinstance(edit, Spawn):
-            self._inventory.settle(self._lives)
-        self._witness.forget()
-        self._motion.amend(edit)
+            self._registry.settle(self._histories)
+        self._last_state = None
+        self.trajectories.amend(edit)
         if edit.frame <= 1:
-            self._first_lights = None
+            self._starting_lights = None
 
 
 def _frame_number(frame: int) -> int:

@@ -17,12 +17,13 @@ from tests.reference import mitsuba_scene
 from tests.render.path_scenes import described, matte, quad
 from tests.render.validation.compare import RUNS, SIZE, SPP, Agreement, Pictures, agreement
 from tests.render.validation.stages import CAMERA
-from tiscene.render.renderer import Renderer, RenderSettings
+from tiscene.render.render_settings import RenderSettings
+from tiscene.render.renderer import Renderer
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, SphereLight, Template
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.stream.shutter import moments
+from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 
 FPS, FRAME = 25.0, 5
@@ -99,16 +100,14 @@ def our_pictures(shutter: tuple[float, float] = SHUTTER) -> Pictures:
     )
     world = World(scenario, surroundings(0.0), lambda name: Template(name, "thing", thing), FPS)
     scene = DeviceScene()
-    placement = world.placement(FRAME)
+    placement = world.state(FRAME).placement
     for description in world.descriptions:
         scene.add(description)
     renderer = Renderer(scene, SIZE, SIZE, RenderSettings(spp=SPP, max_depth=DEPTH, denoise=False))
-    view = View(*world.view(FRAME), SIZE, SIZE)
+    view = View(*world.state(FRAME).cameras[0], SIZE, SIZE)
     pictures = []
     for seed in range(RUNS):
-        seen = moments(
-            world, FRAME, view, shutter, spp=SPP, seed=seed, camera_at=lambda shift: world.camera_at(FRAME, shift)
-        )
+        seen = shutter_samples(world, world.state(FRAME), view, shutter, spp=SPP, seed=seed, camera_row=0)
         assert seen is not None
         frame = renderer.render(view, placement, ("hdr",), frame_index=FRAME, seed=seed, exposure=0.0, moments=seen)
         pictures.append(frame["hdr"].mean(axis=2, dtype=np.float64))

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""StageCache: the stages that a stream has read last, so that restarting into one of them reads nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from tiscene import catalog
+from tiscene.render.render_settings import RenderSettings
+from tiscene.scenario.scenario import Scenario
+from tiscene.scene.description import SceneDescription, Template
+from tiscene.stream.loading import load
+from tiscene.usd.core.layers import scene_digests
+from tiscene.usd.read.template import read_template
+
+MAX_STAGES = 3
+
+
+class StageCache:
+    """Reads the stages and templates of scenarios, in one way.
+
+    Args:
+        buffers: of the frames to come; they decide which kernels are compiled while the first stage is read.
+        settings: of the frames to come.
+        arch: "cpu", "cuda" or None for the default.
+        untrusted: read stages in a process with limits.
+        taxonomy: of the semantic labels.
+        time_code: show stages as they are then, without motion; None: they play.
+        root: folder that all files must be in.
+    """
+
+    def __init__(
+        self,
+        buffers: Sequence[str],
+        settings: RenderSettings,
+        *,
+        arch: str | None,
+        untrusted: bool,
+        taxonomy: str | None,
+        time_code: float | None,
+        root: str | os.PathLike[str] | None,
+    ) -> None:
+        self.arch = arch
+        self._loading: dict[str, Any] = {"buffers": buffers, "quality": settings, "untrusted": untrusted}
+        self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root}
+        self._stages: dict[tuple[Any, ...], SceneDescription] = {}
+
+    def stage(self, scenario: Scenario) -> SceneDescription:
+        """Return the stage of a scenario, with its variants selected and the prims that it moves extracted.
+
+        Raises:
+            SceneNotFound, MissingFile, StageError: the stage cannot be found or read.
+        """
+        file = catalog.find_scene(scenario.scene)
+        extracted = tuple(sorted({each.template for each in scenario.objects if catalog.is_prim_path(each.template)}))
+        key = str(file.resolve()), tuple(sorted(scenario.variants.items())), extracted, file.stat().st_mtime_ns
+        stage = self._stages.pop(key, None)
+        if stage is None:
+            options = self._options | {"variants": dict(scenario.variants) or None, "extract": extracted}
+            stage, self.arch = load(file, arch=self.arch, **self._loading, **options)
+        self._stages[key] = stage
+        while len(self._stages) > MAX_STAGES:
+            del self._stages[next(iter(self._stages))]
+        return stage
+
+    def template(self, name: str, scenario: Scenario, stage: SceneDescription) -> Template:
+        """Read an object template by name or file.
+
+        Raises:
+            TemplateNotFound, StageError: it cannot be found or read.
+        """
+        file, variants = catalog.find_template(name, scene=scenario.scene), catalog.template_variants(name)[1]
+        return read_template(file, up_axis=stage.up_axis, taxonomy=self._options["taxonomy"], variants=variants)
+
+
+def file_digests(scenario: Scenario, stage: SceneDescription) -> dict[str, str]:
+    """Return the SHA-256 of every file that a scenario's stage and templates consist of.
+
+    Returns:
+        Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
+    """
+    on_stage = {template.name for template in stage.templates}
+    return scene_digests(scenario.scene, {history.spec.template for history in scenario.lives()} - on_stage)
+
+
+def digest(digests: dict[str, str]) -> str:
+    """Return one SHA-256 over the digests of files."""
+    text = "\n".join(f"{name} {digests[name]}" for name in sorted(digests))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ViewRenderer: renders views of one world; owns everything that lives on the device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tiscene.device import runtime
+from tiscene.frame.buffers import COLORS
+from tiscene.frame.frame import Frame, FrameCamera
+from tiscene.render.annotations.object_measurements import Measurer
+from tiscene.render.integrators.incremental.base_image import ProgressCallback
+from tiscene.render.render_settings import RenderSettings
+from tiscene.render.renderer import Renderer
+from tiscene.render.view import View
+from tiscene.scene.bvh.obstacle_tree import MeshTrees
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.stream.incremental import is_static_view, movers
+from tiscene.stream.shutter import shutter_samples
+from tiscene.world.world import World
+from tiscene.world.world_state import CameraStep, WorldState
+
+MAX_RENDERERS = 4  # image sizes whose arrays are kept
+
+
+class ViewRenderer:
+    """Renders frames of a world from any camera, in any size.
+
+    Args:
+        settings: what the path tracer may cost.
+        seed: of the rendering's random numbers.
+        shutter: opening and closing time in frames relative to each frame; None: as the cameras say.
+        cache_bytes: memory limit of kept paths.
+        progress: receives what is being prepared and how much of it is done, 0..1.
+    """
+
+    def __init__(
+        self,
+        settings: RenderSettings,
+        *,
+        seed: int,
+        shutter: tuple[float, float] | None,
+        cache_bytes: int,
+        progress: ProgressCallback,
+    ) -> None:
+        self.settings = settings
+        self._seed = seed
+        self._shutter = shutter
+        self._cache_bytes = cache_bytes
+        self._progress = progress
+        self._scene = DeviceScene()
+        self._measurer = Measurer(self._scene)
+        self._renderers: dict[tuple[int, int], Renderer] = {}
+        self._exposure: float | None = None
+
+    def set_world(self, world: World) -> None:
+        """Render this world from now on. The scene's arrays are made anew when they are needed."""
+        self.world = world
+        self._exposure = world.camera.exposure
+
+    def mesh_trees(self) -> MeshTrees:
+        """Return the bounding volume hierarchies of the meshes, which serve collisions too."""
+        self._upload_descriptions()
+        return self._scene.trees
+
+    def exposure(self, width: int, height: int) -> float:
+        """Return the main camera's exposure in stops; metered at frame 0, in that image size, if it has none.
+
+        It is metered at frame 0 whatever frame is rendered first, so that a seek changes no pixel.
+        """
+        if self._exposure is None:
+            state = self.world.state(0)
+            self._upload_descriptions()
+            view = View(*state.cameras[0], width=width, height=height)
+            self._exposure = self._renderer(view).meter(view, state.placement, seed=self._seed)
+        return self._exposure
+
+    def render(
+        self,
+        state: WorldState,
+        view: View,
+        buffers: Sequence[str],
+        *,
+        main_size: tuple[int, int],
+        camera_row: int | None = None,
+        incremental: bool | None = None,
+    ) -> Frame:
+        """Render one view of a world state.
+
+        Args:
+            state: of the world, at the frame to render.
+            view: the camera at frames k - 1, k and k + 1, and the image size.
+            buffers: names of the buffers to compute.
+            main_size: width and height in which the exposure is metered, px.
+            camera_row: the world's camera that this is, whose path the shutter follows; None: the view's cameras are
+                interpolated.
+            incremental: overrides the stream's setting for this frame.
+
+        Returns:
+            The frame, in the exposure of the world's main camera unless the view's camera has its own.
+        """
+        runtime.check_process()
+        colored = not COLORS.isdisjoint(buffers)
+        samples = None
+        if colored:
+            samples = shutter_samples(
+                self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
+            )
+        incremental = self.settings.incremental if incremental is None else incremental
+        moving = movers(state) if colored and incremental and samples is None and is_static_view(view) else None
+        self._upload_descriptions()
+        exposure = view.current.exposure
+        if exposure is None:
+            exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
+        renderer = self._renderer(view)
+        rendered = renderer.render(
+            view,
+            state.placement,
+            buffers,
+            frame_index=state.frame,
+            seed=self._seed,
+            exposure=exposure,
+            moving=moving,
+            moments=samples or (),
+        )
+        step = CameraStep(view.previous, view.current, view.next)
+        return Frame(
+            index=state.frame,
+            time=state.frame / self.world.fps,
+            camera=FrameCamera(view.current, view.width, view.height),
+            buffers=rendered,
+            objects=self._measurer.table(state.placement, view, state.objects, rendered.get("instance")),
+            categories=self.world.categories,
+            materials=self._scene.materials.labels,
+            spp=renderer.spp if colored else 0.0,
+            events=state.events(step, view.width / view.height),
+        )
+
+    def _upload_descriptions(self) -> None:
+        """Add the world's stage and templates to the device scene, as far as they are not there."""
+        for description in self.world.descriptions[len(self._scene.descriptions) :]:
+            self._scene.add(description)
+
+    def _renderer(self, view: View) -> Renderer:
+        """Return the renderer of an image size; the least recently used ones are dropped."""
+        size = view.width, view.height
+        renderer = self._renderers.pop(size, None) or Renderer(
+            self._scene, *size, self.settings, cache_bytes=self._cache_bytes, progress=self._progress
+        )
+        self._renderers[size] = renderer
+        if len(self._renderers) > MAX_RENDERERS:
+            del self._renderers[next(iter(self._renderers))]
+        return renderer
+
+
+def render_all_cameras(
+    renderer: ViewRenderer, state: WorldState, buffers: Sequence[str], width: int, height: int
+) -> Frame:
+    """Render a frame from each of the world's cameras; the first holds the others as `views`."""
+    first, *others = [
+        renderer.render(
+            state, View(*step, width=width, height=height), buffers, main_size=(width, height), camera_row=row
+        )
+        for row, step in enumerate(state.cameras)
+    ]
+    return replace(first, _other_views=tuple(others)) if others else first

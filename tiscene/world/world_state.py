@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""WorldState: everything about a world at one frame, computed once and handed down.
+
+A state is immutable. It holds what the renderer places (instances, lights), what frames report (objects, events) and
+where the cameras are, so that no consumer asks the world again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.rotation import matrix_from_quaternion
+from tiscene.frame.events import Event
+from tiscene.scene.camera import Camera
+from tiscene.scene.description import Light
+from tiscene.scene.placement import Placement
+from tiscene.world.frustum_test import in_view
+from tiscene.world.object_registry import WorldObject
+
+
+class CameraStep(NamedTuple):
+    """A camera at frames k - 1, k and k + 1."""
+
+    previous: Camera
+    current: Camera
+    next: Camera
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectBounds:
+    """Live objects of one frame as arrays.
+
+    Attributes:
+        ids: int64 [n], ascending instance ids.
+        boxes: float64 [n, 2, 3], lowest and highest corner in each object's own axes, m.
+        poses: float64 [n, 3, 4], from each object's axes to the world.
+    """
+
+    ids: NDArray[np.int64]
+    boxes: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, objects: tuple[WorldObject, ...]) -> ObjectBounds:
+        """Collect the bounds of live objects."""
+        poses = np.array([(*each.position, *each.rotation) for each in objects]).reshape(-1, 7)
+        matrices = np.concatenate([matrix_from_quaternion(poses[:, 3:]), poses[:, :3, None]], axis=2)
+        boxes = np.array([each.box for each in objects], np.float64).reshape(-1, 2, 3)
+        return cls(np.array([each.id for each in objects], np.int64), boxes, matrices)
+
+    def visible(self, camera: Camera, aspect: float) -> set[int]:
+        """Return the ids of the objects whose box intersects a camera's view.
+
+        Args:
+            camera: the camera.
+            aspect: width / height of its image.
+        """
+        return set(self.ids[in_view(camera, aspect, self.boxes, self.poses)].tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class WorldState:
+    """Everything about a world at frame k.
+
+    Attributes:
+        frame: k.
+        aspect: width / height of the main camera's image.
+        cameras: one row per camera of the world.
+        placement: transforms of all instances at frames k - 1, k and k + 1, and the lights.
+        objects: the live objects, by ascending id.
+        lights: the lights at frame k, with their poses and radiance.
+        movers: bool [instances of `placement`], True for an instance that is known at frame k to move, deform, appear
+            or vanish at some frame of the stream.
+        starting_lights: whether the lights are those of frames 0 and 1, except for their intensity.
+        changes: spawns, despawns and contacts since frame k - 1.
+        previous_bounds: bounds of the objects that were live at frame k - 1; at frame 0 those of the stage's objects.
+    """
+
+    frame: int
+    aspect: float
+    cameras: tuple[CameraStep, ...]
+    placement: Placement
+    objects: tuple[WorldObject, ...]
+    lights: tuple[Light, ...]
+    movers: NDArray[np.bool_]
+    starting_lights: bool
+    changes: tuple[Event, ...]
+    previous_bounds: ObjectBounds
+
+    @cached_property
+    def bounds(self) -> ObjectBounds:
+        """Bounds of the live objects."""
+        return ObjectBounds.of(self.objects)
+
+    def events(self, camera: CameraStep | None = None, aspect: float | None = None) -> tuple[Event, ...]:
+        """Return all events since frame k - 1, as one camera sees them.
+
+        An object enters when it is live and its box intersects the view, and one of both was not so at frame k - 1; it
+        leaves the other way round. Occlusion does not count. Objects of the stage that are in view at frame 0 do not
+        enter.
+
+        Args:
+            camera: the camera at frames k - 1, k and k + 1; None for the main camera.
+            aspect: width / height of its image; None for the world's.
+
+        Returns:
+            `changes`, then "enter" events, then "leave" events, each by ascending object id.
+        """
+        camera, aspect = camera or self.cameras[0], aspect or self.aspect
+        seen = self.bounds.visible(camera.current, aspect)
+        before = self.previous_bounds.visible(camera.previous if self.frame else camera.current, aspect)
+        entered = [Event("enter", id) for id in sorted(seen - before)]
+        left = [Event("leave", id) for id in sorted(before - seen)] if self.frame else []
+        return (*self.changes, *entered, *left)
