@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that make the pictures and tables of the documentation."""
+"""Programs that render the pictures and write the generated tables of the documentation."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`TISCENE_PATH=assets python -m docs.tools.imported_models [NAME ...]`: the pictures of docs/imported.md, or those named.
+"""Render the pictures of docs/importing.md: `TISCENE_PATH=assets python -m docs.tools.imported_models [NAME ...]`.
 
-assets holds what that page says how to import: Sweet Home 3D's furniture of license CC0, and the jar of
-`usd_scenes.author.jar`.
+NAME: "sitting", "dining" or "catalog"; by default all. The folder assets holds the models that the page imports: Sweet
+Home 3D's furniture of license CC0, and the jar of `usd_scenes.author.jar`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tiscene.usd.read.template import read_template
 
 IMAGES = DOCS / "images" / "imported"
 WIDTH, HEIGHT, SPP = 960, 720, 48
-SHOWN = """
+CATALOG = """
     winchester_armchair_01 winchester_sofa_01 armchair_02 relax_chair_01 couch_01 grand_piano_01 electric_guitar_01
     desk_lamp_01 orchids_01 little_plant_01 decorative_plant_01 plant_01 plant_02 cactus_01 stool_01 stool_02
     oak_chair_01 osaka_chair_01 handbag_01 coffee_cup_01 rocking_horse_01 barrel_01 basketball_01 table_fan_01
@@ -28,13 +28,21 @@ SHOWN = """
 
 
 def standing(name: str, x: float, z: float, yaw: float, y: float = 0.0) -> ts.Object:
-    """A template whose lowest point is at y. yaw: degrees."""
+    """Return an object that stands on a surface.
+
+    Args:
+        name: name of the template.
+        x: m.
+        z: m.
+        yaw: degrees about y.
+        y: height of the surface, m.
+    """
     low, _ = read_template(find_template(name)).description.bounds()
     return ts.Object(name.lower().replace(" ", "_"), name, (x, y - float(low[1]), z), (0.0, yaw, 0.0))
 
 
 def room(camera: str, *objects: ts.Object) -> np.ndarray:
-    """The living room with more in it."""
+    """Render the living room with additional objects, uint8 [HEIGHT, WIDTH, 3]."""
     scenario = ts.Scenario("room_02", list(objects))
     size = {"width": WIDTH, "height": HEIGHT}
     stream = ts.Stream(scenario, **size, quality="photo", spp=SPP, buffers=("rgb",), camera=camera)
@@ -42,6 +50,7 @@ def room(camera: str, *objects: ts.Object) -> np.ndarray:
 
 
 def sitting() -> np.ndarray:
+    """Render the seating area."""
     return room(
         "Main",
         standing("Winchester Armchair 01", -1.98, -1.80, 52.0),
@@ -54,6 +63,7 @@ def sitting() -> np.ndarray:
 
 
 def dining() -> np.ndarray:
+    """Render the dining area."""
     return room(
         "Dining",
         standing("Grand Piano 01", -0.35, -1.75, 35.0),
@@ -64,7 +74,8 @@ def dining() -> np.ndarray:
 
 
 def catalog() -> np.ndarray:
-    folders = SHOWN.split()
+    """Render a contact sheet of the templates in CATALOG."""
+    folders = CATALOG.split()
     tiles = [(folder.replace("_", " ").title(), photograph(folder, 232, spp=24)) for folder in folders]
     return sheet_of(tiles, 8)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the pictures of the README and of docs/: `python docs/tools/make_images.py [NAME ...]`.
+"""Render the pictures of the README and of docs/: `python docs/tools/make_images.py [NAME ...]`.
 
-Slow on purpose: a photograph takes minutes on two cores, an animation as well.
+NAME: a key of PICTURES; by default all. Each takes minutes on two cores.
 """
 
 import re
@@ -24,14 +24,20 @@ FPS = 10.0
 
 
 def photograph() -> None:
-    """The living room, as the README shows it."""
+    """Render the living room for the README."""
     stream = ts.Stream("room_02", width=960, height=640, quality="photo", spp=128, buffers=("rgb",))
     with progress("room_02.png", 1):
         write_png(IMAGES / "room_02.png", stream[0].rgb)
 
 
 def example(number: int, name: str, frames: int) -> None:
-    """One of the examples, moving: what is seen, who is who and where it goes."""
+    """Render an animation of an example: color, instances and flow side by side.
+
+    Args:
+        number: index of the example in docs/examples.md.
+        name: file name in docs/images.
+        frames: number of frames.
+    """
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / "examples.md").read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, ts.Scenario] = {}
     exec(blocks[number], names)
@@ -46,8 +52,8 @@ def example(number: int, name: str, frames: int) -> None:
 
 
 def shutter() -> None:
-    """A chair in flight, with the shutter closed and open."""
-    way = ts.CatmullWaypoints(
+    """Render a moving chair with the shutter closed and open."""
+    path = ts.CatmullWaypoints(
         [
             ts.Waypoint((-2.4, 1.2, -3.9)),
             ts.Waypoint((-0.9, 1.6, -3.6), (0, 120, 40)),
@@ -56,7 +62,7 @@ def shutter() -> None:
         total_time=1.6,
     )
     camera = ts.Camera.look_at((-1.7, 1.35, 0.4), (-1.55, 1.1, -3.8), vertical_fov=0.62, exposure=2.2)
-    scenario = ts.Scenario("room_02", [ts.Object("c", "Chair 01", dynamic=way, collide=False)], camera=camera)
+    scenario = ts.Scenario("room_02", [ts.Object("c", "Chair 01", dynamic=path, collide=False)], camera=camera)
     settings: dict[str, Any] = {"width": 360, "height": 300, "spp": 64, "buffers": ("rgb",), "incremental": False}
     with progress("shutter.png", 2) as step:
         halves = []

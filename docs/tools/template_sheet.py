@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of all templates on one sheet, and of some in their colors and appearances.
+"""Contact sheets of all templates, and of some in their colors and appearances.
 
-`python -m docs.tools.template_sheet [NAME ...]` writes docs/images/templates.jpg, template_variants.jpg and the `table` in
-docs/templates.md, or what is named.
+`python -m docs.tools.template_sheet [NAME ...]` writes docs/images/templates.jpg, docs/images/template_variants.jpg and
+the table in docs/templates.md. NAME: templates.jpg, template_variants.jpg or table; by default all.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from usd_scenes.author.templates import APPEARANCES, TEMPLATES, facts
 DOCS = Path(__file__).resolve().parents[1]
 TABLE = re.compile(r"(?<=<!-- templates -->\n).*?(?=<!-- /templates -->)", re.DOTALL)
 VARIED = ("chair_01", "armchair_01", "book_01", "alarm_clock_01", "teddy_bear_01", "plant_01")
-PAPER, INK = (16, 17, 21), (236, 236, 230)
+BACKGROUND, TEXT = (16, 17, 21), (236, 236, 230)
 GAP = 4  # px between tiles
 Picture = NDArray[np.uint8]
 
@@ -34,7 +34,18 @@ Picture = NDArray[np.uint8]
 def photograph(
     template: str, size: int, *, yaw: float = 28.0, spp: int = 64, variants: Mapping[str, str] | None = None
 ) -> Picture:
-    """The template of that folder in the studio, [size, size, 3]. yaw, variants: as of `studio.write`."""
+    """Render a template in the studio.
+
+    Args:
+        template: name of its folder.
+        size: width and height, px.
+        yaw: degrees about y.
+        spp: samples per pixel.
+        variants: variant sets to variants; None for the first of each.
+
+    Returns:
+        uint8 [size, size, 3], sRGB.
+    """
     with tempfile.TemporaryDirectory() as folder:
         stage = Path(folder) / "studio.usda"
         studio.write(find_template(template_name(template)), stage, yaw=yaw, variants=variants)
@@ -44,7 +55,12 @@ def photograph(
 
 
 def all_templates(size: int = 232, columns: int = 8) -> Picture:
-    """Every template under its name."""
+    """Render a contact sheet of every template.
+
+    Args:
+        size: width and height of a tile, px.
+        columns: tiles per row.
+    """
     tiles = []
     with progress("templates", len(TEMPLATES)) as step:
         for folder in TEMPLATES:
@@ -54,7 +70,11 @@ def all_templates(size: int = 232, columns: int = 8) -> Picture:
 
 
 def template_variants(size: int = 232) -> Picture:
-    """A row for each of some templates: the first three colors, then untextured and of primitives."""
+    """Render a row per template of VARIED: its first three colors, then untextured and as primitives.
+
+    Args:
+        size: width and height of a tile, px.
+    """
     tiles = []
     with progress("variants", 5 * len(VARIED)) as step:
         for folder in VARIED:
@@ -68,7 +88,7 @@ def template_variants(size: int = 232) -> Picture:
 
 
 def table() -> str:
-    """The templates as a Markdown table."""
+    """Return the templates as a Markdown table."""
     lines = ["| Template | Label | Size, m | Parts | Colors |", "|---|---|---|---|---|"]
     for folder, template in TEMPLATES.items():
         name = template_name(folder)
@@ -79,26 +99,38 @@ def table() -> str:
 
 
 def write_table() -> None:
+    """Update the table in docs/templates.md."""
     page = DOCS / "templates.md"
     text = page.read_text(encoding="utf-8")
     page.write_text(TABLE.sub(lambda _: table(), text), encoding="utf-8")
 
 
 def sheet_of(tiles: list[tuple[str, Picture]], columns: int) -> Picture:
-    """Pictures of one size side by side, each with its caption below."""
+    """Return pictures of one size side by side, each with its caption below.
+
+    Args:
+        tiles: caption and picture, uint8 [size, size, 3].
+        columns: tiles per row.
+    """
     size, line = tiles[0][1].shape[0], 20
     rows = -(-len(tiles) // columns)
-    sheet = Image.new("RGB", (columns * (size + GAP) + GAP, rows * (size + line + GAP) + GAP), PAPER)
+    sheet = Image.new("RGB", (columns * (size + GAP) + GAP, rows * (size + line + GAP) + GAP), BACKGROUND)
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
-    for place, (caption, picture) in enumerate(tiles):
-        x, y = GAP + place % columns * (size + GAP), GAP + place // columns * (size + line + GAP)
+    for index, (caption, picture) in enumerate(tiles):
+        x, y = GAP + index % columns * (size + GAP), GAP + index // columns * (size + line + GAP)
         sheet.paste(Image.fromarray(picture), (x, y))
-        draw.text((x + 4, y + size + 2), caption, INK, font)
+        draw.text((x + 4, y + size + 2), caption, TEXT, font)
     return np.asarray(sheet)
 
 
 def save(path: Path, rgb: Picture, comment: str = "") -> None:
-    """uint8 [h, w, 3] as JPEG, all of it or nothing."""
+    """Write a JPEG file atomically.
+
+    Args:
+        path: file to write; missing folders are created.
+        rgb: uint8 [h, w, 3], sRGB.
+        comment: comment to store in the file.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     Image.fromarray(rgb).save(part, "JPEG", quality=88, subsampling=0, optimize=True, comment=comment)

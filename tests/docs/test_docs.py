@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the documentation says, checked against the code. `python -m tests.docs.test_docs` writes the tables of buffers."""
+"""The documentation is checked against the code: links, tables, commands and Python examples.
+
+`python -m tests.docs.test_docs` regenerates the tables of buffers in README.md and docs/buffers.md.
+"""
 
 import ast
 import importlib.util
@@ -14,7 +17,7 @@ import numpy as np
 import pytest
 
 import tiscene.usd
-from tiscene.cli import parser
+from tiscene.cli import main as command_line
 from tiscene.export import EXPORTERS
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.object_table import ObjectRow
@@ -23,49 +26,88 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import Stream
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)
 TABLE = re.compile(r"(?<=<!-- buffers -->\n).*?(?=<!-- /buffers -->)", re.DOTALL)
+FENCED = re.compile(r"```.*?```", re.DOTALL)
+# Pages whose Python needs a set-up of its own, and the test that runs it. All other pages run as they stand.
+RUN_ELSEWHERE = {
+    "examples": "test_examples_render_objects_that_move",
+    "export": "test_export_pages_run",
+    "export-recipes": "test_export_pages_run",
+    "importing": "none: it needs models that are not in the repository",
+}
+SPHERE = "/SolidBenchmark/Solids/Sphere"
+
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def read(page: Path | str) -> str:
+    """Return the text of a page, given relative to the repository's root."""
+    return (ROOT / page).read_text(encoding="utf-8")
 
 
 def buffer_table() -> str:
-    """The buffers as a Markdown table."""
+    """Return the buffers as a Markdown table."""
     lines = ["| Buffer | Array | Unit | Nothing hit | Meaning |", "|---|---|---|---|---|"]
-    for aov in BUFFERS.values():
-        shape = ", ".join(["H", "W", *map(str, aov.channels)])
-        background = {None: "computed", True: "True"}.get(aov.background)
+    for buffer in BUFFERS.values():
+        shape = ", ".join(["H", "W", *map(str, buffer.channels)])
+        background = {None: "computed", True: "True"}.get(buffer.background)
         if background is None:
-            background = "NaN" if np.isnan(aov.background) else "+∞" if np.isinf(aov.background) else "0"
-        lines.append(f"| `{aov.name}` | {aov.dtype} {shape} | {aov.unit or '–'} | {background} | {aov.doc} |")
+            background = "NaN" if np.isnan(buffer.background) else "+∞" if np.isinf(buffer.background) else "0"
+        lines.append(
+            f"| `{buffer.name}` | {buffer.dtype} {shape} | {buffer.unit or '–'} | {background} | {buffer.doc} |"
+        )
     return "\n".join(lines) + "\n"
 
 
+def anchors(page: Path) -> set[str]:
+    """Return the anchors that GitHub gives the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", FENCED.sub("", read(page)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 @pytest.mark.parametrize("page", ["README.md", "docs/buffers.md"])
-def test_tables_of_buffers_are_up_to_date(page):
-    (table,) = TABLE.findall((ROOT / page).read_text(encoding="utf-8"))
+def test_table_of_buffers_matches_code(page):
+    (table,) = TABLE.findall(read(page))
     assert table == buffer_table(), "run `python -m tests.docs.test_docs`"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_to_files_lead_somewhere(page):
-    links = re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    broken = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+@each_page
+def test_links_lead_to_existing_files_and_headings(page):
+    links = re.findall(r"\]\(([^)#]*)(?:#([^)]*))?\)", FENCED.sub("", read(page)))
+    local = [(page.parent / file if file else page, anchor) for file, anchor in links if "://" not in file]
+    broken = [
+        (str(file), anchor) for file, anchor in local if not file.exists() or (anchor and anchor not in anchors(file))
+    ]
     assert not broken
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_python_examples_are_python(page):
-    for example in BLOCK.findall(page.read_text(encoding="utf-8")):
+@each_page
+def test_named_test_files_exist(page):
+    named = re.findall(r"`(?:[\w/]+/)?(test_\w+\.py)", read(page))
+    assert set(named) <= {path.name for path in (ROOT / "tests").rglob("test_*.py")}
+
+
+def test_index_links_to_every_page():
+    linked = re.findall(r"\]\(([^)#]+)\)", read("docs/index.md"))
+    pages = {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")} - {"index.md"}
+    assert pages <= set(linked)
+
+
+@each_page
+def test_python_blocks_parse(page):
+    for example in BLOCK.findall(read(page)):
         ast.parse(example)
 
 
-# Pages whose Python runs as it stands, block after block, in a folder that holds `run.json` and `upload.usdz`; others
-# have tests of their own, or need what is not here: imported.md models of other people.
-RUN = ("buffers", "incremental", "learning", "scenario", "scenes", "templates", "usd", "usd_scenarios")
-
-
-@pytest.mark.parametrize("page", RUN)
-def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "page",
+    sorted(page.stem for page in DOCS.glob("*.md") if BLOCK.search(read(page)) and page.stem not in RUN_ELSEWHERE),
+)
+def test_python_blocks_run(page, tmp_path, monkeypatch):
+    """Blocks run one after another in one namespace, in a folder with `run.json` and `upload.usdz`."""
     monkeypatch.chdir(tmp_path)
     Scenario("object_view", [Object("ball", "Sphere", (0, 1, -3))]).save("run.json")
     Path("upload.usda").write_text('#usda 1.0\ndef Cube "Box"\n{\n}\ndef DomeLight "Sky"\n{\n}\n')
@@ -76,36 +118,36 @@ def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
         **dict.fromkeys(("learn", "predict", "teach"), lambda *_: None),
         "tiscene": tiscene,
     }
-    blocks = BLOCK.findall((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8"))
+    blocks = BLOCK.findall(read(f"docs/{page}.md"))
     assert blocks
     for block in blocks:
         if "import torch" not in block:
             exec(compile(block.replace("frames=250", "frames=3"), f"{page}.md", "exec"), names)
         elif all(map(importlib.util.find_spec, re.findall(r"^(?:import|from) (torch|avalanche)", block, re.MULTILINE))):
-            # A file, for workers import it.
+            # Worker processes import the script, so it must be a file.
             Path("script.py").write_text(f"def learn(*_):\n    pass\n\n\n{block}", encoding="utf-8")
             subprocess.run([sys.executable, "script.py"], check=True)
 
 
-def test_the_pages_that_run_are_all_there_are():
-    with_python = {
-        page.stem for page in (ROOT / "docs").glob("*.md") if "```python" in page.read_text(encoding="utf-8")
-    }
-    assert with_python - set(RUN) == {"examples", "export", "imported"}
+def test_pages_that_run_elsewhere_have_python():
+    assert all(BLOCK.search(read(f"docs/{page}.md")) for page in RUN_ELSEWHERE)
+    tests = {test for test in RUN_ELSEWHERE.values() if test.startswith("test_")}
+    assert tests <= set(globals())
 
 
-def test_the_loop_of_the_readme_runs():
-    (example,) = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+def test_loop_of_readme_runs():
+    (example,) = BLOCK.findall(read("README.md"))
     small = example.replace("width=256, height=192, frames=100", "width=32, height=24, frames=2, spp=1")
     assert small != example
+    assert len(example.splitlines()) == 12
     learned = []
     exec(small, {"learn": lambda *arrays: learned.append([array.shape for array in arrays])})
     assert learned == [[(24, 32, 3), (24, 32), (24, 32), (24, 32, 2)]] * 2
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_the_examples_run(number):
-    examples = BLOCK.findall((ROOT / "docs/examples.md").read_text(encoding="utf-8"))
+def test_examples_render_objects_that_move(number):
+    examples = BLOCK.findall(read("docs/examples.md"))
     assert len(examples) == 3
     names = {}
     exec(examples[number], names)
@@ -116,34 +158,31 @@ def test_the_examples_run(number):
     for name in moved:
         assert first.objects.by_name(name).visible_pixels > 0
         x0, y0, x1, y1 = later.objects.by_name(name).amodal_box
-        assert min(64 - x0, x1, 48 - y0, y1) > 0  # the box reaches into the picture
+        assert min(64 - x0, x1, 48 - y0, y1) > 0  # the box overlaps the picture
 
 
-def test_the_scenario_of_the_documentation_can_be_read():
-    (text,) = re.findall(r"```json\n(.*?)```", (ROOT / "docs/scenario.md").read_text(encoding="utf-8"), re.DOTALL)
+def test_scenario_of_documentation_round_trips():
+    (text,) = re.findall(r"```json\n(.*?)```", read("docs/scenario.md"), re.DOTALL)
     scenario = Scenario.from_json(json.loads(text))
     assert [item.id for item in scenario.objects] == ["chair", "pillow"]
     assert Scenario.from_json(scenario.to_json()) == scenario
 
 
-SPHERE = "/SolidBenchmark/Solids/Sphere"
-
-
-def test_the_page_of_exports_runs(tmp_path, monkeypatch):
-    """Its commands, and what reads what they write; in a room that is read sooner."""
+def test_export_pages_run(tmp_path, monkeypatch):
+    """Run the commands of export.md, then the Python of both pages on what they wrote, in a scene that loads faster."""
     monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs/export.md").read_text(encoding="utf-8")
-    instead = {"room_02": "solid_benchmark", "/Room02/Furniture/Sofa": SPHERE, '"Chair 01"': f'"{SPHERE}"'}
-    for name, other in instead.items():
-        assert name in page
-        page = page.replace(name, other)
-    commands = re.findall(r"^    tiscene (render .*)", page, re.MULTILINE)
+    pages = read("docs/export.md") + read("docs/export-recipes.md")
+    smaller = {"room_02": "solid_benchmark", "/Room02/Furniture/Sofa": SPHERE, '"Chair 01"': f'"{SPHERE}"'}
+    for name, other in smaller.items():
+        assert name in pages
+        pages = pages.replace(name, other)
+    commands = re.findall(r"^    tiscene (render .*)", pages, re.MULTILINE)
     assert len(commands) == len(EXPORTERS)
     for command in commands:
         short = re.sub(r"--frames \d+:\d+", "--frames 0:2", command)
-        assert parser.main([*short.split(), "--width", "32", "--height", "24", "--spp", "1"]) == 0
+        assert command_line.main([*short.split(), "--width", "32", "--height", "24", "--spp", "1"]) == 0
     names = {"learn": lambda *_: None}
-    for block in BLOCK.findall(page):
+    for block in BLOCK.findall(pages):
         exec(block.replace('_benchmark", ', '_benchmark", width=32, height=24, spp=1, '), names)
     assert names["depth"].shape == names["sofa"].shape == names["chairs"].shape == (24, 32)
     coco = json.loads(Path("out/coco.json").read_text())
@@ -156,19 +195,20 @@ def test_the_page_of_exports_runs(tmp_path, monkeypatch):
         assert each["bbox"] == [x.min(), y.min(), np.ptp(x) + 1, np.ptp(y) + 1]
 
 
-def test_every_column_of_a_row_is_on_the_page():
-    page = (ROOT / "docs/buffers.md").read_text(encoding="utf-8")
-    first_cells = re.findall(r"^\| (`.*?) \|", page[page.index("| Of a row |") :], re.MULTILINE)
-    told = re.findall(r"`(\w+)`", " ".join(first_cells))
-    assert sorted(told) == sorted(name for name in {*ObjectRow.__annotations__, *vars(ObjectRow)} if name[0] != "_")
+def test_every_column_of_the_object_table_is_documented():
+    page = read("docs/buffers.md")
+    first_cells = re.findall(r"^\| (`.*?) \|", page[page.index("| Column |") :], re.MULTILINE)
+    documented = re.findall(r"`(\w+)`", " ".join(first_cells))
+    assert sorted(documented) == sorted(
+        name for name in {*ObjectRow.__annotations__, *vars(ObjectRow)} if name[0] != "_"
+    )
 
 
-def test_every_export_format_has_its_section():
-    sections = re.findall(r"^## (\w+):", (ROOT / "docs/export.md").read_text(encoding="utf-8"), re.MULTILINE)
+def test_every_export_format_has_a_section():
+    sections = re.findall(r"^## (\w+):", read("docs/export.md"), re.MULTILINE)
     assert {section.lower() for section in sections} >= set(EXPORTERS)
 
 
 if __name__ == "__main__":
     for page in ("README.md", "docs/buffers.md"):
-        path = ROOT / page
-        path.write_text(TABLE.sub(lambda _: buffer_table(), path.read_text(encoding="utf-8")), encoding="utf-8")
+        (ROOT / page).write_text(TABLE.sub(lambda _: buffer_table(), read(page)), encoding="utf-8")
