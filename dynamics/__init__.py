@@ -40,7 +40,8 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     sweep_obstacles, sweep_bodies
     collision_free        test for paths without any collision
     obstacles             static triangles
-    tree_access, contact  sphere queries on their tree
+    tree_access           nodes and triangles of their hierarchy
+    contact, sphere_query  spheres against triangles, and against all obstacles
     sphere_proxy          sphere proxies of surfaces
     sphere_cover_kernels  kernels of sphere_proxy
     rotation, random      quaternions; counter-based random numbers

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of the table of bodies, rotations, and what every kind of body does: device functions.
+"""Access to the arrays of bodies, rotations, and motions shared by all kinds of bodies: Taichi functions.
 
-(No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.
+`bodies` and `integers` have the columns of `dynamics.body_layout`; `body` is a row of both.
 """
 
 import taichi as ti
@@ -13,34 +13,38 @@ from dynamics.trajectory_kernel import multiply, unit
 
 vec3d = ti.types.vector(3, ti.f64)
 vec4d = ti.types.vector(4, ti.f64)
-MAX_BEND = 0.25 * SKIN  # m: how far a turn may carry a sphere off its chord in one step
+MAX_BEND = 0.25 * SKIN  # m: largest distance between a sphere's arc and the chord that collision tests use
 
 
 @ti.func
 def read3(table: Template, row: ti.i32, column: ti.i32):
+    """Return three consecutive columns of a float64 table."""
     return vec3d(table[row, column], table[row, column + 1], table[row, column + 2])
 
 
 @ti.func
 def read4(table: Template, row: ti.i32, column: ti.i32):
+    """Return four consecutive columns of a float64 table."""
     return vec4d(table[row, column], table[row, column + 1], table[row, column + 2], table[row, column + 3])
 
 
 @ti.func
 def write3(table: Template, row: ti.i32, column: ti.i32, v):
+    """Write three consecutive columns."""
     for i in ti.static(range(3)):
         table[row, column + i] = v[i]
 
 
 @ti.func
 def write4(table: Template, row: ti.i32, column: ti.i32, v):
+    """Write four consecutive columns."""
     for i in ti.static(range(4)):
         table[row, column + i] = v[i]
 
 
 @ti.func
 def quaternion_from_rotation_vector(turn):
-    """The quaternion of a rotation vector."""
+    """Return the unit quaternion of a rotation vector, rad."""
     angle = turn.norm()
     half = 0.5 * angle
     scale = half * 0.0 + 0.5
@@ -51,7 +55,7 @@ def quaternion_from_rotation_vector(turn):
 
 @ti.func
 def rotation_vector_between(start, end):
-    """The rotation vector that leads from one unit quaternion to another by the shorter way."""
+    """Return the rotation vector, rad, of the shorter turn from one unit quaternion to another."""
     q = multiply(end, vec4d(start[0], -start[1], -start[2], -start[3]))
     if q[0] < 0.0:
         q = -q
@@ -65,7 +69,7 @@ def rotation_vector_between(start, end):
 
 @ti.func
 def record_contact(integers: Template, body: ti.i32, kind: ti.i32, row: ti.i32):
-    """Remember that a body met something in this frame, once."""
+    """Add a contact to those of this frame, unless it is recorded already or MAX_CONTACTS are."""
     if kind == WAIT:
         kind = 0
     known = kind == 0
@@ -81,13 +85,13 @@ def record_contact(integers: Template, body: ti.i32, kind: ti.i32, row: ti.i32):
 
 @ti.func
 def max_step_angle(bodies: Template, body: ti.i32):
-    """The largest angle that keeps every sphere within MAX_BEND of its chord."""
+    """Return the largest angle, rad, at which every sphere stays within MAX_BEND of its chord."""
     return ti.sqrt(8.0 * MAX_BEND / ti.max(bodies[body, RADIUS], 1e-6))
 
 
 @ti.func
 def apply_motion(bodies: Template, body: ti.i32, part):
-    """Do a part, 0 .. 1, of the motion that was tried."""
+    """Apply the fraction `part` (0..1) of the attempted motion to the body's pose."""
     move = read3(bodies, body, MOVE)
     turn = read3(bodies, body, TURN)
     write3(bodies, body, POSITION, read3(bodies, body, POSITION) + part * move)

@@ -1,29 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the kernels of a stepped simulation keep of every body: the names of the columns."""
+"""Column numbers of the per-body arrays of a stepped simulation.
+
+Every body has a row in `bodies`, float64 [n, FLOAT_COLUMNS], and in `integers`, int32 [n, INTEGER_COLUMNS]. Bodies are
+of two kinds: those that follow a path (FOLLOWS) and those that fly straight and bounce (BOUNCES). Some columns have a
+meaning for one kind only. Vectors take three columns, quaternions (w, x, y, z) four.
+"""
 
 from __future__ import annotations
 
-# Float64 columns of a body. The first STATE are all that the next frame depends on, with the integers below.
-POSITION, ROTATION, VELOCITY, SPIN, STATE = 0, 3, 7, 10, 13
-# The motion that is tried: translation, m, and rotation vector, rad; the time it takes, s. Of what follows a path, STEP
-# is how far it has moved in this substep, m.
-MOVE, TURN, STEP = 13, 16, 19
-TIME_LEFT = 20  # time left of this substep; of a follower: 1 until it has done what it can
+# Float64 columns. Pose and motion: m, unit quaternion, m/s, rad/s.
+POSITION, ROTATION, VELOCITY, SPIN = 0, 3, 7, 10
+# The attempted motion: translation, m, and rotation vector, rad.
+MOVE, TURN = 13, 16
+STEP_TIME = 19  # BOUNCES: duration of the attempted motion, s
+PATH_LENGTH = 19  # FOLLOWS: distance moved so far in this substep, m
+TIME_LEFT = 20  # BOUNCES: s left of this substep; FOLLOWS: 1 while it has further motions to attempt, else 0
 TARGET = 21  # pose on the path at the end of the substep
-MOVE_BUDGET, TURN_BUDGET = 28, 29  # m, rad that a follower may still move in this substep
+MOVE_BUDGET, TURN_BUDGET = 28, 29  # FOLLOWS: m and rad that it may still move in this substep
 MAX_DISPLACEMENT = 30  # m: no point of the body moves farther in this substep
-FREE_TIME = 31  # s for which what flies is known to meet no obstacle if it goes on as it does
-LOST_TIME = 32  # s of this frame in which it could not move
-WALL_PUSH = 33  # displacement back into the walls for this substep, m; of a follower its length at most
+FREE_TIME = 31  # BOUNCES: s for which its current motion is known to meet no obstacle
+LOST_TIME = 32  # BOUNCES: s of this frame during which it could not move
+WALL_PUSH = 33  # BOUNCES: displacement back inside the walls in this substep, m
+MAX_WALL_PUSH = 33  # FOLLOWS: largest such displacement, m
 SPEED, ANGULAR_SPEED, RADIUS = 36, 37, 38  # m/s, rad/s, m
-ACTIVE_TIME = 39  # s of this substep in which its clock runs
-CENTER = 40  # of the proxy spheres, in the body's own axes, m
+ACTIVE_TIME = 39  # s of this substep during which the body's clock runs
+CENTER = 40  # mean center of the proxy spheres in the body's own axes, m
 FLOAT_COLUMNS = 43
 
-# Integer columns of a body.
-KIND, COLLIDES, LIMITED, ON_PATH, HIT_COUNT, BLOCKED, ATTEMPTS, REACHES_TARGET = 0, 1, 2, 3, 4, 5, 6, 7
-SEED, NAME_HASH, FIRST_GROUP, GROUP_COUNT, WALL_PUSHED, CONTACT_COUNT, FIRST_CONTACT = 8, 9, 10, 11, 12, 13, 14
-MAX_CONTACTS = 6  # that a body remembers of a frame; each takes two columns: kind and row
+# Integer columns.
+KIND, COLLIDES, LIMITED = 0, 1, 2  # FOLLOWS or BOUNCES; whether it collides now; whether walls hold it now
+ON_PATH, HIT_COUNT, BLOCKED = 3, 4, 5  # pose is exactly the path's; bounces so far; was held up in this frame
+ATTEMPTS = 6  # BOUNCES: bounces in this substep; FOLLOWS: motions in this substep that were blocked
+REACHES_TARGET = 7  # FOLLOWS: whether the attempted motion is the whole way to the target
+SEED, NAME_HASH = 8, 9  # of the random numbers
+FIRST_GROUP, GROUP_COUNT = 10, 11  # rows of the sphere groups
+WALL_PUSHED = 12  # BOUNCES: whether WALL_PUSH is applied
+CONTACT_COUNT, FIRST_CONTACT = 13, 14  # contacts of this frame, two columns each: kind and row
+MAX_CONTACTS = 6  # recorded per body and frame
 INTEGER_COLUMNS = FIRST_CONTACT + 2 * MAX_CONTACTS
 
 FOLLOWS, BOUNCES = 0, 1

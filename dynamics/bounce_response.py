@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a body does that flies straight and bounces: device functions.
+"""Motion of bodies that fly straight and bounce off what they hit: Taichi functions.
 
-(No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.
+Implements the collisions of `UniformMovementRandomBounce`.
+
+Common arguments: `bodies` and `integers`, the columns of `dynamics.body_layout`; `touches` and `counts`, the touches of
+each sphere group and their number (`dynamics.contact`); `body`, the row of one body.
 """
 
 import taichi as ti
@@ -20,7 +23,7 @@ from dynamics.body_layout import (
     SEED,
     SPEED,
     SPIN,
-    STEP,
+    STEP_TIME,
     TIME_LEFT,
     VELOCITY,
     WALL_PUSHED,
@@ -29,15 +32,15 @@ from dynamics.contact import ARM, GAP, MAX_TOUCHES, NORMAL, SKIN, TOUCH_KIND, WA
 from dynamics.kernel_types import Template
 from dynamics.random import ball, hemisphere, uniform4
 
-MAX_DRAWS = 24  # of directions at one hit, the last third without spin
-MAX_ATTEMPTS = 6  # hits without moving in one substep; then it waits for the next
-MIN_TIME = 1e-12  # s
-LOOK_AHEAD_TIME = 0.08  # s that is looked ahead at most
+MAX_DRAWS = 24  # of directions at one hit; the last third without spin
+MAX_ATTEMPTS = 6  # bounces in one substep; then the body stops until the next
+MIN_TIME = 1e-12  # s: less than this counts as none left
+LOOK_AHEAD_TIME = 0.08  # s: longest motion that is tested against obstacles at once
 
 
 @ti.func
 def look_ahead_time(bodies: Template, body: ti.i32, rate):
-    """How long chords stand for a motion whose spin is `rate`, rad/s; LOOK_AHEAD_TIME at most."""
+    """Return how long, s, chords approximate a motion that spins at `rate` rad/s; LOOK_AHEAD_TIME at most."""
     result = rate * 0.0 + LOOK_AHEAD_TIME
     if rate * LOOK_AHEAD_TIME > max_step_angle(bodies, body):
         result = max_step_angle(bodies, body) / rate
@@ -54,10 +57,10 @@ def separates(
     velocity,
     spin,
 ):
-    """Whether every sphere that touches anything would get away from it."""
+    """Return whether a velocity and spin move every touching sphere away from what it touches."""
     all_separate = True
     rate = spin.norm()
-    # So much is lost because the path bends.
+    # Margin for the curvature of the spheres' paths.
     margin = 0.5 * bodies[body, RADIUS] * rate * rate * look_ahead_time(bodies, body, rate) + 1e-4 * bodies[body, SPEED]
     first = integers[body, FIRST_GROUP]
     for group in range(first, first + integers[body, GROUP_COUNT]):
@@ -81,7 +84,7 @@ def bounce(
     body: ti.i32,
     normal,
 ):
-    """A new velocity and spin that lead away from everything that is touched; if none is found, back."""
+    """Draw a new velocity and spin that lead away from all touches; reverse the motion if no draw does."""
     hit = integers[body, HIT_COUNT]
     integers[body, HIT_COUNT] = hit + 1
     found = False
@@ -115,18 +118,26 @@ def advance_bouncing(
     row: ti.i32,
     normal,
 ):
+    """Move a bouncing body up to its first hit and draw a new motion there.
+
+    Args:
+        time: Part (0..1) of the attempted motion until the hit; 1 without a hit.
+        kind: What is hit: NOTHING, OBSTACLE, MOVER, WALL, or WAIT.
+        row: Row of the instance, mover or wall that is hit.
+        normal: Unit contact normal, towards the body.
+    """
     stopped = False
     if time > 0.0:
         apply_motion(bodies, body, time)
-        bodies[body, TIME_LEFT] -= bodies[body, STEP] * time
-        bodies[body, FREE_TIME] = ti.max(bodies[body, FREE_TIME] - bodies[body, STEP] * time, 0.0)
+        bodies[body, TIME_LEFT] -= bodies[body, STEP_TIME] * time
+        bodies[body, FREE_TIME] = ti.max(bodies[body, FREE_TIME] - bodies[body, STEP_TIME] * time, 0.0)
         if bodies[body, TIME_LEFT] < MIN_TIME:
             bodies[body, TIME_LEFT] = 0.0
         stopped = time < 1.0 and kind == WAIT
     elif kind == WAIT:
         stopped = True
     elif integers[body, WALL_PUSHED] > 0 and kind != WALL:
-        # It cannot be pulled any farther here.
+        # Something blocks the push back inside the walls: give it up for this substep.
         integers[body, WALL_PUSHED] = 0
     else:
         record_contact(integers, body, kind, row)

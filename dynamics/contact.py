@@ -1,54 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spheres against triangles: how far away they are, and when a moving sphere first touches one.
+"""Spheres against triangles: distance, time of first contact of a moving sphere, and the record of touches.
 
-Device functions, over the two-level tree of `dynamics.obstacles`. Everything is float32 and relative to the sphere's
-center, so that only the last subtraction rounds. (No postponed annotations in this module.)
+Taichi functions for one sphere and one triangle; `dynamics.sphere_query` calls them for whole scenes. All arithmetic is
+float32 and relative to the sphere's center, so that only the final subtraction rounds.
+
+A touch is a row of `touches`, f32 [groups * MAX_TOUCHES, TOUCH_COLUMNS]: unit normal towards the sphere, arm from the
+body's origin to the sphere's center, gap in meters, and kind of what is touched.
 """
 
 import taichi as ti
 
 from dynamics.kernel_types import Template
-from dynamics.obstacles import GAP_FACTOR, METERS_PER_UNIT
-from dynamics.tree_access import (
-    STACK,
-    child_bounds,
-    child_reference,
-    leaf_instance,
-    leaf_triangles,
-    load_triangle,
-    transformed,
-    vec3,
-    vector_at,
-)
+from dynamics.tree_access import vec3, vector_at
 
-FAR = 1e30
-SKIN = 5e-4  # m: the gap that motion stops at
-TOLERANCE = 2e-5  # m: nearer than this to that gap counts as touching
-SLIDE_TOLERANCE = 2e-6  # m: approach that counts as sliding along
-ITERATIONS = 16
-COARSE_ITERATIONS = 4  # iterations where less than the exact time will do
-NEAREST, WITHIN, CONTACT = 0, 1, 2  # query is looked for
+FAR = 1e30  # time of a contact that never happens
+SKIN = 5e-4  # m: gap at which motion stops
+TOLERANCE = 2e-5  # m: a gap below SKIN + TOLERANCE counts as touching
+SLIDE_TOLERANCE = 2e-6  # m: approach up to this counts as sliding
+ITERATIONS = 16  # of Newton's method
+COARSE_ITERATIONS = 4  # where a lower bound of the time is enough
 
-# What a sphere meets. WAIT: the share of a gap to a mover that is still too far away to be touched.
+# What a sphere hits. WAIT: nothing yet, but its share of the gap to another mover is used up for this substep.
 NOTHING, OBSTACLE, MOVER, WALL, WAIT = 0, 1, 2, 3, 4
 
-# A touch: normal (towards the sphere), arm (from the body's origin to the sphere), gap, kind.
-MAX_TOUCHES = 16  # most that a group of spheres keeps
+MAX_TOUCHES = 16  # of a group of spheres
 NORMAL, ARM, GAP, TOUCH_KIND, TOUCH_COLUMNS = 0, 3, 6, 7, 8
 
 
 @ti.func
 def nearest_on_edge(start, edge):
-    """The point of the segment from `start` along `edge` that is nearest to the origin."""
+    """Return the point nearest to the origin on the line segment from `start` to `start + edge`."""
     along = ti.min(ti.max(-start.dot(edge) / ti.max(edge.dot(edge), 1e-30), 0.0), 1.0)
     return start + along * edge
 
 
 @ti.func
 def nearest_on_triangle(corner, edge_1, edge_2):
-    """The point of a triangle that is nearest to the origin.
+    """Return the point of a triangle nearest to the origin.
 
-    Edges count even where the interior claims to be nearer, so that slivers cannot make the distance too large.
+    Edges are tested even where the interior seems nearer, so that slivers cannot make the distance too large.
     """
     best = nearest_on_edge(corner, edge_1)
     for point in ti.static(
@@ -69,7 +59,22 @@ def nearest_on_triangle(corner, edge_1, edge_2):
 
 @ti.func
 def record_touch(touches: Template, base: ti.i32, count: ti.i32, normal, arm, gap: ti.f32, kind: ti.i32) -> ti.i32:
-    """Keep a touch among those of a group; of similar ones of one sphere the nearer. Returns how many there are."""
+    """Add a touch to those of a group; of similar touches of one sphere keep the nearer.
+
+    If the group is full, the touch replaces the farthest one, if it is nearer.
+
+    Args:
+        touches: All touches.
+        base: First row of the group.
+        count: Number of touches of the group.
+        normal: Unit normal towards the sphere.
+        arm: From the body's origin to the sphere's center, m.
+        gap: Distance to what is touched, m; negative for a penetration.
+        kind: OBSTACLE, MOVER, WALL or WAIT.
+
+    Returns:
+        The new number of touches of the group.
+    """
     slot = -1
     worst = 0
     for i in range(count):
@@ -97,13 +102,23 @@ def record_touch(touches: Template, base: ti.i32, count: ti.i32, normal, arm, ga
 
 @ti.func
 def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, inward, until: ti.f32):
-    """When (0 .. until) a sphere of `radius` + SKIN that moves from the origin along `chord` touches a triangle.
+    """Compute when a sphere that moves from the origin along `chord` first touches a triangle.
 
-    Returns the time, FAR for never; the normal there; the normal and the gap at the start. inward: points from the
-    sphere into the body that it belongs to. slack: how far the true path may bend away from the chord, m.
+    The distance is a convex function of time. Newton's method steps to where the sphere would touch the plane through
+    the nearest point, and therefore never passes the time of contact.
 
-    Newton's method on the distance, which is a convex function of time: every step goes to where the sphere would
-    touch the plane through the nearest point, so it never goes too far and never enters the triangle.
+    Args:
+        corner: Corner of the triangle, relative to the sphere's center.
+        edge_1: Edge from the corner.
+        edge_2: Other edge from the corner.
+        chord: Motion of the center from time 0 to 1, m.
+        radius: Of the sphere, m; it touches at a distance of `radius` + SKIN.
+        slack: Largest distance between the true path of the center and the chord, m.
+        inward: From the sphere's center into the body that it belongs to.
+        until: Latest time of interest.
+
+    Returns:
+        Time (0..until; FAR for none); normal at that time; normal and gap, m, at time 0.
     """
     stop = radius + SKIN
     time = FAR
@@ -118,14 +133,14 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
             distance = point.norm()
             normal = -point / ti.max(distance, 1e-9)
             if distance < 1e-6:
-                # The center lies on the triangle: the side on which the body is decides.
+                # The center lies on the triangle: choose the normal on the body's side.
                 normal = edge_1.cross(edge_2).normalized()
                 if normal.dot(inward) < 0.0:
                     normal = -normal
             if step == 0:
                 start_gap = distance - stop
                 if start_gap < -0.5 * SKIN and normal.dot(inward) < 0.0:
-                    # It was put there with its center beyond the surface already: it has to come back.
+                    # The center was placed beyond the surface: the sphere has to move back.
                     normal = -normal
                     start_gap = -distance - stop
                 start_normal = normal
@@ -134,7 +149,7 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
                 if start_gap < TOLERANCE and approach > SLIDE_TOLERANCE:
                     time = 0.0
                 elif start_gap < -0.5 * SKIN:
-                    # Too near already: it must get away, even where its path bends back.
+                    # Penetrating: the sphere must move away, even where its path curves back.
                     if approach > -4.0 * slack - 1e-9:
                         time = 0.0
                     searching = False
@@ -152,15 +167,18 @@ def first_contact(corner, edge_1, edge_2, chord, radius: ti.f32, slack: ti.f32, 
                 if time_reached >= until:
                     searching = False
     if searching:
-        time = time_reached  # not settled in time: stop where it is still free
+        time = time_reached  # not converged: the sphere is still free at this time
     return time, normal, start_normal, start_gap
 
 
 @ti.func
 def first_within(corner, edge_1, edge_2, chord, radius: ti.f32, until: ti.f32) -> ti.f32:
-    """No later than when (0 .. until) a point that moves from the origin along `chord` is `radius` from a triangle.
+    """Compute a lower bound of when a point that moves from the origin along `chord` is within `radius` of a triangle.
 
-    FAR for never. Newton's method as in `first_contact`, ended early: it comes from before.
+    Newton's method as in `first_contact`, stopped early: its iterates never exceed the exact time.
+
+    Returns:
+        Time (0..until; FAR for never).
     """
     time = FAR
     time_reached = 0.0
@@ -182,180 +200,3 @@ def first_within(corner, edge_1, edge_2, chord, radius: ti.f32, until: ti.f32) -
     if searching:
         time = time_reached
     return time
-
-
-@ti.func
-def reciprocal(d: ti.f32) -> ti.f32:
-    """1 / d, finite also for d = 0, so that 0 * infinity does not arise."""
-    return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
-
-
-@ti.func
-def query_sphere(
-    is_bvh8: Template,
-    nodes: Template,
-    triangles: Template,
-    instances: Template,
-    roots: Template,
-    root: ti.i32,
-    center,
-    chord,
-    radius: ti.f32,
-    limit: ti.f32,
-    slack: ti.f32,
-    band: ti.f32,
-    arm,
-    inward,
-    touches: Template,
-    base: ti.i32,
-    count: ti.i32,
-    query: Template,
-):
-    """Walk the tree about a sphere. query (static):
-
-    CONTACT: find when, before `limit` (1 for the whole of `chord`), the sphere first touches anything, and keep as
-    touches query is nearer than `band`. WITHIN: no later than when its center comes within `radius` of anything.
-    NEAREST: the distance of its center to the nearest triangle. Returns that number, or `limit` if there is nothing
-    before; the normal, the instance and the touch count.
-    """
-    best = limit
-    best_normal = vec3(0.0)
-    best_instance = -1
-    touched = count
-    # The boxes are grown, and met by a line; in an instance's space all is measured in its own units.
-    reach = radius + band
-    if ti.static(query == CONTACT):
-        reach += SKIN
-    grown = vec3(reach)
-    start = center
-    ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
-    meters = vec3(1.0)
-    factor = 1.0
-    stack = ti.Vector([0] * STACK)
-    stack_entries = ti.Vector([0.0] * STACK)
-    stack_size = 0
-    mesh_stack_base = -1  # stack_entries below it belong to the upper tree; -1 while in it
-    instance = -1
-    current = root
-    searching = True
-    while searching:
-        pop = False
-        if current >= 0:
-            node = current
-            entry = child_bounds(nodes, node, 0, is_bvh8)
-            leave = entry
-            if ti.static(query == NEAREST):
-                gap = (
-                    ti.max(ti.max(entry - start[0], start[0] - child_bounds(nodes, node, 3, is_bvh8)), 0.0) * meters[0],
-                    ti.max(
-                        ti.max(
-                            child_bounds(nodes, node, 1, is_bvh8) - start[1],
-                            start[1] - child_bounds(nodes, node, 4, is_bvh8),
-                        ),
-                        0.0,
-                    )
-                    * meters[1],
-                    ti.max(
-                        ti.max(
-                            child_bounds(nodes, node, 2, is_bvh8) - start[2],
-                            start[2] - child_bounds(nodes, node, 5, is_bvh8),
-                        ),
-                        0.0,
-                    )
-                    * meters[2],
-                )
-                entry = ti.sqrt(factor * (gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]))
-                leave = entry * 0.0 + best
-            else:
-                flip_x = ti.select(ix < 0.0, 1, 0)
-                flip_y = ti.select(iy < 0.0, 1, 0)
-                flip_z = ti.select(iz < 0.0, 1, 0)
-                side_x = grown[0] * (1.0 - 2.0 * flip_x)
-                side_y = grown[1] * (1.0 - 2.0 * flip_y)
-                side_z = grown[2] * (1.0 - 2.0 * flip_z)
-                entry = ti.max(
-                    ti.max(
-                        (child_bounds(nodes, node, 3 * flip_x, is_bvh8) - (start[0] + side_x)) * ix,
-                        (child_bounds(nodes, node, 1 + 3 * flip_y, is_bvh8) - (start[1] + side_y)) * iy,
-                    ),
-                    ti.max((child_bounds(nodes, node, 2 + 3 * flip_z, is_bvh8) - (start[2] + side_z)) * iz, 0.0),
-                )
-                leave = ti.min(
-                    ti.min(
-                        (child_bounds(nodes, node, 3 - 3 * flip_x, is_bvh8) - (start[0] - side_x)) * ix,
-                        (child_bounds(nodes, node, 4 - 3 * flip_y, is_bvh8) - (start[1] - side_y)) * iy,
-                    ),
-                    ti.min((child_bounds(nodes, node, 5 - 3 * flip_z, is_bvh8) - (start[2] - side_z)) * iz, best),
-                )
-            nearest = FAR
-            found = False
-            for k in ti.static(range(8 if is_bvh8 else 2)):
-                if entry[k] <= leave[k]:
-                    reference = child_reference(nodes, node, k, is_bvh8)
-                    at = entry[k]
-                    if found:
-                        # The nearest is visited next, the others wait.
-                        if at < nearest:
-                            reference, current = current, reference
-                            at, nearest = nearest, at
-                        stack[stack_size] = reference
-                        stack_entries[stack_size] = at
-                        stack_size += 1
-                    else:
-                        current = reference
-                        nearest = at
-                        found = True
-            pop = not found
-        elif mesh_stack_base < 0:
-            instance = leaf_instance(current, is_bvh8)
-            meters = vector_at(instances, instance, METERS_PER_UNIT)
-            factor = instances[instance, GAP_FACTOR]
-            start = transformed(instances, instance, 12, center, 1.0)
-            along = transformed(instances, instance, 12, chord, 0.0)
-            ix, iy, iz = reciprocal(along[0]), reciprocal(along[1]), reciprocal(along[2])
-            grown = reach / meters
-            mesh_stack_base = stack_size
-            current = roots[instance]
-        else:
-            first, number = leaf_triangles(triangles, current, is_bvh8)
-            for which in range(number):
-                corner, edge_1, edge_2 = load_triangle(triangles, first, which, is_bvh8)
-                corner = transformed(instances, instance, 0, corner, 1.0) - center
-                edge_1 = transformed(instances, instance, 0, edge_1, 0.0)
-                edge_2 = transformed(instances, instance, 0, edge_2, 0.0)
-                if ti.static(query == CONTACT):
-                    time, normal, start_normal, start_gap = first_contact(
-                        corner, edge_1, edge_2, chord, radius, slack, inward, best
-                    )
-                    if start_gap < band:
-                        touched = record_touch(touches, base, touched, start_normal, arm, start_gap, OBSTACLE)
-                    if time < best:
-                        best = time
-                        best_normal = normal
-                        best_instance = instance
-                elif ti.static(query == WITHIN):
-                    if best > 0.0:
-                        best = ti.min(best, first_within(corner, edge_1, edge_2, chord, radius, best))
-                else:
-                    best = ti.min(best, nearest_on_triangle(corner, edge_1, edge_2).norm())
-            pop = True
-            if ti.static(query == WITHIN):
-                if best <= 0.0:
-                    pop = False
-                    searching = False
-        while pop:
-            if stack_size == mesh_stack_base:
-                mesh_stack_base = -1
-                start = center
-                ix, iy, iz = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
-                grown = vec3(reach)
-                meters = vec3(1.0)
-                factor = 1.0
-            if stack_size == 0:
-                searching = False
-                pop = False
-            else:
-                stack_size -= 1
-                current = stack[stack_size]
-                pop = stack_entries[stack_size] > best
-    return best, best_normal, best_instance, touched

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What bodies try, and what they do with what they meet: device functions, one call for each body.
+"""Choice of the motion that a body attempts next, and dispatch of collision responses: Taichi functions.
 
-(No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.
+Common arguments: `bodies` and `integers`, the columns of `dynamics.body_layout`; `touches` and `counts`, the touches of
+each sphere group and their number (`dynamics.contact`); `body`, the row of one body.
 """
 
 import taichi as ti
@@ -19,7 +20,7 @@ from dynamics.body_layout import (
     REACHES_TARGET,
     ROTATION,
     SPIN,
-    STEP,
+    STEP_TIME,
     TARGET,
     TIME_LEFT,
     TURN,
@@ -35,9 +36,10 @@ from dynamics.path_following import advance_following
 
 @ti.func
 def look_ahead(bodies: Template, integers: Template, body: ti.i32):
-    """Set the motion of what flies for as long as is worth looking ahead, s, which is returned.
+    """Set the attempted motion of a bouncing body to one worth testing against obstacles at once.
 
-    What is pulled into walls does not go on as it does: it tries its step alone, and 0 is returned.
+    Returns:
+        Its duration, s; 0 for a body that is pushed inside the walls, whose next step is tested alone.
     """
     duration = ti.cast(0.0, ti.f64)
     if integers[body, WALL_PUSHED] > 0:
@@ -51,7 +53,7 @@ def look_ahead(bodies: Template, integers: Template, body: ti.i32):
 
 @ti.func
 def propose(bodies: Template, integers: Template, body: ti.i32):
-    """Set the motion that the body tries next."""
+    """Set the motion that the body attempts next."""
     if integers[body, KIND] == BOUNCES:
         spin = read3(bodies, body, SPIN)
         step = ti.min(bodies[body, TIME_LEFT], look_ahead_time(bodies, body, spin.norm()))
@@ -62,7 +64,7 @@ def propose(bodies: Template, integers: Template, body: ti.i32):
             move += read3(bodies, body, WALL_PUSH) * (step / bodies[body, ACTIVE_TIME])
         write3(bodies, body, MOVE, move)
         write3(bodies, body, TURN, spin * step)
-        bodies[body, STEP] = step
+        bodies[body, STEP_TIME] = step
     else:
         move = read3(bodies, body, TARGET) - read3(bodies, body, POSITION)
         turn = rotation_vector_between(read4(bodies, body, ROTATION), read4(bodies, body, TARGET + 3))
@@ -98,7 +100,14 @@ def advance(
     kind: ti.i32,
     row: ti.i32,
 ):
-    """Move a body up to what it meets first, at `time` (0 .. 1) of its motion, and decide what it tries next."""
+    """Move a body up to its first contact and choose its next motion.
+
+    Args:
+        time: Part (0..1) of the attempted motion until the contact; 1 without one.
+        normal: Contact normal, of any length, towards the body.
+        kind: What is touched: NOTHING, OBSTACLE, MOVER, WALL, or WAIT.
+        row: Row of the instance, mover or wall that is touched.
+    """
     when = ti.cast(time, ti.f64)
     if integers[body, KIND] == BOUNCES:
         outward = ti.cast(normal, ti.f64)

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a body does that follows a path, where something is in its way: device functions.
+"""Motion of bodies that follow a path past obstacles: Taichi functions.
 
-(No postponed annotations in this module.) The columns are those of `dynamics.body_layout`.
+A follower moves straight to its pose on the path. Where that is blocked it slides along its touches.
+
+Common arguments: `bodies` and `integers`, the columns of `dynamics.body_layout`; `touches` and `counts`, the touches of
+each sphere group and their number (`dynamics.contact`); `body`, the row of one body.
 """
 
 import taichi as ti
@@ -13,24 +16,24 @@ from dynamics.body_layout import (
     FIRST_GROUP,
     GROUP_COUNT,
     MAX_DISPLACEMENT,
+    MAX_WALL_PUSH,
     MOVE,
     MOVE_BUDGET,
     ON_PATH,
+    PATH_LENGTH,
     POSITION,
     RADIUS,
     REACHES_TARGET,
-    STEP,
     TARGET,
     TIME_LEFT,
     TURN,
     TURN_BUDGET,
-    WALL_PUSH,
 )
 from dynamics.contact import ARM, GAP, MAX_TOUCHES, NORMAL, TOUCH_KIND, WALL
 from dynamics.kernel_types import Template
 
-SLIDE_PASSES = 10  # over all touches, to make a motion slide along them
-MAX_PUSH = 1e-3  # m: that a follower is pushed out of what it is too near to, at once
+SLIDE_PASSES = 10  # over all touches
+MAX_PUSH = 1e-3  # m: largest push out of a penetration in one motion
 
 
 @ti.func
@@ -42,7 +45,13 @@ def slide(
     body: ti.i32,
     turning: ti.f64,
 ):
-    """Bend the motion that is tried so that it leads along what is near, not into it. turning: 1, or 0 for no turn."""
+    """Change the attempted motion so that it leads along all touches instead of into them.
+
+    Projected Gauss-Seidel: each pass corrects the motion for one touch after another.
+
+    Args:
+        turning: 1 to keep the turn, 0 for a pure translation.
+    """
     move = read3(bodies, body, MOVE)
     turn = turning * read3(bodies, body, TURN)
     radius = ti.max(bodies[body, RADIUS], 1e-6)
@@ -55,7 +64,7 @@ def slide(
                 arm = ti.cast(read3(touches, at, ARM), ti.f64)
                 push = ti.cast(MAX_PUSH, ti.f64)
                 if ti.cast(touches[at, TOUCH_KIND], ti.i32) == WALL:
-                    push = bodies[body, WALL_PUSH]
+                    push = bodies[body, MAX_WALL_PUSH]
                 min_motion = ti.min(-ti.cast(touches[at, GAP], ti.f64), push)
                 lever = arm.cross(normal)
                 missing = min_motion - normal.dot(move) - lever.dot(turn)
@@ -64,7 +73,7 @@ def slide(
                     move += share * normal
                     turn += (turning * share / (radius * radius)) * lever
     length = move.norm() + radius * turn.norm()
-    remaining = ti.max(bodies[body, MAX_DISPLACEMENT] - bodies[body, STEP], 0.0)
+    remaining = ti.max(bodies[body, MAX_DISPLACEMENT] - bodies[body, PATH_LENGTH], 0.0)
     if length > remaining:
         move *= remaining / length
         turn *= remaining / length
@@ -86,13 +95,20 @@ def advance_following(
     kind: ti.i32,
     row: ti.i32,
 ):
-    tries = integers[body, ATTEMPTS]
-    exact = tries == 0 and time >= 1.0 and integers[body, REACHES_TARGET] > 0
+    """Move a follower up to its first contact; after a contact make it slide, first with its turn, then without.
+
+    Args:
+        time: Part (0..1) of the attempted motion until the contact; 1 without one.
+        kind: What is touched: NOTHING, OBSTACLE, MOVER, WALL, or WAIT.
+        row: Row of the instance, mover or wall that is touched.
+    """
+    attempts = integers[body, ATTEMPTS]
+    arrives = attempts == 0 and time >= 1.0 and integers[body, REACHES_TARGET] > 0
     part = time
-    done = tries > 0
-    if tries == 0 and time < 1.0:
-        part = 0.0  # first it bends its way
-    elif tries == 1 and time <= 1e-3:
+    done = attempts > 0
+    if attempts == 0 and time < 1.0:
+        part = 0.0  # slide first
+    elif attempts == 1 and time <= 1e-3:
         done = False
         part = 0.0
     moved = read3(bodies, body, MOVE).norm() * part
@@ -100,23 +116,22 @@ def advance_following(
     if part > 0.0:
         apply_motion(bodies, body, part)
     integers[body, ON_PATH] = 0
-    if exact:
-        # The pose of the path itself, to the bit.
+    if arrives:
+        # Copy the path's pose, which the sum of motions equals up to rounding only.
         for i in ti.static(range(7)):
             bodies[body, POSITION + i] = bodies[body, TARGET + i]
         integers[body, ON_PATH] = 1
         done = True
-    elif tries == 0 and time >= 1.0:
+    elif attempts == 0 and time >= 1.0:
         bodies[body, MOVE_BUDGET] -= moved
         bodies[body, TURN_BUDGET] -= turned
-        bodies[body, STEP] += moved + turned * bodies[body, RADIUS]
+        bodies[body, PATH_LENGTH] += moved + turned * bodies[body, RADIUS]
         done = moved + turned < 1e-9
     else:
         integers[body, BLOCKED] = 1
         record_contact(integers, body, kind, row)
         if not done:
-            # The first time with its turn, then without.
-            slide(bodies, integers, touches, counts, body, ti.cast(1 - tries, ti.f64))
-        integers[body, ATTEMPTS] = tries + 1
+            slide(bodies, integers, touches, counts, body, ti.cast(1 - attempts, ti.f64))
+        integers[body, ATTEMPTS] = attempts + 1
     if done:
         bodies[body, TIME_LEFT] = 0.0

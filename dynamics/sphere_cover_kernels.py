@@ -10,12 +10,12 @@ import taichi as ti
 from dynamics.body_access import read3, vec3d, write3
 from dynamics.kernel_types import Doubles1, Doubles2, Ints1
 
-BALL_STEPS = 24
+BALL_STEPS = 24  # of the approximation of smallest balls
 
 
 @ti.kernel
 def find_nearest_centers(points: Doubles2, centers: Doubles2, owner: Ints1):
-    """Set owner[i] to the row of the center that is nearest to points[i]; the first of equals."""
+    """Set owner[i] to the row of the center nearest to points[i]; of equals the first."""
     for i in range(points.shape[0]):
         point = read3(points, i, 0)
         best = ti.cast(ti.math.inf, ti.f64)
@@ -28,27 +28,28 @@ def find_nearest_centers(points: Doubles2, centers: Doubles2, owner: Ints1):
 
 @ti.kernel
 def find_ball_centers(corners: Doubles2, first: Ints1, centers: Doubles2):
-    """Set centers[k] to about the center of the smallest ball around the rows first[k] .. first[k + 1] of `corners`.
+    """Set centers[k] to the approximate center of the smallest ball around corners[first[k] : first[k + 1]].
 
-    From their mean, steps towards the farthest one that become shorter (Badoiu and Clarkson 2003).
+    From the mean of the corners, takes ever shorter steps towards the farthest one (Badoiu and Clarkson, "Smaller
+    Core-Sets for Balls", 2003).
     """
     for k in range(centers.shape[0]):
         begin = first[k]
         end = first[k + 1]
-        middle = vec3d(0.0)
+        center = vec3d(0.0)
         for i in range(begin, end):
-            middle += read3(corners, i, 0)
-        middle /= ti.cast(end - begin, ti.f64)
+            center += read3(corners, i, 0)
+        center /= ti.cast(end - begin, ti.f64)
         for step in range(1, 1 + BALL_STEPS):
             farthest = begin
-            most = ti.cast(-1.0, ti.f64)
+            farthest_square = ti.cast(-1.0, ti.f64)
             for i in range(begin, end):
-                square = (read3(corners, i, 0) - middle).norm_sqr()
-                if square > most:
-                    most = square
+                square = (read3(corners, i, 0) - center).norm_sqr()
+                if square > farthest_square:
+                    farthest_square = square
                     farthest = i
-            middle += (read3(corners, farthest, 0) - middle) / ti.cast(step + 1, ti.f64)
-        write3(centers, k, 0, middle)
+            center += (read3(corners, farthest, 0) - center) / ti.cast(step + 1, ti.f64)
+        write3(centers, k, 0, center)
 
 
 @ti.kernel
@@ -62,9 +63,17 @@ def sink_centers(
     centers: Doubles2,
     radii: Doubles1,
 ):
-    """Move centers below a closed surface, where a larger ball covers the same corners and stands out less.
+    """Move centers below a closed surface, where a larger ball covers the same corners and protrudes less.
 
-    outward: f64 [k, 3], unit. middles, normals: of some triangles all over the surface. depths: to try, in radii.
+    Args:
+        corners: [n, 3], corners of triangles, m.
+        first: [k + 1], rows of `corners` where those of each ball begin.
+        outward: [k, 3], unit normals of the surface at the balls.
+        middles: [m, 3], centroids of triangles sampled from the whole surface.
+        normals: [m, 3], their outward normals.
+        depths: Depths to try, in radii.
+        centers: [k, 3], updated in place.
+        radii: [k], updated in place.
     """
     for k in range(centers.shape[0]):
         start = read3(centers, k, 0)
@@ -83,9 +92,9 @@ def sink_centers(
                 if here < square:
                     square = here
                     closest = i
-            stands_out = larger - ti.sqrt(square)
+            protrusion = larger - ti.sqrt(square)
             inside = (below - read3(middles, closest, 0)).dot(read3(normals, closest, 0)) < 0.0
-            if stands_out < least and inside:
-                least = stands_out
+            if protrusion < least and inside:
+                least = protrusion
                 write3(centers, k, 0, below)
                 radii[k] = larger

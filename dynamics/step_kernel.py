@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernel of a stepped simulation: one substep of all bodies.
+"""Kernel of a stepped simulation: one substep of all bodies.
 
-A body is written by one thread alone, from what was frozen at the start of the substep, so that neither the number of
-threads nor bodies far away can change a bit of it. (No postponed annotations in this module.)
+Each body is written by one thread, from positions that were frozen at the start of the substep. Neither the number of
+threads nor bodies far away change any bit of it. Columns are those of `dynamics.body_layout`, tables those of
+`dynamics.sweep_obstacles`.
 """
 
 import taichi as ti
@@ -29,14 +30,15 @@ from dynamics.body_layout import (
     LIMITED,
     LOST_TIME,
     MAX_DISPLACEMENT,
+    MAX_WALL_PUSH,
     MOVE_BUDGET,
     ON_PATH,
+    PATH_LENGTH,
     POSITION,
     RADIUS,
     ROTATION,
     SPEED,
     SPIN,
-    STEP,
     TARGET,
     TIME_LEFT,
     TURN_BUDGET,
@@ -52,21 +54,24 @@ from dynamics.sweep_obstacles import ROUNDING_MARGIN, read3_f32, rotate_to_world
 from dynamics.trajectory_kernel import multiply, unit
 from dynamics.tree_access import Tree, vec3, vector_at
 
-CATCH_UP_FACTOR = 2.0  # times the speed on the path: how fast a follower returns to it, and besides
+# A follower returns to its path at CATCH_UP_FACTOR times the path's speed plus CATCH_UP_SPEED; turns likewise.
+CATCH_UP_FACTOR = 2.0
 CATCH_UP_SPEED, CATCH_UP_TURN = 1.0, 3.0  # m/s, rad/s
-WALL_PUSH_SPEED = 3.0  # m/s at which walls take in what is outside of them
-MAX_TOTAL_PUSH = 2e-3  # m: that a follower is pushed in a substep at most
+WALL_PUSH_SPEED = 3.0  # m/s at which walls push in bodies that are outside
+MAX_TOTAL_PUSH = 2e-3  # m: largest push of a follower out of penetrations in a substep
 MAX_ATTEMPTS = 24  # of motions in one substep
 
 
 @ti.func
 def follow_freely(bodies: Template, body: ti.i32):
+    """Set the pose of a body without collisions to that of its path."""
     for i in ti.static(range(7)):
         bodies[body, POSITION + i] = bodies[body, TARGET + i]
 
 
 @ti.func
 def fly_freely(bodies: Template, body: ti.i32):
+    """Move a bouncing body without collisions straight on for its active time."""
     time = bodies[body, ACTIVE_TIME]
     write3(bodies, body, POSITION, read3(bodies, body, POSITION) + time * read3(bodies, body, VELOCITY))
     rotation = multiply(
@@ -85,7 +90,7 @@ def set_wall_push(
     body: ti.i32,
     length: ti.f64,
 ):
-    """Set the displacement, `length` at most, that brings what is outside of the walls back in."""
+    """Set the displacement, `length` m at most, that brings a body outside the walls back inside."""
     pull = vec3d(0.0)
     origin = read3_f32(bodies, body, POSITION)
     reach = ti.cast(bodies[body, RADIUS], ti.f32)
@@ -118,6 +123,7 @@ def begin_bouncing(
     planes: Template,
     body: ti.i32,
 ):
+    """Set the time, the wall push and the largest displacement of a bouncing body for this substep."""
     time = bodies[body, ACTIVE_TIME]
     bodies[body, TIME_LEFT] = time
     bound = (bodies[body, SPEED] + bodies[body, ANGULAR_SPEED] * bodies[body, RADIUS]) * time
@@ -132,7 +138,7 @@ def begin_bouncing(
 
 @ti.func
 def begin_following(bodies: Template, integers: Template, targets: Template, body: ti.i32, length):
-    """length: s of the substep."""
+    """Set the target, the budgets and the largest displacement of a follower for a substep of `length` s."""
     path = vec3d(0.0)
     same = True
     for i in ti.static(range(3)):
@@ -144,17 +150,17 @@ def begin_following(bodies: Template, integers: Template, targets: Template, bod
             same = False
     bodies[body, MOVE_BUDGET] = CATCH_UP_FACTOR * path.norm() + CATCH_UP_SPEED * length
     bodies[body, TURN_BUDGET] = CATCH_UP_FACTOR * path_turn.norm() + CATCH_UP_TURN * length
-    bodies[body, STEP] = 0.0
+    bodies[body, PATH_LENGTH] = 0.0
     bodies[body, TIME_LEFT] = 0.0
     bodies[body, MAX_DISPLACEMENT] = 0.0
     push = ti.cast(MAX_TOTAL_PUSH, ti.f64)
-    bodies[body, WALL_PUSH] = 0.0
+    bodies[body, MAX_WALL_PUSH] = 0.0
     if integers[body, LIMITED] > 0:
-        bodies[body, WALL_PUSH] = WALL_PUSH_SPEED * length
-        push += bodies[body, WALL_PUSH]
+        bodies[body, MAX_WALL_PUSH] = WALL_PUSH_SPEED * length
+        push += bodies[body, MAX_WALL_PUSH]
     if not same or integers[body, LIMITED] > 0:
         bodies[body, TIME_LEFT] = 1.0
-        # All that it may do in the substep, in one motion or in several.
+        # Upper bound for all motions of the substep together.
         far = (read3(bodies, body, TARGET) - read3(bodies, body, POSITION)).norm()
         angle = rotation_vector_between(read4(bodies, body, ROTATION), read4(bodies, body, TARGET + 3)).norm()
         bodies[body, MAX_DISPLACEMENT] = (
@@ -176,7 +182,7 @@ def freeze(
     frozen_bodies: Template,
     body: ti.i32,
 ):
-    """Note where the spheres of a body are, for the others to look at."""
+    """Store where the spheres, groups and origin of a body are, for the tests of other bodies against it."""
     origin = read3_f32(bodies, body, POSITION)
     for i in ti.static(range(3)):
         frozen_bodies[body, i] = origin[i]
@@ -216,12 +222,21 @@ def substep(
     roots: Ints1,
     root: ti.i32,
 ):
-    """Move all bodies on.
+    """Advance all bodies by one substep.
 
-    targets: f64 [n, 7], poses on the paths at the end of the substep. active: s of the substep in which each body's
-    clock runs. planes: f32 [WALLS, 4] at its end. length: of the substep, s.
+    Args:
+        bodies: Float columns, updated.
+        integers: Integer columns, updated.
+        groups: Sphere groups; with `spheres` and `bounding` see `dynamics.sweep_obstacles`.
+        frozen: Scratch; with `frozen_groups`, `frozen_bodies` and `neighbors` see `dynamics.sweep_bodies`.
+        planes: f32 [WALLS, 4], walls at the end of the substep.
+        targets: f64 [n, 7], poses on the paths at the end of the substep.
+        active: f64 [n], s of the substep during which each body's clock runs.
+        length: Duration of the substep, s.
+        touches: Scratch; touches of every group. `times` and `counts`: scratch, one per group.
+        is_bvh8: Layout of the trees; this and the rest are `Obstacles.arguments()`.
     """
-    # Freeze where everything is, and choose how far each may go.
+    # Store all positions, and choose how far each body may move.
     for body in range(targets.shape[0]):
         bodies[body, ACTIVE_TIME] = active[body]
         integers[body, ATTEMPTS] = 0
@@ -242,7 +257,7 @@ def substep(
                 begin_bouncing(bodies, integers, groups, spheres, planes, body)
             else:
                 begin_following(bodies, integers, targets, body, length)
-    # Find which might meet.
+    # Find pairs that might touch in this substep.
     for body in range(targets.shape[0]):
         count = 0
         if bodies[body, TIME_LEFT] > 0.0:
@@ -330,11 +345,11 @@ def substep(
             if other_kind != NOTHING:
                 time, normal, kind, row = other_time, other_normal, other_kind, other
             if not queries_obstacles and time <= 0.0 and kind != WAIT:
-                bodies[body, FREE_TIME] = 0.0  # whatever touches it counts: look at the obstacles too
+                bodies[body, FREE_TIME] = 0.0  # a bounce depends on all touches: query the obstacles too
             else:
                 advance(bodies, integers, touches, counts, body, time, normal, kind, row)
         if bodies[body, TIME_LEFT] > 0.0:
-            # It gives up: what time it has left is lost.
+            # Out of attempts: the remaining time is lost.
             if integers[body, KIND] == BOUNCES:
                 bodies[body, LOST_TIME] += bodies[body, TIME_LEFT]
             bodies[body, TIME_LEFT] = 0.0

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When does a moving body first meet a wall or another body? A device function, one call for each body.
+"""Continuous collision detection of a moving body against walls and other movers: a Taichi function, one call per body.
 
-Bodies look at where the others were when the substep began. The tables are those of `dynamics.sweep_obstacles`.
-(No postponed annotations in this module.)
+Movers are tested against where the others were at the start of the substep: each of two may close a share of the gap
+between them, in proportion to how far it can move. The tables are those of `dynamics.sweep_obstacles`.
 """
 
 import taichi as ti
@@ -19,7 +19,7 @@ from dynamics.body_layout import (
     MOVE,
     POSITION,
     RADIUS,
-    STEP,
+    STEP_TIME,
     TIME_LEFT,
     TURN,
     WALL_PUSH,
@@ -42,13 +42,13 @@ from dynamics.sweep_obstacles import ROUNDING_MARGIN, point_displacement, read3_
 from dynamics.tree_access import vec3, vector_at
 
 WALLS = 6
-CONTACT_GAP = 3.0 * SKIN  # m: movers nearer than this touch each other
-DEEP_PENETRATION = 20.0 * SKIN  # m: no motion leads so deep into another body
+CONTACT_GAP = 3.0 * SKIN  # m: movers nearer than this are in contact
+DEEP_PENETRATION = 20.0 * SKIN  # m: deeper than any motion leads; such bodies were placed in each other
 
 
 @ti.func
 def group_gap(bounding: Template, frozen_groups: Template, group: ti.i32, other: ti.i32) -> ti.f32:
-    """Between the spheres around two groups, where they were."""
+    """Return the gap, m, between the bounding spheres of two groups at the start of the substep."""
     away = vector_at(frozen_groups, group, 0) - vector_at(frozen_groups, other, 0)
     return away.norm() - bounding[group, 3] - bounding[other, 3]
 
@@ -71,9 +71,22 @@ def sweep_walls_and_movers(
     body: ti.i32,
     until: ti.f32,
 ):
-    """When, before `until`, the motion that a body tries makes it touch a wall or another body.
+    """Compute when, before `until`, the attempted motion of a body makes it touch a wall or another mover.
 
-    Returns the time, or `until`; the normal, what kind of thing it is, and its row.
+    Args:
+        frozen: f32 [n, 3], centers of all spheres at the start of the substep, world, m.
+        frozen_groups: f32 [g, 3], centers of all groups then.
+        frozen_bodies: f32 [b, 3], origins of all bodies then.
+        neighbors: i32 [b, b + 1], the number of movers that each body might touch in this substep, then their rows.
+        planes: f32 [WALLS, 4], walls: inside where n . x + d >= 0.
+        touches: Receives the touches of every group.
+        gaps: Scratch, one per group.
+        counts: Number of touches of every group, updated.
+        body: Row of the body.
+        until: Latest time (0..1) of interest.
+
+    Returns:
+        Time, `until` without a contact; normal; WALL, MOVER, WAIT or NOTHING; row of the wall or mover, -1 for none.
     """
     origin = read3_f32(bodies, body, POSITION)
     move = read3_f32(bodies, body, MOVE)
@@ -87,11 +100,11 @@ def sweep_walls_and_movers(
     first = integers[body, FIRST_GROUP]
     end = first + integers[body, GROUP_COUNT]
     if integers[body, LIMITED] > 0:
-        # What is outside already may not go on outwards by itself while it is pulled inwards.
+        # A body outside the walls may not move farther outwards by itself while it is pushed inwards.
         pulled = vec3(0.0)
         if integers[body, KIND] == BOUNCES and integers[body, WALL_PUSHED] > 0:
             pulled = read3_f32(bodies, body, WALL_PUSH) * ti.cast(
-                bodies[body, STEP] / bodies[body, ACTIVE_TIME], ti.f32
+                bodies[body, STEP_TIME] / bodies[body, ACTIVE_TIME], ti.f32
             )
         must_enter = integers[body, KIND] != BOUNCES and integers[body, ATTEMPTS] == 0
         farthest = move.norm() + turn.norm() * ti.cast(bodies[body, RADIUS], ti.f32) + band
@@ -124,8 +137,8 @@ def sweep_walls_and_movers(
     bound = ti.cast(bodies[body, MAX_DISPLACEMENT], ti.f32)
     reach = move.norm() + turn.norm() * ti.cast(bodies[body, RADIUS], ti.f32)
     bouncing = integers[body, KIND] == BOUNCES
-    touch_range = reach + band  # what is nearer is a touch
-    moved = bound  # at most, since the substep began
+    touch_range = reach + band  # smaller gaps are recorded as touches
+    moved = bound  # upper bound of the motion since the start of the substep
     if bouncing:
         touch_range = SKIN
         moved *= ti.cast(1.0 - bodies[body, TIME_LEFT] / bodies[body, ACTIVE_TIME], ti.f32)
@@ -137,7 +150,7 @@ def sweep_walls_and_movers(
             share = bound / (bound + other_bound)
         other_first = integers[other, FIRST_GROUP]
         other_end = other_first + integers[other, GROUP_COUNT]
-        # The pair of groups that is nearest goes first: what it meets bounds the search of the others.
+        # Test the nearest pair of groups first: its result bounds the search of the others.
         nearest = FAR
         nearest_group = first
         nearest_other = other_first
@@ -154,7 +167,7 @@ def sweep_walls_and_movers(
                         nearest_group = group
                         nearest_other = each
             gaps[group] = least
-        # Who was put deep into another, where no way leads out for every sphere, gets out away from its origin.
+        # A body placed deep inside another, where spheres disagree on the way out, moves away from the other's origin.
         outward = vector_at(frozen_bodies, body, 0) - vector_at(frozen_bodies, other, 0)
         if outward.norm() < 1e-6:
             outward = vec3(0.0, ti.select(body > other, -1.0, 1.0), 0.0)
@@ -199,7 +212,7 @@ def sweep_walls_and_movers(
                                         normal = outward
                                         arm = vec3(0.0)
                                         chord = move
-                                    # Each of the two may close its share of the gap of the beginning of the substep.
+                                    # Each of the two may close its share of the gap at the start of the substep.
                                     closed = -normal.dot(origin + arm - here)
                                     left = share * (gap - SKIN)
                                     if gap > SKIN:

@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When does a moving body first meet an obstacle? Device functions, one call for each body.
+"""Continuous collision detection of a moving body against obstacles: Taichi functions, one call for each body.
 
-A group is a row of `groups`, i32 [g, 3]: its body, first sphere, number of spheres; `bounding`, f32 [g, 4], has the
-sphere around it. `spheres`, f32 [n, 4], are center and radius in the body's own axes.
-(No postponed annotations in this module.)
+A body is covered by spheres in groups. `groups`, i32 [g, 3], has the body, the first sphere and the number of spheres
+of each group; `bounding`, f32 [g, 4], the sphere around it. `spheres`, f32 [n, 4], has centers and radii in the body's
+own axes, m. The columns of `bodies` and `integers` are those of `dynamics.body_layout`.
 """
 
 import taichi as ti
 
 from dynamics.body_layout import BOUNCES, CENTER, FIRST_GROUP, GROUP_COUNT, KIND, MOVE, POSITION, RADIUS, ROTATION, TURN
-from dynamics.contact import CONTACT, MAX_TOUCHES, NEAREST, SKIN, TOLERANCE, WITHIN, query_sphere
+from dynamics.contact import MAX_TOUCHES, SKIN, TOLERANCE
 from dynamics.kernel_types import Floats2, Ints1, Template
+from dynamics.sphere_query import CONTACT, NEAREST, WITHIN, query_sphere
 from dynamics.tree_access import Tree, vec3, vector_at
 
-ROUNDING_MARGIN = 1e-4  # m: rounding that bounding spheres and pairs of groups are given
+ROUNDING_MARGIN = 1e-4  # m: added to bounding spheres and pairs of groups
 
 
 @ti.func
 def read3_f32(table: Template, row: ti.i32, column: ti.i32):
-    """Three float64 as float32."""
+    """Return three consecutive float64 columns as float32."""
     return vec3(
         ti.cast(table[row, column], ti.f32),
         ti.cast(table[row, column + 1], ti.f32),
@@ -28,7 +29,7 @@ def read3_f32(table: Template, row: ti.i32, column: ti.i32):
 
 @ti.func
 def rotate_to_world(bodies: Template, body: ti.i32, v):
-    """A vector of a body's own axes in the world's."""
+    """Rotate a vector from the body's own axes to world axes."""
     w = ti.cast(bodies[body, ROTATION], ti.f32)
     axis = read3_f32(bodies, body, ROTATION + 1)
     twice = 2.0 * axis.cross(v)
@@ -37,7 +38,7 @@ def rotate_to_world(bodies: Template, body: ti.i32, v):
 
 @ti.func
 def point_displacement(turn, move, arm):
-    """How a point at `arm` from the body's origin moves while the body moves by `move` and turns by `turn`."""
+    """Return how a point at `arm` from the body's origin moves while the body moves by `move` and turns by `turn`."""
     angle = turn.norm()
     result = move
     if angle > 1e-12:
@@ -50,7 +51,7 @@ def point_displacement(turn, move, arm):
 
 @ti.func
 def touch_band(bodies: Template, integers: Template, body: ti.i32) -> ti.f32:
-    """How near something must be to be remembered as a touch, m: all that could be in a follower's way."""
+    """Return the gap, m, below which touches are recorded; for a follower all that its motion could reach."""
     band = TOLERANCE
     if integers[body, KIND] != BOUNCES:
         length = read3_f32(bodies, body, MOVE).norm()
@@ -77,11 +78,20 @@ def sweep_obstacles(
     root: ti.i32,
     body: ti.i32,
 ):
-    """When, in 0 .. 1, the motion that a body tries makes one of its spheres touch an obstacle, 1 for never.
+    """Compute when (0..1) the attempted motion makes one of the body's spheres touch an obstacle.
 
-    First the sphere around the body, then those around its groups: where these stay free, so does all that they hold.
-    The group that might meet something first goes first, for what it meets bounds the search of the others.
-    Returns the time, the normal and the instance.
+    Tests the sphere around the body first, then those around its groups: where these are free, so are the spheres
+    inside. The group with the earliest possible contact goes first, because its result bounds the search of the others.
+
+    Args:
+        touches: Receives the touches of every group.
+        times: Scratch, one per group: lower bounds of the time of contact.
+        counts: Number of touches of every group, updated.
+        is_bvh8: Layout of the trees; this and the next five are `Obstacles.arguments()`.
+        body: Row of the body.
+
+    Returns:
+        Time, 1 without a contact; normal; instance row, -1 without a contact.
     """
     origin = read3_f32(bodies, body, POSITION)
     move = read3_f32(bodies, body, MOVE)
@@ -98,7 +108,7 @@ def sweep_obstacles(
         radius = ti.cast(bodies[body, RADIUS], ti.f32)
         if step > 0:
             arm = rotate_to_world(bodies, body, vector_at(bounding, group, 0))
-            # What it holds is not carried quite as its center is.
+            # Spheres off the group's center move differently when the body turns.
             radius = bounding[group, 3] * (1.0 + angle)
         if step == 0 or earliest_group > -1:
             time, _normal, _row, _touched = query_sphere(

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernel that evaluates every closed-form dynamic of every body, in one launch and in float64.
+"""Kernel that evaluates the closed-form trajectories of all bodies, in one launch and in float64.
 
-Each body is computed by one thread from its own rows alone, so that neither the number of threads nor other bodies
-can change a bit of it. (This module holds kernels: no postponed annotations.) Literals below are float32, which is
-exact for those used; numbers that float32 cannot hold come in arrays.
+Each body is computed by one thread from its own rows, so that poses depend neither on the number of threads nor on
+other bodies. Float literals in kernels are float32, which represents those used here exactly; other constants come in
+arrays.
 """
 
 import taichi as ti
@@ -28,6 +28,7 @@ def multiply(a, b):
 
 @ti.func
 def rotate(q, v):
+    """Return the vector `v` rotated by the unit quaternion `q`."""
     axis = ti.Vector([q[1], q[2], q[3]])
     twice = 2.0 * axis.cross(v)
     return v + q[0] * twice + axis.cross(twice)
@@ -35,6 +36,7 @@ def rotate(q, v):
 
 @ti.func
 def unit(q, otherwise):
+    """Return the quaternion `q` scaled to length 1, or `otherwise` if it is zero."""
     length = q.norm()
     result = otherwise
     if length > 1e-12:
@@ -44,7 +46,7 @@ def unit(q, otherwise):
 
 @ti.func
 def slerp(a, b, t):
-    """From a to b along the arc between them, without choosing a hemisphere."""
+    """Interpolate from `a` to `b` along the arc between them, without choosing a hemisphere."""
     angle = 2.0 * ti.atan2((a - b).norm(), (a + b).norm())
     sine = ti.sin(angle)
     first = 1.0 - t
@@ -57,11 +59,13 @@ def slerp(a, b, t):
 
 @ti.func
 def quaternion_at(segments: Template, row, column):
+    """Return the quaternion in four consecutive columns of a segment."""
     return ti.Vector([segments[row, column + i] for i in ti.static(range(4))])
 
 
 @ti.func
 def cubic_at(segments: Template, row, column, t):
+    """Evaluate at `t` the cubic whose coefficients are in twelve consecutive columns of a segment."""
     constant = ti.Vector([segments[row, column + i] for i in ti.static(range(3))])
     first = ti.Vector([segments[row, column + 3 + i] for i in ti.static(range(3))])
     second = ti.Vector([segments[row, column + 6 + i] for i in ti.static(range(3))])
@@ -71,7 +75,7 @@ def cubic_at(segments: Template, row, column, t):
 
 @ti.func
 def speed_at(segments: Template, row, t):
-    """Length of the derivative of the position."""
+    """Return the length of the position's derivative at `t`."""
     first = ti.Vector([segments[row, 3 + i] for i in ti.static(range(3))])
     second = ti.Vector([segments[row, 6 + i] for i in ti.static(range(3))])
     third = ti.Vector([segments[row, 9 + i] for i in ti.static(range(3))])
@@ -80,7 +84,7 @@ def speed_at(segments: Template, row, t):
 
 @ti.func
 def segment_at(spans: Template, first, count, value):
-    """The segment of `count` whose span holds `value`, by bisection."""
+    """Return the index (0..count - 1) of the segment whose span holds `value`, by bisection."""
     low = 0
     high = count
     while high - low > 1:
@@ -94,7 +98,10 @@ def segment_at(spans: Template, first, count, value):
 
 @ti.func
 def time_of_length(segments: Template, spans: Template, gauss: Template, row, length):
-    """t at which a segment has reached a cumulative length: a step from the table, then Newton inside the step."""
+    """Return t at which the curve has reached the cumulative arc length `length` within the segment `row`.
+
+    Looks up the step in the table of lengths, then applies Newton's method within the step.
+    """
     step = 0
     while step < LENGTH_STEPS - 1 and spans[row, step + 1] <= length:
         step += 1
@@ -117,6 +124,7 @@ def time_of_length(segments: Template, spans: Template, gauss: Template, row, le
 
 @ti.func
 def rotation_at(segments: Template, row, t, euler):
+    """Return the rotation of the segment `row` at `t`: cubic Euler angles if `euler` is 1, else squad."""
     a = quaternion_at(segments, row, ROTATION)
     result = a
     if euler == 1:
@@ -130,25 +138,25 @@ def rotation_at(segments: Template, row, t, euler):
         b = quaternion_at(segments, row, ROTATION + 4)
         inner_a = quaternion_at(segments, row, ROTATION + 8)
         inner_b = quaternion_at(segments, row, ROTATION + 12)
-        # squad; with equal inner and outer quaternions it is a slerp.
+        # squad; equals slerp where inner and outer quaternions are equal.
         result = slerp(slerp(a, b, t), slerp(inner_a, inner_b, t), 2.0 * t * (1.0 - t))
     return result
 
 
 @ti.func
 def look_at_rotation(position, target, up, otherwise):
-    """The rotation that turns -z from `position` to `target`, with +y near `up`; `otherwise` if there is none."""
+    """Return the rotation that turns -z from `position` to `target` and +y near `up`, or `otherwise` if undefined."""
     backward = position - target
     right = up.cross(backward)
     if right.norm() < 1e-9 * backward.norm():
-        # Straight up or down: any other reference will do, as long as it is always the same.
+        # The view direction is parallel to `up`: use a fixed other reference.
         right = ti.Vector([up[1], up[2], up[0]]).cross(backward)
     result = otherwise
     if backward.norm() > 1e-9 and right.norm() > 1e-12:
         z = backward / backward.norm()
         x = right / right.norm()
         y = z.cross(x)
-        # The largest of the four squares, so that no small number is divided by.
+        # Quaternion of the matrix (x, y, z), from the largest of its four components for accuracy.
         squares = ti.Vector(
             [1.0 + x[0] + y[1] + z[2], 1.0 + x[0] - y[1] - z[2], 1.0 - x[0] + y[1] - z[2], 1.0 - x[0] - y[1] + z[2]]
         )
@@ -175,9 +183,14 @@ def evaluate(
     parameters: Doubles2,
     poses: Doubles2,
 ):
-    """poses [s n, 7] of n bodies at s times, given `parameters` [s, t], the u of every track.
+    """Set `poses` [s n, 7] of n bodies at s times.
 
-    The tables are those of `dynamics.bodies.BodyColumns`.
+    The tables `bodies`, `tracks`, `axes`, `segments` and `spans` are those of `dynamics.bodies.BodyColumns`.
+
+    Args:
+        gauss: Nodes and weights of the quadrature, see `dynamics.quadrature`.
+        parameters: [s, t], the parameter u of every track at every time.
+        poses: Output, one time after another.
     """
     for row in range(poses.shape[0]):
         time = row // bodies.shape[0]

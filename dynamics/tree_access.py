@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two-level tree of boxes that spheres are looked up in: reading nodes and triangles, device functions.
+"""Read access to the two-level bounding volume hierarchy of obstacles: Taichi functions.
 
-Two layouts, known when a kernel is compiled (`is_bvh8`): see `dynamics.obstacles`.
-(No postponed annotations in this module.)
+Nodes and triangles come in the two layouts of the ray tracer, bvh2 and bvh8 (see `dynamics.obstacles`). `is_bvh8` is a
+compile-time constant.
 """
 
 import taichi as ti
@@ -11,19 +11,20 @@ from dynamics.kernel_types import Template
 
 vec2 = ti.types.vector(2, ti.f32)
 vec3 = ti.types.vector(3, ti.f32)
-Tree = ti.types.ndarray()  # nodes and triangles: their types are those of the layout
+Tree = ti.types.ndarray()  # nodes and triangles: element types depend on the layout
 
-STACK = 112  # what the builders of the trees keep to
+STACK = 112  # traversal depth that the builders of the trees guarantee
 
 
 @ti.func
 def vector_at(table: Template, row: ti.i32, column: ti.i32):
+    """Return three consecutive columns of a float32 table."""
     return vec3(table[row, column], table[row, column + 1], table[row, column + 2])
 
 
 @ti.func
 def transformed(instances: Template, row: ti.i32, column: ti.i32, v, w: ti.f32):
-    """A point (w = 1) or a direction (w = 0) by the matrix in `column` of an instance."""
+    """Transform a point (w = 1) or a direction (w = 0) by the 3x4 matrix in `column` of an instance."""
     result = vec3(0.0)
     for i in ti.static(range(3)):
         at = column + ti.static(4 * i)
@@ -38,7 +39,7 @@ def transformed(instances: Template, row: ti.i32, column: ti.i32, v, w: ti.f32):
 
 @ti.func
 def child_bounds(nodes: Template, node: ti.i32, side: ti.i32, is_bvh8: Template):
-    """One side of the boxes of all children: 0 to 2 for the least x, y and z, 3 to 5 for the greatest."""
+    """Return one bound of the boxes of all children: 0 to 2 for the lower x, y, z, 3 to 5 for the upper."""
     if ti.static(is_bvh8):
         return nodes[node + side]
     else:
@@ -47,7 +48,7 @@ def child_bounds(nodes: Template, node: ti.i32, side: ti.i32, is_bvh8: Template)
 
 @ti.func
 def child_reference(nodes: Template, node: ti.i32, k: Template, is_bvh8: Template) -> ti.i32:
-    """The reference of a child_reference: a node, or a negative number for a leaf."""
+    """Return the reference of child `k`: a node, or a negative number for a leaf."""
     if ti.static(is_bvh8):
         return ti.bit_cast(nodes[node + 6][k], ti.i32)
     else:
@@ -56,7 +57,7 @@ def child_reference(nodes: Template, node: ti.i32, k: Template, is_bvh8: Templat
 
 @ti.func
 def leaf_instance(leaf: ti.i32, is_bvh8: Template) -> ti.i32:
-    """The instance that a leaf above the meshes refers to."""
+    """Return the instance that a leaf of the upper tree refers to."""
     if ti.static(is_bvh8):
         return -1 - leaf
     else:
@@ -65,7 +66,7 @@ def leaf_instance(leaf: ti.i32, is_bvh8: Template) -> ti.i32:
 
 @ti.func
 def leaf_triangles(triangles: Template, leaf: ti.i32, is_bvh8: Template):
-    """Where the triangles of a leaf begin, and how many there are."""
+    """Return the row of a leaf's first triangle, and the number of its triangles."""
     first = -1 - leaf
     count = 0
     if ti.static(is_bvh8):
@@ -81,7 +82,7 @@ def leaf_triangles(triangles: Template, leaf: ti.i32, is_bvh8: Template):
 
 @ti.func
 def load_triangle(triangles: Template, first: ti.i32, which: ti.i32, is_bvh8: Template):
-    """A corner and the two edges from it, in the mesh's space."""
+    """Return a corner of a triangle and the two edges from it, in the mesh's space."""
     corner, edge_1, edge_2 = vec3(0.0), vec3(0.0), vec3(0.0)
     if ti.static(is_bvh8):
         for c in ti.static(range(3)):

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from dynamics.contact import CONTACT, MAX_TOUCHES, NEAREST, SKIN, TOUCH_COLUMNS, WITHIN, query_sphere
+from dynamics.contact import MAX_TOUCHES, SKIN, TOUCH_COLUMNS
+from dynamics.sphere_query import CONTACT, NEAREST, WITHIN, query_sphere
 from dynamics.tree_access import Tree, vec3
 from tests.dynamics.solids import obstacles
 from tests.reference.distance import point_triangle
