@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a light of the stage moves and shines, as plain frozen values."""
+"""LightMotion: trajectory and intensity of a light of the stage, as plain frozen values."""
 
 from __future__ import annotations
 
@@ -19,15 +19,21 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class LightMotion:
-    """A light of the stage whose pose is given by a dynamic, and its color and intensity by keyframes.
+    """Trajectory of a light of the stage, and keyframes of its intensity and color.
 
-    light: its prim's path, or its name. dynamic: what moves it from where it stands; None: nothing. Its clock is the
-    stream's time, as a camera's is.
-    times: s, increasing; one for each of the following, where they are given. Values are linear between, and held
-    before the first and after the last. intensity: factors of the light's own. color: factors of red, green and blue.
-    radiance: takes the place of the light's own, linear Rec.709, W/m²/sr (of a distant light W/m²).
-    repeat: start again at 0 after the last time.
-    Raises ScenarioError for anything that cannot be.
+    Keyframed values are interpolated linearly, and held before the first and after the last time.
+
+    Attributes:
+        light: path or name of the light's prim.
+        dynamic: trajectory, from the light's authored pose; None: none. Its clock is the stream's time.
+        times: keyframe times, s, increasing; each of the following is empty or has one value per time.
+        intensity: factors of the authored intensity.
+        color: factors of red, green and blue.
+        radiance: replaces the authored radiance, linear Rec.709, W/m²/sr (irradiance of a distant light, W/m²).
+        repeat: whether to start again at 0 after the last time.
+
+    Raises:
+        ScenarioError: a value is invalid.
     """
 
     light: str
@@ -64,7 +70,7 @@ class LightMotion:
             raise ScenarioError("times: give intensity, color or radiance at these times")
 
     def radiance_at(self, time: float, own: Color) -> Color:
-        """The radiance at a time, s, of a light whose own is `own`."""
+        """Return the radiance at a time (s) of a light whose authored radiance is `own`."""
         if not self.times:
             return own
         if self.repeat and self.times[-1] > 0.0:
@@ -80,7 +86,7 @@ class LightMotion:
         return (r, g, b)
 
     def max_radiance(self, own: Color) -> Color:
-        """The most that `shines` ever gives of each color, or more than that."""
+        """Return an upper bound of `radiance_at` over all times, per channel."""
         radiance = np.max(self.radiance, axis=0) if self.radiance else np.asarray(own, np.float64)
         if self.color:
             radiance = radiance * np.max(self.color, axis=0)

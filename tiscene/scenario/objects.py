@@ -16,14 +16,21 @@ from tiscene.scene.camera import Vector3
 class Object:
     """One object of a template, alive from `first_frame` to `last_frame`.
 
-    id: its name in the scenario, unique. template: a template's name ("Chair 01") or file.
-    position: m. rotation: Euler degrees or a quaternion. dynamic: what moves it; None: nothing.
-    first_frame, last_frame: both inclusive; None: it stays for ever.
-    collide: it meets the stage, other objects and the frustum's walls: what flies bounces off, what follows a path
-    slides along until it can return to its path. False: it passes through everything, and everything through it.
-    frustum_limited: the walls of the scenario's frustum hold it, if it collides.
-    scale: a factor or one for each of its own axes.
-    Raises ScenarioError for anything out of range.
+    Attributes:
+        id: name in the scenario, unique.
+        template: name ("Chair 01") or file of its template.
+        position: m.
+        rotation: Euler angles in degrees, or a quaternion.
+        dynamic: trajectory; None: none.
+        first_frame: first frame at which it is alive.
+        last_frame: last frame at which it is alive; None: for ever.
+        frustum_limited: whether the walls of the scenario's frustum hold it, if it collides.
+        collide: whether it collides with the stage, other objects and walls. Bouncing objects are reflected; objects on
+            paths slide along until they can return to their path. False: it passes through everything.
+        scale: one factor, or one per axis of the object.
+
+    Raises:
+        ScenarioError: a value is out of range.
     """
 
     id: str
@@ -56,15 +63,16 @@ class Object:
             object.__setattr__(self, "scale", _check_scale(self.scale))
 
     def alive(self, frame: int) -> bool:
-        """Whether it is there at a frame."""
+        """Return whether the object is alive at a frame, without regard to edits."""
         return self.first_frame <= frame and (self.last_frame is None or frame <= self.last_frame)
 
 
 @dataclass(frozen=True)
 class Frustum:
-    """Invisible walls at the sides of the camera's view, its near plane and `far`: objects stay in view.
+    """Invisible walls at the sides of the main camera's view, its near plane and `far`, that keep objects in view.
 
-    far: m from the camera along its axis; -1: the camera's own.
+    Attributes:
+        far: distance of the far wall along the camera's axis, m; -1: the camera's far plane.
     """
 
     far: float = -1.0

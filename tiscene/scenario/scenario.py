@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenario: what happens in a scene, as plain frozen values that can be compared, copied and written to a file.
 
-It is the paper's Θ: a scene, objects with their dynamics and life spans, the timings that tie them together, the view
-frustum that bounds them, and the camera. It holds names, not meshes: `tiscene.world` brings it to life.
+It is the paper's Θ: a scene, objects with their trajectories and lifespans, the timings that tie them together, the
+frustum that bounds them, cameras and lights. It holds names, not meshes; `tiscene.world` evaluates it.
 
 Rotations are Euler angles (x, y, z) in degrees, or quaternions (w, x, y, z). Euler angles turn about the fixed z axis,
 then x, then y, each right-handed: x is pitch (positive looks up), y is yaw (positive turns left), z is roll.
 
-Time: frame k shows k / fps seconds. ObjectHistory spans count frames, both ends included. An object's path clock counts the
-time during which it was both alive and active by the timings: one that appears later starts its path when it appears.
-Before its start a follower of waypoints stands at its waypoint 0; `position` and `rotation` place everything that does
-not name its own poses. The camera's clock is the stream's time: timings order objects only.
+Frame k shows the time k / fps. Lifespans count frames, both ends included. The clock of an object's trajectory counts
+the time during which the object was alive and active by the timings: an object that appears later starts its path when
+it appears. Before its start an object on a path stands at waypoint 0. `position` and `rotation` place trajectories that
+do not name poses of their own. A camera's clock is the stream's time: timings order objects only.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import dynamics
-from dynamics import AllTogether, Still, Timing, argument_checks
+from dynamics import AllTogether, Dynamic, Still, Timing, argument_checks
 from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
@@ -43,19 +43,27 @@ from tiscene.scenario.providers import provider
 from tiscene.scene.camera import Camera
 
 FORMAT, VERSION = "tiscene.scenario", 1
+Range = float | tuple[float, float]
+WholeRange = int | tuple[int, int]
 
 
 @dataclass(frozen=True)
 class Scenario:
     """What happens in a scene.
 
-    scene: its name or file. objects: besides what stands in the scene. timings: when the objects move.
-    frustum: walls at the edges of the view, None for none.
-    camera: a Camera (which may have a dynamic), the name of one on the stage, or None for the stage's own; several
-        of them watch the same world, the first is the one that the frustum belongs to.
-    lights: how lights of the stage move and shine.
-    edits: what was done to the stream while it ran, in the order in which it was done; see `tiscene.scenario.edits`.
-    Raises ScenarioError if it contradicts itself, such as by timings that cannot work for a dynamic.
+    Attributes:
+        scene: name or file of the scene.
+        objects: objects in addition to those of the scene.
+        timings: when the objects move.
+        frustum: walls at the edges of the main camera's view; None: no walls.
+        camera: a Camera (which may have a trajectory), the name of one on the stage, or None for the stage's own.
+            Several watch the same world; the first is the main camera.
+        edits: edits made while a stream ran, in the order in which they were made; see `tiscene.scenario.edits`.
+        lights: motion and intensity of lights of the stage.
+        variants: variant selections on the stage by prim and set, {"/Room{lighting}": "night"}.
+
+    Raises:
+        ScenarioError: the parts contradict each other, such as timings that cannot work for a trajectory.
     """
 
     scene: str
@@ -87,20 +95,20 @@ class Scenario:
             self.log()
 
     def lives(self) -> list[ObjectHistory]:
-        """All objects that ever are, with what the edits do to them; spawned ones after the others, in their order."""
+        """Return the histories of all objects, spawned ones last, in the order of their spawns."""
         return self.log().lives
 
     def stage_lives(self) -> dict[str, StageObjectHistory]:
-        """What the edits do to things of the stage, by their prim paths."""
+        """Return the histories of edited objects of the stage, by prim path."""
         return self.log().stage
 
     def log(self) -> EditLog:
-        """What the edits make of the objects and the stage, to go on with."""
+        """Return the edit log: the histories of all objects, to which further edits can be added."""
         return EditLog(self.objects, self.edits)
 
     @property
     def cameras(self) -> tuple[Camera | str | None, ...]:
-        """The cameras that watch, the main one first; None stands for the stage's own."""
+        """The cameras, the main one first; None stands for the stage's own."""
         return self.camera if isinstance(self.camera, tuple) else (self.camera,)
 
     @classmethod
@@ -110,26 +118,68 @@ class Scenario:
         *,
         seed: int = 0,
         camera: Camera | str | None = None,
-        **ranges: Any,
+        objects: WholeRange = (1, 3),
+        templates: Sequence[str] | None = None,
+        dynamics: Sequence[str] = ("catmull",),
+        speed: Range = (0.2, 0.8),
+        angular_speed: Range = (0.0, 0.8),
+        waypoints: WholeRange = (3, 5),
+        scale: Range = (1.0, 1.0),
+        depth: Range = (1.0, 5.0),
+        region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
+        in_view: Range = (1.0, 1.0),
+        occlusion: Range = (0.0, 0.0),
+        frames: int | None = None,
+        life: WholeRange | None = None,
+        wait_time: float = 0.0,
+        aspect: float = 4.0 / 3.0,
     ) -> Scenario:
-        """Draw a scenario at random, the same one for the same arguments.
+        """Draw a random scenario; the same arguments give the same scenario.
 
-        ranges: what to draw from, each (low, high) or one number: objects, templates, dynamics, speed, angular_speed,
-        waypoints, scale, depth, region, in_view, occlusion, life, frames; `tiscene.randomization.ranges.ScenarioRanges` explains all.
-        camera: what watches; where it stands at the start says what is in view.
-        Raises ArgumentError for ranges that contradict themselves, ScenarioError for what does not fit in the scene.
+        Every quantity of every object has random numbers of its own: one more object, or another range of speeds,
+        changes nothing else. A range is (low, high), both included, or one number.
+
+        Args:
+            scene: name or file of the scene.
+            seed: 0 to 2^64 - 1.
+            camera: the camera of the scenario. `depth`, `region`, `in_view` and `occlusion` refer to its pose at the
+                start.
+            objects: number of objects.
+            templates: names or files to draw from; None: the whole catalog.
+            dynamics: kinds of trajectory to draw from: "still", "linear", "catmull" (closed loops), "bounce".
+            speed: m/s, along the whole loop.
+            angular_speed: rad/s, about a random axis of the object.
+            waypoints: number of waypoints of a loop.
+            scale: scale factor of an object.
+            depth: distance from the camera along its axis, m.
+            region: left, top, right and bottom of the part of the image, 0..1, in which waypoints lie.
+            in_view: fraction of its path during which an object's center is in view.
+            occlusion: fraction of the path in view during which its center is hidden by the scene.
+            frames: length of the stream; needed for `life`.
+            life: number of frames for which an object is alive, from a random one on; None: always.
+            wait_time: time until all objects start, s.
+            aspect: width / height of the view.
+
+        Raises:
+            ArgumentError: the ranges contradict themselves.
+            ScenarioError: nothing in the scene fits the ranges.
         """
+        ranges = {name: value for name, value in locals().items() if name not in ("cls", "scene", "seed", "camera")}
         content = provider("sample")(scene, seed=seed, camera=camera, **ranges)
         return replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
 
     def to_json(self) -> dict[str, Any]:
-        """The scenario as JSON values; `from_json` gives the same scenario, to the bit."""
+        """Return the scenario as JSON values, from which `from_json` makes the same scenario, to the bit."""
         content: dict[str, Any] = serialization.encode(self, FIELDS, SCENARIOS)
         return {"format": FORMAT, "version": VERSION} | content
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Scenario:
-        """The scenario of JSON values. Raises ScenarioError that names the place of what is wrong in them."""
+        """Make a scenario from JSON values.
+
+        Raises:
+            ScenarioError: a value is wrong; the message names its place.
+        """
         if not isinstance(content, Mapping) or content.get("format") != FORMAT:
             raise ScenarioError(f'not a scenario: it should be an object with "format": "{FORMAT}"')
         if content.get("version") != VERSION:
@@ -139,12 +189,15 @@ class Scenario:
         return scenario
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file for people and programs: JSON (.json), or a USD layer over the scene (.usda, .usdc, .usd).
+        """Write the scenario as JSON (.json), or as a USD layer over the scene (.usda, .usdc, .usd).
 
-        The layer shows the scenario's start in any USD program, and keeps the scenario by the schema of
-        `tiscene.usd.core.schema`; it refers to the files of the scene and of the templates, which must be there.
-        Raises ArgumentError for another suffix, ScenarioError for what a file cannot hold, ExportError if it cannot be
-        written.
+        The layer shows the scenario's start in any USD program and holds the scenario by the schema in
+        `tiscene.usd.core.schema`. It refers to the files of the scene and of the templates.
+
+        Raises:
+            ArgumentError: another suffix.
+            ScenarioError: the scenario holds something that a file cannot.
+            ExportError: the file cannot be written.
         """
         path = Path(path)
         content = self.to_json()
@@ -160,12 +213,18 @@ class Scenario:
     def load(
         cls, source: str | os.PathLike[str], *, variants: Mapping[str, str] | None = None, still: bool = False
     ) -> Scenario:
-        """Read what `save` wrote, or what the author of a USD stage means to happen on it.
+        """Read a scenario file, or the scenario that is authored on a USD stage.
 
-        source: a scenario (.json), a USD file, or a scene's name. A stage of which nothing moves is a scenario without
-        objects. variants: as of `Stream`, of a stage. still: nothing of a stage is to move, and it is not read for what
-        does. Raises ArgumentError, MissingFile or SceneNotFound, StageError for a stage that cannot be read, or
-        ScenarioError with the file and the place in it.
+        Args:
+            source: a scenario (.json), a USD file, or a scene's name. A stage on which nothing moves is a scenario
+                without objects.
+            variants: variant selections, added to those in the file.
+            still: read no motion from a stage.
+
+        Raises:
+            ArgumentError, MissingFile, SceneNotFound: there is no such source.
+            StageError: the stage cannot be read.
+            ScenarioError: the scenario is invalid; the message names the file and the place in it.
         """
         if not isinstance(source, str | os.PathLike):
             raise ArgumentError(f"source={source!r}: must be a Scenario, a scene's name or a file")
@@ -204,9 +263,9 @@ def _classes(*classes: type) -> dict[str, type]:
 
 
 class _Dynamics(Mapping[str, type]):
-    """The dynamics by name: those of the library, and every `Stepped` that somebody has defined by now."""
+    """Trajectory classes by name: the library's, and every dataclass that a user derives from `Dynamic`."""
 
-    _OWN = _classes(
+    _LIBRARY = _classes(
         dynamics.CatmullWaypoints,
         dynamics.Composite,
         dynamics.Keyframes,
@@ -218,12 +277,13 @@ class _Dynamics(Mapping[str, type]):
     )
 
     def _all(self) -> dict[str, type]:
-        found, pending = dict[str, type](), [dynamics.Stepped]
+        classes: dict[str, type] = {}
+        pending: list[type] = [Dynamic]
         while pending:
-            below = pending.pop().__subclasses__()
-            found |= {cls.__name__: cls for cls in below if is_dataclass(cls)}
-            pending += below
-        return found | self._OWN
+            derived = pending.pop().__subclasses__()
+            classes |= {cls.__name__: cls for cls in derived if is_dataclass(cls)}
+            pending += derived
+        return classes | self._LIBRARY
 
     def __getitem__(self, name: str) -> type:
         return self._all()[name]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frozen dataclasses to JSON values and back, strictly: unknown keys and wrong values name their place in the file.
 
-A table says which classes a field may hold, by the field's name. Where there is a choice the JSON object carries the
-class's name as "type"; where there is none, nothing. A field with no classes holds a plain mapping. Everything else is numbers, text, true, false, null and arrays of
-them, which the classes check themselves when they are made.
+A table maps a field's name to the classes that it may hold. If there are several, the JSON object carries the class's
+name as "type". A field with an empty table holds a plain mapping. All other values are numbers, strings, booleans, null
+and arrays of them, which the classes validate when they are constructed.
 """
 
 from __future__ import annotations
