@@ -121,7 +121,7 @@ def test_houdini_and_omniverse():
         description = read_stage(STAGES / "houdini.usda")
     (warning,) = told
     lines = str(warning.message).split("\n")[1:]
-    assert lines == ["  shader 'OmniPBR' is not supported, displayColor is used: </set/mtl/omni>"]
+    assert lines == ["  shader 'OmniPBR' is not supported; displayColor is used: </set/mtl/omni>"]
     (table,) = description.objects
     assert (table.name, table.parts) == ("table", ("render/top", "render/plate"))
     assert color_of(description, 0) == pytest.approx((0.4, 0.2, 0.1))

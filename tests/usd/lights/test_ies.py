@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""IES photometric files, and the profiles made of them by the rules of UsdLux."""
+"""IES photometric files and their profiles, after UsdLux's rules."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from tiscene.usd.lights.ies import read_ies
 def ies(
     vertical: list[float], horizontal: list[float], candela: list[list[float]], *, scale: float = 1.0, **more
 ) -> bytes:
-    """A file. candela: a row for each horizontal angle. more: tilt, kind (photometric type)."""
+    """Return the bytes of a file. `candela` has a row per horizontal angle, `more` the tilt and photometric type."""
     tilt = more.get("tilt", "TILT=NONE")
     header = f"1 1000 {scale} {len(vertical)} {len(horizontal)} {more.get('kind', 1)} 2 0 0 0\n1 1 100"
     rows = "\n".join(" ".join(map(str, row)) for row in [vertical, horizontal, *candela])
     return f"IESNA:LM-63-2002\n[TEST] a lamp\n{tilt}\n{header}\n{rows}\n".encode()
 
 
-def test_an_even_lamp_has_the_power_of_its_sphere():
+def test_uniform_profile_has_power_of_four_pi():
     profile = read_ies(ies([0, 90, 180], [0], [[50, 50, 50]], scale=2.0))
     assert profile.power() == pytest.approx(4.0 * math.pi * 100.0, rel=1e-4)
     assert profile.intensity(np.array([0.0, 30.0, 180.0]), np.array([77.0])).tolist() == [[100.0], [100.0], [100.0]]
 
 
-def test_a_cosine_lamp():
-    """Its intensity falls as the cosine to 90 degrees: its power is pi times that on the axis."""
+def test_cosine_profile_has_power_of_pi():
+    """Intensity falls as the cosine to 0 at 90 degrees, so the power is pi times the intensity on the axis."""
     angles = np.linspace(0.0, 90.0, 181)
     profile = read_ies(ies(angles.tolist(), [0], [np.cos(np.radians(angles)).tolist()]))
     assert profile.power() == pytest.approx(math.pi, rel=1e-3)
@@ -43,20 +43,20 @@ def test_a_cosine_lamp():
         ([0, 360], {0: 1, 90: 1.25, 180: 1.5, 270: 1.75}),
     ],
 )
-def test_symmetry_about_the_axis(horizontal, expected):
+def test_horizontal_angles_are_mirrored_by_their_range(horizontal, expected):
     profile = read_ies(ies([0, 180], horizontal, [[1, 1], [2, 2]]))
     values = profile.intensity(np.array([10.0]), np.array(list(expected), float))
     np.testing.assert_allclose(values[0], list(expected.values()))
 
 
-def test_tilt_that_is_included_is_passed_over():
+def test_included_tilt_data_is_skipped():
     tilt = "TILT=INCLUDE\n1\n2\n0 90\n1.0 0.9"
     np.testing.assert_array_equal(read_ies(ies([0, 90], [0], [[3, 4]], tilt=tilt)).candela, [[3.0, 4.0]])
 
 
 @pytest.mark.parametrize(("scale", "at_30", "at_150"), [(0.0, 30.0, 150.0), (2.0, 15.0, 75.0), (-2.0, 105.0, 165.0)])
-def test_angle_scale(scale, at_30, at_150):
-    """Intensity is the angle itself, so that the image shows where it was read."""
+def test_angle_scale_stretches_profile(scale, at_30, at_150):
+    """The intensity equals the angle, so the image shows where it was sampled."""
     image = read_ies(ies([0, 180], [0], [[0, 180]])).image(scale, normalize=False)
     assert image.shape == (360, 1, 4)
     down = (np.arange(360) + 0.5) / 2.0
@@ -64,8 +64,8 @@ def test_angle_scale(scale, at_30, at_150):
     assert np.interp(150.0, down, image[:, 0, 0]) == pytest.approx(at_150, abs=1e-4)
 
 
-def test_normalized_profiles_keep_the_power():
-    """Scales that are divided by the profile's power integrate to 1."""
+def test_normalized_profile_has_unit_power():
+    """Factors divided by the profile's power integrate to 1."""
     image = read_ies(ies([0, 40, 90], [0, 90], [[9, 4, 0], [7, 1, 1]])).image(0.0, normalize=True)
     assert image.shape == (360, 360, 4)
     sine = np.sin((np.arange(360) + 0.5) * math.pi / 360.0)
@@ -83,10 +83,10 @@ def test_normalized_profiles_keep_the_power():
         (ies([0, 90], [0], [[1]]), "ends early"),
         (ies([0, 90], [0], [[1, 2]], kind=2), "photometric type 2"),
         (ies([90, 0], [0], [[1, 2]]), "do not increase"),
-        (ies([0, 90], [0], [["nan", 2]]), "no finite number"),
+        (ies([0, 90], [0], [["nan", 2]]), "numbers that are not finite"),
         (ies([0, 90], [0], [[1, 2]]).replace(b" 2 1 1 2 ", b" 99999 1 1 2 "), "99999 x 1 angles"),
     ],
 )
-def test_files_that_cannot_be_read(data, expected):
+def test_unreadable_files_raise_value_error(data, expected):
     with pytest.raises(ValueError, match=expected):
         read_ies(data)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdLux in numbers: every light's units by the documentation of LightAPI."""
+"""UsdLux lights: units, sizes, poses and controls, after LightAPI's documentation."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def light(kind: str, lines: str = "", apis: str = "") -> str:
     return f'def {kind} "L" {metadata}\n{{\n{lines}\n}}\n'
 
 
-def only(description):
+def only_light(description):
     (result,) = description.lights
     return result
 
 
-def test_defaults_of_a_rect_light(tmp_path):
-    rect = only(read(tmp_path, light("RectLight")))
+def test_rect_light_defaults(tmp_path):
+    rect = only_light(read(tmp_path, light("RectLight")))
     assert isinstance(rect, RectLight)
     assert (rect.radiance, rect.width, rect.height, rect.texture) == ((1.0, 1.0, 1.0), 1.0, 1.0, None)
     assert (rect.name, rect.prim_path) == ("L", "/L")
@@ -36,15 +36,17 @@ def test_defaults_of_a_rect_light(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["RectLight", "DiskLight", "SphereLight", "DomeLight"])
-def test_intensity_exposure_and_color(tmp_path, kind):
+def test_radiance_is_intensity_times_exposure_times_color(tmp_path, kind):
     lines = "float inputs:intensity = 3\nfloat inputs:exposure = 2\ncolor3f inputs:color = (1, 0.5, 0.25)"
-    assert only(read(tmp_path, light(kind, lines))).radiance == (12.0, 6.0, 3.0)
+    assert only_light(read(tmp_path, light(kind, lines))).radiance == (12.0, 6.0, 3.0)
 
 
-def test_color_temperature(tmp_path):
+def test_color_temperature_multiplies_color_when_enabled(tmp_path):
     lines = "float inputs:colorTemperature = 3000\nfloat inputs:intensity = 2\n"
-    assert only(read(tmp_path, light("RectLight", lines))).radiance == (2.0, 2.0, 2.0)  # not enabled
-    warm = np.array(only(read(tmp_path, light("RectLight", lines + "bool inputs:enableColorTemperature = 1"))).radiance)
+    assert only_light(read(tmp_path, light("RectLight", lines))).radiance == (2.0, 2.0, 2.0)  # not enabled
+    warm = np.array(
+        only_light(read(tmp_path, light("RectLight", lines + "bool inputs:enableColorTemperature = 1"))).radiance
+    )
     assert warm @ (0.2126, 0.7152, 0.0722) == pytest.approx(2.0)
     assert warm[0] > 1.5 * warm[1] > 1.5 * warm[2]
     np.testing.assert_allclose(color_of_temperature(6500.0), 1.0)
@@ -52,64 +54,68 @@ def test_color_temperature(tmp_path):
     np.testing.assert_array_equal(color_of_temperature(20000.0), color_of_temperature(10000.0))
 
 
-def test_sizes_take_the_scale_and_the_unit(tmp_path):
+def test_sizes_are_scaled_by_transform_and_unit(tmp_path):
     lines = SCALE % "(2, 3, 5)" + "float inputs:width = 4\nfloat inputs:height = 6\n"
-    rect = only(read(tmp_path, light("RectLight", lines), meters=0.01))
+    rect = only_light(read(tmp_path, light("RectLight", lines), meters=0.01))
     assert (rect.width, rect.height) == pytest.approx((0.08, 0.18))
     np.testing.assert_allclose(rect.world_from_light, np.eye(4))
 
 
 @pytest.mark.parametrize("meters", [1.0, 0.01])
-def test_normalize_divides_by_the_area_in_stage_units(tmp_path, meters):
+def test_normalize_divides_by_area_in_stage_units(tmp_path, meters):
     normalize = "bool inputs:normalize = 1\nfloat inputs:intensity = 12\n"
     rect = normalize + SCALE % "(2, 3, 1)" + "float inputs:width = 1\nfloat inputs:height = 2"
-    assert only(read(tmp_path, light("RectLight", rect), meters=meters)).radiance[0] == pytest.approx(1.0)
+    assert only_light(read(tmp_path, light("RectLight", rect), meters=meters)).radiance[0] == pytest.approx(1.0)
     disk = normalize + "float inputs:radius = 2"
-    assert only(read(tmp_path, light("DiskLight", disk), meters=meters)).radiance[0] == pytest.approx(3.0 / math.pi)
+    assert only_light(read(tmp_path, light("DiskLight", disk), meters=meters)).radiance[0] == pytest.approx(
+        3.0 / math.pi
+    )
     sphere = normalize + SCALE % "(2, 2, 2)" + "float inputs:radius = 0.5"
-    assert only(read(tmp_path, light("SphereLight", sphere), meters=meters)).radiance[0] == pytest.approx(3.0 / math.pi)
-    dome = only(read(tmp_path, light("DomeLight", normalize), meters=meters))
+    assert only_light(read(tmp_path, light("SphereLight", sphere), meters=meters)).radiance[0] == pytest.approx(
+        3.0 / math.pi
+    )
+    dome = only_light(read(tmp_path, light("DomeLight", normalize), meters=meters))
     assert dome.radiance[0] == 12.0  # ignored
 
 
-def test_cylinders(tmp_path):
+def test_cylinder_sizes_and_normalization(tmp_path):
     lines = SCALE % "(2, 3, 3)" + "float inputs:radius = 0.1\nfloat inputs:length = 4\nfloat inputs:intensity = 5\n"
-    tube = only(read(tmp_path, light("CylinderLight", lines), meters=0.5))
+    tube = only_light(read(tmp_path, light("CylinderLight", lines), meters=0.5))
     assert isinstance(tube, CylinderLight)
     assert (tube.radius, tube.length, tube.radiance[0]) == pytest.approx((0.15, 4.0, 5.0))
-    normalized = only(read(tmp_path, light("CylinderLight", lines + "bool inputs:normalize = 1"), meters=0.5))
+    normalized = only_light(read(tmp_path, light("CylinderLight", lines + "bool inputs:normalize = 1"), meters=0.5))
     assert normalized.radiance[0] == pytest.approx(5.0 / (2.0 * math.pi * 0.3 * 8.0))
-    line = only(read(tmp_path, light("CylinderLight", "float inputs:radius = 0.1\nbool treatAsLine = 1")))
+    line = only_light(read(tmp_path, light("CylinderLight", "float inputs:radius = 0.1\nbool treatAsLine = 1")))
     assert line.radius * line.radiance[0] == pytest.approx(0.1)
     assert line.radius < 0.01
 
 
-def test_round_lights(tmp_path):
-    disk = only(read(tmp_path, light("DiskLight", SCALE % "(3, 3, 9)"), meters=0.1))
+def test_uneven_scale_of_round_light_is_averaged(tmp_path):
+    disk = only_light(read(tmp_path, light("DiskLight", SCALE % "(3, 3, 9)"), meters=0.1))
     assert isinstance(disk, DiskLight)
     assert disk.radius == pytest.approx(0.15)
-    sphere = only(read(tmp_path, light("SphereLight", "float inputs:radius = 2")))
+    sphere = only_light(read(tmp_path, light("SphereLight", "float inputs:radius = 2")))
     assert isinstance(sphere, SphereLight)
     assert sphere.radius == 2.0
-    uneven = only(read_with_warning(tmp_path, light("SphereLight", SCALE % "(1, 2, 3)"), "uneven scale.*</L>"))
+    uneven = only_light(read_with_warning(tmp_path, light("SphereLight", SCALE % "(1, 2, 3)"), "uneven scale.*</L>"))
     assert uneven.radius == pytest.approx(1.0)
 
 
-def test_a_sphere_treated_as_a_point_keeps_its_power(tmp_path):
+def test_sphere_treated_as_point_keeps_its_power(tmp_path):
     lines = "float inputs:radius = 0.1\nbool treatAsPoint = 1\nfloat inputs:intensity = 5"
-    point = only(read(tmp_path, light("SphereLight", lines)))
+    point = only_light(read(tmp_path, light("SphereLight", lines)))
     assert point.radius == pytest.approx(0.001)
     assert point.radiance[0] * point.radius**2 == pytest.approx(5.0 * 0.1**2)
 
 
-def test_a_normalized_sphere_without_size_keeps_its_power(tmp_path):
+def test_normalized_sphere_of_zero_radius_keeps_its_power(tmp_path):
     lines = "float inputs:radius = 0\nbool inputs:normalize = 1\nfloat inputs:intensity = 5"
-    point = only(read(tmp_path, light("SphereLight", lines)))
+    point = only_light(read(tmp_path, light("SphereLight", lines)))
     assert point.radiance[0] * 4.0 * math.pi * point.radius**2 == pytest.approx(5.0)
 
 
 DISTANT = [
-    (0.0, False, 10.0),  # parallel light: what it says is its irradiance
+    (0.0, False, 10.0),  # parallel light: the emission is the irradiance
     (0.0, True, 10.0),
     (60.0, False, 10.0 * math.pi * 0.25),  # L pi sin² 30°
     (60.0, True, 10.0),
@@ -119,59 +125,59 @@ DISTANT = [
 
 
 @pytest.mark.parametrize(("angle", "normalize", "irradiance"), DISTANT)
-def test_distant_lights(tmp_path, angle, normalize, irradiance):
+def test_distant_light_irradiance(tmp_path, angle, normalize, irradiance):
     lines = f"float inputs:angle = {angle}\nbool inputs:normalize = {int(normalize)}\nfloat inputs:intensity = 10"
-    sun = only(read(tmp_path, light("DistantLight", lines)))
+    sun = only_light(read(tmp_path, light("DistantLight", lines)))
     assert isinstance(sun, DistantLight)
     assert sun.irradiance[0] == pytest.approx(irradiance)
     assert sun.angle == pytest.approx(math.radians(angle), rel=1e-6)
 
 
-def test_the_default_sun(tmp_path):
-    sun = only(read(tmp_path, light("DistantLight")))
+def test_distant_light_defaults(tmp_path):
+    sun = only_light(read(tmp_path, light("DistantLight")))
     assert sun.irradiance[0] == pytest.approx(50000.0 * math.pi * math.sin(math.radians(0.265)) ** 2, rel=1e-5)
 
 
-def test_poses(tmp_path):
+def test_light_pose_has_no_scale(tmp_path):
     lines = """
     double3 xformOp:translate = (1, 2, 3)
     float xformOp:rotateX = -90
     float3 xformOp:scale = (2, 2, 2)
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX", "xformOp:scale"]
     """
-    pose = only(read(tmp_path, light("RectLight", lines), meters=10.0)).world_from_light
+    pose = only_light(read(tmp_path, light("RectLight", lines), meters=10.0)).world_from_light
     np.testing.assert_allclose(pose[:3, 3], (10, 20, 30))
-    np.testing.assert_allclose(pose @ (0, 0, -1, 0), (0, -1, 0, 0), atol=1e-9)  # it shines down
+    np.testing.assert_allclose(pose @ (0, 0, -1, 0), (0, -1, 0, 0), atol=1e-9)  # it points down
     np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-9)
 
 
-def test_a_mirrored_light_shines_towards_its_own_minus_z(tmp_path):
-    pose = only(read(tmp_path, light("RectLight", SCALE % "(1, 1, -1)"))).world_from_light
+def test_mirrored_light_points_along_its_minus_z(tmp_path):
+    pose = only_light(read(tmp_path, light("RectLight", SCALE % "(1, 1, -1)"))).world_from_light
     np.testing.assert_allclose(pose @ (0, 0, -1, 0), (0, 0, 1, 0), atol=1e-9)
     assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
 
 
-def test_domes(tmp_path):
+def test_dome_light_orientation(tmp_path):
     lines = 'float xformOp:rotateY = 90\nuniform token[] xformOpOrder = ["xformOp:rotateY"]'
-    dome = only(read(tmp_path, light("DomeLight", lines)))
+    dome = only_light(read(tmp_path, light("DomeLight", lines)))
     assert isinstance(dome, DomeLight)
     np.testing.assert_allclose(dome.world_from_light @ (0, 0, 1, 0), (1, 0, 0, 0), atol=1e-9)
-    upright = only(read(tmp_path, light("DomeLight"), up="Z")).world_from_light
-    np.testing.assert_array_equal(upright, np.eye(4))  # the older dome's pole is +Y whatever is up
+    upright = only_light(read(tmp_path, light("DomeLight"), up="Z")).world_from_light
+    np.testing.assert_array_equal(upright, np.eye(4))  # DomeLight's pole is +Y for every upAxis
 
 
 @pytest.mark.parametrize(
     ("pole", "up", "tilted"),
     [("scene", "Y", False), ("scene", "Z", True), ("Y", "Z", False), ("Z", "Y", True)],
 )
-def test_the_pole_of_the_newer_dome(tmp_path, pole, up, tilted):
-    matrix = only(read(tmp_path, light("DomeLight_1", f'token poleAxis = "{pole}"'), up=up)).world_from_light
+def test_dome_light_1_pole_axis(tmp_path, pole, up, tilted):
+    matrix = only_light(read(tmp_path, light("DomeLight_1", f'token poleAxis = "{pole}"'), up=up)).world_from_light
     top, center = ((0, 0, 1), (0, -1, 0)) if tilted else ((0, 1, 0), (0, 0, 1))
     np.testing.assert_allclose(matrix[:3, :3] @ (0, 1, 0), top)
     np.testing.assert_allclose(matrix[:3, :3] @ (0, 0, 1), center)
 
 
-def test_light_textures(tmp_path):
+def test_light_textures_are_read(tmp_path):
     pixels = np.arange(2 * 4 * 3, dtype=np.float32).reshape(2, 4, 3)
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"RGB": pixels}) as file:
         file.write(str(tmp_path / "sky.exr"))
@@ -184,33 +190,33 @@ def test_light_textures(tmp_path):
     np.testing.assert_array_equal(description.textures[0].pixels[..., :3], pixels)
     assert (description.textures[0].wrap_s, description.textures[0].wrap_t) == ("repeat", "clamp")
     body = light("RectLight", "asset inputs:texture:file = @./gone.exr@")
-    expected = "there is no texture @./gone.exr@ .*the light is drawn without it: </L>"
-    assert only(read_with_warning(tmp_path, body, expected)).texture is None
+    expected = "there is no texture @./gone.exr@ .*the light is rendered without it: </L>"
+    assert only_light(read_with_warning(tmp_path, body, expected)).texture is None
 
 
-def test_a_sky_whose_sun_is_too_bright_for_its_file(tmp_path):
-    """One endless pixel would take all the light that is sampled, and give none."""
+def test_infinite_pixels_of_dome_texture_are_clamped(tmp_path):
+    """An infinite pixel would take all light samples."""
     pixels = np.ones((2, 4, 3), np.float16)
     pixels[0, 1], pixels[1, 2, 0] = np.inf, np.nan
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"RGB": pixels}) as file:
         file.write(str(tmp_path / "sky.exr"))
     body = light("DomeLight", "asset inputs:texture:file = @./sky.exr@")
-    expected = "2 pixels of texture @.*sky.exr@ are not finite: what is endless is 65504, else 0: </L>"
+    expected = "2 pixels of texture @.*sky.exr@ are not finite: inf becomes 65504, others 0: </L>"
     (texture,) = read_with_warning(tmp_path, body, expected).textures
     finite = np.ones((2, 4, 3))
     finite[0, 1], finite[1, 2, 0] = 65504.0, 0.0
     np.testing.assert_array_equal(texture.pixels[..., :3], finite)
 
 
-def test_names_from_before_21_02(tmp_path):
+def test_input_names_before_usd_21_02_are_read(tmp_path):
     lines = "float intensity = 7\nfloat width = 3\nbool normalize = 1\ncolor3f color = (1, 0, 0)"
-    rect = only(read(tmp_path, light("RectLight", lines)))
+    rect = only_light(read(tmp_path, light("RectLight", lines)))
     assert (rect.width, rect.radiance) == (3.0, (7.0 / 3.0, 0.0, 0.0))
 
 
-def test_lights_that_give_no_light_are_dropped(tmp_path):
+def test_lights_without_emission_are_dropped(tmp_path):
     assert not read(tmp_path, light("RectLight", "float inputs:intensity = 0")).lights
-    assert not read_with_warning(tmp_path, light("RectLight", "float inputs:width = 0"), "without area").lights
+    assert not read_with_warning(tmp_path, light("RectLight", "float inputs:width = 0"), "zero area").lights
     assert not read_with_warning(
         tmp_path, light("RectLight", "float inputs:intensity = -1"), "negative emission"
     ).lights
@@ -227,11 +233,11 @@ UNSUPPORTED = [
 
 
 @pytest.mark.parametrize(("kind", "lines", "apis", "expected"), UNSUPPORTED)
-def test_what_is_not_supported_is_named(tmp_path, kind, lines, apis, expected):
+def test_unsupported_controls_are_reported(tmp_path, kind, lines, apis, expected):
     read_with_warning(tmp_path, light(kind, lines, apis), f"{expected}.*</L>")
 
 
-def test_shaping_that_changes_nothing_is_not_named(tmp_path):
+def test_shaping_without_effect_is_not_reported(tmp_path):
     assert len(read(tmp_path, light("RectLight", apis='"ShapingAPI"')).lights) == 1
 
 
@@ -246,7 +252,7 @@ PROBLEMS = [
 
 
 @pytest.mark.parametrize(("lines", "expected"), PROBLEMS)
-def test_problems(tmp_path, lines, expected):
+def test_invalid_lights_are_problems(tmp_path, lines, expected):
     (problem,) = problems_of(tmp_path, light("RectLight", lines))
     assert problem.startswith(f"</L> {expected}")
 
@@ -268,8 +274,8 @@ def Xform "Wall" {
 
 
 @pytest.mark.parametrize("kind", ["DomeLight", "DomeLight_1"])
-def test_a_dome_has_the_portals_it_names(tmp_path, kind):
-    dome = only(read(tmp_path, light(kind, "rel portals = </Wall/Window>") + PORTAL, meters=0.01))
+def test_dome_has_its_portals(tmp_path, kind):
+    dome = only_light(read(tmp_path, light(kind, "rel portals = </Wall/Window>") + PORTAL, meters=0.01))
     (portal,) = dome.portals
     assert (portal.width, portal.height) == pytest.approx((0.01, 0.03))
     expected = np.eye(4)
@@ -277,9 +283,9 @@ def test_a_dome_has_the_portals_it_names(tmp_path, kind):
     np.testing.assert_allclose(portal.world_from_portal, expected)
 
 
-def test_portals_that_are_none(tmp_path):
+def test_invalid_portal_targets_are_reported(tmp_path):
     body = light("DomeLight", "rel portals = </Wall/Ball>") + PORTAL
-    dome = only(read_with_warning(tmp_path, body, "its portal </Wall/Ball> is no PortalLight"))
+    dome = only_light(read_with_warning(tmp_path, body, "its portal </Wall/Ball> is not a PortalLight"))
     assert dome.portals == ()
     body = light("DomeLight", "rel portals = </P>") + 'def PortalLight "P"\n{\nfloat inputs:width = 0\n}'
     assert problems_of(tmp_path, body) == ("</P> portal: its size is 0.0 x 1.0 m",)
@@ -302,9 +308,9 @@ HIDES = 'token visibility.timeSamples = { 0: "inherited", 9: "invisible" }'
         (f'def Xform "G"\n{{\n{HIDES}\n{LAMP % ""}\n}}', "the visibility of a light has time samples.*: </G/Lamp>", 1),
     ],
 )
-def test_what_of_a_light_does_not_play_is_named(tmp_path, body, expected, count):
+def test_inputs_that_do_not_animate_are_reported(tmp_path, body, expected, count):
     assert len(read_with_warning(tmp_path, body, expected).lights) == count
 
 
-def test_a_light_whose_samples_are_all_the_same_does_not_change(tmp_path):
+def test_light_with_constant_time_samples_is_static(tmp_path):
     assert len(read(tmp_path, LAMP % "float inputs:radius.timeSamples = { 0: 1, 9: 1 }").lights) == 1

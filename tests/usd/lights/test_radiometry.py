@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdLux's units as rendered: the irradiance of a diffuse floor under every light, against closed forms, to 0.5 %."""
+"""UsdLux's units as rendered: irradiance of a diffuse floor under each light against closed forms, to 0.5 %."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def Material "Gray"
     }
 }
 """
-# Above the origin, looking down; the floor's own unit is `meters`.
+# A light above the origin, pointing down; the stage's unit is `meters`.
 DOWN = """
     double3 xformOp:translate = (%g, %g, 0)
     float xformOp:rotateX = -90
@@ -45,10 +45,10 @@ DOWN = """
 
 
 def irradiance(folder, light: str, *, meters: float = 1.0, spp: int = 256) -> np.ndarray:
-    """What reaches the floor at the origin, W/m², by color: from the light that it reflects to a camera."""
+    """Return the irradiance [3] of the floor at the origin, W/m², measured from the radiance that it reflects."""
     path = write(folder, FLOOR + light, meters=meters)
-    # From the side, past the lights; the pixels see a few millimeters.
-    camera = ts.Camera(position=(0.0, 3.0, 9.0), rotation=looking_at_origin(3.0, 9.0), vertical_fov=0.0002)
+    # The camera looks from the side, past the lights; its pixels cover a few millimeters.
+    camera = ts.Camera(position=(0.0, 3.0, 9.0), rotation=look_at_origin(3.0, 9.0), vertical_fov=0.0002)
     stream = ts.Stream(
         path,
         width=16,
@@ -63,7 +63,7 @@ def irradiance(folder, light: str, *, meters: float = 1.0, spp: int = 256) -> np
     return stream[0].hdr.reshape(-1, 3).astype(np.float64).mean(axis=0) * math.pi / ALBEDO
 
 
-def looking_at_origin(height: float, distance: float) -> tuple[float, float, float, float]:
+def look_at_origin(height: float, distance: float) -> tuple[float, float, float, float]:
     half = -0.5 * math.atan2(height, distance)
     return (math.cos(half), math.sin(half), 0.0, 0.0)
 
@@ -73,7 +73,7 @@ def light(kind: str, lines: str = "", at: tuple[float, float] = (0.0, 2.0)) -> s
 
 
 def corner(a: float, b: float) -> float:
-    """View factor from a small patch to a parallel rectangle a x b one unit above it, over one of its corners."""
+    """Return the view factor of a patch to a parallel a x b rectangle one unit above, over one of its corners."""
     x, y = math.hypot(1.0, a), math.hypot(1.0, b)
     return (a / x * math.atan(b / x) + b / y * math.atan(a / y)) / (2.0 * math.pi)
 
@@ -120,19 +120,19 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_lights(tmp_path, name):
+def test_irradiance_matches_closed_form(tmp_path, name):
     body, expected = CASES[name]
     np.testing.assert_allclose(irradiance(tmp_path, body), expected, rtol=5e-3)
 
 
-def test_a_rect_and_a_disk_give_nothing_behind_them(tmp_path):
+def test_rect_and_disk_emit_nothing_backward(tmp_path):
     up = "\n    float xformOp:rotateX = 90\n"
     for kind in ("RectLight", "DiskLight"):
         assert not irradiance(tmp_path, light(kind).replace("\n    float xformOp:rotateX = -90\n", up), spp=4).any()
 
 
-def test_the_unit_of_a_stage_changes_no_brightness_but_that_of_normalized_lights(tmp_path):
-    """All sizes and distances in centimeters: radiance is what it was, and `normalize` divides by stage units."""
+def test_stage_unit_changes_only_normalized_lights(tmp_path):
+    """With sizes in centimeters, radiance is unchanged, and `normalize` divides by square stage units."""
     body = light("RectLight", "float inputs:width = 200\nfloat inputs:height = 300", (0.0, 200.0))
     np.testing.assert_allclose(irradiance(tmp_path, body, meters=0.01), math.pi * RECT_FACTOR, rtol=5e-3)
     normalized = body.replace(
@@ -141,7 +141,7 @@ def test_the_unit_of_a_stage_changes_no_brightness_but_that_of_normalized_lights
     np.testing.assert_allclose(irradiance(tmp_path, normalized, meters=0.01), math.pi * RECT_FACTOR, rtol=5e-3)
 
 
-def test_color_and_temperature_multiply(tmp_path):
+def test_color_and_color_temperature_multiply(tmp_path):
     lines = "color3f inputs:color = (1, 0.5, 0.25)\nbool inputs:enableColorTemperature = 1\n"
     lines += "float inputs:colorTemperature = 3200"
     expected = math.pi * RECT_FACTOR * color_of_temperature(3200.0) * (1.0, 0.5, 0.25)
@@ -153,8 +153,8 @@ def save(path, pixels: np.ndarray) -> None:
         file.write(str(path))
 
 
-def test_a_textured_rect_is_read_upright_by_who_looks_at_it(tmp_path):
-    """Red on the left for who lies under it with the head to the light's +y: that is +x of the light. Blue below."""
+def test_textured_rect_is_upright_seen_from_front(tmp_path):
+    """Seen from below with the light's +y up, red is on the left (+x of the light) and blue at the bottom."""
     pixels = np.zeros((2, 2, 3))
     pixels[:, 0, 0] = 1.0
     pixels[1, :, 2] = 1.0
@@ -168,25 +168,25 @@ def test_a_textured_rect_is_read_upright_by_who_looks_at_it(tmp_path):
 
 
 def half_factors(x: float) -> tuple[float, float]:
-    """View factors of the halves of a 4 x 4 rectangle one unit above, from `abs(x)` off its middle along the halves."""
+    """Return the view factors of the halves of a 4 x 4 rectangle one unit above, at `abs(x)` from its middle."""
     x = abs(x)
     outer, inner = 2.0 * corner(2.0 - x, 2.0), 2.0 * corner(x, 2.0)
     return outer + inner, 2.0 * corner(2.0 + x, 2.0) - inner
 
 
-def test_a_textured_dome(tmp_path):
-    """Radiance 1 above 30 degrees from the top, and a color for each half: +x is a quarter from the image's left."""
+def test_textured_dome_irradiance(tmp_path):
+    """The upper hemisphere has a color for each half; +x is a quarter of the width from the image's left."""
     height, width = 180, 360
     pixels = np.zeros((height, width, 3))
     down = (np.arange(height) + 0.5) / height * 180.0
     pixels[down < 30.0, :, 1] = 1.0
-    pixels[: height // 2, : width // 2, 0] = 1.0  # left half: the side of +x
+    pixels[: height // 2, : width // 2, 0] = 1.0  # left half: +x
     pixels[height // 2 :] = 50.0  # below the floor
     save(tmp_path / "sky.exr", pixels)
     sky = 'def DomeLight "Sky"\n{\nasset inputs:texture:file = @sky.exr@\n%s}\n'
     got = irradiance(tmp_path, sky % "", spp=1024)
     assert got[1] == pytest.approx(math.pi * math.sin(math.radians(30.0)) ** 2, rel=1e-2)
-    assert got[0] == pytest.approx(math.pi / 2.0, rel=2e-2)  # half of the sky; pixels at its edges are blurred
+    assert got[0] == pytest.approx(math.pi / 2.0, rel=2e-2)  # half of the sky; its edges are blurred by a pixel
     assert got[2] == pytest.approx(0.0, abs=0.15)
 
 
@@ -197,7 +197,7 @@ def shaped(kind: str, lines: str, at: tuple[float, float] = (0.0, 2.0)) -> str:
 
 
 def cylinder_irradiance(radius: float, length: float, height: float) -> float:
-    """Under the middle of a tube that lies level, radiance 1: the sum over its rectangles as the floor sees them."""
+    """Return the irradiance below the middle of a horizontal tube of radiance 1, by numerical integration."""
     around = (np.arange(2000) + 0.5) / 2000 * 2.0 * math.pi
     along = ((np.arange(2000) + 0.5) / 2000 - 0.5) * length
     normal = np.stack([np.zeros_like(around), np.cos(around), np.sin(around)], axis=-1)
@@ -214,7 +214,7 @@ def smoothstep(low: float, high: float, value: float) -> float:
     return t * t * (3.0 - 2.0 * t)
 
 
-AT_45 = math.pi * 0.01 / 8.0 / math.sqrt(2.0)  # of a sphere of radius 0.1, 2 to the side and 2 above
+AT_45 = math.pi * 0.01 / 8.0 / math.sqrt(2.0)  # irradiance of a sphere of radius 0.1, 2 aside and 2 above
 SMALL = "float inputs:radius = 0.1\n"
 SHAPED = {
     "tube": (
@@ -246,12 +246,12 @@ SHAPED = {
 
 
 @pytest.mark.parametrize("name", SHAPED)
-def test_shaped_lights(tmp_path, name):
+def test_irradiance_of_shaped_light_matches_closed_form(tmp_path, name):
     body, expected = SHAPED[name]
     np.testing.assert_allclose(irradiance(tmp_path, body), expected, rtol=5e-3, atol=1e-9)
 
 
-def test_the_tint_of_what_is_out_of_focus(tmp_path):
+def test_focus_tint_colors_light_off_axis(tmp_path):
     lines = "float inputs:radius = 0.01\nfloat inputs:shaping:focus = 3\ncolor3f inputs:shaping:focusTint = (1, 0.5, 0)"
     factor = math.sqrt(0.5) ** 3
     color = np.array([1.0, 0.5, 0.0])
@@ -259,8 +259,8 @@ def test_the_tint_of_what_is_out_of_focus(tmp_path):
     np.testing.assert_allclose(irradiance(tmp_path, shaped("DiskLight", lines, (2.0, 2.0))), expected, rtol=5e-3)
 
 
-def test_an_ies_profile(tmp_path):
-    """Intensities of 10 down and 2 at 90 degrees: 6 at 45, whatever the side."""
+def test_ies_profile_scales_intensity_by_angle(tmp_path):
+    """Intensity 10 straight down and 2 at 90 degrees: 6 at 45 degrees, in every direction."""
     (tmp_path / "lamp.ies").write_bytes(ies([0, 90], [0], [[10, 2]]))
     lines = "float inputs:radius = 0.01\nasset inputs:shaping:ies:file = @lamp.ies@"
     for x in (2.0, -2.0):
@@ -268,8 +268,8 @@ def test_an_ies_profile(tmp_path):
         np.testing.assert_allclose(got, 6.0 * AT_45 / 100.0, rtol=5e-3)
 
 
-def test_shadows_that_are_switched_off(tmp_path):
-    """A plate between the light and the floor."""
+def test_light_with_shadows_disabled_passes_through_objects(tmp_path):
+    """A plate between the light and the floor casts no shadow."""
     plate = 'def Cube "Plate"\n{\ndouble size = 1\ndouble3 xformOp:translate = (0, 1, 0)\n'
     plate += "float3 xformOp:scale = (9, 0.01, 1.2)\n"
     plate += 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]\n}\n'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ShapingAPI, ShadowAPI, multipliers, and meshes that are lights."""
+"""ShapingAPI, ShadowAPI, diffuse and specular multipliers, mesh lights."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ FOCUS = "float inputs:shaping:focus = 4\ncolor3f inputs:shaping:focusTint = (1, 
 
 
 @pytest.mark.parametrize("kind", ["RectLight", "DiskLight", "SphereLight"])
-def test_cones_and_focus(tmp_path, kind):
+def test_cone_and_focus_are_read(tmp_path, kind):
     shaping = shaped(tmp_path, kind, CONE + "\n" + FOCUS).shaping
     assert shaping == Shaping(pytest.approx(math.radians(30.0)), 0.25, 4.0, (1.0, 0.5, 0.0))
 
 
-def test_shaping_of_defaults(tmp_path):
-    """Half the directions are dark for what emits all around; what is flat emits no further anyway."""
+def test_default_shaping_affects_only_round_lights(tmp_path):
+    """The default cone of 90 degrees halves a sphere light and does not affect a flat light."""
     assert shaped(tmp_path, "SphereLight", "").shaping == Shaping(pytest.approx(math.pi / 2))
     assert shaped(tmp_path, "RectLight", "").shaping is None
     assert shaped(tmp_path, "DistantLight", CONE).shaping is None
     assert shaped(tmp_path, "RectLight", CONE, '"ShadowAPI"').shaping is None  # the API is not applied
 
 
-def test_numbers_out_of_range(tmp_path):
+def test_shaping_values_are_clamped_or_problems(tmp_path):
     lines = "float inputs:shaping:cone:angle = 60\nfloat inputs:shaping:cone:softness = 7"
     assert shaped(tmp_path, "RectLight", lines).shaping == Shaping(pytest.approx(math.pi / 3), 1.0)
     body = 'def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])\n{\nfloat inputs:shaping:focus = nan\n}\n'
-    assert problems_of(tmp_path, body) == ("</L> light: its shaping holds numbers that are not finite",)
+    assert problems_of(tmp_path, body) == ("</L> light: its shaping has values that are not finite numbers",)
 
 
-def test_ies_profiles(tmp_path):
+def test_ies_profiles_become_textures(tmp_path):
     (tmp_path / "lamp.ies").write_bytes(ies([0, 90], [0], [[3, 3]]))
     body = """
 def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])
@@ -67,7 +67,7 @@ def SphereLight "M" (prepend apiSchemas = ["ShapingAPI"])
     np.testing.assert_allclose(normalized, plain / (2.0 * math.pi * 3.0), rtol=1e-2)  # half a sphere of 3 cd
 
 
-def test_a_profile_that_cannot_be_read_is_named(tmp_path):
+def test_unreadable_profile_is_reported(tmp_path):
     (tmp_path / "bad.ies").write_bytes(b"nothing")
     for name, expected in (("bad", "no line TILT="), ("gone", "there is no such file")):
         body = f"""
@@ -80,7 +80,7 @@ def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])
         assert description.lights[0].shaping is None
 
 
-def test_multipliers_and_shadows(tmp_path):
+def test_multipliers_and_shadow_enable_are_read(tmp_path):
     light = shaped(tmp_path, "DiskLight", "float inputs:diffuse = 0.5\nfloat inputs:specular = 0")
     assert (light.diffuse, light.specular, light.casts_shadows) == (0.5, 0.0, True)
     assert not shaped(tmp_path, "DomeLight", "bool inputs:shadow:enable = 0").casts_shadows
@@ -98,23 +98,23 @@ UNRENDERED = [
     ),
     (
         "float inputs:intensity.connect = </N.outputs:out>",
-        "what a light's inputs:intensity is connected to is not read",
+        "the connection of a light's inputs:intensity is not read",
     ),
 ]
 
 
 @pytest.mark.parametrize(("lines", "expected"), UNRENDERED)
-def test_what_is_not_rendered_is_named(tmp_path, lines, expected):
+def test_unsupported_controls_of_lights_are_reported(tmp_path, lines, expected):
     body = f'def RectLight "L" (prepend apiSchemas = ["ShadowAPI"])\n{{\n{lines}\n}}\n'
     read_with_warning(tmp_path, body, f"{expected}.*</L>")
 
 
-def test_a_dark_light_that_is_to_shine_stays(tmp_path):
+def test_dark_light_with_animated_intensity_is_kept(tmp_path):
     lines = "float inputs:intensity = 0\nfloat inputs:intensity.timeSamples = { 0: 0, 10: 5 }"
     assert shaped(tmp_path, "RectLight", lines).radiance == (0.0, 0.0, 0.0)
 
 
-GLOWING = """
+EMISSIVE = """
 def Mesh "M" (prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"])
 {
     %s
@@ -136,7 +136,7 @@ def Material "Look"
     def Shader "Image"
     {
         uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @glow.png@
+        asset inputs:file = @emission.png@
         float4 inputs:bias = (1, 1, 1, 0)
         float3 outputs:rgb
     }
@@ -144,38 +144,38 @@ def Material "Look"
 """
 
 
-def glowing(folder, mode: str = "", glow: str = " = (3, 3, 3)"):
+def read_emissive(folder, mode: str = "", emission: str = " = (3, 3, 3)"):
     from PIL import Image
 
-    Image.new("RGB", (1, 1)).save(folder / "glow.png")
+    Image.new("RGB", (1, 1)).save(folder / "emission.png")
     line = f'uniform token light:materialSyncMode = "{mode}"' if mode else ""
-    description = read_stage(write(folder, GLOWING % (QUAD, line, glow)))
+    description = read_stage(write(folder, EMISSIVE % (QUAD, line, emission)))
     (mesh,) = description.meshes
     return description.materials[mesh.materials[0]]
 
 
-def test_the_glow_of_a_material_is_tinted_by_its_mesh_light(tmp_path):
-    material = glowing(tmp_path)
+def test_material_emission_tints_mesh_light(tmp_path):
+    material = read_emissive(tmp_path)
     assert material.emissive_color == (6.0, 3.0, 0.0)
     assert material.diffuse_color == pytest.approx((0.1, 0.2, 0.3))
-    textured = glowing(tmp_path, glow=".connect = </Look/Image.outputs:rgb>").emissive_color
+    textured = read_emissive(tmp_path, emission=".connect = </Look/Image.outputs:rgb>").emissive_color
     assert isinstance(textured, TextureLookup)
     assert textured.scale[:3] == textured.bias[:3] == (2.0, 1.0, 0.0)
 
 
-def test_a_mesh_light_may_add_to_its_material_or_replace_it(tmp_path):
-    assert glowing(tmp_path, "independent").emissive_color == (5.0, 4.0, 3.0)
-    black = glowing(tmp_path, "noMaterialResponse")
+def test_material_sync_mode_adds_to_or_replaces_material(tmp_path):
+    assert read_emissive(tmp_path, "independent").emissive_color == (5.0, 4.0, 3.0)
+    black = read_emissive(tmp_path, "noMaterialResponse")
     assert (black.emissive_color, black.diffuse_color) == ((2.0, 1.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def test_a_mesh_light_whose_material_does_not_glow(tmp_path):
-    body = GLOWING % (QUAD, "", " = (0, 0, 0)")
-    description = read_with_warning(tmp_path, body, "does not glow, and so does not tint its light: </M>")
+def test_mesh_light_with_non_emissive_material_is_reported(tmp_path):
+    body = EMISSIVE % (QUAD, "", " = (0, 0, 0)")
+    description = read_with_warning(tmp_path, body, "has no emission, so that it does not tint the light: </M>")
     assert description.materials[description.meshes[0].materials[0]].emissive_color == (2.0, 1.0, 0.0)
 
 
-def test_a_normalized_mesh_light_divides_by_its_area(tmp_path):
+def test_normalized_mesh_light_divides_by_its_area(tmp_path):
     lines = (
         'bool inputs:normalize = 1\nfloat3 xformOp:scale = (2, 3, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
     )

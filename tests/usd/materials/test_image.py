@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image files of every kind as arrays."""
+"""Decoding of PNG, JPEG, OpenEXR and Radiance HDR files, also from packages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def opaque(rgb: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("suffix", ["png", "bmp", "tga", "tif"])
-def test_color(tmp_path, suffix):
+def test_rgb_png_is_opaque_srgb(tmp_path, suffix):
     Image.fromarray(RGB).save(tmp_path / f"a.{suffix}")
     picture = read_picture(str(tmp_path / f"a.{suffix}"))
     np.testing.assert_array_equal(picture.pixels, opaque(RGB))
@@ -30,7 +30,7 @@ def test_color(tmp_path, suffix):
     assert picture.srgb
 
 
-def test_alpha(tmp_path):
+def test_rgba_png_keeps_alpha(tmp_path):
     rgba = opaque(RGB)
     rgba[..., 3] = 7
     Image.fromarray(rgba).save(tmp_path / "a.png")
@@ -38,7 +38,7 @@ def test_alpha(tmp_path):
 
 
 @pytest.mark.parametrize("mode", ["RGB", "CMYK", "L"])
-def test_jpeg(tmp_path, mode):
+def test_jpeg_is_decoded(tmp_path, mode):
     flat = Image.new("RGB", (16, 8), (200, 100, 50)).convert(mode)
     flat.save(tmp_path / "a.jpg", quality=95)
     picture = read_picture(str(tmp_path / "a.jpg"))
@@ -48,7 +48,7 @@ def test_jpeg(tmp_path, mode):
     assert picture.srgb == (mode != "L")  # one channel of 8 bits is raw
 
 
-def test_gray_is_repeated_and_raw(tmp_path):
+def test_gray_png_is_repeated_and_raw(tmp_path):
     gray = np.array([[0, 100, 255]], dtype=np.uint8)
     Image.fromarray(gray).save(tmp_path / "a.png")
     picture = read_picture(str(tmp_path / "a.png"))
@@ -57,7 +57,7 @@ def test_gray_is_repeated_and_raw(tmp_path):
     assert not picture.srgb
 
 
-def test_gray_with_alpha(tmp_path):
+def test_gray_png_with_alpha_keeps_alpha(tmp_path):
     channels = [Image.fromarray(np.array([values], dtype=np.uint8)) for values in ([10, 30], [20, 40])]
     Image.merge("LA", channels).save(tmp_path / "a.png")
     picture = read_picture(str(tmp_path / "a.png"))
@@ -65,14 +65,14 @@ def test_gray_with_alpha(tmp_path):
     assert not picture.srgb
 
 
-def test_palettes(tmp_path):
+def test_palette_png_is_decoded(tmp_path):
     Image.fromarray(RGB).quantize(6).save(tmp_path / "a.png")
     picture = read_picture(str(tmp_path / "a.png"))
     assert picture.pixels.shape == (3, 2, 4)
     assert picture.srgb
 
 
-def test_sixteen_bit_gray_is_float_and_raw(tmp_path):
+def test_16_bit_gray_png_is_float_and_raw(tmp_path):
     values = np.array([[0, 1000, 65535]], dtype=np.uint16)
     Image.fromarray(values).save(tmp_path / "a.png")
     picture = read_picture(str(tmp_path / "a.png"))
@@ -81,7 +81,7 @@ def test_sixteen_bit_gray_is_float_and_raw(tmp_path):
     assert not picture.srgb
 
 
-def test_a_file_that_says_srgb_is(tmp_path):
+def test_srgb_chunk_marks_gray_png_as_srgb(tmp_path):
     from PIL.PngImagePlugin import PngInfo
 
     info = PngInfo()
@@ -92,7 +92,7 @@ def test_a_file_that_says_srgb_is(tmp_path):
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
 @pytest.mark.parametrize("channels", [1, 3, 4])
-def test_exr(tmp_path, dtype, channels):
+def test_exr_channels_become_rgba(tmp_path, dtype, channels):
     values = (np.arange(2 * 3 * channels, dtype=dtype).reshape(2, 3, channels) * 1.5).astype(dtype)
     named = {"RGBA": values} if channels == 4 else {"RGB": values} if channels == 3 else {"Y": values[..., 0].copy()}
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, named) as file:
@@ -109,13 +109,13 @@ def radiance(width: int, height: int, body: bytes, size: bytes | None = None) ->
     return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n" + size + b"\n" + body
 
 
-def test_radiance_without_runs():
+def test_radiance_without_run_lengths():
     pixels = bytes([128, 64, 0, 129, 255, 0, 0, 136])  # exponents 2^1 and 2^8, over 256
     np.testing.assert_allclose(read_radiance(radiance(2, 1, pixels)), [[[1.0, 0.5, 0.0], [255.0, 0.0, 0.0]]])
     assert not read_radiance(radiance(1, 1, bytes(4))).any()
 
 
-def test_radiance_with_runs():
+def test_radiance_with_new_run_length_encoding():
     line = bytes([2, 2, 0, 9])
     red = bytes([128 + 9, 128])  # nine times the same
     green = bytes([9, *range(9)])  # nine as they are
@@ -128,14 +128,14 @@ def test_radiance_with_runs():
     np.testing.assert_array_equal(values[0, :, 2], [7, 7, 7, 7, 1, 2, 3, 4, 5])
 
 
-def test_radiance_with_runs_of_the_first_kind():
+def test_radiance_with_old_run_length_encoding():
     pixel, run = [9, 0, 0, 136], [1, 1, 1]
     body = bytes([*pixel, *run, 4, 7, 0, 0, 136, *run, 2, *run, 1])  # 1 + 4, then 1 + 2 + 256 times
     values = read_radiance(radiance(264, 1, body))
     np.testing.assert_array_equal(values[0, :, 0], [9.0] * 5 + [7.0] * 259)
 
 
-def test_radiance_upside_down_and_mirrored():
+def test_radiance_scan_order_is_normalized():
     body = bytes([1, 0, 0, 136, 2, 0, 0, 136, 3, 0, 0, 136, 4, 0, 0, 136])
     assert read_radiance(radiance(2, 2, body))[..., 0].tolist() == [[1, 2], [3, 4]]
     assert read_radiance(radiance(2, 2, body, b"+Y 2 +X 2"))[..., 0].tolist() == [[3, 4], [1, 2]]
@@ -157,12 +157,12 @@ def test_radiance_upside_down_and_mirrored():
         radiance(9, 2, bytes([2, 2, 0, 9, *([137, 1] * 4), 2, 2, 0, 8])),
     ],
 )
-def test_damaged_radiance_files(data):
+def test_damaged_radiance_raises_value_error(data):
     with pytest.raises(ValueError, match="Radiance"):
         read_radiance(data)
 
 
-def test_damaged_files_give_ordinary_errors(tmp_path):
+def test_damaged_images_raise_oserror_or_value_error(tmp_path):
     for name, data in {
         "a.exr": b"\x76\x2f\x31\x01 and nothing after it",
         "b.png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
@@ -177,7 +177,7 @@ def test_damaged_files_give_ordinary_errors(tmp_path):
 
 
 @pytest.mark.parametrize("folder", ["plain", "take [2], café"])
-def test_images_in_a_package(tmp_path, folder):
+def test_image_inside_usdz_is_read(tmp_path, folder):
     tmp_path = tmp_path / folder
     tmp_path.mkdir()
     Image.fromarray(RGB).save(tmp_path / "color.png")

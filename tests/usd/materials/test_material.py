@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials: bindings, UsdPreviewSurface networks, textures, displayColor."""
+"""Material bindings, UsdPreviewSurface networks, textures, UDIM, displayColor."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def description():
     return read_stage(STAGES / "materials.usda")
 
 
-def test_bindings(description):
-    names = {thing: material.name for thing, material in materials_of(description).items()}
+def test_bindings_by_inheritance_collection_and_purpose(description):
+    names = {path: material.name for path, material in materials_of(description).items()}
     assert names == {
         "Inherits": "Plain",
         "Binds": "Textured",
@@ -48,7 +48,7 @@ def test_bindings(description):
     assert len(description.materials) == 4
 
 
-def test_constants(description):
+def test_constant_inputs_are_read(description):
     plain = materials_of(description)["Inherits"]
     assert plain == Material(
         "Plain",
@@ -59,7 +59,7 @@ def test_constants(description):
     )
 
 
-def test_a_network(description):
+def test_network_of_textures_is_read(description):
     material = materials_of(description)["Binds"]
     assert material.diffuse_color == TextureLookup(
         0, "rgb", (0.5, 0.5, 0.5, 1.0), (0.25, 0.25, 0.25, 0.0), pytest.approx((0, -3, 0.5, 2, 0, 0.25))
@@ -75,7 +75,7 @@ def test_a_network(description):
     assert (material.opacity_threshold, material.opacity_mode) == (0.5, "presence")
 
 
-def test_textures_are_shared(description):
+def test_materials_share_textures(description):
     color, raw = description.textures
     assert (color.encoding, color.wrap_s, color.wrap_t) == ("srgb", "repeat", "mirror")
     assert (raw.encoding, raw.wrap_s, raw.wrap_t) == ("raw", "black", "black")
@@ -83,13 +83,13 @@ def test_textures_are_shared(description):
     assert raw.pixels is color.pixels
 
 
-def test_the_mesh_carries_the_primvar_its_material_reads(description):
+def test_mesh_has_uv_that_its_material_reads(description):
     by_name = {description.objects[i.object].name: description.meshes[i.mesh] for i in description.instances}
     np.testing.assert_array_equal(by_name["Binds"].uv, by_name["Binds"].positions[:, :2])
     assert not by_name["Bare"].uv.any()
 
 
-def test_display_color(description):
+def test_constant_display_color_becomes_material(description):
     assert materials_of(description)["Bare"] == Material("displayColor")
     assert materials_of(description)["Colored"] == Material(
         "displayColor", diffuse_color=(0.25, 0.5, 0.75), opacity=0.5, opacity_mode="presence"
@@ -117,7 +117,7 @@ def Mesh "M"
         "int[] primvars:displayColor:indices = [1, 0]",
     ],
 )
-def test_display_color_of_faces(tmp_path, scheme, lines):
+def test_uniform_display_color_becomes_material_per_face(tmp_path, scheme, lines):
     opacity = 'float[] primvars:displayOpacity = [1, 0.5] (interpolation = "uniform")'
     description = read(tmp_path, TWO_FACES % (scheme, f"{lines}\n{opacity}"))
     (mesh,) = description.meshes
@@ -128,7 +128,7 @@ def test_display_color_of_faces(tmp_path, scheme, lines):
         assert (material.opacity, material.opacity_mode) == ((1.0, "transparent") if left else (0.5, "presence"))
 
 
-def test_many_colors_become_fewer_materials():
+def test_colors_are_quantized_to_a_limited_number_of_materials():
     from tiscene.usd.geometry.display_color import quantize_colors
 
     values = np.random.default_rng(3).random((20000, 4))
@@ -145,7 +145,7 @@ def test_display_color_is_inherited(tmp_path):
 
 
 def material(shaders: str, connect: str = "Surface.outputs:surface", lines: str = "") -> str:
-    """A quad with one material."""
+    """Return a stage body: a quad with one material."""
     return f"""
 def Mesh "M" (prepend apiSchemas = ["MaterialBindingAPI"])
 {{
@@ -177,20 +177,20 @@ def only_material(description) -> Material:
     return result
 
 
-def test_unknown_shaders_fall_back_to_display_color(tmp_path):
+def test_unknown_shader_falls_back_to_display_color(tmp_path):
     description = read_with_warning(tmp_path, material(shader("Surface", "MyToon")), "shader 'MyToon' is not supported")
     assert only_material(description).diffuse_color == (0.0, 0.5, 0.0)
 
 
-def test_a_preview_sibling_serves_for_an_unknown_shader(tmp_path):
+def test_unknown_shader_falls_back_to_preview_surface_of_material(tmp_path):
     body = material(shader("Toon", "MyToon") + PREVIEW, "Toon.outputs:surface")
     description = read_with_warning(
-        tmp_path, body, "'MyToon' is not supported, its UsdPreviewSurface is used: </Looks/L>"
+        tmp_path, body, "'MyToon' is not supported; its UsdPreviewSurface is used: </Looks/L>"
     )
     assert only_material(description).diffuse_color == (1.0, 0.0, 0.0)
 
 
-def test_the_universal_output_is_enough(tmp_path):
+def test_universal_surface_output_is_read(tmp_path):
     body = material(shader("Ri", "PxrSurface") + PREVIEW).replace(
         "token outputs:surface.connect", "token outputs:ri:surface.connect = </Looks/L/Ri.outputs:surface>\n"
         "        token outputs:surface.connect", 1
@@ -199,23 +199,23 @@ def test_the_universal_output_is_enough(tmp_path):
     assert only_material(read_stage(path)).diffuse_color == (1.0, 0.0, 0.0)
 
 
-def test_a_material_without_a_shader(tmp_path):
+def test_material_without_surface_shader_is_reported(tmp_path):
     body = material("").replace("token outputs:surface.connect = </Looks/L/Surface.outputs:surface>", "")
     description = read_with_warning(tmp_path, body, "a material without a surface shader")
     assert only_material(description).diffuse_color == (0.0, 0.5, 0.0)
 
 
-def test_material_x_names_of_the_same_nodes(tmp_path):
+def test_materialx_names_of_preview_nodes_are_read(tmp_path):
     body = material(shader("Surface", "ND_UsdPreviewSurface_surfaceshader", "float inputs:roughness = 0.125"))
     assert only_material(read(tmp_path, body)).roughness == 0.125
 
 
-def test_displacement_is_named(tmp_path):
+def test_displacement_is_reported(tmp_path):
     body = material(shader("Surface", "UsdPreviewSurface", "float inputs:displacement = 0.5"))
     read_with_warning(tmp_path, body, "displacement is not applied: </Looks/L/Surface>")
 
 
-def test_a_primvar_may_give_a_color(tmp_path):
+def test_constant_primvar_gives_color(tmp_path):
     reader = shader(
         "Reader", "UsdPrimvarReader_float3", 'string inputs:varname = "displayColor"', "float3 outputs:result"
     )
@@ -228,7 +228,7 @@ def test_a_primvar_may_give_a_color(tmp_path):
     assert colors == {"M": (0.0, 0.5, 0.0), "N": (0.0, 0.0, 1.0)}
 
 
-def test_a_missing_primvar_gives_the_fallback(tmp_path):
+def test_missing_primvar_gives_reader_fallback(tmp_path):
     reader = shader(
         "Reader",
         "UsdPrimvarReader_float",
@@ -241,18 +241,18 @@ def test_a_missing_primvar_gives_the_fallback(tmp_path):
     assert only_material(read(tmp_path, material(reader + surface))).roughness == 0.75
 
 
-def test_unknown_nodes_are_named(tmp_path):
+def test_unknown_nodes_are_reported(tmp_path):
     surface = shader(
         "Surface", "UsdPreviewSurface", "color3f inputs:diffuseColor.connect = </Looks/L/Noise.outputs:result>"
     )
     noise = shader("Noise", "PerlinNoise", output="float3 outputs:result")
     description = read_with_warning(
-        tmp_path, material(surface + noise), "'PerlinNoise'.*diffuseColor is left.*</Looks/L/Noise>"
+        tmp_path, material(surface + noise), "'PerlinNoise'.*diffuseColor keeps its default.*</Looks/L/Noise>"
     )
     assert only_material(description).diffuse_color == (0.18, 0.18, 0.18)
 
 
-def test_numbers_that_are_none(tmp_path):
+def test_non_finite_inputs_are_problems(tmp_path):
     body = material(shader("Surface", "UsdPreviewSurface", "float inputs:roughness = nan"))
     assert problems_of(tmp_path, body) == ("</Looks/L/Surface> roughness: nan is not a finite number",)
 
@@ -267,27 +267,27 @@ def texture(lines: str, read_by: str = "") -> str:
 FALLBACK = "float4 inputs:fallback = (0.5, 0.25, 0, 1)\n"
 
 
-def test_missing_texture_files_give_the_fallback(tmp_path):
+def test_missing_texture_file_gives_fallback(tmp_path):
     body = texture(FALLBACK + "asset inputs:file = @./gone.png@")
     expected = r"there is no texture @./gone.png@ \(named in .*stage.usda\); its fallback is used: </Looks/L/Image>"
     assert only_material(read_with_warning(tmp_path, body, expected)).diffuse_color == (0.5, 0.25, 0.0)
 
 
-def test_damaged_texture_files_give_the_fallback(tmp_path):
+def test_damaged_texture_file_gives_fallback(tmp_path):
     (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\n but no more of it than this")
     body = texture(FALLBACK + "asset inputs:file = @./bad.png@")
     expected = "texture @.*bad.png@ cannot be read .*; its fallback is used: </Looks/L/Image>"
     assert only_material(read_with_warning(tmp_path, body, expected)).diffuse_color == (0.5, 0.25, 0.0)
 
 
-def test_a_texture_without_a_file_gives_its_fallback(tmp_path):
+def test_texture_without_file_gives_fallback(tmp_path):
     description = read(tmp_path, texture("float4 inputs:fallback = (0.5, 0.25, 0, 1)"))
     assert only_material(description).diffuse_color == (0.5, 0.25, 0.0)
     assert not description.textures
 
 
-def test_udim_tiles_lie_side_by_side(tmp_path):
-    """Tiles 1002 and 1011 span 2 x 2 units from (0, 0) on; the corners between have the fallback."""
+def test_udim_tiles_are_merged_side_by_side(tmp_path):
+    """Tiles 1002 and 1011 span 2 x 2 units from (0, 0); the two missing tiles have the fallback color."""
     for number, value in ((1002, 100), (1011, 200)):
         Image.new("RGB", (4, 2), (value, 0, 0)).save(tmp_path / f"tile.{number}.png")
     body = texture(FALLBACK + "asset inputs:file = @./tile.<UDIM>.png@")
@@ -299,30 +299,30 @@ def test_udim_tiles_lie_side_by_side(tmp_path):
     assert (sheet.pixels[2:, 4:, 0] == 100).all()  # u 1..2, v 0..1
     assert (sheet.pixels[:2, :4, 0] == 200).all()  # u 0..1, v 1..2
     np.testing.assert_array_equal(sheet.pixels[3, 0], (188, 137, 0, 255))  # sRGB codes of the fallback
-    assert (sheet.wrap_s, sheet.wrap_t) == ("clamp", "clamp")  # as each tile is at its own edges
+    assert (sheet.wrap_s, sheet.wrap_t) == ("clamp", "clamp")  # as UDIM tiles are
 
 
-def test_udim_tiles_begin_where_the_first_is(tmp_path):
+def test_udim_image_begins_at_first_tile(tmp_path):
     Image.new("L", (2, 2), 7).save(tmp_path / "t.1013.png")
     description = read(tmp_path, texture("asset inputs:file = @./t.<UDIM>.png@"))
     lookup = only_material(description).diffuse_color
     np.testing.assert_allclose(lookup.uv_transform, (1, 0, -2, 0, 1, -1))
 
 
-def test_udim_tiles_are_beside_the_layer_without_saying_so(tmp_path):
+def test_udim_path_without_dot_slash_is_relative_to_layer(tmp_path):
     (tmp_path / "maps").mkdir()
     Image.new("L", (2, 2), 7).save(tmp_path / "maps" / "t.1001.png")
     assert len(read(tmp_path, texture("asset inputs:file = @maps/t.<UDIM>.png@")).textures) == 1
 
 
-def test_udim_without_tiles_is_named(tmp_path):
+def test_udim_without_tiles_is_reported(tmp_path):
     body = texture(FALLBACK + "asset inputs:file = @./tiles.<UDIM>.png@")
     description = read_with_warning(tmp_path, body, "there are no tiles @./tiles.<UDIM>.png@.*its fallback is used")
     assert only_material(description).diffuse_color == (0.5, 0.25, 0.0)
 
 
-def test_srgb_floats_are_decoded(tmp_path):
-    """Only textures of 8 bits are decoded when they are looked up."""
+def test_srgb_float_texture_is_decoded(tmp_path):
+    """The renderer decodes 8-bit textures only, so the reader decodes floats."""
     values = np.array([[[0.5, 0.02, 1.0, 0.5]]], np.float32)
     with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGBA": values}) as file:
         file.write(str(tmp_path / "a.exr"))
@@ -332,14 +332,14 @@ def test_srgb_floats_are_decoded(tmp_path):
     np.testing.assert_allclose(read_texture.pixels[0, 0], (0.2140411, 0.02 / 12.92, 1.0, 0.5), rtol=1e-5)
 
 
-def test_unknown_wraps_and_color_spaces_are_named(textures):
+def test_unknown_wrap_modes_and_color_spaces_are_reported(textures):
     lines = "asset inputs:file = @./textures/color.png@\n"
     lines += 'token inputs:wrapS = "weird"\ntoken inputs:sourceColorSpace = "ACES"'
     description = read_with_warning(textures, texture(lines), "(?s)color space 'ACES'.*wrap mode 'weird'")
     assert (description.textures[0].wrap_s, description.textures[0].encoding) == ("black", "srgb")
 
 
-def test_a_primvar_that_the_mesh_lacks_is_named(textures):
+def test_missing_uv_primvar_is_reported(textures):
     lines = "asset inputs:file = @./textures/color.png@\nfloat2 inputs:st.connect = </Looks/L/Reader.outputs:result>"
     reader = shader("Reader", "UsdPrimvarReader_float2", 'string inputs:varname = "UVMap"', "float2 outputs:result")
     st = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")'
@@ -348,15 +348,16 @@ def test_a_primvar_that_the_mesh_lacks_is_named(textures):
     np.testing.assert_array_equal(description.meshes[0].uv, description.meshes[0].positions[:, :2])
 
 
-def test_coordinates_that_go_round_in_a_circle_are_named(textures):
+def test_cyclic_uv_transforms_are_reported(textures):
     lines = "asset inputs:file = @./textures/color.png@\nfloat2 inputs:st.connect = </Looks/L/Turn.outputs:result>"
     around = "float2 inputs:in.connect = </Looks/L/Turn.outputs:result>"
     turn = shader("Turn", "UsdTransform2d", around, "float2 outputs:result")
-    description = read_with_warning(textures, texture(lines, turn), "comes from itself, 'st' is read: </Looks/L/Turn>")
+    expected = "is connected to itself; 'st' is used: </Looks/L/Turn>"
+    description = read_with_warning(textures, texture(lines, turn), expected)
     assert len(description.textures) == 1
 
 
-def test_a_primvar_that_a_mesh_has_not_is_named(textures):
+def test_missing_second_uv_primvar_is_reported(textures):
     file = "asset inputs:file = @./textures/color.png@\n"
     shaders = (
         shader(
@@ -379,8 +380,8 @@ def test_a_primvar_that_a_mesh_has_not_is_named(textures):
     )
 
 
-def test_subsets_may_read_different_primvars(textures):
-    """Each face of a mesh carries the coordinates that its own material reads."""
+def test_subsets_read_different_uv_primvars(textures):
+    """Each face carries the texture coordinates that its own material reads."""
     file = "asset inputs:file = @./textures/color.png@\n"
 
     def look(name: str, primvar: str) -> str:
@@ -420,7 +421,7 @@ def Scope "Looks"
     np.testing.assert_array_equal(mesh.uv[mesh.triangles[1]], np.full((3, 2), 4.0))
 
 
-def test_a_mesh_that_is_a_light_emits(tmp_path):
+def test_mesh_light_emits(tmp_path):
     body = f"""
 def Mesh "M" (prepend apiSchemas = ["MeshLightAPI"])
 {{

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PNG of 16 bits a channel, against an encoder that follows the filters' definitions row by row."""
+"""16-bit PNG decoding against an encoder that follows the filter definitions row by row."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def filtered(values: np.ndarray, kinds: list[int]) -> bytes:
-    """Rows with their filters, which take turns."""
+    """Return filtered scanlines; row k uses filter kinds[k % len(kinds)]."""
     height, width, channels = values.shape
     step = 2 * channels
     rows = np.frombuffer(values.astype(">u2").tobytes(), np.uint8).reshape(height, width * step).astype(int)
@@ -50,7 +50,7 @@ def png(values: np.ndarray, kinds: list[int], more: bytes = b"", interlaced: boo
 
 @pytest.mark.parametrize("interlaced", [False, True])
 @pytest.mark.parametrize("shape", [(7, 5, 3), (5, 9, 4), (1, 6, 2), (6, 1, 3), (1, 1, 3), (17, 33, 4)])
-def test_every_filter(shape, interlaced):
+def test_every_filter_and_interlacing_round_trips(shape, interlaced):
     values = np.random.default_rng(1).integers(0, 1 << 16, shape).astype(np.uint16)
     data = png(values, [4, 3, 2, 1, 0], interlaced=interlaced)
     assert is_deep_color(data)
@@ -60,7 +60,7 @@ def test_every_filter(shape, interlaced):
 
 
 @pytest.mark.parametrize("more", [chunk(b"sRGB", b"\0"), chunk(b"gAMA", struct.pack(">I", 45455))])
-def test_what_a_file_says_of_its_colors(tmp_path, more):
+def test_color_space_chunks_mark_file_as_srgb(tmp_path, more):
     values = np.array([[[65535, 0, 257]]], np.uint16)
     (tmp_path / "a.png").write_bytes(png(values, [0], more))
     picture = read_picture(str(tmp_path / "a.png"))
@@ -70,7 +70,7 @@ def test_what_a_file_says_of_its_colors(tmp_path, more):
     assert not read_picture(str(tmp_path / "b.png")).srgb
 
 
-def test_damaged_files():
+def test_damaged_png_raises_value_error():
     good = png(np.random.default_rng(2).integers(0, 1 << 16, (4, 4, 3)).astype(np.uint16), [0])
     size = struct.pack(">II", 4, 4)
     for bad in (
@@ -82,7 +82,7 @@ def test_damaged_files():
             read_deep_color(bad)
 
 
-def test_an_unknown_filter():
+def test_unknown_filter_raises_value_error():
     data = filtered(np.zeros((2, 2, 3), np.uint16), [0]).replace(b"\0", b"\x07", 1)
     header = struct.pack(">IIBBBBB", 2, 2, 16, 2, 0, 0, 0)
     with pytest.raises(ValueError, match="unknown filter"):

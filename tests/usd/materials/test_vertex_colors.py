@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colors and second texture coordinates that vertices have: what interpolates over faces, to the pixel."""
+"""Vertex colors and second uv sets: interpolation over faces, checked pixel by pixel."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def Mesh "M" (%s)
     %s
 }
 """
-# Linear over the plane: red grows to the right, green upwards, blue falls to the right.
+# Linear over the plane: red grows along +x, green along +y, blue falls along +x.
 COLORS = 'color3f[] primvars:displayColor = [(0, 0, 1), (1, 0, 0), (1, 1, 0), (0, 1, 1)] (interpolation = "%s")'
 READER = """
 def Material "Look"
@@ -43,7 +43,7 @@ BOUND = 'prepend apiSchemas = ["MaterialBindingAPI"]'
 
 
 def albedo(path, width=40, height=40, buffers=("albedo", "instance")):
-    """What a camera 2 m high sees that looks straight at the quad: pixel centers at -0.975 .. 0.975."""
+    """Render the quad with an orthographic camera of height 2 m: pixel centers at -0.975 .. 0.975."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         camera = ts.Camera(position=(0, 0, 3), orthographic_height=2.0)
@@ -57,14 +57,14 @@ def expected(size=40):
 
 
 @pytest.mark.parametrize("interpolation", ["vertex", "varying", "faceVarying"])
-def test_display_color_interpolates(tmp_path, interpolation):
+def test_display_color_interpolates_over_faces(tmp_path, interpolation):
     frame = albedo(write(tmp_path, QUAD % ("", COLORS % interpolation)))
     u, v = expected()
     np.testing.assert_allclose(frame.albedo, np.stack([u, v, 1.0 - u], axis=-1), atol=1e-5)
 
 
-def test_display_color_of_corners_has_edges(tmp_path):
-    """Two faces with an edge between them and different colors at it: nothing bleeds across."""
+def test_face_varying_display_color_keeps_sharp_edges(tmp_path):
+    """Two faces share an edge and have different colors along it; neither bleeds across."""
     body = """
 def Mesh "M"
 {
@@ -81,8 +81,8 @@ def Mesh "M"
     np.testing.assert_allclose(frame.albedo[:, 20:], np.broadcast_to((0, 0, 1), (40, 20, 3)), atol=1e-6)
 
 
-def test_display_opacity_interpolates(tmp_path):
-    """It is coverage: labels see what is more than half there."""
+def test_display_opacity_interpolates_over_faces(tmp_path):
+    """Opacity is coverage; labels see a surface of opacity above 0.5."""
     opacity = 'float[] primvars:displayOpacity = [0, 1, 1, 0] (interpolation = "vertex")'
     path = write(tmp_path, QUAD % ("", opacity))
     (mesh,) = read(tmp_path, QUAD % ("", opacity)).meshes
@@ -92,7 +92,7 @@ def test_display_opacity_interpolates(tmp_path):
     np.testing.assert_array_equal(frame.instance == 1, u > 0.5)
 
 
-def test_a_subdivided_mesh_interpolates_its_colors_too(tmp_path):
+def test_display_color_interpolates_over_subdivided_mesh(tmp_path):
     body = (QUAD % ("", COLORS % "vertex")).replace('"none"', '"catmullClark"')
     frame = albedo(write(tmp_path, body))
     u, v = expected()
@@ -104,7 +104,7 @@ def test_a_subdivided_mesh_interpolates_its_colors_too(tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "type"), [("float3", "color3f"), ("float4", "color4f")])
-def test_a_material_reads_a_primvar_that_varies(tmp_path, kind, type):
+def test_material_reads_varying_color_primvar(tmp_path, kind, type):
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
     reader = f"""
     def Shader "Reader"
@@ -124,8 +124,8 @@ def test_a_material_reads_a_primvar_that_varies(tmp_path, kind, type):
     np.testing.assert_allclose(frame.albedo, np.stack([u, v, 1.0 - u], axis=-1), atol=1e-5)
 
 
-def test_meshes_with_and_without_colors_share_a_material(tmp_path):
-    """One has a color for all, one for each face, one for each vertex, one none: the reader's fallback."""
+def test_meshes_with_and_without_color_primvar_share_a_network(tmp_path):
+    """Constant, uniform and vertex colors, and none: the primvar reader's fallback."""
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
     reader = """
     def Shader "Reader"
@@ -151,7 +151,7 @@ def test_meshes_with_and_without_colors_share_a_material(tmp_path):
     assert [description.meshes[each.mesh].colors is None for each in description.instances] == [True, True, False, True]
 
 
-def test_a_number_that_varies_over_a_mesh(tmp_path):
+def test_material_reads_varying_float_primvar(tmp_path):
     surface = "float inputs:metallic.connect = </Look/Reader.outputs:result>"
     reader = """
     def Shader "Reader"
@@ -208,8 +208,8 @@ UVS = """
 
 
 @pytest.mark.parametrize(("a", "b"), [("One", "Two"), ("Two", "One"), ("Two", "Two")])
-def test_two_sets_of_texture_coordinates(tmp_path, a, b):
-    """A ramp from left to right: by the second set, which is transposed, from bottom to top."""
+def test_two_textures_read_two_uv_sets(tmp_path, a, b):
+    """The ramp runs left to right in the first uv set and bottom to top in the second, which is transposed."""
     Image.fromarray(np.tile(np.linspace(0, 255, 256).astype(np.uint8), (4, 1))).save(tmp_path / "ramp.png")
     surface = TWO_INPUTS
     body = READER.replace("float inputs:roughness = 1", "") % (surface, TEXTURES % (a, b)) + QUAD % (BOUND, UVS)
@@ -220,7 +220,7 @@ def test_two_sets_of_texture_coordinates(tmp_path, a, b):
     np.testing.assert_allclose(frame.roughness, ramp[b], atol=0.005)
 
 
-def test_colors_of_a_mesh_that_deforms(tmp_path):
+def test_deforming_mesh_keeps_its_vertex_colors(tmp_path):
     moving = """point3f[] points.timeSamples = {
         0: [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], 24: [(-3, -1, 0), (1, -1, 0), (1, 1, 0), (-3, 1, 0)] }"""
     body = (QUAD % ("", COLORS % "vertex")).replace(
@@ -234,7 +234,7 @@ def test_colors_of_a_mesh_that_deforms(tmp_path):
     np.testing.assert_allclose(frame.albedo[..., 1], v, atol=1e-5)
 
 
-def test_a_third_set_is_named(tmp_path):
+def test_third_uv_set_is_reported(tmp_path):
     Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "ramp.png")
     third = TEXTURES % ("One", "Two") + (
         TEXTURES[: TEXTURES.index('    def Shader "B"')].replace('"A"', '"C"') % "Three"
@@ -242,11 +242,11 @@ def test_a_third_set_is_named(tmp_path):
     )
     surface = TWO_INPUTS + "\n float inputs:clearcoat.connect = </Look/C.outputs:r>"
     body = READER.replace("float inputs:roughness = 1", "") % (surface, third) + QUAD % (BOUND, UVS)
-    read_with_warning(tmp_path, body, "textures read 'st', 'st1' and 'st2', the first serves for the third")
+    read_with_warning(tmp_path, body, "textures read the uv sets 'st', 'st1' and 'st2'; 'st' is used for the third")
 
 
-def test_light_comes_by_vertex_colors(tmp_path):
-    """The path pass reads them as labels do: a floor under an even sky shows its colors."""
+def test_path_pass_shades_with_vertex_colors(tmp_path):
+    """The path pass reads vertex colors as the label pass does: a floor under a uniform sky shows them."""
     sky = 'def DomeLight "Sky"\n{\n float inputs:intensity = 1\n}\n'
     path = write(tmp_path, sky + QUAD % ("", COLORS % "vertex"))
     camera = ts.Camera(position=(0, 0, 3), orthographic_height=2.0)
@@ -255,5 +255,5 @@ def test_light_comes_by_vertex_colors(tmp_path):
     hdr = stream[0].hdr
     for channel, value in enumerate((u, v, 1.0 - u)):
         slope, offset = np.polyfit(value.ravel(), hdr[..., channel].ravel(), 1)
-        assert slope == pytest.approx(1.0, rel=0.06)  # and what its gloss reflects
+        assert slope == pytest.approx(1.0, rel=0.06)  # with the specular reflection
         assert 0.0 <= offset < 0.1

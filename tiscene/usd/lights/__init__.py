@@ -3,7 +3,7 @@
 
 ::
 
-    light    lights in radiometric units
-    shaping  ShapingAPI: cones, focus, IES profiles
+    light    light prims in radiometric units
+    shaping  ShapingAPI: cones, focus, IES profiles; unsupported controls
     ies      IES photometric files
 """

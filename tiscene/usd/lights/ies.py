@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""IES photometric files (ANSI/IES LM-63): how much light a lamp sends where."""
+"""IES photometric files (ANSI/IES LM-63): luminous intensity of a luminaire by direction.
+
+`read_ies` parses a file of photometric type C; `Profile.image` resamples it to the texture that the renderer looks up.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +16,19 @@ from numpy.typing import NDArray
 from tiscene.scene.description import FloatArray
 
 Floats = NDArray[np.floating]
-ROWS, COLUMNS = 360, 360  # of the profile as an image: half a degree down, a degree around
-_LARGEST = 4096  # angles
-_HEADER = 13  # numbers between the tilt and the angles
+ROWS, COLUMNS = 360, 360  # resolution of the profile image: 0.5 degrees vertically, 1 degree horizontally
+_MAX_ANGLES = 4096  # in each direction
+_HEADER_SIZE = 13  # numbers between the tilt data and the angles
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """vertical: degrees from the lamp's axis, increasing. horizontal: degrees about it, increasing.
+    """A measured distribution of luminous intensity.
 
-    candela: luminous intensity [horizontal, vertical].
+    Attributes:
+        vertical: angles from the luminaire's axis, degrees, increasing.
+        horizontal: angles about the axis, degrees, increasing; one, a quadrant, a half or the full circle.
+        candela: luminous intensity, cd, [horizontal, vertical].
     """
 
     vertical: Floats
@@ -30,12 +36,20 @@ class Profile:
     candela: Floats
 
     def intensity(self, vertical: Floats, horizontal: Floats) -> Floats:
-        """Candela at angles in degrees [n] and [m], as [n, m]; 0 beyond the angles that were measured."""
+        """Interpolate the luminous intensity.
+
+        Args:
+            vertical: degrees from the axis, [n].
+            horizontal: degrees about the axis, [m].
+
+        Returns:
+            cd, [n, m]; 0 beyond the measured vertical angles.
+        """
         around = horizontal % 360.0
         last = self.horizontal[-1]
         if len(self.horizontal) == 1:
             around = np.zeros_like(around)
-        elif last <= 90.0:  # one quadrant, mirrored
+        elif last <= 90.0:  # a quadrant, mirrored twice
             around = np.minimum(around % 180.0, 180.0 - around % 180.0)
         elif last <= 180.0:
             around = np.minimum(around, 360.0 - around)
@@ -43,20 +57,25 @@ class Profile:
         at = np.clip(np.searchsorted(self.horizontal, around, side="right") - 1, 0, max(len(self.horizontal) - 2, 0))
         after = np.minimum(at + 1, len(self.horizontal) - 1)
         gap = np.maximum(self.horizontal[after] - self.horizontal[at], 1e-9)
-        part = np.clip((around - self.horizontal[at]) / gap, 0.0, 1.0)[:, None]
-        return np.asarray(((1.0 - part) * down[at] + part * down[after]).T)
+        weight = np.clip((around - self.horizontal[at]) / gap, 0.0, 1.0)[:, None]
+        return np.asarray(((1.0 - weight) * down[at] + weight * down[after]).T)
 
     def power(self) -> float:
-        """The integral of the intensity over all directions, lm."""
+        """Return the integral of the intensity over all directions, lm."""
         step = math.pi / ROWS
         down = (np.arange(ROWS) + 0.5) * step
         mean = self.intensity(np.degrees(down), np.arange(COLUMNS) * (360.0 / COLUMNS)).mean(axis=1)
         return float((mean * np.sin(down)).sum() * step * 2.0 * math.pi)
 
     def image(self, angle_scale: float, normalize: bool) -> FloatArray:
-        """Scales of radiance [h, w, 4] by the angle from the lamp's axis (down) and about it (right).
+        """Return the profile as an image [h, w, 4] of factors of radiance.
 
-        angle_scale: above 0 stretches the profile from its axis by that factor, below 0 from the other end.
+        Rows are angles from the axis, 0 to 180 degrees; columns angles about it, 0 to 360 degrees.
+
+        Args:
+            angle_scale: UsdLux's shaping:ies:angleScale. Positive values stretch the profile from its axis by that
+                factor, negative ones from the opposite direction; 0 leaves it.
+            normalize: whether to divide by the profile's power (shaping:ies:normalize).
         """
         down = (np.arange(ROWS) + 0.5) * (180.0 / ROWS)
         if angle_scale > 0.0:
@@ -72,7 +91,11 @@ class Profile:
 
 
 def read_ies(data: bytes) -> Profile:
-    """Read a file of photometric type C, the usual one. Raises ValueError."""
+    """Parse an IES file of photometric type C.
+
+    Raises:
+        ValueError: the file is damaged, too large, or of another photometric type.
+    """
     _, tilt, rest = data.decode("latin-1").partition("TILT=")
     if not tilt:
         raise ValueError("not an IES file: it has no line TILT=")
@@ -81,21 +104,21 @@ def read_ies(data: bytes) -> Profile:
         numbers = [float(word) for word in re.split(r"[\s,]+", body.strip()) if word]
     except ValueError as error:
         raise ValueError(f"a damaged IES file: {error}") from None
-    if kind.strip().upper() == "INCLUDE":  # how the lamp takes being tilted: a position, n, n angles, n factors
-        if len(numbers) < 2 or not 0 <= numbers[1] <= _LARGEST:
+    if kind.strip().upper() == "INCLUDE":  # tilt data: orientation, n, n angles, n factors
+        if len(numbers) < 2 or not 0 <= numbers[1] <= _MAX_ANGLES:
             raise ValueError("an IES file that ends early")
         numbers = numbers[2 + 2 * int(numbers[1]) :]
-    if len(numbers) < _HEADER:
+    if len(numbers) < _HEADER_SIZE:
         raise ValueError("an IES file that ends early")
     scale, rows, columns, photometry, ballast = (numbers[place] for place in (2, 3, 4, 5, 10))
     if photometry != 1.0:
         raise ValueError(f"an IES file of photometric type {photometry:g}; only type C (1) can be read")
-    if not (1 <= rows <= _LARGEST and 1 <= columns <= _LARGEST):
-        raise ValueError(f"an IES file of {rows:g} x {columns:g} angles")
+    if not (1 <= rows <= _MAX_ANGLES and 1 <= columns <= _MAX_ANGLES):
+        raise ValueError(f"an IES file of {rows:g} x {columns:g} angles; each number must be in 1..{_MAX_ANGLES}")
     down, around = int(rows), int(columns)
-    values = np.array(numbers[_HEADER : _HEADER + down + around + down * around])
+    values = np.array(numbers[_HEADER_SIZE : _HEADER_SIZE + down + around + down * around])
     if len(values) < down + around + down * around or not np.isfinite(values).all():
-        raise ValueError("an IES file that ends early, or holds what is no finite number")
+        raise ValueError("an IES file that ends early or holds numbers that are not finite")
     vertical, horizontal, candela = np.split(values, [down, down + around])
     if (np.diff(vertical) <= 0.0).any() or (np.diff(horizontal) <= 0.0).any():
         raise ValueError("an IES file whose angles do not increase")

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdLux lights in the units of its documentation: intensity in nits, exposure in stops, sizes by their transforms."""
+"""UsdLux lights as the scene description's lights, in radiometric units.
+
+`LightReader` evaluates emission as UsdLux documents it: intensity · 2^exposure · color · color temperature, optionally
+divided by the light's area (`normalize`). Sizes are multiplied by the transform's scale and converted to meters.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +29,27 @@ from tiscene.scene.description import (
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix, unscaled
 from tiscene.usd.geometry.deforming import is_time_varying
-from tiscene.usd.lights.shaping import light_input, read_shaping, report_unrendered
+from tiscene.usd.lights.shaping import light_input, read_shaping, report_unsupported
 from tiscene.usd.materials.texture import TextureTable
 
-EMISSION = ("intensity", "exposure", "color", "colorTemperature")  # what may change over time, and plays
-_POINT_RADIUS = 0.001  # m; what stands for a sphere that is treated as a point
+EMISSION = ("intensity", "exposure", "color", "colorTemperature")  # inputs that may be animated
+_POINT_RADIUS = 0.001  # m; radius of spheres and cylinders treated as points and lines
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # +y to +z, +z to -y
 
 
 class LightReader:
-    """Turns UsdLux prims into the description's lights."""
+    """Reads UsdLux prims into `lights`.
+
+    Args:
+        textures: table for textures of rect and dome lights and for IES profiles.
+        time: when to evaluate attributes.
+        report: collects problems and omissions.
+        meters_per_unit: the stage's metersPerUnit.
+        up_axis: the stage's upAxis, "Y" or "Z".
+
+    Attributes:
+        lights: the lights read so far.
+    """
 
     def __init__(
         self, textures: TextureTable, time: Usd.TimeCode, report: StageReport, meters_per_unit: float, up_axis: str
@@ -47,12 +62,12 @@ class LightReader:
         self._up_axis = up_axis
 
     def add(self, prim: Usd.Prim, world_from_prim: NDArray[np.float64]) -> None:
-        """Read one light. world_from_prim: 4x4 for column vectors, its translation in meters."""
+        """Read a light; `world_from_prim` is 4x4 for column vectors, its translation in meters."""
         path = prim.GetPath()
         emission = self._emission(prim)
         if emission is None or not (any(emission) or self._is_animated(prim)):
             return
-        report_unrendered(prim, self._time, self._report)
+        report_unsupported(prim, self._time, self._report)
         inputs = (each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:"))
         frozen = [each.GetBaseName() for each in inputs if each.GetBaseName() not in EMISSION and is_time_varying(each)]
         if frozen:
@@ -80,7 +95,7 @@ class LightReader:
             self.lights.append(dataclasses.replace(light, **self._controls(prim)))
 
     def _controls(self, prim: Usd.Prim) -> dict[str, Any]:
-        """What every kind of light may have beside its emission."""
+        """Read the controls common to all types: diffuse and specular multipliers, shaping, shadows."""
         diffuse, specular = (self._float(prim, name, 1.0) for name in ("diffuse", "specular"))
         if not (0.0 <= diffuse < math.inf and 0.0 <= specular < math.inf):
             text = f"diffuse {diffuse} and specular {specular} must be finite, and not below 0"
@@ -90,20 +105,25 @@ class LightReader:
         return {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
 
     def _is_animated(self, prim: Usd.Prim) -> bool:
-        """Whether its emission changes, so that it may be dark now and shine later."""
+        """Return whether the emission is animated, so that a light that is dark now may be lit later."""
         return any(prim.GetAttribute(f"inputs:{name}").ValueMightBeTimeVarying() for name in EMISSION)
 
     def mesh_emission(self, prim: Usd.Prim, area: float) -> Color | None:
-        """The radiance of a mesh that is a light, None for none. area: of its triangles, in stage units squared."""
-        report_unrendered(prim, self._time, self._report)
+        """Read the radiance of a mesh light; None if it emits nothing or is invalid, which is reported.
+
+        Args:
+            prim: a mesh with MeshLightAPI.
+            area: of its triangles, stage units squared.
+        """
+        report_unsupported(prim, self._time, self._report)
         for name in ("diffuse", "specular"):
             if self._float(prim, name, 1.0) != 1.0:
                 self._report.omission(prim.GetPath(), f"a mesh light's {name} multiplier is not applied")
         emission = self._emission(prim)
-        return None if emission is None else self._per_area(prim, emission, area)
+        return None if emission is None else self._normalized(prim, emission, area)
 
     def _emission(self, prim: Usd.Prim) -> Color | None:
-        """Radiance before `normalize`, W/m²/sr: intensity · 2^exposure · color · color temperature."""
+        """Return the radiance before `normalize`, W/(m² sr): intensity · 2^exposure · color · color temperature."""
         intensity = self._float(prim, "intensity", 50000.0 if prim.GetTypeName() == "DistantLight" else 1.0)
         exposure = self._float(prim, "exposure", 0.0)
         color = np.asarray(self._input(prim, "color", (1.0, 1.0, 1.0)), dtype=np.float64)
@@ -118,14 +138,14 @@ class LightReader:
             self._report.problem(prim.GetPath(), "light", text)
             return None
         if (emission < 0.0).any():
-            self._report.omission(prim.GetPath(), "a light's negative emission is taken as none")
+            self._report.omission(prim.GetPath(), "a light's negative emission is treated as 0")
             emission = np.maximum(emission, 0.0)
         r, g, b = emission.tolist()
         return (r, g, b)
 
     def _rect(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
         width, height = self._size(prim, "width", 1.0) * scale[0], self._size(prim, "height", 1.0) * scale[1]
-        radiance = self._per_area(prim, emission, width * height)
+        radiance = self._normalized(prim, emission, width * height)
         if radiance is None:
             return None
         texture = self._texture(prim, "clamp", "clamp")
@@ -133,19 +153,19 @@ class LightReader:
         return RectLight(prim.GetName(), str(prim.GetPath()), pose, radiance, *size, texture)
 
     def _disk(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
-        radius = self._size(prim, "radius", 0.5) * self._round(prim, scale[:2])
-        radiance = self._per_area(prim, emission, math.pi * radius**2)
+        radius = self._size(prim, "radius", 0.5) * self._mean_scale(prim, scale[:2])
+        radiance = self._normalized(prim, emission, math.pi * radius**2)
         if radiance is None:
             return None
         return DiskLight(prim.GetName(), str(prim.GetPath()), pose, radiance, radius * self._meters)
 
     def _sphere(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
-        radius = self._size(prim, "radius", 0.5) * self._round(prim, scale)
+        radius = self._size(prim, "radius", 0.5) * self._mean_scale(prim, scale)
         as_point = bool(UsdLux.SphereLight(prim).GetTreatAsPointAttr().Get(self._time))
         normalize = bool(self._input(prim, "normalize", False))
-        if radius == 0.0 and normalize:  # its power is finite, and that of a small sphere
+        if radius == 0.0 and normalize:  # finite power: use a small sphere
             radius = _POINT_RADIUS / self._meters
-        radiance = self._per_area(prim, emission, 4.0 * math.pi * radius**2)
+        radiance = self._normalized(prim, emission, 4.0 * math.pi * radius**2)
         if radiance is None:
             return None
         meters = radius * self._meters
@@ -156,12 +176,12 @@ class LightReader:
         return SphereLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters)
 
     def _cylinder(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
-        radius = self._size(prim, "radius", 0.5) * self._round(prim, scale[1:])
+        radius = self._size(prim, "radius", 0.5) * self._mean_scale(prim, scale[1:])
         length = self._size(prim, "length", 1.0) * scale[0]
         as_line = bool(UsdLux.CylinderLight(prim).GetTreatAsLineAttr().Get(self._time))
-        if radius == 0.0 and self._input(prim, "normalize", False):  # its power is finite, and that of a thin one
+        if radius == 0.0 and self._input(prim, "normalize", False):  # finite power: use a thin cylinder
             radius = _POINT_RADIUS / self._meters
-        radiance = self._per_area(prim, emission, 2.0 * math.pi * radius * length)
+        radiance = self._normalized(prim, emission, 2.0 * math.pi * radius * length)
         if radiance is None:
             return None
         meters = radius * self._meters
@@ -172,10 +192,13 @@ class LightReader:
         return CylinderLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters, length * self._meters)
 
     def _distant(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light:
-        """A cone of radiance L and half angle t gives a surface that faces it the irradiance L · pi · sin² t."""
+        """Read a DistantLight.
+
+        A cone of directions with radiance L and half angle t gives a surface facing it the irradiance pi L sin² t.
+        """
         half = math.radians(min(max(self._float(prim, "angle", 0.53), 0.0), 360.0)) / 2.0
         if half > math.pi / 2.0:
-            self._report.omission(prim.GetPath(), "a DistantLight wider than a hemisphere is cut to one")
+            self._report.omission(prim.GetPath(), "a DistantLight wider than a hemisphere is clamped to one")
         sine_squared = math.sin(min(half, math.pi / 2.0)) ** 2
         projected = math.pi * sine_squared if half > 0.0 else 1.0
         if self._input(prim, "normalize", False) and half > 0.0:
@@ -186,7 +209,9 @@ class LightReader:
     def _dome(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light:
         layout = self._input(prim, "texture:format", "automatic")
         if layout not in ("automatic", "latlong"):
-            self._report.omission(prim.GetPath(), f"a dome texture of format {layout!r} is read as latlong")
+            self._report.omission(
+                prim.GetPath(), f"a dome texture of format {layout!r} is not supported and read as latlong"
+            )
         pose = pose.copy()
         pose[:3, 3] = 0.0
         if prim.GetTypeName() == "DomeLight_1":
@@ -197,12 +222,12 @@ class LightReader:
         return DomeLight(prim.GetName(), str(prim.GetPath()), pose, emission, texture, self._portals(prim))
 
     def _portals(self, dome: Usd.Prim) -> tuple[Portal, ...]:
-        """The rectangles that the dome's `portals` name, wherever on the stage they are."""
+        """Read the PortalLights that a dome's `portals` relationship targets."""
         portals = []
         for path in dome.GetRelationship("portals").GetForwardedTargets():
             prim = dome.GetStage().GetPrimAtPath(path)
             if not prim or not prim.IsA(UsdLux.PortalLight):
-                self._report.omission(dome.GetPath(), f"its portal <{path}> is no PortalLight")
+                self._report.omission(dome.GetPath(), f"its portal <{path}> is not a PortalLight")
                 continue
             world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
             matrix = to_matrix(world, self._meters)
@@ -221,31 +246,39 @@ class LightReader:
             portals.append(Portal(pose, width, height))
         return tuple(portals)
 
-    def _per_area(self, prim: Usd.Prim, emission: Color, area: float) -> Color | None:
-        """`normalize` divides by the area in the stage's world space, whose unit is the stage's, not the meter."""
+    def _normalized(self, prim: Usd.Prim, emission: Color, area: float) -> Color | None:
+        """Return the radiance after `normalize`; None if the area is 0 or invalid, which is reported.
+
+        Args:
+            prim: the light.
+            emission: radiance before `normalize`.
+            area: in the stage's world space: stage units squared, not square meters.
+        """
         if not math.isfinite(area) or area < 0.0 or (area == 0.0 and self._input(prim, "normalize", False)):
             self._report.problem(prim.GetPath(), "light", f"its area is {area}")
             return None
         if area == 0.0:
-            self._report.omission(prim.GetPath(), "a light without area gives no light")
+            self._report.omission(prim.GetPath(), "a light of zero area emits nothing")
             return None
         if not self._input(prim, "normalize", False):
             return emission
         return (emission[0] / area, emission[1] / area, emission[2] / area)
 
-    def _round(self, prim: Usd.Prim, scale: list[float]) -> float:
+    def _mean_scale(self, prim: Usd.Prim, scale: list[float]) -> float:
+        """Return the scale of a round light's radius; uneven scales are averaged, which is reported."""
         if max(scale) > 1.01 * min(scale):
             self._report.omission(prim.GetPath(), "a round light's uneven scale is averaged")
         return sum(scale) / len(scale)
 
     def _texture(self, prim: Usd.Prim, wrap_s: str, wrap_t: str) -> int | None:
+        """Return the row of a light's texture; None if it has none or, with a report, none that can be read."""
         attribute = prim.GetAttribute("inputs:texture:file")
         if not attribute.HasAuthoredValue():
             attribute = prim.GetAttribute("texture:file")
         asset = attribute.Get(self._time) if attribute else None
         if asset is None or not asset.path:
             return None
-        return self._textures.add(attribute, asset, "auto", wrap_s, wrap_t, "the light is drawn without it")
+        return self._textures.add(attribute, asset, "auto", wrap_s, wrap_t, "the light is rendered without it")
 
     def _input(self, prim: Usd.Prim, name: str, default: Any) -> Any:
         return light_input(prim, name, self._time, default)
@@ -258,7 +291,14 @@ class LightReader:
 
 
 def color_of_temperature(kelvin: float) -> NDArray[np.float64]:
-    """Linear Rec.709 of a black body, of luminance 1 and white at 6500 K, as UsdLux's colorTemperature says."""
+    """Return the linear Rec. 709 color of a black body, as UsdLux's colorTemperature defines it.
+
+    Args:
+        kelvin: temperature; clamped to 1000..10000.
+
+    Returns:
+        float64 [3] of luminance 1; white at 6500 K.
+    """
     luminance = np.array([0.2126, 0.7152, 0.0722])
     clamped = min(max(kelvin, 1000.0), 10000.0)
     color = np.array(UsdLux.BlackbodyTemperatureAsRgb(clamped)) / np.array(UsdLux.BlackbodyTemperatureAsRgb(6500.0))
@@ -266,5 +306,5 @@ def color_of_temperature(kelvin: float) -> NDArray[np.float64]:
 
 
 def is_light(prim: Usd.Prim) -> bool:
-    """Whether the prim is one of UsdLux's lights, or has its LightAPI."""
+    """Return whether a prim is a UsdLux light or has LightAPI applied; portals are not lights."""
     return bool(prim.HasAPI(UsdLux.LightAPI)) and not prim.IsA(UsdLux.PortalLight)

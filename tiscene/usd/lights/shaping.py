@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdLux's ShapingAPI: cones, focus and IES profiles; and what of a light's other controls is not rendered."""
+"""UsdLux's ShapingAPI: cones, focus and IES profiles.
+
+Also holds `light_input`, which reads inputs of current and old files, and `report_unsupported`, which reports controls
+of lights that are not rendered.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +20,15 @@ from tiscene.usd.lights.ies import read_ies
 from tiscene.usd.materials.image import read_file
 from tiscene.usd.materials.texture import TextureTable
 
-FLAT = ("RectLight", "DiskLight")  # they emit within 90 degrees of their axis as it is
-FAR = ("DistantLight", "DomeLight", "DomeLight_1", "GeometryLight")
+_ONE_SIDED_TYPES = ("RectLight", "DiskLight")  # emit within 90 degrees of their axis anyway
+_UNSHAPED_TYPES = ("DistantLight", "DomeLight", "DomeLight_1", "GeometryLight")
 
 
 def light_input(prim: Usd.Prim, name: str, time: Usd.TimeCode, default: Any) -> Any:
-    """An input's value; files older than USD 21.02 wrote it without its `inputs:`."""
+    """Return an input's value, or the default if it has none.
+
+    Files older than USD 21.02 authored lights' inputs without the prefix "inputs:", which is accepted.
+    """
     attribute = prim.GetAttribute(f"inputs:{name}")
     if not (attribute and attribute.HasAuthoredValue()):
         older = prim.GetAttribute(name)
@@ -32,7 +39,7 @@ def light_input(prim: Usd.Prim, name: str, time: Usd.TimeCode, default: Any) -> 
 
 
 def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport) -> Shaping | None:
-    """The shaping of a light; None if it changes nothing."""
+    """Read the shaping of a light; None if it has no effect. An IES profile becomes a row of `textures`."""
     if not prim.HasAPI(UsdLux.ShapingAPI):
         return None
     angle, softness, focus = (
@@ -41,12 +48,12 @@ def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, rep
     )
     tint = tuple(float(c) for c in light_input(prim, "shaping:focusTint", time, (0.0, 0.0, 0.0)))
     if not all(math.isfinite(number) for number in (angle, softness, focus, *tint)) or len(tint) != 3:
-        report.problem(prim.GetPath(), "light", "its shaping holds numbers that are not finite")
+        report.problem(prim.GetPath(), "light", "its shaping has values that are not finite numbers")
         return None
     profile = _profile(prim, time, textures, report)
-    widest = 90.0 if prim.GetTypeName() in FLAT else 180.0
-    if prim.GetTypeName() in FAR or (
-        profile is None and focus <= 0.0 and angle >= widest and (softness <= 0.0 or angle > 180.0)
+    full_angle = 90.0 if prim.GetTypeName() in _ONE_SIDED_TYPES else 180.0
+    if prim.GetTypeName() in _UNSHAPED_TYPES or (
+        profile is None and focus <= 0.0 and angle >= full_angle and (softness <= 0.0 or angle > 180.0)
     ):
         return None
     return Shaping(
@@ -59,7 +66,7 @@ def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, rep
 
 
 def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport) -> int | None:
-    """The row of the texture that holds a light's IES profile."""
+    """Return the texture row of a light's IES profile; None if it has none or it cannot be read (reported)."""
     asset = light_input(prim, "shaping:ies:file", time, None)
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         return None
@@ -73,15 +80,15 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
             raise ValueError("there is no such file")
         profile = read_ies(read_file(str(asset.resolvedPath)))
     except (OSError, ValueError, zipfile.BadZipFile) as error:
-        text = f"IES profile @{asset.path}@ cannot be read ({error}); the light is drawn without it"
+        text = f"IES profile @{asset.path}@ cannot be read ({error}); the light is rendered without it"
         report.omission(prim.GetPath(), text)
         return None
     key = f"{asset.resolvedPath} {scale} {normalize}"
     return textures.add_pixels(key, Path(asset.path).name, profile.image(scale, normalize))
 
 
-def report_unrendered(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> None:
-    """Name the controls of a light that no integrator here knows."""
+def report_unsupported(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> None:
+    """Report the authored controls of a light that the renderer does not support."""
     path = prim.GetPath()
     if prim.HasAPI(UsdLux.ShadowAPI):
         if light_input(prim, "shadow:distance", time, -1.0) >= 0.0:
@@ -97,7 +104,7 @@ def report_unrendered(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -
             or collection.GetExcludesRel().GetTargets()
             or collection.GetMembershipExpressionAttr().HasAuthoredValue()
         ):
-            report.omission(path, f"{name} is not applied: every light lights everything")
+            report.omission(path, f"{name} is not applied: every light illuminates all objects")
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetName().startswith("inputs:") and attribute.GetConnections():
-            report.omission(path, f"what a light's {attribute.GetName()} is connected to is not read")
+            report.omission(path, f"the connection of a light's {attribute.GetName()} is not read")

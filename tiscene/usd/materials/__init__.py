@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdShade materials and textures.
+"""UsdShade materials, displayColor and textures.
 
 ::
 
-    material         materials and displayColor as table rows
+    material         the material table: bound materials and displayColor
     preview_surface  UsdPreviewSurface networks
-    texture          the table of textures
-    image            image files as arrays
-    png16            16-bit PNG
+    texture          the texture table: image files, UDIM tiles, color spaces
+    image            decoding of image files
+    png16            decoding of 16-bit PNG files
 """

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image files as arrays: PNG, JPEG and whatever else Pillow reads, OpenEXR, Radiance HDR."""
+"""Decoding of image files: PNG, JPEG and other formats of Pillow, OpenEXR, Radiance HDR, also inside .usdz packages.
+
+Formats are recognized by their content, not by their suffix.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +28,10 @@ from tiscene.usd.materials.png16 import is_deep_color, read_deep_color
 class ImageData:
     """A decoded image file, row 0 at the top.
 
-    pixels: uint8 or float32 [h, w, 4]; gray is repeated, a missing alpha is opaque. srgb: whether UsdUVTexture's
-    "auto" takes its values for sRGB: 8 bits with 3 or 4 channels, or the file says so.
+    Attributes:
+        pixels: uint8 or float32 [h, w, 4]; gray is repeated to RGB, missing alpha is opaque.
+        srgb: whether UsdUVTexture's sourceColorSpace "auto" reads the values as sRGB: 8 bits of 3 or 4 channels, or
+            metadata of the file that says so.
     """
 
     pixels: NDArray[np.uint8] | FloatArray
@@ -34,12 +39,22 @@ class ImageData:
 
 
 def read_picture(path: str) -> ImageData:
-    """Read an image file, or one inside a package ("room.usdz[wood.png]"). Raises OSError or ValueError."""
+    """Read an image file, or one inside a package ("room.usdz[wood.png]").
+
+    Raises:
+        OSError: the file cannot be opened.
+        ValueError: it is not a readable image.
+    """
     return _decode(read_file(path), Path(split_package(path)[-1]).suffix.lower())
 
 
 def read_file(path: str) -> bytes:
-    """The bytes of a file, or of one inside a package, however many packages deep. Raises OSError or ValueError."""
+    """Return the bytes of a file, or of one inside a package or nested packages.
+
+    Raises:
+        OSError: the file cannot be opened.
+        ValueError: a package is damaged or lacks the file.
+    """
     package, *inner = split_package(path)
     data = Path(package).read_bytes()
     try:
@@ -52,6 +67,7 @@ def read_file(path: str) -> bytes:
 
 
 def _decode(data: bytes, suffix: str) -> ImageData:
+    """Decode an image; `suffix` is for messages only."""
     if data[:4] == b"\x76\x2f\x31\x01":
         return ImageData(_with_alpha(_read_exr(data)), srgb=False)
     if data[:2] == b"#?":
@@ -61,15 +77,16 @@ def _decode(data: bytes, suffix: str) -> ImageData:
         return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what Pillow merely wonders about
+            warnings.simplefilter("ignore")  # Pillow's warnings about metadata
             with Image.open(io.BytesIO(data)) as image:
                 image.load()
                 return _from_pillow(image)
-    except Exception as error:  # its decoders fail in many ways on damaged files
+    except Exception as error:  # Pillow's decoders raise many types on damaged files
         raise ValueError(f"not a readable {suffix or 'image'} file: {error}") from error
 
 
 def _from_pillow(image: Image.Image) -> ImageData:
+    """Return an image of Pillow as 8-bit, 16-bit (scaled to 0..1) or float pixels."""
     says_srgb = "srgb" in image.info or abs(image.info.get("gamma", 1.0) - 0.45455) < 0.01
     if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV", "PA", "RGBX", "1"):
         transparent = "transparency" in image.info or image.mode == "PA"
@@ -84,7 +101,7 @@ def _from_pillow(image: Image.Image) -> ImageData:
 
 
 def _with_alpha(values: NDArray[Any]) -> NDArray[Any]:
-    """[h, w], or [h, w, 1-4] channels, as [h, w, 4]."""
+    """Return [h, w] or [h, w, 1-4] as [h, w, 4]: gray, gray and alpha, RGB or RGBA."""
     if values.ndim == 2:
         values = values[:, :, None]
     height, width, channels = values.shape
@@ -97,8 +114,8 @@ def _with_alpha(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _read_exr(data: bytes) -> FloatArray:
-    """The first part's color channels; one layer's or gray where there is no plain RGB."""
-    with tempfile.TemporaryDirectory() as folder:  # OpenEXR reads only from files
+    """Return the color channels [h, w, c] of an OpenEXR file's first part; without RGB, gray or the first channel."""
+    with tempfile.TemporaryDirectory() as folder:  # OpenEXR reads files only
         file = Path(folder, "picture.exr")
         file.write_bytes(data)
         try:
@@ -118,17 +135,24 @@ def _read_exr(data: bytes) -> FloatArray:
 
 
 def read_radiance(data: bytes) -> FloatArray:
-    """A Radiance picture (.hdr): float32 [h, w, 3], row 0 at the top. Raises ValueError."""
+    """Decode a Radiance picture (.hdr).
+
+    Returns:
+        float32 [h, w, 3], linear, row 0 at the top.
+
+    Raises:
+        ValueError: it is damaged, too large, or stored by columns.
+    """
     header, separator, rest = data.partition(b"\n\n")
     size_line, _, body = rest.partition(b"\n")
     words = size_line.split()
     if not separator or len(words) != 4 or b"32-bit_rle_rgbe" not in header:
         raise ValueError("not a Radiance picture of the 32-bit_rle_rgbe format with its size as '-Y height +X width'")
     if words[0] not in (b"-Y", b"+Y") or words[2] not in (b"+X", b"-X"):
-        raise ValueError(f"a Radiance picture stored by columns ({size_line!r}) cannot be read")
+        raise ValueError(f"a Radiance picture stored by columns ({size_line!r}) is not supported")
     height, width = int(words[1]), int(words[3])
     if not (0 < height < 1 << 17 and 0 < width < 1 << 17):
-        raise ValueError(f"a Radiance picture of {width} x {height} pixels")
+        raise ValueError(f"a Radiance picture of {width} x {height} pixels; each side must be in 1..131071")
     rgbe = _scanlines(np.frombuffer(body, dtype=np.uint8), height, width)
     scale = np.where(rgbe[..., 3] > 0, np.ldexp(np.float32(1.0), rgbe[..., 3].astype(np.int32) - 136), 0.0)
     values = rgbe[..., :3].astype(np.float32) * scale[..., None].astype(np.float32)
@@ -140,7 +164,7 @@ def read_radiance(data: bytes) -> FloatArray:
 
 
 def _scanlines(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np.uint8]:
-    """Unpack the run-length coding: uint8 [h, w, 4]."""
+    """Decode the run-length encoded RGBE scanlines: uint8 [h, w, 4]."""
     result = np.empty((height, 4, width), dtype=np.uint8)
     at = 0
     if not (8 <= width < 1 << 15 and len(body) >= 4 and body[0] == 2 and body[1] == 2 and body[2] < 128):
@@ -172,14 +196,17 @@ def _scanlines(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np.u
 
 
 def _old_scanlines(words: NDArray[np.uint8], count: int) -> NDArray[np.uint8]:
-    """The first coding, [count, 4]: (1, 1, 1, n) repeats the pixel before n times, one right after it n * 256 times."""
+    """Decode the old run-length encoding: uint8 [count, 4].
+
+    A pixel (1, 1, 1, n) repeats the previous pixel n times; the next such pixel right after it, n * 256 times.
+    """
     runs = (words[:, :3] == 1).all(axis=1)
-    places = np.arange(len(words))
-    last_pixel = np.maximum.accumulate(np.where(runs, -1, places))
-    order = np.minimum(places - last_pixel - 1, 3)  # how many runs there are between a run and its pixel
+    index = np.arange(len(words))
+    last_pixel = np.maximum.accumulate(np.where(runs, -1, index))
+    order = np.minimum(index - last_pixel - 1, 3)  # number of runs between a run and its pixel
     repeats = np.where(runs, words[:, 3].astype(np.int64) << (8 * np.maximum(order, 0)), 1)
     if len(words) and last_pixel[0] < 0:
-        raise ValueError("a Radiance picture that begins with a repetition of nothing")
+        raise ValueError("a Radiance picture that begins with a run")
     ends = np.cumsum(repeats)
     if len(words) == 0 or ends[-1] < count:
         raise ValueError("a Radiance picture that ends early")

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials and displayColor as rows of one material table."""
+"""The material table: bound materials and displayColor as rows that meshes refer to.
+
+`MaterialTableBuilder` reads each material once, or once for each combination of the gprim's primvars that the material
+depends on. Prims without a readable material get one of their displayColor and displayOpacity, as in Hydra.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +32,12 @@ _DEFAULT = Material("default")
 
 @dataclass(frozen=True)
 class Binding:
-    """A material as a gprim or subset uses it. row: of the table. primvars: what it reads of the gprim.
+    """A material as a gprim or subset uses it.
 
-    is_display_color: it stands in for a material that is not there.
+    Attributes:
+        row: row of the material table.
+        primvars: the primvars that the material reads per vertex.
+        is_display_color: whether it is made of displayColor, for lack of a material.
     """
 
     row: int
@@ -39,51 +46,75 @@ class Binding:
 
 
 class MaterialTableBuilder:
-    """Reads each material once and numbers it."""
+    """Reads materials into `materials`, each once.
+
+    Args:
+        textures: table for the materials' image files.
+        time: when to evaluate attributes.
+        report: collects problems and omissions.
+
+    Attributes:
+        materials: the rows read so far.
+    """
 
     def __init__(self, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
         self.materials: list[Material] = []
         self._textures = textures
         self._time = time
         self._report = report
-        self._primvars: dict[Any, tuple[str, ...]] = {}  # which primvars of the gprim a material's constants read
+        self._primvars: dict[Any, tuple[str, ...]] = {}  # primvars that a material reads as constants
         self._bindings: dict[Any, Binding | None] = {}
 
     def binding(self, prim: Usd.Prim, gprim: Usd.Prim) -> Binding:
-        """The material bound to a gprim or to a subset of it (inherited and by collections), else its displayColor."""
+        """Return the material bound to a gprim or to a subset of it, else one of its displayColor.
+
+        Bindings are resolved with inheritance and collections, for the purpose preview, then full.
+
+        Args:
+            prim: the gprim or the GeomSubset that the binding is authored on.
+            gprim: the gprim, whose primvars the material reads.
+        """
         api = UsdShade.MaterialBindingAPI(prim)
         previous = None
         for purpose in (UsdShade.Tokens.preview, UsdShade.Tokens.full):
             material, _ = api.ComputeBoundMaterial(purpose)
             if material and material.GetPath() != previous:
-                binding = self._of_material(material, gprim)
+                binding = self._read_material(material, gprim)
                 if binding is not None:
                     return binding
                 previous = material.GetPath()
         return self._of_display_color(gprim)
 
     def emitter(self, prim: Usd.Prim, radiance: Color) -> Binding:
-        """The material of a gprim that is a light: black, unless its materialSyncMode keeps what is bound to it."""
+        """Return the material of a mesh light: black with an emission, or the bound one as materialSyncMode says.
+
+        Args:
+            prim: the mesh light.
+            radiance: emitted radiance of the light, W/(m² sr).
+        """
         mode = prim.GetAttribute("light:materialSyncMode").Get(self._time)
         material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)
         if mode not in ("materialGlowTintsLight", "independent") or not material:
             black = Material(prim.GetName(), diffuse_color=(0.0, 0.0, 0.0), emissive_color=radiance)
             return self._row(("emitter", radiance), black)
         bound = self.binding(prim, prim)
-        glow = self.materials[bound.row].emissive_color
-        dark = glow == (0.0, 0.0, 0.0)
-        if dark and mode == "materialGlowTintsLight":
-            text = "the material of a mesh light does not glow, and so does not tint its light"
+        emission = self.materials[bound.row].emissive_color
+        is_dark = emission == (0.0, 0.0, 0.0)
+        if is_dark and mode == "materialGlowTintsLight":
+            text = "the material of a mesh light has no emission, so that it does not tint the light"
             self._report.omission(prim.GetPath(), text)
-        if dark or mode == "independent":
-            emissive = _affine_color((1.0, 1.0, 1.0), glow, radiance)
+        if is_dark or mode == "independent":
+            emissive = _affine_color((1.0, 1.0, 1.0), emission, radiance)
         else:
-            emissive = _affine_color(radiance, glow, (0.0, 0.0, 0.0))
+            emissive = _affine_color(radiance, emission, (0.0, 0.0, 0.0))
         lit = replace(self.materials[bound.row], emissive_color=emissive)
         return self._row(("emitter", bound, mode, radiance), lit, bound.primvars)
 
     def by_element(self, gprim: Usd.Prim) -> list[tuple[Binding, NDArray[np.int64]]]:
-        """Materials for the elements of a gprim whose displayColor or displayOpacity varies; none if neither does."""
+        """Return materials for a gprim whose displayColor or displayOpacity varies, with the elements that use each.
+
+        Elements are faces, points or curves. Empty if neither varies.
+        """
         values = read_element_colors(gprim, self._time, self._report)
         if values is None:
             return []
@@ -96,25 +127,27 @@ class MaterialTableBuilder:
     def _row(
         self, key: Any, material: Material, primvars: PrimvarNames = NO_PRIMVARS, is_display_color: bool = False
     ) -> Binding:
+        """Return the binding of this key; append the material if the key is new."""
         if key not in self._bindings:
             self._bindings[key] = Binding(len(self.materials), primvars, is_display_color)
             self.materials.append(material)
         return cast(Binding, self._bindings[key])
 
     def _of_display_color(self, gprim: Usd.Prim) -> Binding:
-        within = [
+        """Return the material of a gprim's displayColor and displayOpacity."""
+        varying = [
             name
             for name in ("displayColor", "displayOpacity")
             if varies_over_surface(gprim, name, self._time, within_faces=True)
         ]
-        if within:
-            return self._colored_vertices("displayOpacity" in within)
+        if varying:
+            return self._vertex_colors("displayOpacity" in varying)
         color = self._constant_primvar(gprim, "displayColor", 3, report=False)
         opacity = self._constant_primvar(gprim, "displayOpacity", 1, report=False)
         return self._display_color(cast(Any, color or _DEFAULT.diffuse_color), 1.0 if opacity is None else opacity[0])
 
-    def _colored_vertices(self, opacity: bool) -> Binding:
-        """What Hydra shows for a mesh without a material whose colors vary within its faces."""
+    def _vertex_colors(self, opacity: bool) -> Binding:
+        """Return the material of a mesh whose displayColor varies within faces, as Hydra draws it."""
         name = "displayColor"
         color = Material(name, TextureLookup(VERTEX_COLORS))
         if opacity:
@@ -123,7 +156,7 @@ class MaterialTableBuilder:
         return self._row(("displayColor of vertices", opacity), color, read, is_display_color=True)
 
     def _display_color(self, color: Color, opacity: float) -> Binding:
-        """What Hydra shows for prims without a material; partial opacity is coverage, as there."""
+        """Return a material of one color, as Hydra draws prims without one; partial opacity is coverage."""
         mode: Literal["transparent", "presence"] = "transparent" if opacity == 1.0 else "presence"
         material = Material("displayColor", diffuse_color=color, opacity=opacity, opacity_mode=mode)
         return self._row(("displayColor", color, opacity), material, is_display_color=True)
@@ -133,25 +166,25 @@ class MaterialTableBuilder:
     ) -> tuple[float, ...] | None:
         return constant_primvar(gprim, name, width, self._time, self._report, report_varying=report)
 
-    def _of_material(self, material: UsdShade.Material, gprim: Usd.Prim) -> Binding | None:
-        """The row of a material; None, with the reason reported, if none of its shaders is known."""
+    def _read_material(self, material: UsdShade.Material, gprim: Usd.Prim) -> Binding | None:
+        """Return a material's binding; None, with the reason reported, if none of its surface shaders is supported."""
         prim = material.GetPrim()
         path = prim.GetPrimInPrototype().GetPath() if prim.IsInstanceProxy() else prim.GetPath()
-        values = self._values(gprim, self._primvars.get(path, ()))
+        values = self._primvar_values(gprim, self._primvars.get(path, ()))
         key = (path, values)
         if path not in self._primvars or key not in self._bindings:
             reader = NetworkReader(gprim, self._textures, self._time, self._report)
             read = reader.read(material)
             self._primvars[path] = tuple(reader.constants)
-            key = (path, self._values(gprim, reader.constants))
+            key = (path, self._primvar_values(gprim, reader.constants))
             if read is None:
                 self._bindings[key] = None
             else:
                 self._row(key, read, reader.primvars)
         return self._bindings[key]
 
-    def _values(self, gprim: Usd.Prim, names: Iterable[str]) -> tuple[Any, ...]:
-        """What a gprim's primvars are as far as a material depends on them."""
+    def _primvar_values(self, gprim: Usd.Prim, names: Iterable[str]) -> tuple[Any, ...]:
+        """Return the gprim's values of the primvars that a material reads as constants: part of the cache key."""
         return tuple(
             "varies" if varies_over_surface(gprim, name, self._time) else self._constant_primvar(gprim, name, 3)
             for name in names
@@ -159,7 +192,7 @@ class MaterialTableBuilder:
 
 
 def _affine_color(factor: Color, color: ColorInput, summand: Color) -> ColorInput:
-    """`factor * color + summand`."""
+    """Return `factor * color + summand`."""
     if isinstance(color, TextureLookup):
         scale = (*(f * s for f, s in zip(factor, color.scale, strict=False)), color.scale[3])
         bias = (*(f * b + s for f, b, s in zip(factor, color.bias, summand, strict=False)), color.bias[3])

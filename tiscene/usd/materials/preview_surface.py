@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdPreviewSurface networks: every input as a number, a texture, or what the vertices say."""
+"""UsdPreviewSurface networks as `Material`s, after the UsdPreviewSurface specification.
+
+Every input becomes a constant, a texture lookup (UsdUVTexture with UsdTransform2d) or a vertex color (primvar readers).
+Inputs and nodes that are not supported are reported, with what is used instead.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,15 @@ _IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 class NetworkReader:
     """Reads one material's network for one gprim.
 
-    constants: the gprim's primvars that inputs come from. primvars: those that its vertices must have.
+    Args:
+        gprim: the prim whose primvars the network's primvar readers read.
+        textures: table for image files.
+        time: when to evaluate attributes.
+        report: collects problems and omissions.
+
+    Attributes:
+        constants: names of the primvars read as constants.
+        primvars: names of the primvars read per vertex.
     """
 
     def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
@@ -36,6 +48,7 @@ class NetworkReader:
         self._report = report
 
     def read(self, material: UsdShade.Material) -> Material | None:
+        """Return the material; None, with the reason reported, if it has no UsdPreviewSurface."""
         surface = self._surface(material)
         if surface is None:
             return None
@@ -47,7 +60,7 @@ class NetworkReader:
             self._report.omission(self._path, "displacement is not applied")
         mode = self._token(inputs, "opacityMode", "transparent")
         bumps = inputs.get("normal")
-        if bumps is not None and bumps.source is not None:  # the first uv is that of the normals: it has the tangents
+        if bumps is not None and bumps.source is not None:  # tangents are of the first uv: it must be the normal map's
             st = connections_of(bumps.source.shader, self._time).get("st")
             self.primvars = PrimvarNames(uv=self._coordinates(st)[1])
         return Material(
@@ -69,7 +82,7 @@ class NetworkReader:
         )
 
     def _surface(self, material: UsdShade.Material) -> UsdShade.Shader | None:
-        """The UsdPreviewSurface of a material, from whichever of its surface outputs has one."""
+        """Find the UsdPreviewSurface of a material: in any of its surface outputs, else anywhere below its prim."""
         unknown: list[str] = []
         for output in material.GetSurfaceOutputs():
             for attribute in UsdShade.Utils.GetValueProducingAttributes(output):
@@ -88,13 +101,15 @@ class NetworkReader:
         if unknown:
             self._unsupported(material, unknown[0], "displayColor is used")
         else:
-            self._report.omission(material.GetPath(), "a material without a surface shader, displayColor is used")
+            self._report.omission(material.GetPath(), "a material without a surface shader; displayColor is used")
         return None
 
     def _unsupported(self, material: UsdShade.Material, name: str, instead: str) -> None:
-        self._report.omission(material.GetPath(), f"shader {name!r} is not supported, {instead}")
+        """Report a surface shader that is not supported, and what is used instead."""
+        self._report.omission(material.GetPath(), f"shader {name!r} is not supported; {instead}")
 
     def _color(self, inputs: dict[str, ShaderConnection], name: str, default: ColorInput) -> ColorInput:
+        """Return an input as a color or texture; one number is gray."""
         value = self._value(inputs, name)
         if value is None or isinstance(value, TextureLookup):
             return default if value is None else value
@@ -103,6 +118,7 @@ class NetworkReader:
         return (value[0], value[1], value[2])
 
     def _float(self, inputs: dict[str, ShaderConnection], name: str, default: FloatInput) -> FloatInput:
+        """Return an input as a number or a texture of one channel."""
         value = self._value(inputs, name)
         if value is None:
             return default
@@ -111,9 +127,10 @@ class NetworkReader:
         return value[0]
 
     def _number(self, inputs: dict[str, ShaderConnection], name: str, default: float) -> float:
+        """Return an input that must be a number; textures are reported and replaced by the default."""
         value = self._value(inputs, name)
         if isinstance(value, TextureLookup):
-            self._report.omission(self._path, f"{name} cannot come from a texture, {default} is used")
+            self._report.omission(self._path, f"{name} cannot come from a texture; {default} is used")
             return default
         return default if value is None else value[0]
 
@@ -122,6 +139,7 @@ class NetworkReader:
         return default if connection is None or connection.value is None else str(connection.value)
 
     def _normal(self, inputs: dict[str, ShaderConnection]) -> TextureLookup | None:
+        """Return the normal map, None for none."""
         value = self._value(inputs, "normal")
         if value is None or isinstance(value, TextureLookup):
             return value
@@ -130,7 +148,7 @@ class NetworkReader:
         return None
 
     def _value(self, inputs: dict[str, ShaderConnection], name: str) -> tuple[float, ...] | TextureLookup | None:
-        """Numbers, a texture, or None for the input's default."""
+        """Return an input's numbers or its texture; None: use the default."""
         connection = inputs.get(name)
         if connection is None:
             return None
@@ -144,11 +162,12 @@ class NetworkReader:
         if source.id.startswith("UsdPrimvarReader_"):
             return self._primvar(source)
         self._report.omission(
-            source.shader.GetPath(), f"shader {source.id!r} is not supported, {name} is left at default"
+            source.shader.GetPath(), f"shader {source.id!r} is not supported; {name} keeps its default"
         )
         return None
 
     def _numbers(self, value: Any, name: str) -> tuple[float, ...] | None:
+        """Return a value as finite numbers; None, with a problem reported, if it is none."""
         if value is None:
             return None
         try:
@@ -162,7 +181,7 @@ class NetworkReader:
         return numbers
 
     def _primvar(self, source: Source) -> tuple[float, ...] | TextureLookup | None:
-        """A primvar: a number, or the color or opacity of the vertices if it varies."""
+        """Return the value of a primvar reader: numbers, or the vertices' color or opacity where the primvar varies."""
         inputs = connections_of(source.shader, self._time)
         name = self._token(inputs, "varname", "")
         fallback = inputs.get("fallback")
@@ -172,17 +191,15 @@ class NetworkReader:
             source.id, 3
         )
         if width != 2 and varies_over_surface(self._gprim, name, self._time):
-            wanted = replace(self.primvars, opacity=name) if width == 1 else replace(self.primvars, color=name)
-            mine, before = (
-                (wanted.opacity, self.primvars.opacity) if width == 1 else (wanted.color, self.primvars.color)
-            )
-            if before in ("", mine):
-                self.primvars = wanted
+            field = "opacity" if width == 1 else "color"  # one of each per material; another one becomes its mean
+            if getattr(self.primvars, field) in ("", name):
+                self.primvars = replace(self.primvars, **{field: name})
                 return TextureLookup(VERTEX_COLORS, "a" if width == 1 else "rgb")
         value = constant_primvar(self._gprim, name, width, self._time, self._report)
         return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
 
     def _texture(self, source: Source) -> TextureLookup | tuple[float, ...] | None:
+        """Return the lookup of a UsdUVTexture, or its fallback if the image cannot be read."""
         inputs = connections_of(source.shader, self._time)
         fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
         scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
@@ -206,13 +223,13 @@ class NetworkReader:
         return TextureLookup(row, cast(Any, channel), cast(Any, scale), cast(Any, bias), transform, chosen)
 
     def _uv_set(self, name: str) -> Literal[0, 1]:
-        """Which of the two uv of the vertices is that primvar."""
+        """Return which of the vertices' two uv sets holds a primvar, and claim one for it. "" is the first."""
         first, second = self.primvars.uv, self.primvars.second_uv
         if first in ("", name) or not name:
             self.primvars = replace(self.primvars, uv=name or first)
             return 0
         if second not in ("", name):
-            text = f"textures read {first!r}, {second!r} and {name!r}, the first serves for the third"
+            text = f"textures read the uv sets {first!r}, {second!r} and {name!r}; {first!r} is used for the third"
             self._report.omission(self._path, text)
             return 0
         self.primvars = replace(self.primvars, second_uv=name)
@@ -224,24 +241,24 @@ class NetworkReader:
         return default if value is None or len(value) != 4 else value
 
     def _coordinates(self, st: ShaderConnection | None) -> tuple[np.ndarray[Any, Any], str]:
-        """The affine map, 3x3, and the primvar that a texture's coordinates come from."""
-        transform, passed = np.eye(3), set()
+        """Return the affine map [3, 3] of a texture's coordinates and the primvar they come from ("": the default)."""
+        transform, visited = np.eye(3), set()
         while st is not None and st.source is not None:
             source, path = st.source, st.source.shader.GetPath()
             inputs = connections_of(source.shader, self._time)
             if source.id == "UsdPrimvarReader_float2":
                 return transform, self._token(inputs, "varname", "st")
-            if source.id != "UsdTransform2d" or path in passed:
-                what = "comes from itself" if path in passed else "is not supported"
-                self._report.omission(path, f"shader {source.id!r} {what}, 'st' is read")
+            if source.id != "UsdTransform2d" or path in visited:
+                fault = "is connected to itself" if path in visited else "is not supported"
+                self._report.omission(path, f"shader {source.id!r} {fault}; 'st' is used")
                 break
-            passed.add(path)
+            visited.add(path)
             transform = transform @ self._transform2d(inputs)
             st = inputs.get("in")
         return transform, ""
 
     def _transform2d(self, inputs: dict[str, ShaderConnection]) -> np.ndarray[Any, Any]:
-        """Scale, then rotate counter-clockwise by degrees, then translate."""
+        """Return the 3x3 matrix of a UsdTransform2d: scale, then rotate counter-clockwise, then translate."""
         angle = math.radians(self._number(inputs, "rotation", 0.0))
         scale = self._value(inputs, "scale") or (1.0, 1.0)
         move = self._value(inputs, "translation") or (0.0, 0.0)
@@ -252,4 +269,5 @@ class NetworkReader:
 
 
 def _rows(matrix: np.ndarray[Any, Any]) -> Affine:
+    """Return the first two rows of a 3x3 matrix as six numbers."""
     return cast(Affine, tuple(matrix[:2].reshape(-1).tolist()))
