@@ -51,7 +51,7 @@ def placed(path: Path, seconds: float) -> np.ndarray:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         stream = ts.Stream(path, width=8, height=6, fps=20.0, buffers=("instance",))
-    return stream.world.placement(round(20 * seconds)).world_from_object[1, 0]
+    return stream.world.state(round(20 * seconds)).placement.world_from_object[1, 0]
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -67,7 +67,7 @@ def test_what_is_mirrored_turns_as_it_is_animated(tmp_path, inside):
 def test_a_mirrored_thing_has_a_rotation_that_turns_with_it(tmp_path):
     path = write(tmp_path, thing("Mill", TURNED), more="startTimeCode = 0\nendTimeCode = 20\ntimeCodesPerSecond = 10")
     stream = ts.Stream(path, width=8, height=6, fps=10.0, buffers=("instance",))
-    first, then = (matrix_from_quaternion(stream.world.objects(frame)[0].rotation) for frame in (0, 5))
+    first, then = (matrix_from_quaternion(stream.world.state(frame).objects[0].rotation) for frame in (0, 5))
     np.testing.assert_allclose(then @ first.T, turned(0.5) @ np.linalg.inv(turned(0.0)), atol=1e-9)
 
 

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are not trusted: what they may take, where they may be, and a process of their own."""
+"""Limits on reading: prims, triangles, time, memory, folders; and reading in a child process."""
 
 from __future__ import annotations
 
 import io
 import os
 import pickle
+import signal
+import time
 import warnings
 
 import numpy as np
@@ -18,11 +20,15 @@ from tests.usd.materials.test_material import texture
 from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning, UnknownName
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.stage_reader import read_stage
-from tiscene.usd.read.subprocess_reader import _ResultReader
+from tiscene.usd.read.subprocess_reader import SubprocessReader, load_result, read_in_subprocess
+from tiscene.usd.read.template import read_template
+from tiscene.usd.scenario.read import read_scenario
+
+posix = pytest.mark.skipif(os.name != "posix", reason="limits of processes need POSIX")
 
 
-def bomb(folder, levels: int):
-    """2 to the power of `levels` prims out of a few lines: each level refers to the next one twice."""
+def prim_bomb(folder, levels: int):
+    """Write a stage of 2 ** levels prims in a few lines: each level references the next one twice."""
     for level in range(levels):
         twice = "".join(f'def "{n}" (references = @l{level + 1}.usda@</A>)\n{{\n}}\n' for n in "XY")
         (folder / f"l{level}.usda").write_text(f'#usda 1.0\ndef Xform "A"\n{{\n{twice}}}\n')
@@ -30,24 +36,24 @@ def bomb(folder, levels: int):
     return folder / "l0.usda"
 
 
-def test_the_number_of_prims_is_limited(tmp_path):
-    path = bomb(tmp_path, 6)
+def test_more_prims_than_the_limit_are_refused(tmp_path):
+    path = prim_bomb(tmp_path, 6)
     assert len(read_stage(path).instances) == 64
-    with pytest.raises(StageError, match="it has more than 100 prims; raise `limits`"):
-        read_stage(path, limits=Limits(prims=100))
+    with pytest.raises(StageError, match=r"it has more than 100 prims: .* raise the limit with Limits\(prims=\.\.\.\)"):
+        read_stage(path, limits=Limits(prims=100), isolate=False)
 
 
-def test_triangles_and_time_are_limited(tmp_path):
+def test_more_triangles_or_seconds_than_the_limit_are_refused(tmp_path):
     path = write(tmp_path, f'def Mesh "A"\n{{{QUAD}}}')
-    with pytest.raises(StageError, match="it has more than 1 triangles"):
-        read_stage(path, limits=Limits(triangles=1))
-    with pytest.raises(StageError, match=r"reading it took longer than 1e-09 s"):
-        read_stage(path, limits=Limits(seconds=1e-9))
+    with pytest.raises(StageError, match=r"it has more than 1 triangles.*Limits\(triangles="):
+        read_stage(path, limits=Limits(triangles=1), isolate=False)
+    with pytest.raises(StageError, match=r"reading it took longer than 1e-09 s.*Limits\(seconds="):
+        read_stage(path, limits=Limits(seconds=1e-9), isolate=False)
     with pytest.raises(ArgumentError, match="limits: prims=0 must be positive"):
         Limits(prims=0)
 
 
-def test_layers_stay_inside_the_root(tmp_path):
+def test_layers_outside_the_root_are_refused(tmp_path):
     (tmp_path / "inside").mkdir()
     write(tmp_path, 'def Cube "A"\n{\n}', name="outside.usda")
     inside = write(tmp_path / "inside", 'def "B" (references = @../outside.usda@</A>)\n{\n}')
@@ -59,11 +65,11 @@ def test_layers_stay_inside_the_root(tmp_path):
     linked = write(tmp_path / "inside", 'def "B" (references = @link.usda@</A>)\n{\n}', name="linked.usda")
     with pytest.raises(StageError, match="is outside"):
         read_stage(linked, root=tmp_path / "inside")
-    with pytest.raises(ArgumentError, match="root='gone' is no folder"):
+    with pytest.raises(ArgumentError, match="root='gone' is not a folder"):
         read_stage(inside, root="gone")
 
 
-def test_assets_stay_inside_the_root(tmp_path):
+def test_assets_outside_the_root_are_refused(tmp_path):
     (tmp_path / "inside").mkdir()
     Image.new("RGB", (1, 1)).save(tmp_path / "secret.png")
     (tmp_path / "lamp.ies").write_bytes(ies([0, 90], [0], [[1, 1]]))
@@ -79,48 +85,124 @@ def test_assets_stay_inside_the_root(tmp_path):
         read_stage(lamp, root=tmp_path / "inside")
 
 
-def test_a_process_of_its_own_reads_the_same():
-    here = read_stage(STAGES / "instances.usda")
-    apart = read_stage(STAGES / "instances.usda", untrusted=True)
-    assert apart.objects == here.objects
-    for mine, theirs in zip(here.meshes, apart.meshes, strict=True):
+def assert_equal(left, right):
+    """Compare two scene descriptions: objects, meshes and instances."""
+    assert left.objects == right.objects
+    for mine, theirs in zip(left.meshes, right.meshes, strict=True):
         np.testing.assert_array_equal(mine.positions, theirs.positions)
         np.testing.assert_array_equal(mine.triangles, theirs.triangles)
-    for mine, theirs in zip(here.instances, apart.instances, strict=True):
+    for mine, theirs in zip(left.instances, right.instances, strict=True):
         np.testing.assert_array_equal(mine.world_from_object, theirs.world_from_object)
 
 
-def test_errors_and_warnings_come_through(tmp_path):
+@pytest.mark.parametrize("options", [{"untrusted": True}, {"limits": Limits()}, {"isolate": True}], ids=str)
+def test_reading_in_a_child_process_returns_the_same_scene(options):
+    assert_equal(read_stage(STAGES / "instances.usda"), read_stage(STAGES / "instances.usda", **options))
+
+
+def test_scenarios_and_templates_read_in_a_child_process_are_the_same(tmp_path):
+    spin = "float xformOp:rotateY.timeSamples = { 0: 0, 10: 90 }"
+    order = 'uniform token[] xformOpOrder = ["xformOp:rotateY"]'
+    path = write(tmp_path, f'def Cube "A"\n{{\n{spin}\n{order}\n}}')
+    here = read_scenario(path)
+    assert [each["id"] for each in here.content["objects"]] == ["A"]
+    assert read_scenario(path, limits=Limits()) == here
+    here, there = read_template(path), read_template(path, limits=Limits())
+    assert (there.name, there.category) == (here.name, here.category)
+    assert_equal(there.description, here.description)
+
+
+def test_errors_and_warnings_of_a_child_process_are_passed_on(tmp_path):
     path = write(tmp_path, 'def Volume "V"\n{\n}\ndef Mesh "M"\n{\nint[] faceVertexCounts = [3]\n}')
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)
         with pytest.raises(StageError) as caught:
             read_stage(path, untrusted=True)
     assert caught.value.problems == problems_of(tmp_path, path.read_text().split("\n)\n", 1)[1])
-    named = write(tmp_path, 'def Volume "V"\n{\n}', name="named.usda")
-    with pytest.warns(StageWarning, match="prims of type Volume are not drawn: </V>"):
-        read_stage(named, untrusted=True)
+    volume = write(tmp_path, 'def Volume "V"\n{\n}', name="volume.usda")
+    with pytest.warns(StageWarning, match="prims of type Volume are not drawn: </V>") as warned:
+        read_stage(volume, untrusted=True)
+    assert [each.filename for each in warned] == [__file__]
     with pytest.raises(MissingFile, match="does not exist"):
         read_stage(tmp_path / "gone.usda", untrusted=True)
     with pytest.raises(UnknownName, match="no taxonomy 'x'"):
         read_stage(STAGES / "instances.usda", untrusted=True, taxonomy="x")
 
 
-def test_a_bomb_is_stopped_by_the_clock(tmp_path):
+def test_untrusted_files_cannot_be_read_in_this_process():
+    with pytest.raises(ArgumentError, match="isolate=False: an untrusted file"):
+        read_stage(STAGES / "instances.usda", untrusted=True, isolate=False)
+
+
+def hang(path):
+    """Stand for USD on a file that keeps it busy."""
+    time.sleep(600)
+
+
+def exhaust_memory(path):
+    """Stand for USD on a file with a huge count."""
+    return bytearray(1 << 40)
+
+
+def crash(path):
+    """Stand for USD on a file that it cannot survive."""
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def fail(path):
+    """Stand for a bug of the reader."""
+    raise KeyError("bug")
+
+
+@posix
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (hang, r"reading it took longer than 2 s: the file may be damaged; .* Limits\(seconds=\.\.\.\)"),
+        (
+            exhaust_memory,
+            r"reading it took more memory than 4 GiB: the file may .* Limits\(memory=\.\.\.\)",
+        ),
+        (crash, r"it crashes USD \(signal 11\): the file is damaged or malicious"),
+        (fail, "reading it failed: KeyError: 'bug'"),
+    ],
+)
+def test_what_goes_wrong_in_a_child_process_is_a_stage_error_with_the_file(function, message):
+    start = time.monotonic()
+    seconds = 2.0 if function is hang else 60.0
+    with pytest.raises(StageError, match=f"room.usdc has 1 problem:\n  {message}") as caught:
+        read_in_subprocess(function, "room.usdc", {}, Limits(seconds=seconds, memory=4 << 30))
+    assert type(caught.value) is StageError
+    assert time.monotonic() - start < 30.0
+
+
+@posix
+def test_a_child_process_stops_without_its_parent(tmp_path):
+    """The limits hold although nobody asks for the result: the operating system enforces them."""
+    with SubprocessReader(hang, "room.usdc", {}, Limits(seconds=0.5)) as reader:
+        end = time.monotonic() + 60.0
+        while not reader.done() and time.monotonic() < end:
+            time.sleep(0.1)
+        assert reader.done()
+        with pytest.raises(StageError, match=r"longer than 0\.5 s"):
+            reader.result()
+
+
+def test_a_prim_bomb_is_stopped_at_the_time_limit(tmp_path):
     with pytest.raises(StageError, match="reading it took longer than 4 s"):
-        read_stage(bomb(tmp_path, 22), untrusted=True, limits=Limits(seconds=4.0))
+        read_stage(prim_bomb(tmp_path, 22), limits=Limits(seconds=4.0))
 
 
-def test_a_bomb_is_stopped_by_its_memory(tmp_path):
-    with pytest.raises(StageError, match=r"took more memory than 1 GiB|crashes USD|failed"):
-        read_stage(bomb(tmp_path, 22), untrusted=True, limits=Limits(seconds=60.0, memory=1 << 30))
+def test_a_prim_bomb_is_stopped_at_the_memory_limit(tmp_path):
+    with pytest.raises(StageError, match=r"took more memory than 1 GiB|crashes USD|failed|MemoryError"):
+        read_stage(prim_bomb(tmp_path, 22), limits=Limits(seconds=60.0, memory=1 << 30))
 
 
-def test_the_other_process_is_not_trusted_either():
-    """A pickle may call whatever it names: only what scenes are made of is let through."""
+def test_results_with_classes_that_are_not_part_of_a_scene_are_refused():
+    """A pickle may call whatever it names, and the child process is not trusted."""
     good = pickle.dumps(read_stage(STAGES / "instances.usda"))
-    assert _ResultReader(io.BytesIO(good)).load().name == "instances"
+    assert load_result(io.BytesIO(good)).name == "instances"
     for name in ("os.system", "builtins.eval", "tiscene.scene.description.np", "tiscene.scene.description.dataclass"):
         module, _, attribute = name.rpartition(".")
-        with pytest.raises(pickle.UnpicklingError, match="is no part of a scene"):
-            _ResultReader(io.BytesIO(f"c{module}\n{attribute}\n.".encode())).load()
+        with pytest.raises(pickle.UnpicklingError, match="is not part of a scene"):
+            load_result(io.BytesIO(f"c{module}\n{attribute}\n.".encode()))

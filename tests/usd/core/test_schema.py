@@ -18,7 +18,7 @@ from tiscene.usd.scenario.motion_schema import _CLASSES, _KEYS, _PARAMETERS, STE
 
 def test_usd_knows_the_schema_as_soon_as_the_reader_is_imported():
     code = (
-        "import tiscene.usd.core.schema\nfrom pxr import Usd\nregistry = Usd.SchemaRegistry()\n"
+        "import tiscene.usd.read.stage_reader\nfrom pxr import Usd\nregistry = Usd.SchemaRegistry()\n"
         "for name in ('Scenario', 'Object', 'Motion', 'Camera'):\n"
         "    print(len(registry.FindAppliedAPIPrimDefinition(f'Tiscene{name}API').GetPropertyNames()))\n"
         "stage = Usd.Stage.CreateInMemory()\nprim = stage.DefinePrim('/Thing', 'Xform')\n"

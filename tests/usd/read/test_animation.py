@@ -247,7 +247,7 @@ def test_parts_turn_on_within_a_thing_that_moves(tmp_path):
     frame = frames[5]
     (row,) = frame.objects
     np.testing.assert_allclose(row.position, (0.5, 3.0, 0.0))
-    placement = frames.world.placement(5)
+    placement = frames.world.state(5).placement
     assert placement.present.all()
     # Half a turn, then 36 degrees more.
     np.testing.assert_allclose(placement.world_from_object[1, 1, :, :3], np.diag([-1, -1, 1]), atol=1e-7)
@@ -264,7 +264,7 @@ def test_groups_and_parts_come_and_go(tmp_path, group, wheel, gone):
     frames = stream(path, buffers=("instance",))
     for k in (0, 4, 5, 7, 8, 20):
         there = not 5 <= k < 8
-        assert frames.world.placement(k).present[1].tolist() == [there or not gone, there]
+        assert frames.world.state(k).placement.present[1].tolist() == [there or not gone, there]
         assert {row.id for row in frames[k].objects} == ({1} if there else {1} - gone)
         assert frames[k].instance.any() == (there or not gone)
 

@@ -48,7 +48,7 @@ def Xform "House" (
 
 def test_a_prim_becomes_a_template_and_stands_nowhere(tmp_path):
     path = write(tmp_path, HOUSE, meters=0.5)
-    stage = read_stage(path, lifted=["/House/Lamp"])
+    stage = read_stage(path, extract=["/House/Lamp"])
     assert [each.name for each in stage.objects] == ["Wall"]
     (lamp,) = stage.templates
     assert (lamp.name, lamp.category) == ("/House/Lamp", "building")
@@ -59,7 +59,7 @@ def test_a_prim_becomes_a_template_and_stands_nowhere(tmp_path):
 
 
 def test_a_gprim_can_be_lifted_alone(tmp_path):
-    stage = read_stage(write(tmp_path, HOUSE), lifted=["/House/Wall"])
+    stage = read_stage(write(tmp_path, HOUSE), extract=["/House/Wall"])
     assert [each.name for each in stage.objects] == []
     assert [each.name for each in stage.templates] == ["/House/Wall"]
 
@@ -73,9 +73,9 @@ def test_without_lifting_nothing_changes(tmp_path):
 @pytest.mark.parametrize("name", ["/House/Lmap", "/", "no path", "/House/Lamp.visibility"])
 def test_what_is_not_there_cannot_be_lifted(tmp_path, name):
     with pytest.raises(TemplateNotFound, match="on the stage"):
-        read_stage(write(tmp_path, HOUSE), lifted=[name])
+        read_stage(write(tmp_path, HOUSE), extract=[name])
 
 
 def test_what_holds_no_geometry_is_a_problem(tmp_path):
     with pytest.raises(StageError, match="</House/Nothing> template: it holds no geometry"):
-        read_stage(write(tmp_path, HOUSE), lifted=["/House/Nothing"])
+        read_stage(write(tmp_path, HOUSE), extract=["/House/Nothing"])

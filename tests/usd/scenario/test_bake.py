@@ -79,7 +79,7 @@ def moving(stream: ts.Stream, path: object, frame: int) -> tuple[np.ndarray, np.
     stage = read_stage(path, time_code=frame)
     rows = [each for each in stage.instances if "/Motion" in stage.objects[each.object].prim_path]
     have = [vertices(stage.meshes[each.mesh], each.world_from_object) for each in rows]
-    placement = stream.world.placement(frame)
+    placement = stream.world.state(frame).placement
     meshes = [mesh for description in stream.world.descriptions for mesh in description.meshes]
     added = placement.present[1] & (placement.instance_id > len(stream.world.stage.objects))
     want = [vertices(meshes[placement.mesh[k]], placement.world_from_object[1, k]) for k in np.flatnonzero(added)]
@@ -100,7 +100,7 @@ def test_every_time_code_has_the_poses_of_its_frame(stream, tmp_path):
         np.testing.assert_allclose(have, want, rtol=0, atol=1e-6 if scaled else 1e-12)
         counts.add(len(have))
         camera = read_stage(tmp_path / "motion.usda", time_code=frame).cameras[-1]
-        expected = stream.world.view(frame)[1]
+        expected = stream.world.state(frame).cameras[0].current
         np.testing.assert_allclose(camera.position, expected.position, atol=1e-12)
         assert abs(np.dot(camera.rotation, expected.rotation)) == pytest.approx(1, abs=1e-12)
         assert camera.vertical_fov == pytest.approx(expected.vertical_fov, rel=1e-6)
@@ -178,8 +178,8 @@ def test_a_scene_whose_author_moves_things_is_written_as_it_played(tmp_path):
     stream.to_usd(tmp_path / "motion.usda")
     again = ts.Stream(tmp_path / "motion.usda", fps=10, width=8, height=6, frames=FRAMES, buffers=("instance",))
     for frame in range(FRAMES):
-        have = {each.name: each.position for each in again.world.objects(frame)}
-        want = {each.name: each.position for each in stream.world.objects(frame)}
+        have = {each.name: each.position for each in again.world.state(frame).objects}
+        want = {each.name: each.position for each in stream.world.state(frame).objects}
         assert have.keys() == want.keys()
         assert ("Ball" in have) == (frame >= 2)
         for name in have:

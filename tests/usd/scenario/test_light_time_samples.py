@@ -93,16 +93,16 @@ def test_time_samples_of_lights_play(file):
     assert [motion.light for motion in scenario.lights] == ["/Room/Box/Bulb", "/Room/Arm/Panel"]
     assert scenario.objects == ()
     made = world(scenario)
-    assert [named(made.lights(k))["Bulb"].radiance for k in (0, 5, 10, 30)] == [
+    assert [named(made.state(k).lights)["Bulb"].radiance for k in (0, 5, 10, 30)] == [
         (0, 0, 0), (2, 1, 0.5), (4, 2, 1), (4, 2, 1),
     ]  # fmt: skip
-    panel = {k: named(made.lights(k))["Panel"] for k in (0, 10, 20, 50)}
+    panel = {k: named(made.state(k).lights)["Panel"] for k in (0, 10, 20, 50)}
     assert [light.world_from_light[0, 3] for light in panel.values()] == pytest.approx([0, 1, 2, 2])
     assert (panel[10].width, panel[10].height) == (2, 1)
-    assert named(made.lights(10))["Sun"] is named(made.stage.lights)["Sun"]
+    assert named(made.state(10).lights)["Sun"] is named(made.stage.lights)["Sun"]
     # A stage read at a time code has the same lights.
     for code, frame in ((10, 0), (15, 5), (24, 14)):
-        for there, here in zip(read_stage(file, time_code=code).lights, made.lights(frame), strict=True):
+        for there, here in zip(read_stage(file, time_code=code).lights, made.state(frame).lights, strict=True):
             np.testing.assert_allclose(there.world_from_light, here.world_from_light, atol=1e-6)
 
 
@@ -145,23 +145,23 @@ def test_written_motion_has_edited_things_lights_and_cameras(file, tmp_path):
                 next(r for r in stream.world.initial_objects if r.name == "Box")
             )
             part = int(np.flatnonzero(stream.world._inventory.stage_owner == number)[0])
-            expected = stream.world.placement(frame).world_from_object[1, part]
+            expected = stream.world.state(frame).placement.world_from_object[1, part]
             np.testing.assert_allclose(first.world_from_object[:3], expected, atol=1e-6)
-        here, lights = named(stream.world.lights(frame)), named(there.lights)
+        here, lights = named(stream.world.state(frame).lights), named(there.lights)
         for name in {"Panel", "Sun"} & set(lights):
             np.testing.assert_allclose(lights[name].world_from_light, here[name].world_from_light, atol=1e-6)
         np.testing.assert_allclose(lights["Panel"].radiance, here["Panel"].radiance, atol=1e-6)
         np.testing.assert_allclose(lights["Sun"].irradiance, here["Sun"].irradiance, rtol=1e-5)
         assert lights["Panel"].width == pytest.approx(2.0)
         own = next(camera for camera in there.cameras if camera.name.startswith("Own"))
-        np.testing.assert_allclose(own.position, stream.world.view(frame, 1)[1].position, atol=1e-6)
+        np.testing.assert_allclose(own.position, stream.world.state(frame).cameras[1].current.position, atol=1e-6)
     played = ts.Stream(tmp_path / "motion.usda", width=16, height=12, fps=10.0, buffers=("instance",))
     assert [camera.name for camera in played.world.cameras] == ["Side", "Own"]
-    box = next(row for row in played.world.objects(5) if row.name == "Box")
+    box = next(row for row in played.world.state(5).objects if row.name == "Box")
     np.testing.assert_allclose(
-        box.position, next(r for r in stream.world.objects(5) if r.name == "Box").position, atol=0.6
+        box.position, next(r for r in stream.world.state(5).objects if r.name == "Box").position, atol=0.6
     )
-    assert not [row for row in played.world.objects(9) if row.name == "Box"]
+    assert not [row for row in played.world.state(9).objects if row.name == "Box"]
 
 
 def test_several_cameras_give_a_frame_each(file):
@@ -172,7 +172,7 @@ def test_several_cameras_give_a_frame_each(file):
     assert frame.views["Side"] is frame
     assert frame.depth.tobytes() == alone[3].depth.tobytes()
     own = frame.views["Own"]
-    assert own.camera.position == stream.world.view(3, 1)[1].position
+    assert own.camera.position == stream.world.state(3).cameras[1].current.position
     assert own.index == frame.index
     assert own.depth.tobytes() != frame.depth.tobytes()
     assert own.views == {"Own": own}
@@ -195,6 +195,6 @@ def test_what_is_no_prim_cannot_be_written(file, tmp_path):
     file.write_text(STAGE.replace('    def DistantLight "Sun"', points + '    def DistantLight "Sun"'))
     scenario = ts.Scenario(str(file), edits=[Move(1, "/Room/Row[1]", (0, 2, 0))])
     stream = ts.Stream(scenario, width=16, height=12, buffers=("instance",))
-    assert next(row for row in stream.world.objects(2) if row.name == "Row[1]").position == (0, 2, 0)
+    assert next(row for row in stream.world.state(2).objects if row.name == "Row[1]").position == (0, 2, 0)
     with pytest.raises(ArgumentError, match=r"/Room/Row\[1\].*no prim of its own"):
         stream.to_usd(tmp_path / "motion.usda", 3)

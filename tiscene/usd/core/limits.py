@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much a stage may take, and from where."""
+"""Limits on reading USD files: size of the scene, time, memory, and the folder that files must be in.
+
+`Limits` is what a user sets. `ReadingBudget` counts prims and triangles while a stage is read and raises at the first
+limit exceeded. Time and memory can only be bounded from outside, since USD itself may hang or allocate without end on a
+damaged file: `tiscene.usd.read.subprocess_reader` reads in a child process and stops it.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +21,17 @@ from tiscene.usd.core.package import split_package
 
 @dataclass(frozen=True)
 class Limits:
-    """What reading a stage may take before it is refused.
+    """Upper bounds on reading one file. Reading stops with StageError at the first one exceeded.
 
-    prims: how many are drawn from, instances counted each time. triangles: of all meshes, each counted once.
-    seconds: of reading; checked between prims, or by ending the process of an untrusted file. memory: bytes, of that
-    process only.
+    Attributes:
+        prims: prims visited; those of an instance's prototype count for each instance.
+        triangles: triangles of all meshes; a mesh that is shared by instances counts once.
+        seconds: wall-clock time, including the start of the child process.
+        memory: bytes of address space of the child process; Python, USD and NumPy alone take about 1 GiB. Enforced
+            by the operating system, on Linux and other POSIX systems that honor RLIMIT_AS.
+
+    Raises:
+        ArgumentError: a limit is not positive.
     """
 
     prims: int = 1_000_000
@@ -33,53 +44,91 @@ class Limits:
             if not value > 0:
                 raise ArgumentError(f"limits: {name}={value} must be positive")
 
+    def exceeded(self, name: str) -> str:
+        """Return the problem of a stage that exceeds one of the limits, and how to raise that limit.
+
+        Args:
+            name: name of the limit, an attribute of this class.
+        """
+        seen = {
+            "prims": f"it has more than {self.prims:,} prims",
+            "triangles": f"it has more than {self.triangles:,} triangles",
+            "seconds": f"reading it took longer than {self.seconds:g} s",
+            "memory": f"reading it took more memory than {self.memory / 2**30:.3g} GiB",
+        }[name]
+        return f"{seen}: the file may be damaged; if it is only large, raise the limit with Limits({name}=...)"
+
 
 @dataclass
-class Spent:
-    """What reading has taken so far, against its limits."""
+class ReadingBudget:
+    """Prims, triangles and time used so far by reading one stage.
+
+    Attributes:
+        stage: name of the file in error messages.
+        limits: the bounds.
+        prims: prims visited so far.
+        triangles: triangles read so far.
+        start: start of reading, seconds of the monotonic clock.
+    """
 
     stage: str
     limits: Limits
     prims: int = 0
     triangles: int = 0
-    began: float = field(default_factory=time.monotonic)
+    start: float = field(default_factory=time.monotonic)
 
-    def prim(self) -> None:
-        """One more prim. Raises StageError where a limit is passed."""
+    def add_prim(self) -> None:
+        """Count one more prim. Raises StageError if a limit is exceeded."""
         self.prims += 1
         if self.prims > self.limits.prims:
-            self._refuse(f"it has more than {self.limits.prims:,} prims")
-        if time.monotonic() - self.began > self.limits.seconds:
-            self._refuse(f"reading it took longer than {self.limits.seconds:g} s")
+            self._stop("prims")
+        if time.monotonic() - self.start > self.limits.seconds:
+            self._stop("seconds")
 
-    def mesh(self, triangles: int) -> None:
-        """One more mesh. Raises StageError where a limit is passed."""
+    def add_mesh(self, triangles: int) -> None:
+        """Count the triangles of one more mesh. Raises StageError if a limit is exceeded."""
         self.triangles += triangles
         if self.triangles > self.limits.triangles:
-            self._refuse(f"it has more than {self.limits.triangles:,} triangles")
+            self._stop("triangles")
 
-    def _refuse(self, text: str) -> None:
-        raise StageError(self.stage, [f"{text}; raise `limits` if it is meant to be so"])
+    def _stop(self, name: str) -> None:
+        raise StageError(self.stage, [self.limits.exceeded(name)])
 
 
-class Root:
-    """A folder that everything must be in, by real paths: links that lead out of it do not help."""
+class RootFolder:
+    """The folder that every layer and texture of a stage must be in. Paths are compared after resolving links.
+
+    Attributes:
+        folder: absolute path, or None: files may be anywhere.
+    """
 
     def __init__(self, folder: str | os.PathLike[str] | None) -> None:
-        """folder: None for anywhere. Raises ArgumentError for one that is not there."""
+        """Resolve the folder.
+
+        Args:
+            folder: an existing folder, or None for no restriction.
+
+        Raises:
+            ArgumentError: not a folder.
+        """
         if not isinstance(folder, str | os.PathLike | None):
             raise ArgumentError(f"root={folder!r}: must be a folder")
         self.folder = None if folder is None else Path(folder).resolve()
         if self.folder is not None and not self.folder.is_dir():
-            raise ArgumentError(f"root={str(folder)!r} is no folder")
+            raise ArgumentError(f"root={str(folder)!r} is not a folder")
 
-    def holds(self, file: str) -> bool:
-        """Whether a file, or a file inside a package ("room.usdz[wood.png]"), is in it."""
+    def contains(self, file: str) -> bool:
+        """Return whether a file, or a file inside a package ("room.usdz[wood.png]"), is in the folder."""
         return self.folder is None or Path(split_package(file)[0]).resolve().is_relative_to(self.folder)
 
     def check(self, stage: Usd.Stage, name: str) -> None:
-        """Raises StageError if any layer of a stage is outside."""
+        """Raise StageError if any layer of a stage is outside the folder.
+
+        Args:
+            stage: the opened stage.
+            name: name of the stage in the error message.
+        """
         used = [layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous]
-        outside = sorted(path for path in used if path and not self.holds(path))
+        outside = sorted(path for path in used if path and not self.contains(path))
         if outside:
             raise StageError(name, [f"layer @{path}@ is outside {self.folder}" for path in outside])

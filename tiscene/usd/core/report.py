@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a stage, and what of it is left out: collected while it is read, told once at the end."""
+"""StageReport: problems and omissions collected while a stage is read, raised or warned about once at the end.
+
+A problem makes the stage unusable and ends in a StageError that lists all of them. An omission is content that is left
+out or approximated and ends in one StageWarning.
+"""
 
 from __future__ import annotations
 
@@ -12,51 +16,77 @@ from typing import Any
 from pxr import Tf
 
 from tiscene.errors import StageError, StageWarning
-from tiscene.usd.core.limits import Limits, Root, Spent
+from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 
-_INTERNAL = re.compile(r"\bpxrInternal\w*::")
-_PATHS_NAMED = 5  # prims that one line of the warning names before it says how many more there are
-_PROBLEMS_TOLD = 100
-_LINES_TOLD = 20  # of what USD says of one failure
+_INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
+_MAX_PATHS = 5  # prims listed per line of the warning
+_MAX_PROBLEMS = 100  # problems listed by an error
+_MAX_DIAGNOSTICS = 20  # lines of USD's diagnostics per failure; a damaged file can give a million
 
 
 def error_lines(error: Tf.ErrorException) -> list[str]:
-    """What USD says of a failure, one line each."""
-    lines = [one_line(diagnostic) for diagnostic in error.args[:_LINES_TOLD]]  # damaged files give a million
-    reasons = [line for line in lines if not line.startswith("Failed to open layer")]  # said after each of them
+    """Return USD's reasons for a failure, one line each."""
+    lines = [one_line(diagnostic) for diagnostic in error.args[:_MAX_DIAGNOSTICS]]
+    reasons = [line for line in lines if not line.startswith("Failed to open layer")]  # follows each of the reasons
     return list(dict.fromkeys(reasons or lines)) or ["USD gave no reason"]
 
 
 def one_line(error: Any) -> str:
-    """The text of an error or diagnostic of USD, whose `str` can fail on bytes that are no UTF-8."""
+    """Return the text of a USD diagnostic, or of an exception, on one line.
+
+    The `str` of a diagnostic fails where it quotes bytes of a file that are not UTF-8.
+    """
     try:
-        return _INTERNAL.sub("", " ".join(str(getattr(error, "commentary", error)).split()))
+        return _INTERNAL_NAMESPACE.sub("", " ".join(str(getattr(error, "commentary", error)).split()))
     except UnicodeDecodeError:
-        return "USD's message about it is not valid UTF-8, so that the file is likely damaged"
+        return "USD's message about it is not valid UTF-8; the file is probably damaged"
 
 
 class StageReport:
-    """Problems (the stage cannot be rendered) and omissions (it can, but not as its author meant it)."""
+    """Problems (the stage cannot be rendered) and omissions (it is not rendered exactly as authored).
 
-    def __init__(self, stage: str, plays: bool = True, root: Root | None = None, spent: Spent | None = None) -> None:
-        """stage: how messages call the file. plays: whether it is read to be played, not for one moment.
+    Attributes:
+        stage: name of the file in messages.
+        reads_animation: whether time samples are read as animation, not at one time code only.
+        root: the folder that files must be in.
+        budget: what reading has used of its limits.
+    """
 
-        root: where its files must be. spent: what reading it has taken.
+    def __init__(
+        self,
+        stage: str,
+        reads_animation: bool = True,
+        root: RootFolder | None = None,
+        budget: ReadingBudget | None = None,
+    ) -> None:
+        """Start an empty report.
+
+        Args:
+            stage: name of the file in messages.
+            reads_animation: whether time samples are read as animation.
+            root: the folder that files must be in; None: no restriction.
+            budget: what reading has used; None: a new one with the default limits.
         """
         self.stage = stage
-        self.root = root or Root(None)
-        self.spent = spent or Spent(stage, Limits())
-        self.plays = plays
-        self._problems: dict[str, None] = {}  # ordered, and each line once: instances share their prototype's faults
+        self.reads_animation = reads_animation
+        self.root = root or RootFolder(None)
+        self.budget = budget or ReadingBudget(stage, Limits())
+        self._problems: dict[str, None] = {}  # ordered, each line once: instances share the faults of their prototype
         self._omissions: dict[str, dict[str, None]] = {}
 
-    def problem(self, path: Any, what: str, text: str) -> None:
-        """Something that makes the stage unusable: `</Room/Lamp> mesh: 3 faces refer to point 412, ...`."""
-        self._problems[f"<{path}> {what}: {text}"] = None
+    def problem(self, path: Any, subject: str, text: str) -> None:
+        """Add a problem: `</Room/Lamp> mesh: 3 faces refer to point 412, ...`.
+
+        Args:
+            path: path of the prim.
+            subject: what of the prim is wrong, such as "mesh".
+            text: the problem.
+        """
+        self._problems[f"<{path}> {subject}: {text}"] = None
 
     @contextlib.contextmanager
     def guard(self, path: Any) -> Iterator[None]:
-        """Turn what USD or numpy raise at the values of a damaged file into a problem of the prim at `path`."""
+        """Turn exceptions of USD and NumPy, as damaged values cause them, into a problem of the prim at `path`."""
         try:
             yield
         except StageError:
@@ -68,30 +98,30 @@ class StageReport:
             self.problem(path, "cannot be read", f"{type(error).__name__}: {one_line(error)}")
 
     def omission(self, path: Any, text: str) -> None:
-        """Something that is not drawn, or not quite as authored. Prims with the same text share a line."""
+        """Add content that is left out or approximated. Prims with the same text share a line of the warning."""
         self._omissions.setdefault(text, {})[str(path)] = None
 
-    def frozen(self, path: Any, what: str) -> None:
-        """Something that changes over time, and is drawn as it is at the time that is read."""
-        if self.plays:
-            self.omission(path, f"{what} has time samples, and is drawn as it is at the time read")
+    def frozen(self, path: Any, subject: str) -> None:
+        """Add animation that is not played: the subject keeps its value at the time read."""
+        if self.reads_animation:
+            self.omission(path, f"{subject} has time samples, and is drawn as it is at the time read")
 
     def raise_problems(self) -> None:
         """Raise StageError if there is any problem."""
         if self._problems:
             problems = list(self._problems)
-            if len(problems) > _PROBLEMS_TOLD:
-                problems = [*problems[:_PROBLEMS_TOLD], f"... and {len(problems) - _PROBLEMS_TOLD} more"]
+            if len(problems) > _MAX_PROBLEMS:
+                problems = [*problems[:_MAX_PROBLEMS], f"... and {len(problems) - _MAX_PROBLEMS} more"]
             raise StageError(self.stage, problems)
 
     def warn(self) -> None:
-        """Give one StageWarning that names everything left out, if anything is."""
+        """Give one StageWarning that lists all omissions, on behalf of the caller's caller; none if there are none."""
         if not self._omissions:
             return
         lines = []
         for text, paths in self._omissions.items():
-            named = ", ".join(f"<{path}>" for path in list(paths)[:_PATHS_NAMED])
-            more = f" and {len(paths) - _PATHS_NAMED} more" if len(paths) > _PATHS_NAMED else ""
-            lines.append(f"  {text}: {named}{more}")
+            listed = ", ".join(f"<{path}>" for path in list(paths)[:_MAX_PATHS])
+            more = f" and {len(paths) - _MAX_PATHS} more" if len(paths) > _MAX_PATHS else ""
+            lines.append(f"  {text}: {listed}{more}")
         message = f"{self.stage} is not drawn quite as authored:\n" + "\n".join(lines)
         warnings.warn(StageWarning(message), stacklevel=3)

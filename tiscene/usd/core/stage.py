@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opening a stage: composition errors are failures, and USD's own chatter stays off the terminal."""
+"""Open USD stages: composition errors raise, variants are selected, and USD's diagnostics stay off the terminal."""
 
 from __future__ import annotations
 
@@ -18,32 +18,43 @@ from tiscene.usd.core.report import error_lines, one_line
 schema.register()
 
 Variants = Mapping[str, str | Mapping[str, str]]
+_MAX_VARIANT_PRIMS = 30  # prims with variant sets that an error lists
 
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Keep USD's diagnostics from stdout and stderr: what matters of them is raised or warned by the reader."""
+    """Keep USD's diagnostics off stdout and stderr; the reader raises or warns about those that matter."""
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield
     finally:
-        delegate.TakeUncoalescedDiagnostics()  # a delegate prints what it still holds when it goes
+        delegate.TakeUncoalescedDiagnostics()  # a delegate prints its remaining diagnostics when it is destroyed
         del delegate
 
 
 @contextlib.contextmanager
 def readable(path: str | Path) -> Iterator[None]:
-    """Turn USD's exceptions into StageError."""
+    """Raise USD's exceptions, and texts that are not UTF-8, as StageError of the file `path`."""
     try:
         yield
     except Tf.ErrorException as error:
         raise StageError(str(path), [f"cannot be read: {line}" for line in error_lines(error)]) from None
+    except UnicodeDecodeError as error:
+        raise StageError(str(path), [f"cannot be read: a text in it is not valid UTF-8: {error}"]) from None
 
 
 def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
-    """Open a stage with every payload loaded and the wanted variants selected in its session layer.
+    """Open a stage with every payload loaded and variants selected in its session layer.
 
-    Raises MissingFile, StageError (unreadable, or anything that does not compose), UnknownName (variants).
+    Args:
+        path: the file.
+        variants: variant selections, `{"/Room{lighting}": "night"}` or `{"/Room": {"lighting": "night"}}`.
+
+    Raises:
+        MissingFile: there is no such file.
+        StageError: the file cannot be read, or something does not compose.
+        UnknownName: a prim, variant set or variant that the stage does not have.
+        ArgumentError: `variants` is malformed.
     """
     path = Path(path)
     if not path.exists():
@@ -52,28 +63,29 @@ def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
         raise MissingFile(f"{path} is not a file: name the .usd, .usda, .usdc or .usdz file itself")
     with readable(path):
         stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
-        for layer in stage.GetUsedLayers():  # USD shares layers in a process: see to it that they are today's files
+        for layer in stage.GetUsedLayers():  # USD shares layers in a process: the files may have changed since
             if not layer.anonymous and not layer.dirty:
                 layer.Reload()
     try:
         select_variants(stage, variants or {})
     except UnknownName:
-        _refuse_errors(stage, path)  # a variant may be missing because its file is
+        _raise_errors(stage, path)  # a variant may be missing because its file is
         raise
-    _refuse_errors(stage, path)
-    _give_range(stage)
+    _raise_errors(stage, path)
+    _set_missing_range(stage)
     return stage
 
 
-def _refuse_errors(stage: Usd.Stage, path: Path) -> None:
+def _raise_errors(stage: Usd.Stage, path: Path) -> None:
+    """Raise StageError if a stage has composition errors or invalid metadata."""
     problems = [f"<{_error_path(error)}> composition: {one_line(error)}" for error in stage.GetCompositionErrors()]
-    problems += _faults_of_units(stage)
+    problems += _metadata_problems(stage)
     if problems:
         raise StageError(str(path), list(dict.fromkeys(problems)))
 
 
-def _faults_of_units(stage: Usd.Stage) -> list[str]:
-    """What of a stage's unit of length and of its clock means nothing."""
+def _metadata_problems(stage: Usd.Stage) -> list[str]:
+    """Return what is wrong with a stage's unit of length and time codes."""
     meters, rate = UsdGeom.GetStageMetersPerUnit(stage), stage.GetTimeCodesPerSecond()
     problems = [
         f"</> stage: {name} is {value:g}"
@@ -91,12 +103,12 @@ def _error_path(error: object) -> str:
         return "/"
 
 
-def _give_range(stage: Usd.Stage) -> None:
-    """Have a stage that changes, and does not say when, begin at the first of all its time samples."""
+def _set_missing_range(stage: Usd.Stage) -> None:
+    """Set the time code range of an animated stage without one to the range of its time samples."""
     if stage.HasAuthoredTimeCodeRange() or not changes_over_time(stage):
         return
-    everything = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
-    samples = [each.GetTimeSamples() for prim in everything for each in prim.GetAuthoredAttributes()]
+    prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+    samples = [each.GetTimeSamples() for prim in prims for each in prim.GetAuthoredAttributes()]
     times = [time for each in samples if each for time in (each[0], each[-1])]
     if times:
         session = stage.GetSessionLayer()
@@ -104,11 +116,20 @@ def _give_range(stage: Usd.Stage) -> None:
 
 
 def select_variants(stage: Usd.Stage, variants: Variants) -> None:
-    """Select variants in the session layer, so that no file changes. `{"/Room{lighting}": "night"}` or nested."""
+    """Select variants in the session layer, so that no file changes.
+
+    Args:
+        stage: the stage.
+        variants: `{"/Room{lighting}": "night"}` or `{"/Room": {"lighting": "night"}}`.
+
+    Raises:
+        UnknownName: a prim, variant set or variant that the stage does not have.
+        ArgumentError: `variants` is malformed.
+    """
     if not isinstance(variants, Mapping):
         raise ArgumentError(f"variants={variants!r} must be a mapping such as {{'/Room{{lighting}}': 'night'}}")
     with Usd.EditContext(stage, stage.GetSessionLayer()):
-        for prim_path, set_name, choice in _flattened(variants):
+        for prim_path, set_name, choice in _selections(variants):
             prim = stage.GetPrimAtPath(prim_path)
             if not prim:
                 raise UnknownName("prim", prim_path, _paths_with_variants(stage), hint="Variants are selected on it.")
@@ -121,8 +142,8 @@ def select_variants(stage: Usd.Stage, variants: Variants) -> None:
             sets.GetVariantSet(set_name).SetVariantSelection(choice)
 
 
-def _flattened(variants: Variants) -> Iterator[tuple[str, str, str]]:
-    """(prim path, variant set, variant) for both ways of writing a selection."""
+def _selections(variants: Variants) -> Iterator[tuple[str, str, str]]:
+    """Yield (prim path, variant set, variant) for both notations of a selection."""
     for key, value in variants.items():
         if not isinstance(key, str):
             raise ArgumentError(f"variants: {key!r} must be the path of a prim, such as '/Room{{lighting}}'")
@@ -142,11 +163,19 @@ def _flattened(variants: Variants) -> Iterator[tuple[str, str, str]]:
 
 
 def _paths_with_variants(stage: Usd.Stage) -> list[str]:
-    return [str(prim.GetPath()) for prim in stage.TraverseAll() if prim.HasVariantSets()][:30]
+    return [str(prim.GetPath()) for prim in stage.TraverseAll() if prim.HasVariantSets()][:_MAX_VARIANT_PRIMS]
 
 
 def reading_time(stage: Usd.Stage, time_code: float | None) -> Usd.TimeCode:
-    """The given time code, else the start of the stage's range; any if nothing changes. Raises ArgumentError."""
+    """Return the time code to read a stage at.
+
+    Args:
+        stage: the stage.
+        time_code: finite number; None: the start of the stage's range, else the earliest sample of each attribute.
+
+    Raises:
+        ArgumentError: not a finite number.
+    """
     if time_code is not None:
         try:
             code = float(time_code) if isinstance(time_code, Real) else math.nan
@@ -161,7 +190,7 @@ def reading_time(stage: Usd.Stage, time_code: float | None) -> Usd.TimeCode:
 
 
 def changes_over_time(stage: Usd.Stage) -> bool:
-    """Whether anything on a stage has time samples, in its layers or in clips."""
+    """Return whether anything on a stage has time samples, in its layers or in value clips."""
     if any(layer.ListAllTimeSamples() for layer in stage.GetUsedLayers()):
         return True
     return any(prim.HasAuthoredMetadata("clips") for prim in stage.TraverseAll())

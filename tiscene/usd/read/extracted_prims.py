@@ -18,7 +18,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOTHING, moved
 from tiscene.usd.core.units import Units
-from tiscene.usd.read.traversal import Context, StageReader
+from tiscene.usd.read.traversal import StageReader, TraversalContext
 
 
 class RemainderReader(StageReader):
@@ -29,14 +29,14 @@ class RemainderReader(StageReader):
         stage: Usd.Stage,
         time: Usd.TimeCode,
         report: StageReport,
-        lifted: Collection[str],
+        extract: Collection[str],
         taxonomy: str | None = None,
     ) -> None:
         super().__init__(stage, time, report, taxonomy)
-        self._lifted = frozenset(lifted)
+        self._extracted = frozenset(extract)
 
-    def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
-        return str(prim.GetPath()) not in self._lifted and super()._read(prim, here, predicate)
+    def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
+        return str(prim.GetPath()) not in self._extracted and super()._read(prim, here, predicate)
 
 
 class _ExtractedReader(StageReader):
@@ -46,19 +46,19 @@ class _ExtractedReader(StageReader):
         super().__init__(root.GetStage(), time, report, taxonomy)
         self._root = root.GetPath()
 
-    def _enter(self, prim: Usd.Prim, above: Context) -> Context:
+    def _enter(self, prim: Usd.Prim, above: TraversalContext) -> TraversalContext:
         here = super()._enter(prim, above)
         return replace(here, visible=True) if prim.GetPath() == self._root else here
 
 
-def lifted_templates(
-    stage: Usd.Stage, lifted: Collection[str], time: Usd.TimeCode, report: StageReport, taxonomy: str | None = None
+def extracted_templates(
+    stage: Usd.Stage, extract: Collection[str], time: Usd.TimeCode, report: StageReport, taxonomy: str | None = None
 ) -> tuple[Template, ...]:
     """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps its scale.
 
     Raises TemplateNotFound for a path where no prim is that can be placed.
     """
-    return tuple(_template(stage, path, time, report, taxonomy) for path in sorted(set(lifted)))
+    return tuple(_template(stage, path, time, report, taxonomy) for path in sorted(set(extract)))
 
 
 def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageReport, taxonomy: str | None) -> Template:
@@ -73,9 +73,9 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
     label = inherited_label(prim, time, taxonomy)
     inherited = NOTHING
     for parent in reversed(list(_parents(prim))):  # a group may come and go with all that is in it
-        hides = report.plays and UsdGeom.Imageable(parent).GetVisibilityAttr().ValueMightBeTimeVarying()
+        hides = report.reads_animation and UsdGeom.Imageable(parent).GetVisibilityAttr().ValueMightBeTimeVarying()
         inherited = replace(inherited, hiders=(*inherited.hiders, parent)) if hides else inherited
-    reader.walk(prim, Context(above, label=label, inherited=inherited))
+    reader.walk(prim, TraversalContext(above, label=label, inherited=inherited))
     description = reader.description(path)
     if isinstance(pose, str):
         report.problem(path, "transform", pose)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
-from tiscene.usd.core.limits import Root
+from tiscene.usd.core.limits import RootFolder
 from tiscene.usd.core.semantics import taxonomies_of
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable
 
@@ -41,7 +41,7 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
     """Open a stage and count. Raises MissingFile, StageError and UnknownName (variants)."""
     with quiet(), readable(path):
         stage = open_stage(path, variants)
-        Root(root).check(stage, str(path))
+        RootFolder(root).check(stage, str(path))
         prims = list(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
         sets = {}
         for prim in stage.Traverse():

@@ -16,7 +16,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import FARTHEST
 from tiscene.usd.geometry import gprim
 from tiscene.usd.geometry.curves import read_curves, read_points
-from tiscene.usd.geometry.deforming import deformation_of, read_again, shape_times
+from tiscene.usd.geometry.deforming import deformation_of, shape_times, with_shape_samples
 from tiscene.usd.geometry.gprim import read_gprim
 from tiscene.usd.geometry.mesh import face_count, read_mesh
 from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of
@@ -113,7 +113,7 @@ class MeshTable:
     def _subsets(self, prim: Usd.Prim, whole: Binding) -> Subsets:
         """The faces that have a material of their own: by displayColor, or the subsets of the family materialBind."""
         found: list[tuple[Binding, NDArray[np.int64]]] = []
-        if whole.is_display_color and not whole.primvars.many:
+        if whole.is_display_color and not whole.primvars.has_more_than_uv:
             found += self._materials.by_element(prim)
         if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
             return found
@@ -151,12 +151,12 @@ class MeshTable:
                 read = _READERS[str(prim.GetTypeName())]
                 surface = read(prim, self._time, self._report)
                 if times and surface is not None:
-                    surface = read_again(prim, surface, times, self._report, read)
+                    surface = with_shape_samples(prim, surface, times, self._report, read)
             self._surfaces[key] = surface
         return self._surfaces[key]
 
     def _add(self, prim: Usd.Prim, surface: WeldedMesh, whole: Binding, subsets: Subsets, partition: Partition) -> int:
-        self._report.spent.mesh(len(surface.triangles))
+        self._report.budget.add_mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
         if subsets:
             of_face = np.full(int(surface.face.max()) + 1, whole.row, dtype=np.int32)

@@ -13,7 +13,7 @@ from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import unmirrored, unscaled
-from tiscene.usd.geometry.deforming import varies
+from tiscene.usd.geometry.deforming import is_time_varying
 
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
 
@@ -32,7 +32,7 @@ def read_camera(
     """
     path = prim.GetPath()
     camera = UsdGeom.Camera(prim)
-    changing = [name for name in _LENS if varies(prim.GetAttribute(name))]
+    changing = [name for name in _LENS if is_time_varying(prim.GetAttribute(name))]
     if changing:
         report.frozen(path, f"{', '.join(changing)} of a camera")
 

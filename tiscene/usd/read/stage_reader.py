@@ -1,23 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read a USD stage into a SceneDescription."""
+"""read_stage: a USD file as a SceneDescription, in this process or in a child process with limits."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Collection
 from pathlib import Path
-from typing import cast
+from typing import Any
 
+from tiscene.errors import ArgumentError
 from tiscene.scene.description import SceneDescription
-from tiscene.usd.core.limits import Limits, Root, Spent
+from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import check_taxonomy
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.geometry.skinning import bake_skinning
-from tiscene.usd.read.extracted_prims import RemainderReader, lifted_templates
-from tiscene.usd.read.subprocess_reader import SubprocessReader
+from tiscene.usd.read.extracted_prims import RemainderReader, extracted_templates
+from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import stage_templates
-from tiscene.usd.read.traversal import Context
+from tiscene.usd.read.traversal import TraversalContext
 
 
 def read_stage(
@@ -25,52 +26,72 @@ def read_stage(
     *,
     time_code: float | None = None,
     variants: Variants | None = None,
-    lifted: Collection[str] = (),
+    extract: Collection[str] = (),
     taxonomy: str | None = None,
     root: str | os.PathLike[str] | None = None,
     untrusted: bool = False,
     limits: Limits | None = None,
+    isolate: bool | None = None,
 ) -> SceneDescription:
-    """Read a USD stage (.usd, .usda, .usdc, .usdz) as it is at one time code.
+    """Read a USD stage (.usd, .usda, .usdc, .usdz) at one time code.
 
-    time_code: None for the start of the stage's range, else the earliest value of everything.
-    variants: what to select where, `{"/Room{lighting}": "night"}`; no file is changed.
-    taxonomy: of the semantic labels; None for "class", else "category", else any. On a stage without any label things
-    have those that their names say.
-    root: the folder that every layer and texture must be in, by real paths; None for anywhere.
-    untrusted: read it in a process of its own, which can be stopped, with the file's own folder as root if none is
-    given; for files that may be damaged or hostile.
-    limits: what reading may take, see `Limits`.
-    lifted: paths of prims that are to move: each is left out, and becomes a template whose name is its path.
+    The description keeps the stage's axes (`up_axis`); lengths are converted to meters. An object is the nearest
+    enclosing prim of kind `component`, else a native instance, else the gprim itself; each point of a PointInstancer is
+    an object.
 
-    The world keeps the stage's own axes (`up_axis` says which one is up); lengths become meters. A thing with an
-    identity is the nearest enclosing prim of kind `component`, else a native instance, else the gprim itself; each
-    point of a PointInstancer is one thing.
+    Args:
+        path: the file.
+        time_code: time code to read; None: the start of the stage's range, else each attribute's earliest value.
+        variants: variant selections, `{"/Room{lighting}": "night"}`; no file is changed.
+        extract: paths of prims that a scenario moves. Each is left out of the scene and becomes a template, named by
+            its path.
+        taxonomy: taxonomy of the semantic labels; None: "class", else "category", else any. On a stage without labels
+            the categories are derived from the names of the objects.
+        root: folder that every layer and texture must be in, after resolving links; None: no restriction.
+        untrusted: read a file that may be damaged or malicious: isolated, with `Limits()` unless `limits` is given, and
+            with the file's own folder as `root` unless one is given.
+        limits: upper bounds on prims, triangles, time and memory; None: `Limits()` for prims and triangles, no
+            bound on memory, and a bound on time that is checked between prims only.
+        isolate: whether to read in a child process, which is stopped when `limits.seconds` or `limits.memory` is
+            exceeded, and whose crash is a StageError. None: if `limits` is given or the file is untrusted.
 
-    Raises MissingFile, StageError (with every problem found) and UnknownName or ArgumentError (variants, taxonomy,
-    lifted). What is left out or approximated is named in one StageWarning.
+    Raises:
+        MissingFile: there is no such file.
+        StageError: the stage cannot be rendered (lists every problem found), or a limit is exceeded.
+        UnknownName: a variant, taxonomy or prim to extract that the stage does not have.
+        ArgumentError: an argument outside its range.
+
+    Content that is left out or approximated is listed in one StageWarning.
     """
-    limits = limits or Limits()
     if untrusted:
+        if isolate is False:
+            raise ArgumentError("isolate=False: an untrusted file is always read in a process of its own")
         root = Path(path).resolve().parent if root is None else root
-        options = {"time_code": time_code, "variants": variants, "lifted": tuple(lifted)}
-        with SubprocessReader(path, options | {"taxonomy": taxonomy, "root": Path(root)}, limits) as reading:
-            return cast(SceneDescription, reading.result())
-    inside = Root(root)
+    if isolate or untrusted or (isolate is None and limits is not None):
+        limits = limits or Limits()
+        options: dict[str, Any] = {
+            "time_code": time_code,
+            "variants": variants,
+            "extract": tuple(extract),
+            "taxonomy": taxonomy,
+        }
+        options |= {"root": None if root is None else Path(root), "limits": limits, "isolate": False}
+        return read_in_subprocess(read_stage, path, options, limits)
+    root_folder = RootFolder(root)
     with quiet(), readable(path):
         stage = open_stage(path, variants)
-        inside.check(stage, str(path))
-        report = StageReport(
-            str(path), plays=time_code is None and changes_over_time(stage), root=inside, spent=Spent(str(path), limits)
-        )
+        root_folder.check(stage, str(path))
+        is_animated = time_code is None and changes_over_time(stage)
+        budget = ReadingBudget(str(path), limits or Limits())
+        report = StageReport(str(path), is_animated, root_folder, budget)
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
         bake_skinning(stage, time, report)
-        reader = RemainderReader(stage, time, report, lifted, taxonomy)
-        reader.walk(stage.GetPseudoRoot(), Context())
+        reader = RemainderReader(stage, time, report, extract, taxonomy)
+        reader.walk(stage.GetPseudoRoot(), TraversalContext())
         templates = (
             *stage_templates(stage, report, taxonomy),
-            *lifted_templates(stage, lifted, time, report, taxonomy),
+            *extracted_templates(stage, extract, time, report, taxonomy),
         )
         report.raise_problems()
     report.warn()

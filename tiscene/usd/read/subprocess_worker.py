@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The child process of `subprocess_reader`: reads a stage within limits and writes the result to a file."""
+"""The child process of `subprocess_reader`: run a reading function within limits and write its result to a file.
+
+The operating system enforces the limits (address space, CPU time, file size, an alarm), so that they hold even where
+USD hangs, and where the parent process is gone.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import shutil
+import signal
 import struct
 import warnings
 from dataclasses import replace
@@ -14,67 +20,105 @@ from typing import Any
 
 from pxr import Usd
 
-from tiscene.errors import StageError, StageWarning, TisceneError
+from tiscene.errors import StageError, StageWarning
 from tiscene.files import write_atomically
+from tiscene.scene.description import SceneDescription
 from tiscene.scene.textures.mipmaps import coarser_copies
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.stage import open_stage, quiet
-from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.subprocess_reader import ALIGNMENT, EMISSION_FILE
 
+_ALARM_DELAY = 5  # s after the time limit, when the parent should have stopped this process already
+_MAX_THREADS = 64  # the limit of CPU time is that of so many threads
 
-def read_here(request: str, result: str) -> None:
-    """What the other process does. request, result: files."""
-    asked_by, path, limits, options = pickle.loads(Path(request).read_bytes())
+
+def run(request: str, result: str) -> None:
+    """Run the requested function and write its result, or its error. Main function of the child process.
+
+    Args:
+        request: file that `SubprocessReader` has written.
+        result: file to write.
+    """
+    parent, function, path, limits, options, probe_emission = pickle.loads(Path(request).read_bytes())
     if limits is not None:
-        _limit(limits)
-    stage = _looked_at(path, options.get("variants"), Path(result).with_name(EMISSION_FILE)) if limits is None else None
+        apply_limits(limits)
     answer: Any
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            description = read_stage(path, limits=limits, **options)
-            textures = tuple(replace(each, copies=coarser_copies(each)) for each in description.textures)
-            answer = ("read", replace(description, textures=textures))
-        except TisceneError as error:
-            stage, problems = (error.stage, error.problems) if isinstance(error, StageError) else ("", ())
-            answer = ("error", (type(error).__name__, str(error), stage, problems))
-    del stage
-    told = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]
-    if _is_gone(asked_by):  # nobody else takes its things away
+            variants, emission_file = options.get("variants"), Path(result).with_name(EMISSION_FILE)
+            stage = _probe_emission(path, variants, emission_file) if probe_emission else None
+            answer = ("result", _with_mipmaps(function(path, **options)))
+            del stage  # kept open until here: opening its layers again costs nothing
+        except Exception as error:
+            name, problems = (error.stage, error.problems) if isinstance(error, StageError) else ("", ())
+            answer = ("error", (type(error).__name__, str(error), name, problems))
+    texts = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]
+    if _has_ended(parent):  # then nobody else deletes the temporary files
         shutil.rmtree(Path(result).parent, ignore_errors=True)
     else:
-        _dump((*answer, told), Path(result))
+        _write_result((*answer, texts), Path(result))
 
 
-def _is_gone(process: int) -> bool:
-    """Whether a process was killed. Not asked on Windows, where signal 0 is Ctrl-C."""
+def apply_limits(limits: Limits) -> None:
+    """Let the operating system stop this process at limits of time and memory. Does nothing on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return
+    seconds = math.ceil(limits.seconds)
+    signal.alarm(seconds + _ALARM_DELAY)  # SIGALRM ends a process that does not handle it
+    for kind, bound in (
+        (resource.RLIMIT_AS, limits.memory),
+        (resource.RLIMIT_CPU, seconds * _MAX_THREADS),
+        (resource.RLIMIT_FSIZE, limits.memory),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        _, hard = resource.getrlimit(kind)
+        bound = bound if hard == resource.RLIM_INFINITY else min(bound, hard)
+        resource.setrlimit(kind, (bound, hard))
+
+
+def _with_mipmaps(result: Any) -> Any:
+    """Return a scene description with the coarser copies of its textures; any other result as it is."""
+    if not isinstance(result, SceneDescription):
+        return result
+    return replace(result, textures=tuple(replace(each, copies=coarser_copies(each)) for each in result.textures))
+
+
+def _has_ended(process: int) -> bool:
+    """Return whether a process is gone. False on Windows, where signal 0 is Ctrl-C."""
     try:
         if os.name == "posix":
             os.kill(process, 0)
     except ProcessLookupError:
         return True
-    except OSError:  # it is there, and somebody else's
+    except OSError:  # it exists, and belongs to another user
         pass
     return False
 
 
-def _looked_at(path: str, variants: Any, answer: Path) -> Usd.Stage | None:
-    """Say at once whether any material seems to glow. Returns the stage, which then is open; None if it is wrong."""
+def _probe_emission(path: str, variants: Any, file: Path) -> Usd.Stage | None:
+    """Write at once whether any material seems to emit light: an empty file for no.
+
+    Returns:
+        The open stage; None if it cannot be read, which the reading function reports.
+    """
+    stage, emits = None, False
     try:
         with quiet():
             stage = open_stage(path, variants)
             prims = (prim for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()) for prim in Usd.PrimRange(root))
             colors = (prim.GetAttribute("inputs:emissiveColor") for prim in prims)
-            glows = any(each and (each.HasAuthoredConnections() or any(each.Get() or ())) for each in colors)
-    except TisceneError:  # which reading it gives again
+            emits = any(each and (each.HasAuthoredConnections() or any(each.Get() or ())) for each in colors)
+    except Exception:
         return None
-    write_atomically(answer, b"emits" if glows else b"")
+    write_atomically(file, b"emits" if emits else b"")
     return stage
 
 
-def _dump(answer: Any, path: Path) -> None:
-    """Write a pickle and, behind it, the arrays that it refers to: how many parts, how long each is, the parts."""
+def _write_result(answer: Any, path: Path) -> None:
+    """Write a pickle and, behind it, its arrays: number of parts, length of each part (uint64), the parts."""
     buffers: list[pickle.PickleBuffer] = []
     head = pickle.dumps(answer, protocol=5, buffer_callback=buffers.append)
     parts = [memoryview(head), *(buffer.raw() for buffer in buffers)]
@@ -83,21 +127,3 @@ def _dump(answer: Any, path: Path) -> None:
         for part in (memoryview(lengths), *parts):
             file.write(part)
             file.write(bytes(-len(part) % ALIGNMENT))
-
-
-def _limit(limits: Limits) -> None:
-    """Bounds by the operating system, where it has such."""
-    try:
-        import resource
-    except ImportError:
-        return
-    seconds = int(limits.seconds) + 1
-    for kind, most in (
-        (resource.RLIMIT_AS, limits.memory),
-        (resource.RLIMIT_CPU, seconds * 64),  # of all threads
-        (resource.RLIMIT_FSIZE, limits.memory),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        _, hard = resource.getrlimit(kind)
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (most, hard))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Object templates: what can be spawned. From files of their own, or from the class prim "Templates" of a stage."""
+"""Object templates, which can be spawned: from files of their own, or from the class prim /Templates of a stage."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from pxr import Gf, Usd, UsdGeom
 from tiscene.errors import StageError
 from tiscene.scene.assembly import as_one
 from tiscene.scene.description import Template
+from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label, readable_name, spaced
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time, select_variants
 from tiscene.usd.geometry.skinning import bake_skinning
-from tiscene.usd.read.traversal import UNDEFINED_TOO, Context, StageReader
+from tiscene.usd.read.subprocess_reader import read_in_subprocess
+from tiscene.usd.read.traversal import UNDEFINED_TOO, StageReader, TraversalContext
 
 TEMPLATES_PRIM = "/Templates"
 
@@ -28,17 +30,32 @@ def read_template(
     up_axis: Literal["Y", "Z"] | None = None,
     variants: Mapping[str, str] | None = None,
     taxonomy: str | None = None,
+    limits: Limits | None = None,
 ) -> Template:
-    """Read the default prim of a file (else its only root prim) as a template.
+    """Read the default prim of a file, else its only root prim, as a template.
 
-    Its origin is that of the default prim, wherever the file has placed it; rotation and scale stay. up_axis: turn
-    the template so that its up is this axis; None leaves it in the axes of its file. The name is the prim's
-    displayName, else made from the file's name; the category is the prim's label, else its first labeled part's, else
-    what its name says. taxonomy: of the labels; None for "class", else "category", else any. variants: what to select
-    of the prim's variant sets, `{"color": "walnut"}`.
+    The template's origin is that of the prim: its translation is dropped, its rotation and scale are kept. The name is
+    the prim's displayName, else derived from the file name. The category is the prim's label, else the label of its
+    first labeled part, else derived from the prim's name.
 
-    Raises MissingFile, StageError and UnknownName (variants); what is left out is named in one StageWarning.
+    Args:
+        path: the file.
+        up_axis: turn the template so that this axis is up; None: keep the axes of the file.
+        variants: selections of the prim's variant sets, `{"color": "walnut"}`.
+        taxonomy: taxonomy of the labels; None: "class", else "category", else any.
+        limits: upper bounds of time and memory. With them the file is read in a child process; None: in this process,
+            without bounds.
+
+    Raises:
+        MissingFile: there is no such file.
+        StageError: the file is not a template (lists every problem found), or a limit is exceeded.
+        UnknownName: a variant that the prim does not have.
+
+    Content that is left out or approximated is listed in one StageWarning.
     """
+    if limits is not None:
+        options = {"up_axis": up_axis, "variants": variants, "taxonomy": taxonomy}
+        return read_in_subprocess(read_template, path, options, limits)
     with quiet(), readable(path):
         stage = open_stage(path)
         report = StageReport(str(path))
@@ -53,11 +70,11 @@ def read_template(
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
         report.raise_problems()
     report.warn()
-    return _with_materials_named(template, str(prim.GetPath()))
+    return _with_unique_materials(template, str(prim.GetPath()))
 
 
-def _with_materials_named(template: Template, prim_path: str) -> Template:
-    """Materials of files in one world are told apart: "/Chair01/Looks/Oak" is "Chair 01/Looks/Oak"."""
+def _with_unique_materials(template: Template, prim_path: str) -> Template:
+    """Prefix material paths by the template's name: "/Chair01/Looks/Oak" becomes "Chair 01/Looks/Oak"."""
     materials = tuple(
         replace(each, prim_path=template.name + each.prim_path.removeprefix(prim_path)) if each.prim_path else each
         for each in template.description.materials
@@ -66,7 +83,7 @@ def _with_materials_named(template: Template, prim_path: str) -> Template:
 
 
 def root_prim(stage: Usd.Stage) -> Usd.Prim | None:
-    """What a file is about: its default prim, else its only root prim that can be drawn."""
+    """Return the prim that a file is about: its default prim, else its only imageable root prim."""
     if stage.GetDefaultPrim():
         return stage.GetDefaultPrim()
     roots = [child for child in stage.GetPseudoRoot().GetChildren() if child.IsA(UsdGeom.Imageable)]
@@ -74,7 +91,13 @@ def root_prim(stage: Usd.Stage) -> Usd.Prim | None:
 
 
 def stage_templates(stage: Usd.Stage, report: StageReport, taxonomy: str | None = None) -> tuple[Template, ...]:
-    """The children of the class prim "Templates" at the root of a stage."""
+    """Read the children of the class prim /Templates of a stage as templates.
+
+    Args:
+        stage: the stage.
+        report: receives problems and omissions.
+        taxonomy: taxonomy of the labels; None: "class", else "category", else any.
+    """
     folder = stage.GetPrimAtPath(TEMPLATES_PRIM)
     if not folder or not folder.IsAbstract():
         return ()
@@ -88,28 +111,36 @@ def stage_templates(stage: Usd.Stage, report: StageReport, taxonomy: str | None 
 def template_of(
     prim: Usd.Prim, name: str, report: StageReport, up_axis: str | None = None, taxonomy: str | None = None
 ) -> Template:
-    """A prim and all below it as a template; a problem if nothing of it draws."""
+    """Read a prim and its descendants as a template.
+
+    Args:
+        prim: the prim.
+        name: name of the template.
+        report: receives a problem if the prim has no geometry, and all others.
+        up_axis: "Y" or "Z", turn the template so that this axis is up; None: keep its axes.
+        taxonomy: taxonomy of the labels; None: "class", else "category", else any.
+    """
     stage = prim.GetStage()
     time = reading_time(stage, None)
     reader = StageReader(stage, time, report, taxonomy)
     world = Gf.Matrix4d(1.0)
     if prim.IsA(UsdGeom.Xformable):
-        placed = UsdGeom.Xformable(prim).GetLocalTransformation(time).ExtractTranslation()
-        world.SetTranslate(-placed)
+        translation = UsdGeom.Xformable(prim).GetLocalTransformation(time).ExtractTranslation()
+        world.SetTranslate(-translation)
     if up_axis is not None and up_axis != reader.up_axis:
         turn = Gf.Rotation(Gf.Vec3d(1, 0, 0), -90.0 if up_axis == "Y" else 90.0)
         world = world * Gf.Matrix4d(1.0).SetRotate(turn)
         reader.up_axis = "Y" if up_axis == "Y" else "Z"
     label = name_label(prim) if reader.by_name else inherited_label(prim, time, taxonomy)
-    reader.walk(prim, Context(world), UNDEFINED_TOO)
+    reader.walk(prim, TraversalContext(world), UNDEFINED_TOO)
     description = reader.description(name)
     if not description.instances:
         report.problem(prim.GetPath(), "template", "it holds no geometry that would be drawn")
-    category = label or next((thing.category for thing in description.objects if thing.category), "")
+    category = label or next((each.category for each in description.objects if each.category), "")
     whole = as_one(description, prim.GetName(), str(prim.GetPath()), category, asset_name(prim) or name)
     return Template(name, category, whole)
 
 
 def display_name(prim: Usd.Prim) -> str:
-    """The displayName metadata of a prim, "" for none."""
+    """Return the displayName metadata of a prim, "" if it has none."""
     return str(prim.GetDisplayName() or "")

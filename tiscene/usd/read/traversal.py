@@ -24,7 +24,7 @@ from tiscene.usd.core.semantics import (
 )
 from tiscene.usd.core.time_samples import NOTHING, Inherited, TransformSamples
 from tiscene.usd.core.transform import beyond, is_flat, to_matrix
-from tiscene.usd.geometry.deforming import varies
+from tiscene.usd.geometry.deforming import is_time_varying
 from tiscene.usd.geometry.skinning import is_unskinned
 from tiscene.usd.lights.light import LightReader, is_light
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
@@ -42,7 +42,7 @@ UNDEFINED_TOO = Usd.TraverseInstanceProxies(_LOADED)  # below a class or an over
 
 
 @dataclass(frozen=True)
-class Context:
+class TraversalContext:
     """What a prim inherits; by default, what the prims at a stage's root do.
 
     visible: at the time read; unless that changes, which `inherited` tells. label_is_own: whether `label` was authored
@@ -103,20 +103,20 @@ class StageReader:
             templates=templates,
         )
 
-    def walk(self, root: Usd.Prim, context: Context, predicate: Any = DEFINED) -> None:
+    def walk(self, root: Usd.Prim, context: TraversalContext, predicate: Any = DEFINED) -> None:
         """Read a prim and everything below it."""
         if self._parts is None:
             self._top = root.GetPath()
         pending = [(root, context)]
         while pending:
             prim, above = pending.pop()
-            self._report.spent.prim()
+            self._report.budget.add_prim()
             with self._report.guard(prim.GetPath()):
                 here = self._enter(prim, above)
                 if self._read(prim, here, predicate):
                     pending += [(child, here) for child in reversed(prim.GetFilteredChildren(predicate))]
 
-    def _enter(self, prim: Usd.Prim, above: Context) -> Context:
+    def _enter(self, prim: Usd.Prim, above: TraversalContext) -> TraversalContext:
         """What the prim makes of what it inherits."""
         if prim.IsPseudoRoot():
             return above
@@ -127,9 +127,9 @@ class StageReader:
             imageable = UsdGeom.Imageable(prim)
             visibility = imageable.GetVisibilityAttr()
             hides = False
-            if self._report.plays and self._moves_alone(prim, above, is_thing):
+            if self._report.reads_animation and self._moves_alone(prim, above, is_thing):
                 inherited = replace(inherited, movers=(), base=None)
-            elif self._report.plays:
+            elif self._report.reads_animation:
                 hides = visibility.ValueMightBeTimeVarying()
                 inherited = inherited.below(prim, above.world, hides)
             visible = visible and (hides or visibility.Get(self._time) != UsdGeom.Tokens.invisible)
@@ -148,9 +148,9 @@ class StageReader:
             thing = StageObject.of(prim, label, own)
         if thing is not None and is_rigid_body(prim):
             thing.movable = True
-        return Context(world, visible, purpose, label, own, thing, inherited)
+        return TraversalContext(world, visible, purpose, label, own, thing, inherited)
 
-    def _moves_alone(self, prim: Usd.Prim, above: Context, is_thing: bool) -> bool:
+    def _moves_alone(self, prim: Usd.Prim, above: TraversalContext, is_thing: bool) -> bool:
         """Whether moving and hiding a prim is up to a scenario: things and lights, or the whole of a template."""
         if self._parts is not None:
             return False
@@ -158,13 +158,13 @@ class StageReader:
             return bool(prim.GetPath() == self._top)
         return is_thing or is_light(prim) or (above.thing is None and bool(prim.IsA(UsdGeom.Gprim)))
 
-    def _read(self, prim: Usd.Prim, here: Context, predicate: Any) -> bool:
+    def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
         """Read one prim; whether its children are to be read."""
         if prim.IsA(UsdGeom.Camera):
             self._read_camera(prim, here)
             return True
         lights = is_light(prim)
-        if lights and (here.inherited.hiders or varies(UsdGeom.Imageable(prim).GetVisibilityAttr())):
+        if lights and (here.inherited.hiders or is_time_varying(UsdGeom.Imageable(prim).GetVisibilityAttr())):
             self._report.frozen(prim.GetPath(), "the visibility of a light")
         if prim.IsA(UsdGeom.PointInstancer):
             if here.drawn:
@@ -193,7 +193,7 @@ class StageReader:
         elif kind and kind not in _NOTES and prim.GetPrimTypeInfo().GetSchemaType() == Tf.Type.Unknown:
             self._report.omission(prim.GetPath(), f"prims of the unknown type {kind} are not drawn")
 
-    def _read_camera(self, prim: Usd.Prim, here: Context) -> None:
+    def _read_camera(self, prim: Usd.Prim, here: TraversalContext) -> None:
         if self._parts is not None:
             self._report.omission(prim.GetPath(), "cameras in a point instancer's prototypes are not read")
             return
@@ -202,7 +202,7 @@ class StageReader:
         if camera is not None:
             self._cameras.append(camera)
 
-    def _read_light(self, prim: Usd.Prim, here: Context) -> None:
+    def _read_light(self, prim: Usd.Prim, here: TraversalContext) -> None:
         if self._parts is not None:
             self._report.omission(prim.GetPath(), "lights in a point instancer's prototypes are not supported")
         elif prim.IsA(UsdGeom.Gprim):
@@ -213,7 +213,7 @@ class StageReader:
         else:
             self._lights.add(prim, to_matrix(here.world, self._meters))
 
-    def _read_gprim(self, prim: Usd.Prim, here: Context, emitter: Binding | None = None) -> None:
+    def _read_gprim(self, prim: Usd.Prim, here: TraversalContext, emitter: Binding | None = None) -> None:
         mesh = self._meshes.row(prim, emitter)
         if mesh is None:
             return
@@ -248,7 +248,7 @@ class StageReader:
         subsets = self._meshes.subset_names(prim)
         return tuple(f"{within}/{name}" if name else within for name in subsets)
 
-    def _read_instancer(self, prim: Usd.Prim, here: Context) -> None:
+    def _read_instancer(self, prim: Usd.Prim, here: TraversalContext) -> None:
         """Each point is one thing, made of all the meshes of its prototype."""
         if prim.GetPath() in self._inside:
             self._report.problem(prim.GetPath(), "instancer", "one of its prototypes holds the instancer itself")
@@ -258,7 +258,7 @@ class StageReader:
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
             return
-        own_times = instancer_times(prim) if self._report.plays else []
+        own_times = instancer_times(prim) if self._report.reads_animation else []
         if own_times and self._parts is not None:
             self._report.frozen(prim.GetPath(), "a point instancer in a prototype of another")
             own_times = []
@@ -303,7 +303,7 @@ class StageReader:
     def _place_points(
         self,
         prim: Usd.Prim,
-        here: Context,
+        here: TraversalContext,
         root: Usd.Prim,
         parts: Sequence[Placed],
         points: PointSamples,
@@ -343,7 +343,7 @@ class StageReader:
         outer, parts = (self._parts, self._root), list[Placed]()
         self._parts, self._root = parts, root.GetPath()
         self._inside.append(instancer.GetPath())
-        self.walk(root, Context(purpose=purpose), UNDEFINED_TOO)
+        self.walk(root, TraversalContext(purpose=purpose), UNDEFINED_TOO)
         self._inside.pop()
         self._parts, self._root = outer
         return parts

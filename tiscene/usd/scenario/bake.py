@@ -40,6 +40,17 @@ class Posed(Protocol):
     def rotation(self) -> Quaternion: ...
 
 
+class State(Protocol):
+    """A world at one frame."""
+
+    @property
+    def objects(self) -> Sequence[Posed]: ...
+    @property
+    def lights(self) -> Sequence[Light]: ...
+    @property
+    def cameras(self) -> Sequence[tuple[Camera, Camera, Camera]]: ...
+
+
 class Motion(Protocol):
     """What is written of a world: its scenario, and where everything is at each frame."""
 
@@ -55,9 +66,7 @@ class Motion(Protocol):
     def cameras(self) -> Sequence[Camera]: ...
     @property
     def initial_objects(self) -> Sequence[Posed]: ...
-    def objects(self, frame: int) -> Sequence[Posed]: ...
-    def lights(self, frame: int) -> Sequence[Light]: ...
-    def view(self, frame: int, camera: int = 0) -> tuple[Camera, Camera, Camera]: ...
+    def state(self, frame: int) -> State: ...
 
 
 def write_motion(world: Motion, path: str | os.PathLike[str], frames: int | Iterable[int]) -> None:
@@ -85,7 +94,7 @@ def _write_objects(over: OverLayer, world: Motion, frames: Sequence[int]) -> Non
     asked = {life.spec.id: life.spec for life in world.scenario.lives()}
     poses: dict[str, dict[int, Array]] = {}
     for frame in frames:
-        for row in world.objects(frame):
+        for row in world.state(frame).objects:
             if row.id > standing:
                 poses.setdefault(row.name, {})[frame] = np.array([*row.position, *row.rotation])
     prims = []
@@ -120,7 +129,7 @@ def _write_things(over: OverLayer, world: Motion, frames: Sequence[int]) -> None
         start = initial_objects[path]
         moved: dict[int, Array] = {}
         for frame in frames:
-            for row in world.objects(frame):
+            for row in world.state(frame).objects:
                 if row.prim_path == path:
                     moved[frame] = _between(_placed(start), _placed(row))
         prim = _write_moved(over, path, moved)
@@ -133,7 +142,7 @@ def _write_lights(over: OverLayer, world: Motion, frames: Sequence[int]) -> None
     first = {light.prim_path: light for light in world.stage.lights}
     if not world.scenario.lights:
         return
-    by_frame = {frame: {light.prim_path: light for light in world.lights(frame)} for frame in frames}
+    by_frame = {frame: {light.prim_path: light for light in world.state(frame).lights} for frame in frames}
     wanted = {motion.light for motion in world.scenario.lights}
     for path, start in first.items():
         if not wanted & {path, start.name}:
@@ -189,7 +198,7 @@ def _write_cameras(over: OverLayer, world: Motion, frames: Sequence[int]) -> Non
             continue
         prim, operations = over.define_camera(camera)
         paths.append(prim.GetPath())
-        views = [world.view(frame, row)[1] for frame in frames]
+        views = [world.state(frame).cameras[row][1] for frame in frames]
         poses = [np.array([*view.position, *view.rotation]) for view in views]
         _write_poses(operations, dict(zip(frames, poses, strict=True)), over)
     if len(paths) > 1 or world.cameras[0].dynamic is not None or world.cameras[0] not in world.stage.cameras:

@@ -19,6 +19,7 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import read_keyframes, read_life
+from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.pose import PrimPose, agrees, read_pose
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
@@ -28,6 +29,7 @@ from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.lights.light import is_light
 from tiscene.usd.read.stage_camera import read_camera
+from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
 
@@ -49,13 +51,28 @@ class AuthoredScenario:
     prim_paths: tuple[str, ...]
 
 
-def read_scenario(path: str | Path, *, variants: Variants | None = None) -> AuthoredScenario:
-    """What is to happen on a stage. Nothing, if nothing of it moves.
+def read_scenario(
+    path: str | Path, *, variants: Variants | None = None, limits: Limits | None = None
+) -> AuthoredScenario:
+    """Read the scenario that is authored on a stage; an empty one if nothing on it moves.
 
-    Objects are the prims with TisceneObjectAPI or TisceneMotionAPI, and things whose transform or visibility has time
+    Objects are the prims with TisceneObjectAPI or TisceneMotionAPI, and those whose transform or visibility has time
     samples.
-    Raises MissingFile and StageError with every problem found; what is left out is named in one StageWarning.
+
+    Args:
+        path: the file.
+        variants: variant selections, `{"/Room{lighting}": "night"}`.
+        limits: upper bounds of time and memory. With them the file is read in a child process; None: in this process,
+            without bounds.
+
+    Raises:
+        MissingFile: there is no such file.
+        StageError: the scenario cannot be read (lists every problem found), or a limit is exceeded.
+
+    Content that is left out is listed in one StageWarning.
     """
+    if limits is not None:
+        return AuthoredScenario(*read_in_subprocess(_read_as_tuple, path, {"variants": variants}, limits))
     with quiet(), readable(path):
         stage = open_stage(path, variants)
         report = StageReport(str(path))
@@ -64,6 +81,12 @@ def read_scenario(path: str | Path, *, variants: Variants | None = None) -> Auth
         report.raise_problems()
     report.warn()
     return result
+
+
+def _read_as_tuple(path: str, *, variants: Variants | None) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Read a scenario in a child process, which can return built-in types only."""
+    result = read_scenario(path, variants=variants)
+    return result.content, result.prim_paths
 
 
 class _ScenarioReader:
