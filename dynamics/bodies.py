@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies, and the device columns that hold all their formulas."""
+"""Bodies (`Body`), and the arrays that hold the tracks of all bodies for the kernel (`BodyColumns`)."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from dynamics.dynamic import LENGTH_STEPS, SEGMENT_COLUMNS, Aim, Curve, Dynamic,
 from dynamics.errors import ArgumentError
 from dynamics.rotation import quaternion
 
-# Kinds of tracks, and how a curve finds its segment: by counting, by arc length, by a table of times.
+# Kinds of tracks, and how u selects the segment of a curve: by index, by arc length, by time.
 CURVE, TURN, AIM = 0, 1, 2
 BY_COUNT, BY_LENGTH, BY_TIME = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class Body:
-    """Something that moves.
+    """A rigid body and its trajectory.
 
-    position: m, rotation: Euler angles (degrees) or a quaternion: where it is placed. Dynamics that name their own
-    poses, such as waypoints, start from those instead.
-    name: by which timings may refer to it.
-    birth: s of the world's time at which it appears. Its clock runs from then on at the earliest.
-    timed: whether the timings apply to it; if not, it moves from its birth on (a camera, say).
+    Args:
+        dynamic: How it moves.
+        position: Where it is placed, meters. Dynamics that define their own poses, such as waypoints, ignore the
+            placement.
+        rotation: How it is placed: Euler angles (degrees) or a quaternion (w, x, y, z).
+        name: Name by which timings refer to it.
+        birth: World time in seconds at which it appears. Its clock does not run before.
+        timed: Whether timings apply to it; if not, it moves from its birth on, as a camera does.
     """
 
     dynamic: Dynamic = field(default_factory=Still)
@@ -45,27 +48,28 @@ class Body:
         object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
         object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
         if argument_checks.number(self.birth, "birth") < 0.0:
-            raise ArgumentError(f"birth={self.birth!r}: must not be before the start of the world's time, 0")
+            raise ArgumentError(f"birth={self.birth!r}: must not be negative")
         if self.name != "":
             argument_checks.text(self.name, "name")
         argument_checks.flag(self.timed, "timed")
 
     @property
     def start(self) -> Pose:
-        """Where it was placed."""
+        """Pose at which the body is placed."""
         w, x, y, z = quaternion(self.rotation).tolist()
         return Pose(self.position, (w, x, y, z))
 
 
 @dataclass(frozen=True)
 class BodyColumns:
-    """What the kernel reads.
+    """The tracks of all bodies as arrays.
 
-    bodies: int32 [n, 2], first track and number of tracks.
-    tracks: int32 [t, 5], kind, first segment, number of segments, way to find the segment, Euler angles or not.
-    axes: float64 [t, 6], of a turn its axis, of an aim its target and up direction.
-    segments: float64 [s, SEGMENT_COLUMNS].
-    spans: float64 [s, LENGTH_STEPS + 1], cumulative arc lengths, or times at both ends.
+    Attributes:
+        bodies: int32 [n, 2], first track and number of tracks.
+        tracks: int32 [t, 5], kind, first segment, number of segments, how u selects a segment, whether Euler angles.
+        axes: float64 [t, 6], axis of a turn; target and up direction of an aim.
+        segments: float64 [s, SEGMENT_COLUMNS].
+        spans: float64 [s, LENGTH_STEPS + 1], cumulative arc lengths, or times at both ends.
     """
 
     bodies: NDArray[np.int32]
@@ -75,11 +79,12 @@ class BodyColumns:
     spans: NDArray[np.float64]
 
     def arrays(self) -> tuple[NDArray[Any], ...]:
+        """Return the arrays in the order of the kernel's arguments."""
         return self.bodies, self.tracks, self.axes, self.segments, self.spans
 
 
 def columns(bodies: Sequence[Sequence[Track]]) -> BodyColumns:
-    """The tracks of all bodies, side by side. Arrays have one row at least, since a device array cannot be empty."""
+    """Return the tracks of all bodies in arrays of at least one row, since a device array cannot be empty."""
     ranges: list[tuple[int, int]] = []
     tracks: list[tuple[int, ...]] = []
     axes, segments, spans = [], [], []

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Still, Orbit, LookAt, Keyframes and Composite: the other dynamics that are formulas of time."""
+"""Closed-form trajectories beside waypoints: Still, Orbit, LookAt, Keyframes and Composite.
+
+Each is a frozen dataclass whose `tracks` describe the pose as a formula of the body's clock (`dynamics.dynamic`).
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ from dynamics.waypoints import Waypoint, check_waypoints
 
 @dataclass(frozen=True)
 class Still(ClosedForm):
-    """Stays where it was placed."""
+    """A body that stays where it is placed."""
 
     @property
     def loop_time(self) -> float:
@@ -47,9 +50,12 @@ class Still(ClosedForm):
 
 @dataclass(frozen=True)
 class Orbit(ClosedForm):
-    """Carries the start pose, rigidly, round an axis: what faces the center goes on facing it.
+    """A rigid rotation of the start pose about an axis; what faces the center keeps facing it.
 
-    center: a point of the axis, m. period: s a turn. axis: its direction; turns are right-handed about it.
+    Args:
+        center: A point of the axis, meters.
+        period: Seconds per turn.
+        axis: Direction of the axis, of any length; turns are right-handed about it.
     """
 
     center: Vector = (0.0, 0.0, 0.0)
@@ -76,9 +82,12 @@ class Orbit(ClosedForm):
 
 @dataclass(frozen=True)
 class LookAt(ClosedForm):
-    """Moves by another dynamic (default: stands) and turns its -z axis to a fixed point, as a camera does.
+    """A motion with the rotation replaced: the -z axis points at a fixed target, as a camera's does.
 
-    target: m, world. up: what its +y keeps closest to. motion: gives the position.
+    Args:
+        target: Point to look at, meters, world.
+        motion: Closed-form dynamic that gives the position.
+        up: Direction that the +y axis stays closest to.
     """
 
     target: Vector
@@ -100,10 +109,14 @@ class LookAt(ClosedForm):
 
 @dataclass(frozen=True)
 class Keyframes(ClosedForm):
-    """Poses at given times, straight lines and slerp between them; held before the first and after the last.
+    """Poses at given times, with straight lines and slerp between them.
 
-    times: s on the body's clock, increasing, one for each of `waypoints`.
-    repeat: start again after the last time, instead of standing there.
+    The first pose is held before its time; the last is held after it, unless `repeat` is set.
+
+    Args:
+        times: Seconds on the body's clock, increasing, one for each waypoint.
+        waypoints: Two or more poses.
+        repeat: Start again after the last time.
     """
 
     times: Sequence[float]
@@ -137,10 +150,13 @@ class Keyframes(ClosedForm):
 
 @dataclass(frozen=True)
 class Composite(ClosedForm):
-    """Several dynamics at once: each moves in the frame that the ones before it make.
+    """Several dynamics at once: each moves in the frame that those before it define.
 
-    Only the first starts where the body was placed; the others start at the origin of that frame. So
+    The first starts where the body is placed, the others at the origin of that frame. For example,
     ``Composite((CatmullWaypoints(...), Orbit(period=1.0)))`` follows a path and spins about its own y axis.
+
+    Args:
+        parts: One or more closed-form dynamics; LookAt only as the first.
     """
 
     parts: Sequence[ClosedForm]
@@ -149,19 +165,19 @@ class Composite(ClosedForm):
         if not isinstance(self.parts, Sequence) or isinstance(self.parts, str):
             raise ArgumentTypeError(f"parts={self.parts!r}: must be a sequence of dynamics")
         if not self.parts:
-            raise ArgumentError("parts: a Composite needs one dynamic or more")
+            raise ArgumentError("parts=(): must hold one dynamic or more")
         for index, part in enumerate(self.parts):
             check_closed_form(part, f"parts[{index}]")
             if index and isinstance(part, LookAt):
                 raise ArgumentError(
-                    f"parts[{index}]: LookAt aims at a point in world space and cannot be a later part; "
+                    f"parts[{index}]: LookAt aims at a point in world space, so it can only be the first part; "
                     "use LookAt(target, motion=Composite(...))"
                 )
         object.__setattr__(self, "parts", tuple(self.parts))
 
     @property
     def loop_time(self) -> float:
-        """The least common multiple of the parts' loops."""
+        """Least common multiple of the parts' loop times, seconds."""
         loops = [part.loop_time for part in self.parts if part.loop_time > 0.0]
         if math.inf in loops:
             return math.inf
@@ -173,7 +189,7 @@ class Composite(ClosedForm):
 
 
 def check_closed_form(value: object, name: str) -> ClosedForm:
-    """`value`, if its pose is a formula of time. Raises TypeError."""
+    """Return `value`, a closed-form dynamic."""
     dynamic = check_dynamic(value, name)
     if not isinstance(dynamic, ClosedForm):
         raise ArgumentTypeError(f"{name}={value!r}: must be a dynamic in closed form, such as CatmullWaypoints")

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UniformMovementRandomBounce: straight ahead, and off in a random direction at every collision."""
+"""UniformMovementRandomBounce: straight flight with a random new direction at every collision.
+
+A `SteppedSimulation` moves such bodies; the collision response is in `dynamics.bounce_response`.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,18 @@ from dynamics.dynamic import Dynamic, Vector
 
 @dataclass(frozen=True)
 class UniformMovementRandomBounce(Dynamic):
-    """Flies straight at constant speed, without turning, until it hits something.
+    """Straight flight at constant speed, without spin until the first hit, with random bounces.
 
-    At a hit it goes on in a new direction, uniform in the hemisphere about the normal of the contact, and with a new
-    angular velocity, uniform in the ball |w| <= `angular_speed`; directions in which it would run into what it touches
-    are drawn again. Random numbers depend on `seed`, the body's name and the number of the hit, and on nothing else.
+    At a hit the body gets a new direction, uniform over the hemisphere about the contact normal, and a new angular
+    velocity, uniform in the ball |w| <= `angular_speed`. Directions into anything it touches are drawn again. Random
+    numbers depend only on `seed`, the body's name and the number of the hit. The motion never returns to its start, so
+    timings that wait for a loop refuse it.
 
-    speed: m/s. angular_speed: rad/s, most. start_direction: world, of any length. seed: any whole number.
-    It never returns to its start, so timings that wait for a loop refuse it.
+    Args:
+        speed: m/s.
+        angular_speed: Largest angular speed, rad/s.
+        start_direction: Initial direction, world, of any length.
+        seed: Any integer.
     """
 
     speed: float = 5.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulation: all bodies and their timings; a time in, poses out."""
+"""Simulation: poses of all bodies at any time, without collisions."""
 
 from __future__ import annotations
 
@@ -19,29 +19,48 @@ from dynamics.timings import AllTogether, Timing
 
 
 class Simulation:
-    """Moves bodies. Taichi must run when poses are asked for (with float64, which its CPU and CUDA backends have).
+    """Poses of bodies that do not collide, as a pure function of (bodies, timings, time).
 
-    A pose is a pure function of (bodies, timings, time), and of its own body alone but for the timings' turns: the same
-    bits for any number of threads, in any order of asking, with any other bodies beside it.
+    A pose depends on its own body alone, apart from the turns that timings assign: the same bits for any number of
+    threads, any order of calls and any other bodies. Taichi must be running when poses are requested, on a backend with
+    float64 (CPU and CUDA have it).
+
+    Attributes:
+        bodies: The bodies.
+        timings: When each body's clock runs.
     """
 
     def __init__(self, bodies: Sequence[Body], timings: Timing | None = None) -> None:
-        """timings: default AllTogether(0). Raises ValueError if they cannot work, TypeError for what bounces."""
+        """Prepare the trajectories of `bodies`.
+
+        Args:
+            bodies: Bodies whose dynamics are closed-form or Stepped.
+            timings: When each body's clock runs; None: AllTogether(0).
+
+        Raises:
+            ArgumentError: For timings that cannot apply to these bodies.
+            ArgumentTypeError: For a bouncing body.
+        """
         self.bodies = tuple(bodies)
         self.timings = AllTogether(0.0) if timings is None else timings
         for row, body in enumerate(self.bodies):
             if isinstance(body.dynamic, UniformMovementRandomBounce):
                 raise ArgumentTypeError(
                     f"bodies[{row}] ({body.name!r}): dynamic={body.dynamic!r}: must be a path, such as "
-                    "CatmullWaypoints; a SteppedSimulation moves what bounces"
+                    "CatmullWaypoints; bouncing bodies need a SteppedSimulation"
                 )
         self._paths = Paths(self.bodies, self.timings)
 
     def poses(self, time: float | Rational) -> NDArray[np.float64]:
-        """Where every body is at `time`, s: float64 [n, 7], position (m) and unit quaternion (w, x, y, z).
+        """Return the poses of all bodies at a time.
 
-        A float stands for the decimal number it prints as; pass Fraction(k, fps) for frame k of a stream. Before its
-        birth a body is where it will appear; times before 0 show the world as it starts.
+        Args:
+            time: World time, seconds. A float stands for the decimal number that it prints as; pass Fraction(k, fps)
+                for frame k of a stream. Times before 0 give the poses at 0; a body that is not born yet is at its start
+                pose.
+
+        Returns:
+            float64 [n, 7], position (meters) and unit quaternion (w, x, y, z).
         """
         argument_checks.number(time, "time")
         poses: NDArray[np.float64] = self._paths.poses([exact(time)])[0]

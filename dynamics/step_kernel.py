@@ -91,7 +91,7 @@ def set_wall_push(
     length: ti.f64,
 ):
     """Set the displacement, `length` m at most, that brings a body outside the walls back inside."""
-    pull = vec3d(0.0)
+    displacement = vec3d(0.0)
     origin = read3_f32(bodies, body, POSITION)
     reach = ti.cast(bodies[body, RADIUS], ti.f32)
     first = integers[body, FIRST_GROUP]
@@ -104,11 +104,11 @@ def set_wall_push(
                 for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
                     arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
                     depth = ti.max(depth, spheres[sphere, 3] - height - normal.dot(arm))
-            pull += ti.cast(depth * normal, ti.f64)
-    far = pull.norm()
+            displacement += ti.cast(depth * normal, ti.f64)
+    far = displacement.norm()
     if far > length:
-        pull *= length / far
-    write3(bodies, body, WALL_PUSH, pull)
+        displacement *= length / far
+    write3(bodies, body, WALL_PUSH, displacement)
     integers[body, WALL_PUSHED] = 0
     if far > 0.0 and length > 0.0:
         integers[body, WALL_PUSHED] = 1
@@ -277,6 +277,7 @@ def substep(
                         count += 1
                         neighbors[body, count] = other
         neighbors[body, 0] = count
+    # Let each body attempt one motion after another, until its time is used up.
     ti.loop_config(block_dim=1)
     for body in range(targets.shape[0]):
         tries = 0

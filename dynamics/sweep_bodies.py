@@ -101,9 +101,9 @@ def sweep_walls_and_movers(
     end = first + integers[body, GROUP_COUNT]
     if integers[body, LIMITED] > 0:
         # A body outside the walls may not move farther outwards by itself while it is pushed inwards.
-        pulled = vec3(0.0)
+        wall_push = vec3(0.0)
         if integers[body, KIND] == BOUNCES and integers[body, WALL_PUSHED] > 0:
-            pulled = read3_f32(bodies, body, WALL_PUSH) * ti.cast(
+            wall_push = read3_f32(bodies, body, WALL_PUSH) * ti.cast(
                 bodies[body, STEP_TIME] / bodies[body, ACTIVE_TIME], ti.f32
             )
         must_enter = integers[body, KIND] != BOUNCES and integers[body, ATTEMPTS] == 0
@@ -127,7 +127,7 @@ def sweep_walls_and_movers(
                                 time = ti.max(gap - 0.5 * TOLERANCE, 0.0) / approach
                                 if gap < TOLERANCE:
                                     time = 0.0
-                            if gap < -TOLERANCE and (must_enter or normal.dot(pulled - chord) > SLIDE_TOLERANCE):
+                            if gap < -TOLERANCE and (must_enter or normal.dot(wall_push - chord) > SLIDE_TOLERANCE):
                                 time = 0.0
                             if time < best:
                                 best = time

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Timings: when each body's clock runs. They look at all bodies together; life spans do not shift them."""
+"""Timings: which bodies move when. `AllTogether`, `WaitUntilComplete` and `DictTimings`.
+
+A timing assigns each body a window of time in which its clock runs (`dynamics.clocks`). It considers all bodies
+together; their lifespans do not shift the windows.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +24,27 @@ ALWAYS = Window(Fraction(0))
 
 
 class Timing(ABC):
-    """When each body's clock runs."""
+    """Interface of timings: when each body's clock runs."""
 
     @abstractmethod
     def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
-        """One window for each body, given its id and dynamic. Raises ValueError if that cannot work."""
+        """Return one window for each body.
+
+        Args:
+            bodies: Name and dynamic of each body.
+
+        Raises:
+            ArgumentError: If the timing cannot apply to these bodies.
+        """
 
 
 @dataclass(frozen=True)
 class AllTogether(Timing):
-    """All bodies start after `wait_time` seconds and never stop."""
+    """All bodies start together and never stop.
+
+    Args:
+        wait_time: Seconds before they start.
+    """
 
     wait_time: float = 1.0
 
@@ -42,10 +57,13 @@ class AllTogether(Timing):
 
 @dataclass(frozen=True)
 class WaitUntilComplete(Timing):
-    """One after another: wait, body 0 does one loop and stands at its start pose, wait, body 1, and so on.
+    """One body at a time: wait, body 0 completes one loop and stays at its start pose, wait, body 1, and so on.
 
-    wait_time: s before every turn. repeat: after the last body, the first again; otherwise all stand for ever.
-    Bodies that never move get no turn. Dynamics that never complete are refused.
+    Static bodies get no turn. Dynamics whose loop never completes are refused.
+
+    Args:
+        wait_time: Seconds before each turn.
+        repeat: Start again with the first body after the last; otherwise all bodies then stay at rest.
     """
 
     wait_time: float
@@ -61,7 +79,7 @@ class WaitUntilComplete(Timing):
         for name, dynamic in bodies:
             if math.isinf(dynamic.loop_time):
                 raise ArgumentError(
-                    f"WaitUntilComplete waits for every loop, but the {type(dynamic).__name__} of {name!r} never "
+                    f"WaitUntilComplete waits for each loop to end, but the {type(dynamic).__name__} of {name!r} never "
                     "returns to its start; use AllTogether or DictTimings"
                 )
             loop = exact(dynamic.loop_time)
@@ -74,10 +92,13 @@ class WaitUntilComplete(Timing):
 
 @dataclass(frozen=True)
 class DictTimings(Timing):
-    """One after another, each for a given time: it stops where it is, and goes on from there at its next turn.
+    """One body at a time, each for a given time; it pauses and continues from there at its next turn.
 
-    times: body (its index, or its id) to seconds, in the order of the turns; kept as a tuple of pairs.
-    repeat: after the last, the first again; otherwise all stand for ever. Bodies that are not named never move.
+    Bodies that are not named never move.
+
+    Args:
+        times: Body (index or name) to seconds, in the order of the turns: a mapping or pairs. Kept as a tuple of pairs.
+        repeat: Start again with the first turn after the last; otherwise all bodies then stay at rest.
     """
 
     times: Mapping[int | str, float] | Iterable[tuple[int | str, float]]
@@ -86,19 +107,19 @@ class DictTimings(Timing):
     def __post_init__(self) -> None:
         given = self.times.items() if isinstance(self.times, Mapping) else self.times
         if isinstance(given, str) or not isinstance(given, Iterable):
-            raise ArgumentTypeError(f"times={self.times!r}: must map bodies (index or id) to seconds")
+            raise ArgumentTypeError(f"times={self.times!r}: must map bodies (index or name) to seconds")
         pairs = []
         for pair in given:
             if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
-                raise ArgumentTypeError(f"times: {pair!r} must be a pair of a body (index or id) and seconds")
+                raise ArgumentTypeError(f"times: {pair!r} must be a pair (index or name of a body, seconds)")
             key, seconds = pair
             if isinstance(key, bool) or not isinstance(key, Integral | str):
-                raise ArgumentTypeError(f"times: {key!r} must be the index or the id of a body")
+                raise ArgumentTypeError(f"times: {key!r} must be the index or the name of a body")
             pairs.append(
                 (key if isinstance(key, str) else int(key), argument_checks.positive(seconds, f"times[{key!r}]"))
             )
         if not pairs:
-            raise ArgumentError("times: name one body or more")
+            raise ArgumentError("times: must name one body or more")
         argument_checks.flag(self.repeat, "repeat")
         object.__setattr__(self, "times", tuple(pairs))
 
@@ -112,7 +133,7 @@ class DictTimings(Timing):
                 known = ", ".join(repr(name) for name, _ in bodies[:20]) or "none"
                 raise ArgumentError(f"DictTimings: no body {key!r}; bodies 0 to {len(bodies) - 1} are: {known}")
             if row in turns:
-                raise ArgumentError(f"DictTimings: body {row} ({bodies[row][0]!r}) has two turns; give it one")
+                raise ArgumentError(f"DictTimings: body {row} ({bodies[row][0]!r}) has two turns; name it once")
             turns[row] = (end, exact(seconds))
             end += exact(seconds)
         cycle = end if self.repeat else None

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Closed loops through waypoints: straight from one to the next, or along a smooth curve."""
+"""Closed paths through waypoints: `LinearWaypoints` (straight lines) and `CatmullWaypoints` (Catmull-Rom splines).
+
+Both turn their waypoints into cubic segments of position and rotation (`dynamics.dynamic.Curve`), which the kernel in
+`dynamics.trajectory_kernel` evaluates.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +23,15 @@ from dynamics.rotation import aligned, quaternion, squad_controls
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A pose to pass through.
+    """A pose that a path passes through.
 
-    position: m. rotation: Euler angles (x, y, z) in degrees, or a quaternion (w, x, y, z); see `dynamics.rotation`.
+    Args:
+        position: Meters, world.
+        rotation: Euler angles (x, y, z) in degrees, or a quaternion (w, x, y, z) of any length; see
+            `dynamics.rotation`.
+
+    Raises:
+        ArgumentError: For a wrong number of components, one that is not finite, or a zero quaternion.
     """
 
     position: tuple[float, float, float]
@@ -34,14 +44,21 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class WaypointLoop(ClosedForm):
-    """A closed loop through waypoints, the last followed by the first; the body is at waypoint 0 until it starts.
+    """A closed path through waypoints; the last one is followed by the first.
 
-    waypoints: two or more, in world space: where the body was placed plays no part.
-    total_time: s for the whole loop.
-    pacing: "equal_time": every segment takes equally long. "arc_length": constant speed along the whole loop.
-    rotation: "quaternion": the shortest turn from each waypoint to the next. "euler": the angles themselves are
-    interpolated, so that turns of more than 180 degrees are kept; the closing segment goes to the first angles or
-    whole turns beyond them, whichever is nearest. It needs every waypoint's rotation as Euler angles.
+    The body is at waypoint 0 until its clock starts.
+
+    Args:
+        waypoints: Two or more, in world space. The pose at which the body is placed plays no part.
+        total_time: Seconds for the whole loop.
+        pacing: "equal_time": all segments take equally long. "arc_length": constant speed along the whole loop.
+        rotation: "quaternion": the shortest turn from each waypoint to the next. "euler": interpolate the angles, which
+            keeps turns of more than 180 degrees; the closing segment leads to the first waypoint's angles plus whole
+            turns, whichever are nearest. "euler" requires all rotations as Euler angles.
+
+    Raises:
+        ArgumentError: For fewer than two waypoints, quaternions with rotation="euler", or a segment without length with
+            pacing="arc_length".
     """
 
     waypoints: Sequence[Waypoint]
@@ -59,15 +76,15 @@ class WaypointLoop(ClosedForm):
                 if len(waypoint.rotation) != 3:
                     raise ArgumentError(
                         f"rotation='euler' interpolates angles, but waypoints[{index}].rotation={waypoint.rotation} "
-                        "is a quaternion; give three angles in degrees, or use rotation='quaternion'"
+                        "is a quaternion; pass three angles in degrees, or use rotation='quaternion'"
                     )
         if self.pacing == "arc_length":
             lengths = curve_lengths(self._cubics(self._positions(), np.zeros(3)))[:, -1]
             for index, length in enumerate(np.diff(lengths, prepend=0.0)):
                 if length < 1e-9:
                     raise ArgumentError(
-                        f"pacing='arc_length' gives time by length, but the segment from waypoints[{index}] to "
-                        f"waypoints[{(index + 1) % len(lengths)}] has none; use pacing='equal_time'"
+                        f"pacing='arc_length' divides time by length, but the segment from waypoints[{index}] to "
+                        f"waypoints[{(index + 1) % len(lengths)}] has zero length; use pacing='equal_time'"
                     )
 
     @property
@@ -101,22 +118,25 @@ class WaypointLoop(ClosedForm):
 
     @abstractmethod
     def _cubics(self, values: Array, period: Array) -> Array:
-        """Coefficients [n, 12] of the cubics through `values` [n, 3] and back to values[0] + period."""
+        """Return the coefficients [n, 12] of the cubics through `values` [n, 3] and back to values[0] + period."""
 
     @abstractmethod
     def _quaternions(self, q: Array) -> Array:
-        """Per segment [n, 16]: the quaternions at both ends and their inner controls."""
+        """Return [n, 16]: per segment the quaternions at both ends and their inner controls."""
 
 
 @dataclass(frozen=True)
 class LinearWaypoints(WaypointLoop):
-    """Straight lines; rotations by slerp. Speed jumps at the waypoints. See `WaypointLoop` for the fields."""
+    """A closed path of straight lines with slerped rotations; velocity jumps at waypoints.
+
+    See `WaypointLoop` for the arguments.
+    """
 
     def _cubics(self, values: Array, period: Array) -> Array:
         following = np.roll(values, -1, axis=0)
         following[-1] += period
-        nothing = np.zeros_like(values)
-        return np.concatenate([values, following - values, nothing, nothing], axis=1)
+        zero = np.zeros_like(values)
+        return np.concatenate([values, following - values, zero, zero], axis=1)
 
     def _quaternions(self, q: Array) -> Array:
         following = aligned(np.roll(q, -1, axis=0), q)
@@ -126,9 +146,9 @@ class LinearWaypoints(WaypointLoop):
 
 @dataclass(frozen=True)
 class CatmullWaypoints(WaypointLoop):
-    """A uniform Catmull-Rom spline; rotations by squad. Velocity is continuous with equal time per segment.
+    """A closed uniform Catmull-Rom spline with rotations by squad; velocity is continuous with pacing="equal_time".
 
-    See `WaypointLoop` for the fields. (Catmull and Rom, "A class of local interpolating splines", 1974.)
+    See `WaypointLoop` for the arguments. Catmull and Rom, "A Class of Local Interpolating Splines", 1974.
     """
 
     def _cubics(self, values: Array, period: Array) -> Array:
@@ -155,7 +175,7 @@ class CatmullWaypoints(WaypointLoop):
 
 
 def check_waypoints(waypoints: object) -> tuple[Waypoint, ...]:
-    """`waypoints` as a tuple of at least two Waypoints. Raises TypeError, ValueError."""
+    """Return `waypoints` as a tuple of at least two Waypoints."""
     if not isinstance(waypoints, Iterable):
         raise ArgumentTypeError(f"waypoints={waypoints!r}: must be a sequence of Waypoint(position, rotation)")
     result = tuple(waypoints)
@@ -163,5 +183,5 @@ def check_waypoints(waypoints: object) -> tuple[Waypoint, ...]:
         if not isinstance(waypoint, Waypoint):
             raise ArgumentTypeError(f"waypoints[{index}]={waypoint!r}: must be a Waypoint(position, rotation)")
     if len(result) < 2:
-        raise ArgumentError(f"waypoints: a path needs 2 or more, not {len(result)}; use Still() for a body that stands")
+        raise ArgumentError(f"waypoints: a path needs 2 or more, not {len(result)}; use Still() for a static body")
     return result

@@ -20,7 +20,7 @@ from tiscene.errors import (
     UnknownName,
 )
 
-LINE = re.compile(r"^(?P<indent>[ │]*)(?:[├└]── )?(?P<name>[A-Z]\w+)(?: \((?P<base>\w+)\))?(?:  +\S.*)?$")
+LINE = re.compile(r"^(?P<indent>[ │]*)(?:[├└]── )?(?P<name>[A-Z]\w+)(?: \((?P<bases>\w+(?:, \w+)*)\))?(?:  +\S.*)?$")
 
 
 def drawn_tree() -> dict[str, set[str]]:
@@ -33,7 +33,7 @@ def drawn_tree() -> dict[str, set[str]]:
         depth = (match.start("name")) // 4
         above[depth] = match["name"]
         parents = {above[depth - 1]} if depth else set()
-        tree[match["name"]] = parents | ({match["base"]} if match["base"] else set())
+        tree[match["name"]] = parents | set((match["bases"] or "").split(", ")) - {""}
     return tree
 
 

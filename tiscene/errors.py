@@ -10,7 +10,7 @@ Each class also inherits the built-in exception that a caller would catch::
     │   ├── ObjectNotFound                no live object of that name or id
     │   ├── CameraNotFound                no such camera on the stage
     │   ├── LightNotFound                 no such light on the stage
-    │   └── BufferNotFound (AttributeError)  no such buffer
+    │   └── BufferNotFound (KeyError, AttributeError)  no such buffer
     ├── MissingFile (FileNotFoundError)   a file that the user named does not exist
     ├── StageError (ValueError)           a USD stage that cannot be rendered; lists every problem with its prim path
     ├── ScenarioError (ValueError)        a scenario that contradicts itself or its scene
@@ -110,10 +110,10 @@ class LightNotFound(UnknownName):
     """The stage holds no light of that name or path."""
 
 
-class BufferNotFound(UnknownName, KeyError, AttributeError):  # type: ignore[misc]  # a `name` that is never None is fine
+class BufferNotFound(UnknownName, KeyError, AttributeError):  # type: ignore[misc]  # AttributeError.name may be None
     """No per-pixel buffer has that name.
 
-    Also an AttributeError, so that `hasattr(frame, name)` returns False, and a KeyError, so that `frame.get(name)` does.
+    Also an AttributeError, so that `hasattr(frame, name)` works, and a KeyError, so that `frame.get(name)` works.
     """
 
     __str__ = Exception.__str__  # KeyError would quote the message

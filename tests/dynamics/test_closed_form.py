@@ -119,7 +119,7 @@ class Stepped(Dynamic):
             lambda: Composite((LINE, LookAt((0, 0, 0)))),
         ),
         (TypeError, "dynamic=None: must be a Dynamic", lambda: Body(None)),
-        (ValueError, "birth=-1: must not be before", lambda: Body(birth=-1)),
+        (ValueError, "birth=-1: must not be negative", lambda: Body(birth=-1)),
         (TypeError, "timed=1: must be True or False", lambda: Body(timed=1)),
         (TypeError, "name=3: must be a string", lambda: Body(name=3)),
         (TypeError, r"bodies\[0\] \(''\): dynamic=.*closed form", lambda: Simulation([Body(Stepped())])),

@@ -119,8 +119,8 @@ def test_clock_parameters_are_rounded_once():
         (TypeError, "must map bodies", lambda: DictTimings(3)),
         (TypeError, "must map bodies", lambda: DictTimings("ab")),
         (TypeError, "must be a pair", lambda: DictTimings([("a", 1.0, 2.0)])),
-        (TypeError, "1.5 must be the index or the id", lambda: DictTimings({1.5: 1.0})),
-        (TypeError, "True must be the index or the id", lambda: DictTimings({True: 1.0})),
+        (TypeError, "1.5 must be the index or the name", lambda: DictTimings({1.5: 1.0})),
+        (TypeError, "True must be the index or the name", lambda: DictTimings({True: 1.0})),
         (ValueError, r"times\['a'\]=0: must be greater than 0", lambda: DictTimings({"a": 0})),
     ],
 )

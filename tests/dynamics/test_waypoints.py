@@ -194,7 +194,7 @@ TWO = (Waypoint((0, 0, 0)), Waypoint((1, 0, 0)))
         ),
         (
             ValueError,
-            r"from waypoints\[2\] to waypoints\[0\] has none; use pacing='equal_time'",
+            r"from waypoints\[2\] to waypoints\[0\] has zero length; use pacing='equal_time'",
             lambda: LinearWaypoints([*TWO, TWO[0]], pacing="arc_length"),
         ),
     ],
