@@ -15,14 +15,14 @@ from tiscene import catalog
 from tiscene.cli.terminal import progress
 from tiscene.errors import ArgumentError
 from tiscene.usd.importers.import_template import import_asset
-from tiscene.usd.importers.sweet_home_3d import Catalog
+from tiscene.usd.importers.sweet_home_3d import FurnitureCatalog
 from tiscene.usd.read.template import read_template
 
 _USUAL = (0.005, 20.0)  # m, of the longest side of something in a room
 
 
 def run(args: argparse.Namespace) -> None:
-    """Import a model, or a whole catalog of furniture."""
+    """Import a model, or a whole furniture catalog."""
     library = Path(args.output or next(iter(catalog.search_path()[:-1]), "tiscene-assets"))
     if Path(args.file).suffix.lower() == ".sh3f":
         given = [f"--{key}" for key in ("name", "label", "unit", "up", "author", "license") if getattr(args, key)]
@@ -64,13 +64,13 @@ def _import_catalog(file: Path, library: Path) -> None:
         used[name] = used.get(name, 0) + 1
         return _folder(library, f"{name} {used[name]:02d}")
 
-    catalog = Catalog(file)
+    furniture = FurnitureCatalog(file)
     done = 0
-    with progress(f"importing {file.name}", len(catalog.entries)) as step:
-        for _, path in catalog.import_into(lambda entry: folder_of(_title(entry.name))):
+    with progress(f"importing {file.name}", len(furniture.entries)) as step:
+        for _, path in furniture.import_into(lambda entry: folder_of(_title(entry.name))):
             done += path is not None
             step()
-    print(f"{done} of {len(catalog.entries)} models of {file.name} are in {library / 'templates'}")
+    print(f"{done} of {len(furniture.entries)} models of {file.name} are in {library / 'templates'}")
 
 
 def _tell(path: Path) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models of other formats as templates."""
+"""Import of OBJ, glTF, PLY, STL and USD models and of furniture catalogs as templates."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from tests.usd.helpers import QUAD, facing, write
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError, StageWarning
 from tiscene.scene.description import TextureLookup
 from tiscene.usd.importers.import_template import import_asset
-from tiscene.usd.importers.materials import phong
+from tiscene.usd.importers.materials import from_phong
 from tiscene.usd.importers.mesh_file import corner_normals
-from tiscene.usd.importers.sweet_home_3d import Catalog, label_of, parse_properties
+from tiscene.usd.importers.sweet_home_3d import FurnitureCatalog, label_of, parse_properties
 from tiscene.usd.read.template import read_template
 
 BOX = """
@@ -55,14 +55,14 @@ def box(tmp_path):
 
 
 def assert_valid(path) -> None:
-    """No validator of USD has anything to say."""
+    """Assert that none of USD's validators reports an error."""
     errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
         Usd.Stage.Open(str(path))
     )
     assert not errors, [error.GetMessage() for error in errors]
 
 
-def test_obj(box, tmp_path):
+def test_obj_becomes_a_valid_template(box, tmp_path):
     path = import_asset(box, tmp_path / "out", name="Chair 03", label="chair", author="Ann")
     assert path == tmp_path / "out" / "template.usda"
     assert_valid(path)
@@ -84,7 +84,7 @@ def test_obj(box, tmp_path):
     assert all(prim.HasAPI(UsdPhysics.CollisionAPI) for prim in meshes)
 
 
-def test_what_a_material_file_says_of_physical_materials_counts(box, tmp_path):
+def test_physically_based_mtl_values_override_phong(box, tmp_path):
     library = box.parent / "box.mtl"
     lamp = "newmtl lamp metal\nKd 0.5 0.5 0.5\nNs 20\nPr 0.75\nPm 0.25\nKe 4 2 1\n"
     library.write_text(lamp)
@@ -93,7 +93,7 @@ def test_what_a_material_file_says_of_physical_materials_counts(box, tmp_path):
     assert (read.roughness, read.metallic, read.emissive_color) == (0.75, 0.25, (4.0, 2.0, 1.0))
 
 
-def test_units_axes_and_origin(box, tmp_path):
+def test_unit_up_axis_and_origin_arguments(box, tmp_path):
     path = import_asset(box, tmp_path / "out", unit=0.01, up_axis="Z", centered=False)
     bounds = read_template(path).description.bounds()
     np.testing.assert_allclose(bounds, [(0, -0.04, -0.01), (0.02, 0, 0)], atol=1e-7)
@@ -106,10 +106,10 @@ def test_stl_is_in_millimeters_and_stands_on_z(tmp_path):
     (mesh,) = template.description.meshes
     outward = np.einsum("ij,ij->i", facing(mesh.positions, mesh.triangles), mesh.positions[mesh.triangles].mean(axis=1))
     assert (outward > 0.0).all()
-    np.testing.assert_allclose(np.abs(mesh.normals).max(axis=1), 1.0)  # edges of a box stay sharp
+    np.testing.assert_allclose(np.abs(mesh.normals).max(axis=1), 1.0)  # normals of a box are not smoothed
 
 
-def test_ply_with_colors(tmp_path):
+def test_ply_vertex_colors_become_display_color(tmp_path):
     mesh = trimesh.creation.box()
     mesh.visual.vertex_colors = np.tile([255, 0, 0, 255], (8, 1)).astype(np.uint8)
     mesh.export(tmp_path / "a.ply")
@@ -117,7 +117,7 @@ def test_ply_with_colors(tmp_path):
     assert material.diffuse_color == (1.0, 0.0, 0.0)
 
 
-def test_gltf(tmp_path):
+def test_glb_material_and_transform_are_imported(tmp_path):
     image = Image.new("RGBA", (2, 2), (255, 255, 255, 0))
     material = trimesh.visual.material.PBRMaterial(
         name="leaf",
@@ -150,7 +150,7 @@ def test_gltf(tmp_path):
 
 
 def gltf_file(path, **parts):
-    """A glTF file of one triangle, and what else it is to say."""
+    """Write a glTF file of one triangle; `parts` add to or replace top-level entries."""
     points = np.eye(3, dtype="<f4").tobytes()
     content = {
         "asset": {"version": "2.0"},
@@ -170,7 +170,7 @@ def gltf_file(path, **parts):
     return path
 
 
-def test_extensions_of_gltf_materials(tmp_path):
+def test_gltf_material_extensions_are_read(tmp_path):
     extensions = {
         "KHR_materials_emissive_strength": {"emissiveStrength": 20.0},
         "KHR_materials_transmission": {"transmissionFactor": 0.75},
@@ -185,14 +185,14 @@ def test_extensions_of_gltf_materials(tmp_path):
     assert (read.clearcoat, read.clearcoat_roughness) == (0.5, 0.25)
 
 
-def test_what_of_a_gltf_file_is_left_out_is_named(tmp_path):
+def test_unsupported_gltf_features_are_reported(tmp_path):
     path = gltf_file(
         tmp_path / "a.gltf",
         materials=[{"name": "Velvet", "extensions": {"KHR_materials_sheen": {}}}],
         extensionsUsed=["KHR_materials_sheen"],
         skins=[{"joints": [0]}],
     )
-    with pytest.warns(StageWarning, match=r"of a\.gltf is left out: KHR_materials_sheen, skins"):
+    with pytest.warns(StageWarning, match=r"a\.gltf: not imported: KHR_materials_sheen, skins"):
         import_asset(path, tmp_path / "out")
     path = gltf_file(tmp_path / "b.gltf", materials=[{}], extensionsRequired=["EXT_meshopt_compression"])
     with pytest.raises(StageError, match="compressed by EXT_meshopt_compression: export it without"):
@@ -202,7 +202,7 @@ def test_what_of_a_gltf_file_is_left_out_is_named(tmp_path):
             import_asset(gltf_file(tmp_path / "c.gltf", **{"materials": [{}], **damaged}), tmp_path / "out")
 
 
-def test_usd_in_centimeters_with_z_up(tmp_path):
+def test_usd_in_centimeters_with_z_up_is_converted(tmp_path):
     body = 'def Xform "Part"\n{\n    def Cube "Box"\n    {\n        double size = 100\n'
     body += "        double3 xformOp:translate = (0, 0, 50)\n"
     body += '        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n}\n'
@@ -214,10 +214,10 @@ def test_usd_in_centimeters_with_z_up(tmp_path):
     np.testing.assert_allclose(template.description.bounds(), [(-0.5,) * 3, (0.5,) * 3], atol=1e-6)
     standing = read_template(import_asset(source, tmp_path / "out", centered=False)).description.bounds()
     np.testing.assert_allclose(standing, [(-0.5, 0, -0.5), (0.5, 1, 0.5)], atol=1e-6)
-    assert (tmp_path / "out" / "source" / "part.usda").is_file()  # what is referred to goes with it
+    assert (tmp_path / "out" / "source" / "part.usda").is_file()  # a copy of the source
 
 
-def test_variants_of_an_imported_usd_file_can_be_chosen(tmp_path):
+def test_variants_of_imported_usd_file_are_selectable(tmp_path):
     (tmp_path / "in").mkdir()
     variants = "".join(f'"{name}" {{\ndouble size = {size}\n}}\n' for name, size in (("small", 0.2), ("large", 0.4)))
     body = f'def Cube "Box" (\n    prepend variantSets = "size"\n)\n{{\n    variantSet "size" = {{\n{variants}}}\n}}\n'
@@ -229,17 +229,17 @@ def test_variants_of_an_imported_usd_file_can_be_chosen(tmp_path):
     assert Usd.Stage.Open(str(path)).GetDefaultPrim().GetVariantSet("size").GetVariantSelection() == ""
 
 
-def test_missing_maps_are_named(box, tmp_path):
+def test_missing_textures_are_reported(box, tmp_path):
     (box.parent / "maps" / "oak.png").unlink()
-    with pytest.warns(StageWarning, match=r"box.obj refers to files that are not there: Maps\\Oak.PNG"):
+    with pytest.warns(StageWarning, match=r"box.obj refers to missing files: Maps\\Oak.PNG"):
         path = import_asset(box, tmp_path / "out")
     assert not read_template(path).description.textures
 
 
-def test_what_cannot_be_imported(box, tmp_path):
+def test_invalid_arguments_and_files_raise(box, tmp_path):
     with pytest.raises(MissingFile, match="no file"):
         import_asset(tmp_path / "gone.obj", tmp_path / "out")
-    with pytest.raises(ArgumentError, match=r"a .mtl file cannot be imported; .obj"):
+    with pytest.raises(ArgumentError, match=r"files of type .mtl cannot be imported; expected one of .obj"):
         import_asset(box.with_suffix(".mtl"), tmp_path / "out")
     with pytest.raises(ArgumentError, match="unit=0"):
         import_asset(box, tmp_path / "out", unit=0.0)
@@ -255,12 +255,12 @@ def test_what_cannot_be_imported(box, tmp_path):
     with pytest.raises(ExportError, match="cannot be written"):
         import_asset(box, tmp_path / "file" / "out")
     usd = write(tmp_path, f'def Mesh "A"\n{{{QUAD}}}')
-    with pytest.raises(ArgumentError, match="says its unit"):
+    with pytest.raises(ArgumentError, match="defines its unit and up axis"):
         import_asset(usd, tmp_path / "out", unit=1.0)
 
 
-def test_corner_normals_are_smooth_up_to_edges():
-    """Two faces that meet at 20 degrees share a normal; two at 90 do not."""
+def test_corner_normals_are_smooth_below_crease_angle():
+    """Faces that meet at 20 degrees share a normal; faces that meet at 90 do not."""
     for degrees, smooth in ((20.0, True), (90.0, False)):
         turn = np.radians(degrees)
         points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -np.cos(turn), -np.sin(turn)]], float)
@@ -279,18 +279,18 @@ def test_corner_normals_are_smooth_up_to_edges():
         ("window glass", {"opacity": 0.1, "opacityMode": "presence"}),
     ],
 )
-def test_names_say_what_phong_materials_are(name, expected):
-    inputs = phong(name, (0.5, 0.5, 0.5)).inputs
+def test_phong_material_kind_is_guessed_from_name(name, expected):
+    inputs = from_phong(name, (0.5, 0.5, 0.5)).inputs
     assert {key: inputs[key] for key in expected} == expected
 
 
-def test_shininess_counts_where_the_name_says_nothing():
-    dull, shiny = (phong("x", (1.0, 1.0, 1.0), shininess=s).inputs for s in (1.0, 500.0))
+def test_phong_roughness_follows_shininess_for_unknown_names():
+    dull, shiny = (from_phong("x", (1.0, 1.0, 1.0), shininess=s).inputs for s in (1.0, 500.0))
     assert dull["roughness"] > 0.8 > 0.3 > shiny["roughness"]
     assert dull["diffuseColor"] == (0.85, 0.85, 0.85)
 
 
-CATALOGUE = """
+PROPERTIES = """
 # comment
 name=Test
 license=CC0
@@ -325,7 +325,7 @@ movable#4=false
 def furniture_catalog(tmp_path):
     file = tmp_path / "test.sh3f"
     with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("PluginFurnitureCatalog.properties", CATALOGUE)
+        archive.writestr("PluginFurnitureCatalog.properties", PROPERTIES)
         archive.writestr("LICENSE.TXT", "All of it.")
         archive.writestr("models/chair/box.obj", BOX)
         archive.writestr("models/chair/box.mtl", MTL)
@@ -336,9 +336,9 @@ def furniture_catalog(tmp_path):
     return file
 
 
-def test_catalogs_of_furniture(furniture_catalog, tmp_path):
+def test_furniture_catalog_is_imported(furniture_catalog, tmp_path):
     with pytest.warns(StageWarning, match=r"entry 3 \(Bad\) is left out"):
-        opened = Catalog(furniture_catalog)
+        opened = FurnitureCatalog(furniture_catalog)
     assert [entry.name for entry in opened.entries] == ["Oak chair", "Wall", "Turned"]
     with pytest.warns(StageWarning, match=r"(?s)Wall is left out.*no model 'models/gone.obj'"):
         made = dict(opened.import_into(lambda entry: tmp_path / entry.name))
@@ -358,16 +358,16 @@ def test_catalogs_of_furniture(furniture_catalog, tmp_path):
     assert_valid(paths["Turned"])
 
 
-def test_files_that_are_no_catalog(tmp_path):
+def test_invalid_furniture_catalogs_raise(tmp_path):
     with pytest.raises(MissingFile):
-        Catalog(tmp_path / "gone.sh3f")
+        FurnitureCatalog(tmp_path / "gone.sh3f")
     (tmp_path / "bad.sh3f").write_bytes(b"garbage")
-    with pytest.raises(StageError, match="no catalog of furniture"):
-        Catalog(tmp_path / "bad.sh3f")
+    with pytest.raises(StageError, match="not a furniture catalog"):
+        FurnitureCatalog(tmp_path / "bad.sh3f")
 
 
-def test_folders_beside_a_model_that_cannot_be_listed_do_no_harm(box, tmp_path, monkeypatch):
-    """As there are in /tmp."""
+def test_unlistable_folders_beside_model_are_ignored(box, tmp_path, monkeypatch):
+    """Such as private folders in a shared temporary folder."""
     (box.parent / "private").mkdir()
     listed = Path.iterdir
 
@@ -381,8 +381,8 @@ def test_folders_beside_a_model_that_cannot_be_listed_do_no_harm(box, tmp_path, 
     assert tuple(image.pixels[0, 0]) == (200, 100, 50, 255)
 
 
-def test_a_model_is_imported_again_from_where_it_was_copied_to(tmp_path):
-    """And what cannot be imported leaves what was there."""
+def test_template_source_can_be_imported_into_same_template(tmp_path):
+    """A failed import leaves the previous template as it was."""
     quad = f'def Mesh "Quad"\n{{{QUAD}}}'
     out = tmp_path / "out"
     import_asset(write(tmp_path, quad, name="quad.usda", more='defaultPrim = "Quad"'), out)
@@ -398,7 +398,7 @@ def test_a_model_is_imported_again_from_where_it_was_copied_to(tmp_path):
 
 
 @pytest.mark.parametrize("blocked", ["template.usda", "geometry.usdc", "textures"])
-def test_what_cannot_be_written_is_told(box, tmp_path, blocked):
+def test_unwritable_template_raises_export_error(box, tmp_path, blocked):
     (tmp_path / "out").mkdir()
     if blocked == "textures":
         (tmp_path / "out" / blocked).write_text("a file where the folder should be")
@@ -408,12 +408,12 @@ def test_what_cannot_be_written_is_told(box, tmp_path, blocked):
         import_asset(box, tmp_path / "out")
 
 
-def test_labels_and_properties():
+def test_labels_and_properties_are_parsed():
     assert label_of("Office chair_2 (b)") == "office chair b"
     assert parse_properties("a = b\n! no\n\nc=d\\\n   e") == {"a": "b", "c": "de"}
 
 
-def test_nothing_is_said_of_a_model_that_is_complete(box, tmp_path):
+def test_complete_model_is_imported_without_warning(box, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         import_asset(box, tmp_path / "out")

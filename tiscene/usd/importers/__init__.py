@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models of other formats as templates.
+"""Import of models in other formats as object templates.
 
 ::
 
-    import_template  import_template
-    mesh_file        OBJ, glTF, PLY, STL through trimesh
-    materials        imported materials as UsdPreviewSurface
-    gltf             glTF extensions
-    sweet_home_3d    Sweet Home 3D catalogs
+    import_template  import_asset: one model file as a template
+    mesh_file        OBJ, glTF, PLY, STL files as meshes, through trimesh
+    materials        Phong and glTF materials as UsdPreviewSurface
+    gltf             glTF extensions that trimesh does not read
+    sweet_home_3d    furniture catalogs of Sweet Home 3D (.sh3f)
 """

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models of other people as templates: one folder each, with geometry, textures, label, colliders and license."""
+"""Import of model files as object templates.
+
+A template is a folder with template.usda, its geometry and its textures. It has a semantic label, colliders and the
+model's license, is in meters with y up, and is usually centered at its bounding box.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +24,24 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, U
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError
 from tiscene.usd.core.report import error_lines
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time
-from tiscene.usd.importers.materials import define_look
-from tiscene.usd.importers.mesh_file import CONVENTIONS, Piece, load_model
+from tiscene.usd.importers.materials import define_material
+from tiscene.usd.importers.mesh_file import CONVENTIONS, ImportedMesh, load_model
 from tiscene.usd.read.template import root_prim
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-LICENCE_FILES = re.compile(r"(licen[cs]e|copying|credits?|attribution).*", re.IGNORECASE)
+LICENSE_FILES = re.compile(r"(licen[cs]e|copying|credits?|attribution).*", re.IGNORECASE)
 _Z_TO_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True)
 class Credit:
-    """Who made a model, and under which terms: kept in the template's layer as customLayerData `import`."""
+    """Origin of a model, kept in the template's layer as customLayerData `import`.
+
+    Attributes:
+        source: the file it was imported from.
+        license: text of its license.
+        author: its author.
+    """
 
     source: str = ""
     license: str = ""
@@ -50,13 +60,29 @@ def import_asset(
     license: str = "",
     author: str = "",
 ) -> Path:
-    """Make a template of a model file (OBJ, glTF, PLY, STL, any USD). Returns the file `folder`/template.usda.
+    """Import a model file (OBJ, glTF, PLY, STL, any USD) as a template.
 
-    name: its displayName; "" for the file's. label: its semantic class; "" for what a USD file says, else none.
-    unit: meters per unit of the file, up_axis: "Y" or "Z"; None for what its format means (a USD file knows).
-    centered: the template's origin is the center of its box; else that of the file.
-    license: its text; "" for that of the license files beside it.
-    Raises MissingFile, ArgumentError, StageError and ExportError. What the file lacks is named in a StageWarning.
+    Missing textures and unsupported features of the file are named in a StageWarning.
+
+    Args:
+        path: the model file.
+        folder: folder of the template; created if needed.
+        name: displayName of the template; "" for the file's name.
+        label: semantic class; "" for the USD file's own, or none.
+        unit: meters per unit of the file; None for its format's convention. Not for USD files, which define it.
+        up_axis: "Y" or "Z"; None for its format's convention. Not for USD files, which define it.
+        centered: whether the template's origin is the center of its bounding box, rather than the file's origin.
+        license: text of the license; "" for the license files beside the model.
+        author: the model's author.
+
+    Returns:
+        The file `folder`/template.usda.
+
+    Raises:
+        MissingFile: there is no file at `path`.
+        ArgumentError: an argument is invalid, or the format is not supported.
+        StageError: the file cannot be read.
+        ExportError: the template cannot be written.
     """
     path, folder = Path(path), Path(folder)
     suffix = path.suffix.lower()
@@ -70,27 +96,31 @@ def import_asset(
     credit = Credit(path.name, license or license_beside(path), author)
     if suffix in USD_SUFFIXES:
         if unit is not None or up_axis is not None:
-            raise ArgumentError(f"{path.name} says its unit and its up axis itself")
+            raise ArgumentError(
+                f"{path.name} is a USD file, which defines its unit and up axis: leave out unit and up_axis"
+            )
         return _import_usd(path, folder, name, label, centered, credit)
     if suffix not in CONVENTIONS:
         known = ", ".join((*CONVENTIONS, *USD_SUFFIXES, ".sh3f"))
-        raise ArgumentError(f"{path.name}: a {suffix or 'nameless kind of'} file cannot be imported; {known} can")
+        raise ArgumentError(
+            f"{path.name}: files of type {suffix or 'unknown'} cannot be imported; expected one of {known}"
+        )
     files = {each.relative_to(path.parent).as_posix(): each for each in _siblings(path)}
-    pieces = load_model(path.name, _Bytes(files))
-    usual_unit, usual_up = CONVENTIONS[suffix]
-    matrix = (usual_unit if unit is None else unit) * (_Z_TO_Y if (up_axis or usual_up) == "Z" else np.eye(3))
-    return write_template(pieces, folder, name, label, matrix, credit, centered=centered)
+    meshes = load_model(path.name, _LazyFiles(files))
+    default_unit, default_up = CONVENTIONS[suffix]
+    matrix = (default_unit if unit is None else unit) * (_Z_TO_Y if (up_axis or default_up) == "Z" else np.eye(3))
+    return write_template(meshes, folder, name, label, matrix, credit, centered=centered)
 
 
 def license_beside(path: Path) -> str:
-    """The text of the license files in a model's folder."""
-    found = [each for each in _listed(path.parent) if LICENCE_FILES.fullmatch(each.name) and os.path.isfile(each)]
+    """Return the text of the license files in a model's folder; "" if there are none."""
+    found = [each for each in _listed(path.parent) if LICENSE_FILES.fullmatch(each.name) and os.path.isfile(each)]
     texts = (each.read_text("utf-8", "replace") for each in found if each.suffix.lower() in ("", ".txt", ".md"))
     return "\n\n".join(texts)
 
 
 def write_template(
-    pieces: list[Piece],
+    meshes: list[ImportedMesh],
     folder: Path,
     name: str,
     label: str,
@@ -101,16 +131,31 @@ def write_template(
     size: NDArray[np.float64] | None = None,
     movable: bool = True,
 ) -> Path:
-    """Author a template of some pieces. matrix: [3, 3], to meters with y up. size: of its box then, m; None: as it is.
+    """Author a template of meshes.
 
-    Raises ExportError.
+    Args:
+        meshes: its geometry and materials.
+        folder: folder of the template; created if needed.
+        name: its displayName.
+        label: semantic class; "" for none.
+        matrix: 3x3, from the meshes' space to meters with y up.
+        credit: origin of the model.
+        centered: whether the origin is the center of the bounding box.
+        size: size that the bounding box is stretched to, [3], m; None keeps it.
+        movable: whether the template is a rigid body.
+
+    Returns:
+        The file `folder`/template.usda.
+
+    Raises:
+        ExportError: it cannot be written.
     """
-    points = [piece.points @ matrix.T for piece in pieces]
+    points = [mesh.points @ matrix.T for mesh in meshes]
     low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
     stretch = np.ones(3) if size is None else size / np.where(high - low > 1e-9, high - low, size)
     center = 0.5 * (low + high) if centered else np.zeros(3)
     points = [(p - center) * stretch for p in points]
-    turn = np.linalg.inv(stretch[:, None] * matrix)  # normals, as rows
+    normal_matrix = np.linalg.inv(stretch[:, None] * matrix)  # for normals as rows
     identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
     stage = _new_stage(identifier, name, label, credit, movable=movable)
     root = Sdf.Path(f"/{identifier}")
@@ -118,14 +163,15 @@ def write_template(
         folder.mkdir(parents=True, exist_ok=True)
         UsdGeom.Scope.Define(stage, root.AppendChild("Looks"))
         UsdGeom.Xform.Define(stage, root.AppendChild("Geometry"))
-        for piece, moved in zip(pieces, points, strict=True):
-            child = _unused(stage, root.AppendPath("Geometry"), piece.name)
-            mesh = _define_mesh(stage, child, piece, moved, piece.normals @ turn, np.linalg.det(matrix) < 0.0)
+        for imported, placed in zip(meshes, points, strict=True):
+            child = _unused_path(stage, root.AppendPath("Geometry"), imported.name)
+            is_mirrored = bool(np.linalg.det(matrix) < 0.0)
+            mesh = _define_mesh(stage, child, imported, placed, imported.normals @ normal_matrix, is_mirrored)
             UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
             UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
-            if piece.colors is None:
-                look = _unused(stage, root.AppendPath("Looks"), piece.look.name)
-                material = define_look(stage, look, piece.look, folder)
+            if imported.colors is None:
+                path = _unused_path(stage, root.AppendPath("Looks"), imported.material.name)
+                material = define_material(stage, path, imported.material, folder)
                 UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
         box = np.stack(
             [np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)]
@@ -137,7 +183,7 @@ def write_template(
 
 @contextlib.contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Failures of writing into a folder as ExportError."""
+    """Turn failures of writing into a folder into ExportError."""
     try:
         yield
     except OSError as error:
@@ -147,7 +193,7 @@ def _writing(folder: Path) -> Iterator[None]:
 
 
 def _save(stage: Usd.Stage, folder: Path, root: Sdf.Path) -> Path:
-    """Geometry as a crate, the rest readable."""
+    """Save a template: geometry in geometry.usdc, the rest in template.usda as text. Return the latter."""
     crate = Sdf.Layer.CreateAnonymous(".usdc")
     geometry = root.AppendChild("Geometry")
     inner = Usd.Stage.Open(crate)
@@ -156,12 +202,12 @@ def _save(stage: Usd.Stage, folder: Path, root: Sdf.Path) -> Path:
     inner.SetDefaultPrim(UsdGeom.Xform.Define(inner, "/Geometry").GetPrim())
     layer = stage.GetRootLayer()
     Sdf.CopySpec(layer, geometry, crate, Sdf.Path("/Geometry"))
-    readable_bindings = {
+    bindings = {
         str(prim.GetPath()): UsdShade.MaterialBindingAPI(prim).GetDirectBindingRel().GetTargets()
         for prim in Usd.PrimRange(stage.GetPrimAtPath(geometry))
         if prim.IsA(UsdGeom.Mesh)
     }
-    for path in readable_bindings:  # a crate knows no materials outside it
+    for path in bindings:  # the crate must not refer to materials outside it
         spec = crate.GetPrimAtPath(path.replace(str(geometry), "/Geometry", 1))
         if "material:binding" in spec.relationships:
             del spec.properties["material:binding"]
@@ -173,7 +219,7 @@ def _save(stage: Usd.Stage, folder: Path, root: Sdf.Path) -> Path:
     saved = Usd.Stage.Open(str(file))
     saved.Reload()
     saved.GetPrimAtPath(holder.GetPath()).GetReferences().AddReference("./geometry.usdc")
-    for path, targets in readable_bindings.items():
+    for path, targets in bindings.items():
         if targets:
             saved.OverridePrim(path).CreateRelationship("material:binding", False).SetTargets(targets)
     saved.GetRootLayer().Save()
@@ -181,6 +227,7 @@ def _save(stage: Usd.Stage, folder: Path, root: Sdf.Path) -> Path:
 
 
 def _new_stage(identifier: str, name: str, label: str, credit: Credit, *, movable: bool = True) -> Usd.Stage:
+    """Create a template's stage in memory, with its root prim."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -192,16 +239,22 @@ def _new_stage(identifier: str, name: str, label: str, credit: Credit, *, movabl
         UsdSemantics.LabelsAPI.Apply(root, "class").CreateLabelsAttr([label])
     if movable:
         UsdPhysics.RigidBodyAPI.Apply(root).CreateKinematicEnabledAttr(True)
-    kept = {key: text for key, text in vars(credit).items() if text}
-    stage.GetRootLayer().customLayerData = {"import": kept}
+    import_data = {key: text for key, text in vars(credit).items() if text}
+    stage.GetRootLayer().customLayerData = {"import": import_data}
     return stage
 
 
 def _define_mesh(
-    stage: Usd.Stage, path: Sdf.Path, piece: Piece, points: NDArray[Any], normals: NDArray[Any], mirrored: bool
+    stage: Usd.Stage,
+    path: Sdf.Path,
+    imported: ImportedMesh,
+    points: NDArray[Any],
+    normals: NDArray[Any],
+    is_mirrored: bool,
 ) -> UsdGeom.Mesh:
-    triangles = piece.triangles[:, ::-1] if mirrored else piece.triangles
-    normals = normals[:, ::-1] if mirrored else normals
+    """Author a mesh with transformed points and normals; a mirroring transform reverses its winding."""
+    triangles = imported.triangles[:, ::-1] if is_mirrored else imported.triangles
+    normals = normals[:, ::-1] if is_mirrored else normals
     mesh = UsdGeom.Mesh.Define(stage, path)
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreatePointsAttr(_vectors(points))
@@ -212,38 +265,40 @@ def _define_mesh(
     mesh.CreateNormalsAttr(_vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)))
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
     api = UsdGeom.PrimvarsAPI(mesh)
-    if piece.uv is not None:
+    if imported.uv is not None:
         kind = Sdf.ValueTypeNames.TexCoord2fArray
-        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(piece.uv, np.float32))
+        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.uv, np.float32))
         api.CreatePrimvar("st", kind, UsdGeom.Tokens.vertex).Set(uv)
-    if piece.colors is not None:
+    if imported.colors is not None:
         api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex).Set(
-            _vectors(piece.colors)
+            _vectors(imported.colors)
         )
     return mesh
 
 
 def _vectors(values: NDArray[Any]) -> Vt.Vec3fArray:
+    """Return rows of three numbers as a USD array."""
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values, np.float32))
 
 
-def _unused(stage: Usd.Stage, folder: Sdf.Path, name: str) -> Sdf.Path:
+def _unused_path(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
+    """Return the path of a new child prim, numbered if the name is taken."""
     identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "_", name) or "Part")
-    path, number = folder.AppendChild(identifier), 1
+    path, number = parent.AppendChild(identifier), 1
     while stage.GetPrimAtPath(path):
         number += 1
-        path = folder.AppendChild(f"{identifier}_{number}")
+        path = parent.AppendChild(f"{identifier}_{number}")
     return path
 
 
 def _import_usd(path: Path, folder: Path, name: str, label: str, centered: bool, credit: Credit) -> Path:
-    """A template that refers to a copy of a USD file and of all it needs, in meters, y up and about its center."""
+    """Author a template that references a copy of a USD file, transformed to meters with y up."""
     with quiet(), readable(path):
         source = open_stage(path)
         prim = root_prim(source)
         if not prim:
             raise StageError(
-                str(path), ["</> template: the file has no default prim, so that it is unclear what it is"]
+                str(path), ["</> template: the file has no default prim, so that it is unclear what to import"]
             )
         meters = float(UsdGeom.GetStageMetersPerUnit(source))
         matrix = meters * (_Z_TO_Y if UsdGeom.GetStageUpAxis(source) == UsdGeom.Tokens.z else np.eye(3))
@@ -251,26 +306,26 @@ def _import_usd(path: Path, folder: Path, name: str, label: str, centered: bool,
         box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
         center = np.array(box.GetMidpoint()) if centered and not box.IsEmpty() else np.zeros(3)
         with _writing(folder):
-            _copy(path, folder / "source")
+            _copy_with_dependencies(path, folder / "source")
         identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
         stage = _new_stage(identifier, name, label, credit)
         child = UsdGeom.Xform.Define(stage, f"/{identifier}/Source")
-        placed = np.eye(4)
-        placed[:3, :3] = matrix.T  # rows, as USD has it
-        placed[3, :3] = -matrix @ center
-        child.AddTransformOp().Set(Gf.Matrix4d(*placed.reshape(-1).tolist()))
+        transform = np.eye(4)
+        transform[:3, :3] = matrix.T  # USD multiplies row vectors
+        transform[3, :3] = -matrix @ center
+        child.AddTransformOp().Set(Gf.Matrix4d(*transform.reshape(-1).tolist()))
         child.GetPrim().CreateAttribute("xformOpOrder", Sdf.ValueTypeNames.TokenArray, False)
         inner = stage.DefinePrim(f"/{identifier}/Source/Asset")
         inner.GetReferences().AddReference(f"./source/{path.name}", prim.GetPath())
-        _hand_on_variants(prim, stage.GetDefaultPrim(), inner)
+        _forward_variants(prim, stage.GetDefaultPrim(), inner)
         file = folder / "template.usda"
         with _writing(folder):
             stage.GetRootLayer().Export(str(file))
         return file
 
 
-def _hand_on_variants(source: Usd.Prim, root: Usd.Prim, inner: Usd.Prim) -> None:
-    """Give the template's root the variant sets of a model, each of whose variants selects the model's own."""
+def _forward_variants(source: Usd.Prim, root: Usd.Prim, inner: Usd.Prim) -> None:
+    """Give the template's root the variant sets of a model; each variant selects the model's own."""
     sets = source.GetVariantSets()
     for name in sets.GetNames():
         own, chosen = root.GetVariantSets().AddVariantSet(name), sets.GetVariantSelection(name)
@@ -285,8 +340,8 @@ def _hand_on_variants(source: Usd.Prim, root: Usd.Prim, inner: Usd.Prim) -> None
             own.ClearVariantSelection()
 
 
-def _copy(path: Path, folder: Path) -> None:
-    """Copy a USD file, and the files that it refers to, to a folder; what is there goes once the copy is whole."""
+def _copy_with_dependencies(path: Path, folder: Path) -> None:
+    """Copy a USD file and its dependencies to a folder, which is replaced only once the copy is complete."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".source-", dir=folder.parent) as beside:
         fresh = Path(beside, folder.name)
@@ -294,27 +349,27 @@ def _copy(path: Path, folder: Path) -> None:
         if path.suffix.lower() == ".usdz":
             shutil.copy(path, fresh)
         elif not UsdUtils.LocalizeAsset(Sdf.AssetPath(str(path.resolve())), str(fresh)):
-            raise StageError(str(path), ["</> template: USD cannot copy it and the files that it refers to"])
+            raise StageError(str(path), ["</> template: USD cannot copy the file and its dependencies"])
         shutil.rmtree(folder, ignore_errors=True)
         fresh.rename(folder)
 
 
 def _siblings(path: Path) -> list[Path]:
-    """The files in a model's folder and the folders in it, not further down: a model does not refer further."""
+    """Return the files in a model's folder and its subfolders, one level deep, where models keep their textures."""
     own = _listed(path.parent)
     return [each for each in (*own, *(inner for folder in own for inner in _listed(folder))) if os.path.isfile(each)]
 
 
 def _listed(folder: Path) -> list[Path]:
-    """What is in a folder, sorted; nothing for what is none, or may not be listed."""
+    """Return the sorted entries of a folder; empty for anything else and for folders that may not be listed."""
     try:
         return sorted(folder.iterdir())
     except OSError:
         return []
 
 
-class _Bytes(Mapping[str, bytes]):
-    """Files that are read when they are asked for."""
+class _LazyFiles(Mapping[str, bytes]):
+    """Contents of files by name, read on access."""
 
     def __init__(self, files: Mapping[str, Path]) -> None:
         self._files = files

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials of imported models as UsdPreviewSurface: glTF's as they are, Phong's by their names and shininess."""
+"""Materials of imported models as UsdPreviewSurface.
+
+glTF materials map to it directly. Phong materials (MTL files) say little about roughness and metalness, so those are
+guessed from the material's name and shininess.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +25,15 @@ Color = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Map:
-    """An image for an input. channel: which of it. scale: a factor. raw: its values are no colors."""
+class TextureMap:
+    """An image for a shader input.
+
+    Attributes:
+        image: the image.
+        channel: the channel or channels that are read.
+        scale: factor of each channel.
+        raw: whether the values are data, not sRGB colors.
+    """
 
     image: Image.Image
     channel: Literal["rgb", "r", "g", "b", "a"] = "rgb"
@@ -32,14 +43,20 @@ class Map:
 
 @dataclass(frozen=True, eq=False)
 class ImportedMaterial:
-    """Inputs of UsdPreviewSurface by their names; those that an image gives are in `maps`."""
+    """A material as inputs of UsdPreviewSurface.
+
+    Attributes:
+        name: the material's name.
+        inputs: constant values by input name.
+        maps: textures by input name; they override `inputs`.
+    """
 
     name: str
     inputs: Mapping[str, float | int | Color | str]
-    maps: Mapping[str, Map] = field(default_factory=dict)
+    maps: Mapping[str, TextureMap] = field(default_factory=dict)
 
 
-# By words in a Phong material's name: what its measured kind would have. The first that fits counts.
+# Inputs of typical materials by words in a Phong material's name; the first match counts.
 _KINDS: tuple[tuple[str, dict[str, float]], ...] = (
     ("mirror|spiegel|specchio", {"metallic": 1.0, "roughness": 0.0}),
     ("plastic|vinyl|pvc|polymer", {"roughness": 0.4}),
@@ -59,28 +76,42 @@ _KINDS: tuple[tuple[str, dict[str, float]], ...] = (
 )
 
 
-def phong(
+def from_phong(
     name: str, diffuse: Color, *, shininess: float | None = None, opacity: float = 1.0, image: Image.Image | None = None
 ) -> ImportedMaterial:
-    """A Phong material. diffuse: as displayed (sRGB). shininess: the exponent, None if unknown."""
+    """Convert a Phong material.
+
+    Args:
+        name: its name, from which metalness and roughness are guessed.
+        diffuse: diffuse color, sRGB, 0..1.
+        shininess: Phong exponent; None if unknown.
+        opacity: 0..1.
+        image: diffuse texture; transparent texels become cutouts.
+    """
     words = re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower()
     kind = next((dict(kind) for pattern, kind in _KINDS if re.search(pattern, words)), {})
     roughness = 0.6 if shininess is None else min(max(math.sqrt(2.0 / (shininess + 2.0)) ** 0.5, 0.05), 1.0)
     glass = kind.pop("glass", 0.0) > 0.0 and image is None
-    # What is brighter than fresh snow comes from programs that multiply by a light below 1.
+    # An albedo above that of fresh snow comes from programs whose lights are dimmer than 1.
     color = tuple(np.minimum(decode_srgb(np.clip(diffuse, 0.0, 1.0)), 0.85).tolist())
     inputs: dict[str, Any] = {"diffuseColor": color, "roughness": roughness} | kind
     if glass or opacity < 1.0:
         inputs |= {"opacity": 0.1 if glass and opacity >= 1.0 else max(opacity, 0.0), "opacityMode": "presence"}
-    maps = {} if image is None else {"diffuseColor": Map(image)}
+    maps = {} if image is None else {"diffuseColor": TextureMap(image)}
     if image is not None and has_holes(image):
-        maps["opacity"] = Map(image, "a")
+        maps["opacity"] = TextureMap(image, "a")
         inputs |= {"opacityThreshold": 0.5}
     return ImportedMaterial(name, inputs, maps)
 
 
-def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -> ImportedMaterial:
-    """A glTF material, as trimesh gives it, and its extensions as the file has them."""
+def from_gltf(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -> ImportedMaterial:
+    """Convert a glTF metallic-roughness material.
+
+    Args:
+        name: its name.
+        material: trimesh's PBRMaterial.
+        extensions: its extensions by name, as the file has them.
+    """
 
     def factor(value: Any, default: float) -> float:
         return default if value is None else float(value)
@@ -93,18 +124,18 @@ def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -
     }
     maps = {}
     if material.baseColorTexture is not None:
-        maps["diffuseColor"] = Map(material.baseColorTexture, scale=base[:3])
+        maps["diffuseColor"] = TextureMap(material.baseColorTexture, scale=base[:3])
     if material.metallicRoughnessTexture is not None:
         image = material.metallicRoughnessTexture
-        maps["metallic"] = Map(image, "b", (inputs["metallic"],) * 3, raw=True)
-        maps["roughness"] = Map(image, "g", (inputs["roughness"],) * 3, raw=True)
+        maps["metallic"] = TextureMap(image, "b", (inputs["metallic"],) * 3, raw=True)
+        maps["roughness"] = TextureMap(image, "g", (inputs["roughness"],) * 3, raw=True)
     if material.normalTexture is not None:
-        maps["normal"] = Map(material.normalTexture, raw=True)
+        maps["normal"] = TextureMap(material.normalTexture, raw=True)
     strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
     factors = material.emissiveFactor if material.emissiveFactor is not None else (0, 0, 0)
     emissive = tuple(strength * float(c) for c in factors)
     if material.emissiveTexture is not None:
-        maps["emissiveColor"] = Map(material.emissiveTexture, scale=(emissive[0], emissive[1], emissive[2]))
+        maps["emissiveColor"] = TextureMap(material.emissiveTexture, scale=(emissive[0], emissive[1], emissive[2]))
     elif any(emissive):
         inputs["emissiveColor"] = emissive
     if material.alphaMode in ("MASK", "BLEND"):
@@ -112,7 +143,7 @@ def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -
         if material.alphaMode == "MASK":
             inputs["opacityThreshold"] = factor(material.alphaCutoff, 0.5)
         if material.baseColorTexture is not None:
-            maps["opacity"] = Map(material.baseColorTexture, "a", (base[3],) * 3)
+            maps["opacity"] = TextureMap(material.baseColorTexture, "a", (base[3],) * 3)
     if "KHR_materials_ior" in extensions:
         inputs["ior"] = float(extensions["KHR_materials_ior"].get("ior", 1.5))
     coat = extensions.get("KHR_materials_clearcoat", {})
@@ -127,7 +158,7 @@ def pbr(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -
 
 
 def _unit_color(value: Any) -> tuple[float, float, float, float]:
-    """RGBA, 0..1, from what may be bytes."""
+    """Return RGBA in 0..1 from floats or bytes; None is opaque white."""
     if value is None:
         return (1.0, 1.0, 1.0, 1.0)
     values = np.asarray(value)
@@ -137,29 +168,29 @@ def _unit_color(value: Any) -> tuple[float, float, float, float]:
 
 
 def has_holes(image: Image.Image) -> bool:
-    """Whether some of an image is transparent."""
+    """Return whether an image has texels of alpha below one half."""
     if image.mode not in ("RGBA", "LA", "PA") and "transparency" not in image.info:
         return False
     return bool((np.asarray(image.convert("RGBA"))[..., 3] < 128).any())
 
 
-def define_look(stage: Usd.Stage, path: Sdf.Path, look: ImportedMaterial, folder: Path) -> UsdShade.Material:
-    """Author a material; its images go to `folder`/textures."""
+def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial, folder: Path) -> UsdShade.Material:
+    """Author a material; its images are written to `folder`/textures."""
     material = UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
     surface.CreateIdAttr("UsdPreviewSurface")
-    for name, value in look.inputs.items():
-        if name not in look.maps:
-            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(_usd(value))
-    if look.maps:
+    for name, value in imported.inputs.items():
+        if name not in imported.maps:
+            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(_to_usd(value))
+    if imported.maps:
         reader = UsdShade.Shader.Define(stage, path.AppendChild("Coordinates"))
         reader.CreateIdAttr("UsdPrimvarReader_float2")
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
         coordinates = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-        for name, source in look.maps.items():
+        for name, source in imported.maps.items():
             texture = UsdShade.Shader.Define(stage, path.AppendChild(name[0].upper() + name[1:]))
             texture.CreateIdAttr("UsdUVTexture")
-            file = _save(source.image, folder / "textures", path.name, raw=source.raw)
+            file = _save_image(source.image, folder / "textures", path.name, raw=source.raw)
             texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(f"./textures/{file}"))
             texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw" if source.raw else "sRGB")
             texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
@@ -187,24 +218,26 @@ _TYPES = {
 }
 
 
-def _usd(value: Any) -> Any:
+def _to_usd(value: Any) -> Any:
+    """Return a tuple as Vec3f, other values as they are."""
     return Gf.Vec3f(*value) if isinstance(value, tuple) else value
 
 
-def _save(image: Image.Image, folder: Path, name: str, *, raw: bool) -> str:
-    """Write an image, once for all its uses; a JPEG stays one. Returns the file's name."""
+def _save_image(image: Image.Image, folder: Path, name: str, *, raw: bool) -> str:
+    """Write an image, once for all its uses; JPEG files stay JPEG. Return the file's name."""
     folder.mkdir(parents=True, exist_ok=True)
     jpeg = image.format == "JPEG" and image.mode in ("RGB", "L")
     file = folder / f"{name}_{'data' if raw else 'color'}{'.jpg' if jpeg else '.png'}"
     number = 1
-    while file.exists() and file.read_bytes() != _encoded(image, jpeg):
+    while file.exists() and file.read_bytes() != _encode(image, jpeg):
         number += 1
         file = file.with_name(f"{file.stem.rstrip('0123456789')}{number}{file.suffix}")
-    file.write_bytes(_encoded(image, jpeg))
+    file.write_bytes(_encode(image, jpeg))
     return file.name
 
 
-def _encoded(image: Image.Image, jpeg: bool) -> bytes:
+def _encode(image: Image.Image, jpeg: bool) -> bytes:
+    """Return an image as the bytes of a JPEG or PNG file."""
     buffer = io.BytesIO()
     image = image if image.mode in ("RGB", "RGBA", "L", "LA", "I;16") else image.convert("RGBA")
     image.save(buffer, "JPEG" if jpeg else "PNG", **({"quality": 95} if jpeg else {}))

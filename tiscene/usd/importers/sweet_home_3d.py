@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Catalogs of furniture for Sweet Home 3D (.sh3f): a zip of OBJ models and a list of names, categories and sizes."""
+"""Furniture catalogs of Sweet Home 3D (.sh3f files) as object templates.
+
+Such a file is a zip archive of models with a .properties file of names, categories, sizes and licenses. It has nothing
+to do with `tiscene.catalog`, which finds scenes and templates by name.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +17,26 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from tiscene.errors import MissingFile, StageError, StageWarning
-from tiscene.usd.importers.import_template import LICENCE_FILES, Credit, write_template
+from tiscene.usd.importers.import_template import LICENSE_FILES, Credit, write_template
 from tiscene.usd.importers.mesh_file import load_model
 
-_CATALOGUE = "PluginFurnitureCatalog.properties"
+_PROPERTIES_FILE = "PluginFurnitureCatalog.properties"
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One model of a catalog. size: width, height, depth, m."""
+class FurnitureEntry:
+    """One model of a furniture catalog.
+
+    Attributes:
+        name: displayed name.
+        category: category in the catalog.
+        model: path of the model file in the archive.
+        size: width, height, depth, m.
+        rotation: nine numbers, the rows of a 3x3 rotation of the model.
+        movable: whether it is furniture rather than a part of the building.
+        author: its author.
+        license: text of its license.
+    """
 
     name: str
     category: str
@@ -33,24 +48,37 @@ class Entry:
     license: str
 
 
-class Catalog:
-    """An open .sh3f file."""
+class FurnitureCatalog:
+    """An open .sh3f file.
+
+    Args:
+        path: the file.
+
+    Attributes:
+        path: the file.
+        properties: the key-value pairs of its .properties file.
+        entries: its models; invalid ones are left out with a StageWarning.
+
+    Raises:
+        MissingFile: there is no such file.
+        StageError: it is not a furniture catalog.
+    """
 
     def __init__(self, path: str | Path) -> None:
-        """Raises MissingFile and StageError."""
         self.path = Path(path)
         if not self.path.is_file():
             raise MissingFile(f"no file {str(path)!r}")
         try:
             self._zip = zipfile.ZipFile(self.path)
-            text = self._zip.read(_CATALOGUE).decode("latin-1")
+            text = self._zip.read(_PROPERTIES_FILE).decode("latin-1")
         except (zipfile.BadZipFile, KeyError, OSError) as error:
-            raise StageError(str(path), [f"is no catalog of furniture: {error}"]) from error
+            raise StageError(str(path), [f"is not a furniture catalog (.sh3f): {error}"]) from error
         self.properties = parse_properties(text)
-        self.entries = list(self._entries())
+        self.entries = list(self._read_entries())
 
-    def _entries(self) -> Iterator[Entry]:
-        licenses = [name for name in self._zip.namelist() if LICENCE_FILES.fullmatch(name)]
+    def _read_entries(self) -> Iterator[FurnitureEntry]:
+        """Yield the valid entries; warn about others."""
+        licenses = [name for name in self._zip.namelist() if LICENSE_FILES.fullmatch(name)]
         texts = [
             self.properties.get("license", ""),
             *(self._zip.read(name).decode("utf-8", "replace") for name in licenses),
@@ -63,12 +91,12 @@ class Catalog:
                 width, height, depth = (float(row[key]) / 100.0 for key in ("width", "height", "depth"))
                 rotation = tuple(float(word) for word in row["modelRotation"].split()) or tuple(np.eye(3).reshape(-1))
                 if len(rotation) != 9 or min(width, height, depth) < 0.0:
-                    raise ValueError(f"modelRotation of {len(rotation)} numbers")
+                    raise ValueError(f"modelRotation has {len(rotation)} numbers, expected 9, or a size is negative")
             except ValueError as error:
                 text = f"{self.path} entry {number} ({row['name']}) is left out: {error}"
                 warnings.warn(StageWarning(text), stacklevel=2)
                 continue
-            yield Entry(
+            yield FurnitureEntry(
                 row["name"],
                 row["category"],
                 row["model"].lstrip("/"),
@@ -79,8 +107,15 @@ class Catalog:
                 row["license"] or license,
             )
 
-    def import_into(self, folder_of: Callable[[Entry], Path]) -> Iterator[tuple[Entry, Path | None]]:
-        """Make a template of every entry in the folder that `folder_of` gives. None, and a warning, where one fails."""
+    def import_into(self, folder_of: Callable[[FurnitureEntry], Path]) -> Iterator[tuple[FurnitureEntry, Path | None]]:
+        """Import every entry as a template.
+
+        Args:
+            folder_of: returns the folder for an entry's template.
+
+        Yields:
+            Each entry with its template file; None, with a StageWarning, where the import fails.
+        """
         for entry in self.entries:
             try:
                 yield entry, self._import(entry, folder_of(entry))
@@ -88,16 +123,17 @@ class Catalog:
                 warnings.warn(StageWarning(f"{entry.name} is left out: {error}"), stacklevel=2)
                 yield entry, None
 
-    def _import(self, entry: Entry, folder: Path) -> Path:
+    def _import(self, entry: FurnitureEntry, folder: Path) -> Path:
+        """Import one entry. Raises StageError."""
         model = PurePosixPath(entry.model)
-        files = _Zipped(self._zip, f"{model.parent}/")
+        files = _ZipFolder(self._zip, f"{model.parent}/")
         if model.name not in files:
-            raise StageError(str(self.path), [f"there is no model {entry.model!r} in it"])
-        pieces = load_model(model.name, files)
-        notes = [files[name].decode("utf-8", "replace") for name in files if LICENCE_FILES.fullmatch(name)]
+            raise StageError(str(self.path), [f"it has no model {entry.model!r}"])
+        meshes = load_model(model.name, files)
+        notes = [files[name].decode("utf-8", "replace") for name in files if LICENSE_FILES.fullmatch(name)]
         credit = Credit(f"{self.path.name}: {entry.model}", "\n\n".join([entry.license, *notes]), entry.author)
         return write_template(
-            pieces,
+            meshes,
             folder,
             entry.name,
             label_of(entry.name),
@@ -112,12 +148,12 @@ _KEYS = ("name", "category", "model", "width", "depth", "height", "movable", "mo
 
 
 def label_of(name: str) -> str:
-    """ "Office chair 2" as "office chair"."""
+    """Return a semantic label from a name: "Office chair 2" becomes "office chair"."""
     return " ".join(re.sub(r"[\d_()]+", " ", name).split()).lower()
 
 
 def parse_properties(text: str) -> dict[str, str]:
-    """A Java .properties file: key = value, `\\` continues a line, `\\uXXXX` is a character."""
+    """Parse a Java .properties file: key = value, `\\` continues a line, `\\uXXXX` is a character."""
     result = {}
     for line in re.sub(r"\\\r?\n\s*", "", text).splitlines():
         stripped = line.strip()
@@ -127,8 +163,8 @@ def parse_properties(text: str) -> dict[str, str]:
     return result
 
 
-class _Zipped(Mapping[str, bytes]):
-    """The files below a folder of a zip, read when they are asked for."""
+class _ZipFolder(Mapping[str, bytes]):
+    """Contents of the files below a folder of a zip archive, read on access."""
 
     def __init__(self, archive: zipfile.ZipFile, folder: str) -> None:
         self._archive = archive
