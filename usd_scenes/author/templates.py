@@ -302,7 +302,7 @@ def facts(file: Path) -> tuple[str, list[float], list[str]]:
     root = stage.GetDefaultPrim()
     (label,) = UsdSemantics.LabelsAPI(root, "class").GetLabelsAttr().Get()
     low, high = UsdGeom.ModelAPI(root).GetExtentsHint()
-    return label, list(high - low), [prim.GetName() for prim in root.GetChildren() if prim.IsA(UsdGeom.PolygonMesh)]
+    return label, list(high - low), [prim.GetName() for prim in root.GetChildren() if prim.IsA(UsdGeom.Mesh)]
 
 
 def write(folder: str, packages: Path) -> None:

@@ -136,12 +136,12 @@ def _define_gprim(stage: Usd.Stage, path: str, source: primitives.Gprim) -> None
     UsdPhysics.CollisionAPI.Apply(prim)
 
 
-def _define_mesh(stage: Usd.Stage, path: str, source: PolygonMesh, tile: tuple[float, float]) -> UsdGeom.PolygonMesh:
+def _define_mesh(stage: Usd.Stage, path: str, source: PolygonMesh, tile: tuple[float, float]) -> UsdGeom.Mesh:
     """Rounded to 0.01 mm and 1e-4, so that files do not depend on the last bits of a processor's sine."""
     points = np.round(source.points, 5).astype(np.float32) + np.float32(0.0)
     normals = np.round(source.normals, 4).astype(np.float32) + np.float32(0.0)
     uv = np.round(source.uv / tile, 4).astype(np.float32) + np.float32(0.0)
-    mesh = UsdGeom.PolygonMesh.Define(stage, path)
+    mesh = UsdGeom.Mesh.Define(stage, path)
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(source.counts))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(source.indices))
