@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of speed: `python -m tests.benchmarks [--large] [NAME ...]`. They assert nothing.
+"""Print tables of speed: `python -m tests.benchmarks [--large] [NAME ...]`. They assert nothing.
 
-Each module of this folder with a `main()` is one benchmark; without names all of them run, in the order of their names.
---large: 640x480 in the place of 256x192, where a benchmark measures one size at a time. Tables go to stdout, all else
-to stderr. What a benchmark is measured against and is not installed is left out.
+Each module of this folder with a `main()` is one benchmark. Without names all of them run, in alphabetical order.
+--large measures at 640x480 instead of 256x192, where a benchmark has one size. Tables go to stdout, messages to stderr.
+A peer renderer that is not installed is omitted.
 """
 
 import argparse
@@ -21,8 +21,8 @@ from tiscene.device import runtime
 from tiscene.errors import DeviceError
 
 
-def found() -> dict[str, Callable[..., None]]:
-    """The benchmarks by name."""
+def discover() -> dict[str, Callable[..., None]]:
+    """Return the main functions of the benchmarks by name."""
     modules = {
         module.name: importlib.import_module(f"{benchmarks.__name__}.{module.name}")
         for module in pkgutil.iter_modules(benchmarks.__path__)
@@ -32,15 +32,24 @@ def found() -> dict[str, Callable[..., None]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run them; returns the exit status: 130 where that was interrupted."""
+    """Run benchmarks.
+
+    Args:
+        arguments: the command line; None for this process's.
+
+    Returns:
+        The exit status: 0, 2 for an unknown name, 130 after Ctrl-C.
+    """
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description="Tables of speed.")
-    parser.add_argument("names", metavar="NAME", nargs="*", help="which; by default all")
-    parser.add_argument("--large", action="store_true", help="640x480 in the place of 256x192, where there is a choice")
+    parser.add_argument("names", metavar="NAME", nargs="*", help="benchmarks to run (default: all)")
+    parser.add_argument(
+        "--large", action="store_true", help="640x480 instead of 256x192, where a benchmark has one size"
+    )
     args = parser.parse_args(arguments)
-    known = found()
+    known = discover()
     unknown = [name for name in args.names if name not in known]
     if unknown:
-        print(f"no benchmark {unknown[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
+        print(f"no benchmark {unknown[0]!r}; known: {', '.join(known)}", file=sys.stderr)
         return 2
     arch = runtime.start()
     print(f"{platform.machine()}, {os.cpu_count()} logical cores, Python {platform.python_version()}, Taichi on {arch}")
@@ -54,14 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(name: str, benchmark: Callable[..., None], *, large: bool) -> None:
-    """One of them, and how long it took."""
+    """Run one benchmark and print how long it took."""
     print(f"\n{name}: {(sys.modules[benchmark.__module__].__doc__ or '').splitlines()[0]}", flush=True)
     options = {"large": True} if large and "large" in inspect.signature(benchmark).parameters else {}
     began = time.perf_counter()
     try:
         benchmark(**options)
     except (ModuleNotFoundError, DeviceError) as error:
-        print(f"{name} is left out: {error}. pip install -e '.[benchmark]' has what it needs.", file=sys.stderr)
+        print(f"{name} is omitted: {error}. Install what it needs: pip install -e '.[benchmark]'", file=sys.stderr)
     print(f"({time.perf_counter() - began:.0f} s)", flush=True)
 
 

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fixed camera and three movers: differences to a base image against path tracing each frame, and against Mitsuba.
+"""Incremental rendering with a fixed camera and three movers, compared with path tracing each frame and with Mitsuba.
 
-`room_02` with three things of the demo's, in its own materials ("glossy": Mitsuba's `principled` is not quite
-UsdPreviewSurface, so that each renderer is measured against its own converged picture) and in matte ones (one converged
-picture for both). relMSE: squared error over squared reference plus 0.01, mean over pixels and seeds, of the last of
-the frames that are timed; the reference's own noise, which its two halves tell, is taken off. PSNR: of that frame as it
-is displayed, against the reference denoised. Times are means over frames or seeds. A difference is made anew for every
-seed, base image and kept paths too: "once" is what that takes, the mean over the seeds.
+`room_02` with three movers of the demo, in its own materials ("glossy") and in matte ones. Mitsuba's `principled`
+differs from UsdPreviewSurface, so in the glossy room each renderer is compared with its own converged picture. In the
+matte room both have the same. relMSE: squared error over squared reference plus 0.01, mean over pixels and seeds, of
+the last timed frame, minus the reference's own noise as estimated from its two halves. PSNR: of that frame as
+displayed, against the denoised reference. Times are means over frames or seeds. Base image and recorded paths are made
+anew for every seed; "once" is the time that takes.
 
-"gain": how many times less time than path tracing takes for the same relMSE, both without the denoiser or both with it
-(Mitsuba and path tracing by their own albedo and normal); between the samples that were measured, and beyond them,
-error and time follow a power law. In brackets: than Mitsuba. "pays": after how many frames "once" is saved, against
-path tracing to the same error, both denoised.
+"gain": how many times less time than path tracing needs for the same relMSE, both without or both with the denoiser.
+Between the measured samples and beyond them, error and time follow a power law. In brackets: compared with Mitsuba.
+"pays": number of frames after which "once" is paid back, compared with path tracing to the same denoised error.
 """
 
 from __future__ import annotations
@@ -50,19 +49,19 @@ from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
 T = TypeVar("T")
-FRAMES = 6  # the first is counted among what is done once
+FRAMES = 6  # the first counts as a part of "once"
 PATHS = (4, 8)
-CLEANERS = {"": Postprocessor("balanced", 1, True), ", fast": Postprocessor("fast", 2, True)}
+DENOISERS = {"": Postprocessor("balanced", 1, True), ", fast": Postprocessor("fast", 2, True)}
 
 
 def main(large: bool = False) -> None:
-    """Print the tables. large: 640x480 in the place of 256x192, with a base image of fewer paths."""
+    """Print the tables, at 256x192 or, if large, at 640x480 with a base image of fewer samples."""
     for matte in (False, True):
         table(living_room.room(FRAMES - 1, matte=matte), matte, LARGE if large else SMALL)
 
 
 def table(room: Room, matte: bool, plan: Plan) -> None:
-    """One line for each renderer and number of paths."""
+    """Print one line for each renderer and number of samples."""
     name = f"{'matte' if matte else 'glossy'} {plan.width}x{plan.height}"
     print(
         f"{name}, depth {DEPTH}, {plan.seeds} seeds, base images of {plan.base_spp} spp, references of {2 * plan.half}"
@@ -78,19 +77,21 @@ def table(room: Room, matte: bool, plan: Plan) -> None:
     if theirs is not None:
         note(f"{name}: Mitsuba")
         peers.append(traced("Mitsuba LLVM", theirs, plan, truth if matte else reference(theirs, plan.half)))
-    found: dict[str, list[Difference]] = {}
+    results: dict[str, list[IncrementalResult]] = {}
     for seed in range(1, plan.seeds + 1):
-        note(f"{name}: differences, seed {seed}")
-        for difference in differences(room, plan, truth, seed):
-            found.setdefault(difference.name, []).append(difference)
-    for label, each in found.items():
-        columns = np.array([(one.wall, one.error, one.clean_wall, one.clean_error, one.once, one.psnr) for one in each])
-        wall, error, clean_wall, clean_error, once, psnr = columns.mean(axis=0).tolist()
-        line(label, Row(wall, 0.0, error, clean_wall, 0.0, clean_error), peers, once, psnr)
+        note(f"{name}: incremental, seed {seed}")
+        for result in incremental_results(room, plan, truth, seed):
+            results.setdefault(result.name, []).append(result)
+    for label, each in results.items():
+        columns = np.array(
+            [(one.wall, one.error, one.denoised_wall, one.denoised_error, one.once, one.psnr) for one in each]
+        )
+        wall, error, denoised_wall, denoised_error, once, psnr = columns.mean(axis=0).tolist()
+        line(label, Row(wall, 0.0, error, denoised_wall, 0.0, denoised_error), peers, once, psnr)
 
 
 def traced(name: str, render: Render, plan: Plan, truth: Reference) -> list[Row]:
-    """The rows of a renderer that traces each frame, printed as they are measured."""
+    """Measure and print the rows of a renderer that traces each frame from scratch."""
     rows = []
     for spp in plan.samples:
         rows.append(measured(render, spp, plan.seeds, truth))
@@ -99,17 +100,25 @@ def traced(name: str, render: Render, plan: Plan, truth: Reference) -> list[Row]
 
 
 def line(name: str, row: Row, peers: list[list[Row]] | None = None, once: float = 0.0, psnr: float = 0.0) -> None:
-    """Print a row. peers: those of path tracing, then of Mitsuba, that a difference is compared with."""
-    first, raw, clean, last = f"{'':7}", "", "", ""
+    """Print a row.
+
+    Args:
+        name: first cell.
+        row: times and errors.
+        peers: rows of path tracing, then of Mitsuba, to compare with; None for a peer itself.
+        once: time for base image and recorded paths, s.
+        psnr: dB.
+    """
+    first, raw, denoised, last = f"{'':7}", "", "", ""
     if peers is not None:
         times = [times_for(row, each) for each in peers]
         raw = _gains([without / row.wall for without, _ in times])
-        clean = _gains([both / row.clean_wall for _, both in times])
-        saved = times[0][1] - row.clean_wall
+        denoised = _gains([both / row.denoised_wall for _, both in times])
+        saved = times[0][1] - row.denoised_wall
         first, last = f"{once:7.1f}", f"{psnr:6.1f} {np.ceil(once / saved) if saved > 0.0 else np.inf:6.0f}"
     print(
         f"{name:>28} {first} {1e3 * row.wall:7.1f} {row.error:8.4f} {raw:>13}"
-        f" {1e3 * row.clean_wall:10.1f} {row.clean_error:8.4f} {clean:>13} {last}",
+        f" {1e3 * row.denoised_wall:10.1f} {row.denoised_error:8.4f} {denoised:>13} {last}",
         flush=True,
     )
 
@@ -119,20 +128,20 @@ def _gains(times: list[float]) -> str:
 
 
 @dataclass(frozen=True)
-class Difference:
-    """What one seed gives: s, relMSE and dB."""
+class IncrementalResult:
+    """Result of one seed: times in s, relMSE, PSNR in dB."""
 
     name: str
     wall: float
     error: float
-    clean_wall: float
-    clean_error: float
+    denoised_wall: float
+    denoised_error: float
     once: float
     psnr: float
 
 
-def differences(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator[Difference]:
-    """For each number of kept paths, and each way to denoise."""
+def incremental_results(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator[IncrementalResult]:
+    """Render one seed with each number of recorded paths and each denoiser."""
     scene = DeviceScene()
     scene.add(room.description)
     camera = room.description.cameras[0]
@@ -140,36 +149,36 @@ def differences(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator
     exposure = meter(truth.image)
     shown = tone_map(denoise(truth.image, truth.albedo, truth.normal, "high"), exposure).astype(float)
 
-    def prepare(replayed: IncrementalPass, frame: int, paths: int) -> None:
-        replayed.prepare(
+    def prepare(renderer: IncrementalPass, frame: int, paths: int) -> None:
+        renderer.prepare(
             view, room.placement(frame), room.moving,
             seed=seed, spp=paths, max_depth=DEPTH, base_spp=plan.base_spp,
         )  # fmt: skip
 
-    def replay(replayed: IncrementalPass, paths: int, frames: range) -> IncrementalImage:
+    def render_frames(renderer: IncrementalPass, paths: int, frames: range) -> IncrementalImage:
         for frame in frames:
-            prepare(replayed, frame, paths)
+            prepare(renderer, frame, paths)
             scene.place(room.placement(frame))
-            image = replayed.render(room.moving)
+            image = renderer.render(room.moving)
         return image
 
     with tempfile.TemporaryDirectory() as folder:
         images = BaseImageCache(Path(folder))
         base, _ = timed(partial(prepare, IncrementalPass(scene, plan.width, plan.height, images=images), 0, 1))
-        for paths in PATHS:  # they find the base image on disk
-            replayed = IncrementalPass(scene, plan.width, plan.height, images=images)
-            first, _ = timed(partial(replay, replayed, paths, range(1)))
-            several, image = timed(partial(replay, replayed, paths, range(1, FRAMES)))
+        for paths in PATHS:  # each finds the base image on disk
+            renderer = IncrementalPass(scene, plan.width, plan.height, images=images)
+            first, _ = timed(partial(render_frames, renderer, paths, range(1)))
+            several, image = timed(partial(render_frames, renderer, paths, range(1, FRAMES)))
             wall = several / (FRAMES - 1)
-            for name, cleaner in CLEANERS.items():
-                best, _ = timed(partial(cleaner.difference, image))
-                cleaning, radiance = timed(partial(cleaner.difference, image))
+            for name, denoiser in DENOISERS.items():
+                best, _ = timed(partial(denoiser.difference, image))
+                denoising, radiance = timed(partial(denoiser.difference, image))
                 noise = np.mean((tone_map(radiance, exposure) - shown) ** 2)
-                yield Difference(
-                    f"difference, {paths} paths{name}",
+                yield IncrementalResult(
+                    f"incremental, {paths} paths{name}",
                     wall,
                     truth.error(image.hdr),
-                    wall + cleaning,
+                    wall + denoising,
                     truth.error(radiance),
                     base + first + best,
                     10.0 * float(np.log10(255.0**2 / noise)),
@@ -177,7 +186,7 @@ def differences(room: Room, plan: Plan, truth: Reference, seed: int) -> Iterator
 
 
 def timed(work: Callable[[], T]) -> tuple[float, T]:
-    """How long it takes, s, and what it gives."""
+    """Return the wall time of a function, s, and its result."""
     began = time.perf_counter()
     result = work()
     return time.perf_counter() - began, result

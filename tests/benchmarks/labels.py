@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time of labels a frame, wall and CPU.
+"""Time per frame of the label pass, wall and CPU.
 
-First the label pass alone on the benchmark room under a moving camera, for sets of buffers and for each buffer beside
-`instance`; placing the instances (and building the tree over them for each time that is needed) is a row of its own.
-Then whole frames of `room_02` from a stream whose camera stands still, with three objects that move: as they come, with
-boxes and visible pixels of all objects, and with every column of them.
+First the label pass alone: the benchmark room under a moving camera, for sets of buffers and for each buffer in
+addition to `instance`. Placing the instances and building the TLAS is a separate row. Then whole frames of `room_02`
+from a stream with a fixed camera and three movers: the buffers alone, with boxes and visible pixels of all objects, and
+with every column of the object table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import taichi as ti
 
 import tiscene as ts
-from tests.benchmarks.room import room, still
+from tests.benchmarks.room import room, static_placement
 from tiscene.frame.buffers import LABELS, times_needed
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.integrators.labels.label_pass import LabelPass
@@ -36,7 +36,7 @@ ROUNDS = 15
 
 
 def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
-    """The shortest wall and CPU time of some rounds, after one that does not count."""
+    """Return the shortest wall and CPU time of ROUNDS runs after a warm-up run, ms."""
     work()
     walls, cpus = [], []
     for _ in range(ROUNDS):
@@ -49,8 +49,9 @@ def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
 
 
 def main() -> None:
+    """Print both tables."""
     description = room()
-    placement = still(description)
+    placement = static_placement(description)
     scene = DeviceScene()
     scene.add(description)
     labels = LabelPass(scene)
@@ -76,35 +77,35 @@ def main() -> None:
     alone = milliseconds(lambda: labels.render(view, ("instance",)))[1]
     for name in LABELS:
         cpu = milliseconds(lambda name=name: labels.render(view, ("instance", name)))[1]  # type: ignore[misc]
-        print(f"{name:>20}: {max(cpu - alone, 0.0):.1f} ms of CPU more than instance alone ({alone:.1f})")
+        print(f"{name:>20}: {max(cpu - alone, 0.0):.1f} ms of CPU time in addition to instance ({alone:.1f})")
     began = time.perf_counter()
-    rows = Measurer(scene).table(placement, view, [_State(int(id)) for id in np.unique(placement.instance_id)])
+    rows = Measurer(scene).table(placement, view, [_BareObject(int(id)) for id in np.unique(placement.instance_id)])
     rows.columns()
-    print(f"every column of {len(rows)} objects, the first time: {1e3 * (time.perf_counter() - began):.0f} ms")
+    print(f"every column of {len(rows)} objects, at first access: {1e3 * (time.perf_counter() - began):.0f} ms")
     frames()
 
 
 def frames() -> None:
-    """Whole frames of a stream."""
+    """Print the time of whole frames of a stream."""
     movers = [
         ts.Object(f"mover_{number}", name, (0.5 * number - 0.5, 0.8, 0.0), dynamic=ts.UniformMovementRandomBounce(0.8))
         for number, name in enumerate(("Chair 01", "Pillow 01", "Dish 01"))
     ]
-    looks: dict[str, Callable[[ts.Frame], object]] = {
+    accesses: dict[str, Callable[[ts.Frame], object]] = {
         "frame": lambda frame: frame,
         "boxes, visible pixels": lambda frame: [(row.visible_box, row.visible_pixels) for row in frame.objects],
         "every column": lambda frame: frame.objects.columns(),
     }
     for name in ("default", "all but coverages", "all"):
         stream = ts.Stream(ts.Scenario("room_02", movers), buffers=BUFFER_SETS[name])
-        for look, at in looks.items():
+        for label, access in accesses.items():
             stream.seek(0)
-            wall, cpu = milliseconds(lambda stream=stream, at=at: at(next(stream)))  # type: ignore[misc]
-            print(f"{'room_02':>10} {name:>20} {look:>24} {wall:>9.1f} {cpu:>9.1f}")
+            wall, cpu = milliseconds(lambda stream=stream, access=access: access(next(stream)))  # type: ignore[misc]
+            print(f"{'room_02':>10} {name:>20} {label:>24} {wall:>9.1f} {cpu:>9.1f}")
 
 
-class _State:
-    """An object that is nothing but its id."""
+class _BareObject:
+    """An object of the world with an id and default values."""
 
     name = template = category = prim_path = asset = ""
     category_id = first_frame = 0

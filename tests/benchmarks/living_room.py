@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`room_02` with three movers as one description, and what renders it: tiscene, and Mitsuba, exactly so if matte."""
+"""`room_02` with three movers as one scene description, rendered by tiscene and Mitsuba; exactly alike if matte."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.benchmarks import peers
 from tests.benchmarks.reference_pictures import Image, Render
-from tests.benchmarks.room import still
+from tests.benchmarks.room import static_placement
 from tests.reference import mitsuba_scene
 from tiscene.cli import demo
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -26,8 +26,13 @@ MOVERS = 3
 
 
 class Room(NamedTuple):
-    """description: as it is at a frame. moving: which of the instances of a placement do. placement: of a frame,
-    whose rows of meshes are the description's."""
+    """The room at one frame.
+
+    Attributes:
+        description: scene data with all instances where they are at that frame.
+        moving: bool [n], which instances of a placement are movers.
+        placement: function from a frame to its placement, whose mesh rows are those of the description.
+    """
 
     description: SceneDescription
     moving: NDArray[np.bool_]
@@ -35,15 +40,20 @@ class Room(NamedTuple):
 
 
 def stream() -> Stream:
-    """The room with the first things of the demo, all of its descriptions read."""
+    """Return a stream of the room with the first MOVERS objects of the demo, with all scene data loaded."""
     scenario = demo.scenario()
-    made = Stream(replace(scenario, objects=scenario.objects[:MOVERS]), fps=demo.FPS, buffers=("depth",))
-    made.world.placement(0)
-    return made
+    result = Stream(replace(scenario, objects=scenario.objects[:MOVERS]), fps=demo.FPS, buffers=("depth",))
+    result.world.state(0)
+    return result
 
 
 def room(frame: int, *, matte: bool) -> Room:
-    """The room as it is at a frame. matte: of materials the diffuse color alone, and what glows evenly."""
+    """Return the room at a frame.
+
+    Args:
+        frame: frame index.
+        matte: keep only diffuse color and uniform emission of materials.
+    """
     world = stream().world
     meshes: list[Mesh] = []
     materials: list[Material] = []
@@ -55,9 +65,9 @@ def room(frame: int, *, matte: bool) -> Room:
         else:
             textures += description.textures
         meshes += [replace(mesh, materials=mesh.materials + first_material) for mesh in description.meshes]
-        moved = [_moved(material, first_texture) for material in description.materials]
-        materials += [_matte(material) for material in moved] if matte else moved
-    placement = world.placement(frame)
+        shifted = [_with_texture_offset(material, first_texture) for material in description.materials]
+        materials += [_matte(material) for material in shifted] if matte else shifted
+    placement = world.state(frame).placement
     instances = []
     for row in np.flatnonzero(placement.present[1]):
         matrix = np.eye(4)
@@ -73,14 +83,14 @@ def room(frame: int, *, matte: bool) -> Room:
         templates=(),
         colliders=(),
     )
-    return Room(room, world.moving(frame), world.placement)
+    return Room(room, world.state(frame).movers, lambda index: world.state(index).placement)
 
 
 def tiscene(room: SceneDescription, width: int, height: int, depth: int) -> Render:
-    """What renders it."""
+    """Return a function that renders the room with tiscene."""
     scene = DeviceScene()
     scene.add(room)
-    scene.place(still(room))
+    scene.place(static_placement(room))
     camera = room.cameras[0]
     view = View(camera, camera, camera, width, height)
     paths = PathPass(scene, width, height)
@@ -93,7 +103,18 @@ def tiscene(room: SceneDescription, width: int, height: int, depth: int) -> Rend
 
 
 def mitsuba(room: SceneDescription, width: int, height: int, depth: int, *, glossy: bool) -> Render | None:
-    """What renders it with Mitsuba's `path` (LLVM), and albedo and normal beside it; None where there is none."""
+    """Return a function that renders the room with Mitsuba's `path` (LLVM).
+
+    Args:
+        room: scene data.
+        width: px.
+        height: px.
+        depth: path depth.
+        glossy: use Mitsuba's `principled` instead of diffuse materials.
+
+    Returns:
+        The function, which also returns albedo and normal of the first hit. None if Mitsuba is not installed.
+    """
     mi = peers.mitsuba()
     if mi is None:
         return None
@@ -108,8 +129,8 @@ def mitsuba(room: SceneDescription, width: int, height: int, depth: int, *, glos
     return render
 
 
-def _moved(material: Material, first_texture: int) -> Material:
-    """With lookups in textures that begin at another row. What glows does so evenly: Mitsuba's meshes do."""
+def _with_texture_offset(material: Material, first_texture: int) -> Material:
+    """Shift a material's texture rows. Textured emission is removed, since Mitsuba's meshes emit uniformly."""
     lookups = {
         field.name: replace(value, texture=value.texture + first_texture)
         for field in fields(material)

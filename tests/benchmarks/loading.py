@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a USD file to the first labels: a mesh of half a million triangles, and thousands of prims and point instances.
+"""From a USD file to the first labels: a mesh of half a million triangles; thousands of prims and point instances.
 
-The first line includes what its kernels' compiling takes, unless Taichi's cache has them.
+The first line includes the compilation of its kernels, unless they are in Taichi's cache.
 """
 
 import tempfile
@@ -14,12 +14,12 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 import tiscene as ts
 from tiscene.usd.read.stage_reader import read_stage
 
-SIDE = 501  # points of the ground
-THINGS, POINTS = 3430, 10_000
+SIDE = 501  # points along each side of the ground
+OBJECTS, POINTS = 3430, 10_000
 
 
 def ground(path: Path) -> None:
-    """A wavy mesh of 500,000 triangles, with normals and texture coordinates."""
+    """Write a wavy mesh of 500,000 triangles with normals and texture coordinates."""
     stage = Usd.Stage.CreateNew(str(path))
     y, x = np.mgrid[:SIDE, :SIDE]
     points = np.stack([x * 0.1, 4.0 * np.sin(x * 0.05) * np.cos(y * 0.04), y * 0.1], axis=-1).reshape(-1, 3)
@@ -37,23 +37,23 @@ def ground(path: Path) -> None:
 
 
 def crowd(path: Path) -> None:
-    """7,000 prims, half of them meshes of their own, and 10,000 points of an instancer."""
+    """Write 7,000 prims, half of them meshes, and 10,000 points of an instancer."""
     stage, random = Usd.Stage.CreateNew(str(path)), np.random.default_rng(0)
-    for number in range(THINGS):
-        thing = UsdGeom.Xform.Define(stage, f"/World/Group_{number % 70}/Thing_{number}")
-        Usd.ModelAPI(thing.GetPrim()).SetKind("component")
-        thing.AddTranslateOp().Set(tuple(random.uniform(-50, 50, 3).tolist()))
-        mesh = UsdGeom.Mesh.Define(stage, thing.GetPath().AppendChild("Mesh"))
+    for number in range(OBJECTS):
+        root = UsdGeom.Xform.Define(stage, f"/World/Group_{number % 70}/Object_{number}")
+        Usd.ModelAPI(root.GetPrim()).SetKind("component")
+        root.AddTranslateOp().Set(tuple(random.uniform(-50, 50, 3).tolist()))
+        mesh = UsdGeom.Mesh.Define(stage, root.GetPath().AppendChild("Mesh"))
         mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(random.normal(size=(12, 3)).astype(np.float32)))
         mesh.CreateFaceVertexCountsAttr([4] * 6)
         mesh.CreateFaceVertexIndicesAttr(list(range(12)) * 2)
         mesh.CreateSubdivisionSchemeAttr("none")
     scatter = UsdGeom.PointInstancer.Define(stage, "/World/Scatter")
-    kinds = [UsdGeom.Sphere.Define(stage, "/World/Scatter/Ball"), UsdGeom.Cube.Define(stage, "/World/Scatter/Box")]
-    scatter.CreatePrototypesRel().SetTargets([kind.GetPath() for kind in kinds])
+    prototypes = [UsdGeom.Sphere.Define(stage, "/World/Scatter/Ball"), UsdGeom.Cube.Define(stage, "/World/Scatter/Box")]
+    scatter.CreatePrototypesRel().SetTargets([prototype.GetPath() for prototype in prototypes])
     scatter.CreateProtoIndicesAttr(Vt.IntArray.FromNumpy(random.integers(0, 2, POINTS).astype(np.int32)))
-    places = random.uniform(-50, 50, (POINTS, 3)).astype(np.float32)
-    scatter.CreatePositionsAttr(Vt.Vec3fArray.FromNumpy(places))
+    positions = random.uniform(-50, 50, (POINTS, 3)).astype(np.float32)
+    scatter.CreatePositionsAttr(Vt.Vec3fArray.FromNumpy(positions))
     stage.Save()
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Path tracing against Mitsuba 3's `path`: the benchmark room and `room_02` at equal samples and depth.
+"""Path tracing compared with Mitsuba 3's `path`: `room_02` and the benchmark room at equal samples and path depth.
 
-Each round runs every renderer once, so that what else the machine does hits all alike. relMSE: squared error over
-squared reference plus 0.01, mean over pixels; the reference is tiscene's own at many samples (their means agree:
-tests/render/integrators/path/test_mitsuba.py).
+Each round runs every renderer once, so that other load on the machine affects all alike. relMSE: squared error over
+squared reference plus 0.01, mean over pixels. The reference is tiscene's own at many samples; the means of both
+renderers agree (tests/render/integrators/path/test_mitsuba.py).
 """
 
 from __future__ import annotations
@@ -29,7 +29,15 @@ VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
 
 @dataclass
 class Renderer:
-    """Something that renders with a seed, and how long it took."""
+    """A renderer of one scene, with the times of its runs.
+
+    Attributes:
+        name: name in the table.
+        render: function from a seed to float32 [h, w, 3].
+        walls: wall time of each run, s.
+        cpus: CPU time of each run, s.
+        image: picture of the last run.
+    """
 
     name: str
     render: Callable[[int], NDArray[np.float32]]
@@ -38,6 +46,7 @@ class Renderer:
     image: NDArray[np.float32] | None = None
 
     def run(self, seed: int) -> None:
+        """Render once and record the times."""
         wall, cpu = time.perf_counter(), time.process_time()
         self.image = self.render(seed)
         self.walls.append(time.perf_counter() - wall)
@@ -45,12 +54,12 @@ class Renderer:
 
 
 def ours(width: int, height: int, spp: int = SPP) -> Callable[[int], NDArray[np.float32]]:
-    """tiscene on the room."""
+    """Return a function that renders the benchmark room with tiscene."""
     return _picture_of(living_room.tiscene(room(), width, height, DEPTH), spp)
 
 
 def mitsuba(variant: str, width: int, height: int) -> Callable[[int], NDArray[np.float32]] | None:
-    """A variant of Mitsuba on the room; None where it is not installed."""
+    """Return a function that renders the benchmark room with a variant of Mitsuba; None if it is not installed."""
     mi = peers.mitsuba(variant)
     if mi is None:
         return None
@@ -65,7 +74,7 @@ def mitsuba(variant: str, width: int, height: int) -> Callable[[int], NDArray[np
 
 
 def in_room_02() -> list[Renderer]:
-    """Both in `room_02`, with first hits for a denoiser, which tiscene makes anyway."""
+    """Return both renderers of `room_02`. Mitsuba also renders first hits for a denoiser, as tiscene always does."""
     description = living_room.room(0, matte=False).description
     renderers = {
         "tiscene": living_room.tiscene(description, *SIZES[0], DEPTH),
@@ -79,9 +88,13 @@ def _picture_of(render: Render, spp: int = SPP) -> Callable[[int], NDArray[np.fl
 
 
 def main() -> None:
+    """Print the table."""
     print(
         f"{'':>16} {'renderer':>20} {'wall ms':>9} {'CPU ms':>9} {'relMSE':>8} {'speed':>6}  ({SPP} spp, depth {DEPTH})"
     )
+    renderers = in_room_02()
+    race(renderers)
+    lines(f"room_02 {SIZES[0][0]}x{SIZES[0][1]}", renderers, None)
     for width, height in SIZES:
         variants = VARIANTS if (width, height) == SIZES[0] else VARIANTS[:1]
         renderers = [Renderer("tiscene", ours(width, height))]
@@ -90,14 +103,11 @@ def main() -> None:
         race(renderers)
         reference = ours(width, height, REFERENCE_SPP)(99) if (width, height) == SIZES[0] else None
         lines(f"{width}x{height}", renderers, reference)
-    renderers = in_room_02()
-    race(renderers)
-    lines(f"room_02 {SIZES[0][0]}x{SIZES[0][1]}", renderers, None)
-    print("speed: tiscene's, as a multiple of the renderer's, by the shortest wall times")
+    print("speed: of tiscene relative to the renderer, by the shortest wall times")
 
 
 def race(renderers: list[Renderer]) -> None:
-    """Rounds after one that is not counted."""
+    """Run all renderers in turn, ROUNDS times after a warm-up run."""
     for renderer in renderers:
         renderer.render(0)
     for seed in range(1, ROUNDS + 1):
@@ -106,7 +116,7 @@ def race(renderers: list[Renderer]) -> None:
 
 
 def lines(scene: str, renderers: list[Renderer], reference: NDArray[np.float32] | None) -> None:
-    """One for each renderer."""
+    """Print one line per renderer. The first renderer is the one that speeds refer to."""
     for renderer in renderers:
         error = "-"
         if reference is not None and renderer.image is not None:

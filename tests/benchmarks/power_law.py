@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times to equal error: between the samples that were measured, and beyond them, error and time follow a power law."""
+"""Time to equal error: error and time follow a power law between the measured samples and beyond them."""
 
 from collections.abc import Iterable
 
@@ -7,7 +7,12 @@ import numpy as np
 
 
 def time_for(error: float, measured: Iterable[tuple[float, float]]) -> float:
-    """How long a renderer takes for an error, s, by the two nearest of its measured (error, s)."""
+    """Return the time that a renderer needs for an error, s.
+
+    Args:
+        error: the error to reach.
+        measured: pairs of error and time in s, at least two; the two nearest determine the power law.
+    """
     logs = np.log(np.array(sorted(measured)))
     at = int(np.clip(np.searchsorted(logs[:, 0], np.log(error)), 1, len(logs) - 1))
     (x0, y0), (x1, y1) = logs[at - 1], logs[at]

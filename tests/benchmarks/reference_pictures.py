@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tables of equal error are made of: errors against converged pictures, and the times beside them."""
+"""Errors against converged pictures, and times to equal error, for the tables of several benchmarks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,16 @@ FILTER = "balanced"
 
 @dataclass(frozen=True)
 class Plan:
-    """The size, how many seeds a row is the mean of, the spp of each half of the references, of the rows, of a base."""
+    """Size and samples of a benchmark.
+
+    Attributes:
+        width: px.
+        height: px.
+        seeds: number of seeds that a row is the mean of.
+        half: samples per pixel of each of the two halves of a reference.
+        samples: samples per pixel of the rows.
+        base_spp: samples per pixel of a base image.
+    """
 
     width: int
     height: int
@@ -36,13 +45,20 @@ LARGE = Plan(640, 480, seeds=2, half=24, samples=(4, 16), base_spp=64)
 
 
 def note(text: str) -> None:
-    """What is going on, for whoever waits: tables alone go to stdout."""
+    """Print progress to stderr; stdout has the tables only."""
     print(f"  {text} ...", file=sys.stderr, flush=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A converged picture with its first hits, and the relMSE that is its own."""
+    """A converged picture with its first hits.
+
+    Attributes:
+        image: radiance, float32 [h, w, 3].
+        albedo: albedo of the first hits.
+        normal: normal of the first hits.
+        noise: relMSE of the reference itself.
+    """
 
     image: Image
     albedo: Image
@@ -50,12 +66,12 @@ class Reference:
     noise: float
 
     def error(self, image: Image) -> float:
-        """relMSE: squared error over squared reference plus 0.01, mean over pixels; the reference's noise taken off."""
+        """Return the relMSE of an image minus the reference's noise: squared error over squared reference plus 0.01."""
         return max(_relative(image, self.image, self.image) - self.noise, 1e-6)
 
 
 def reference(render: Render, half: int) -> Reference:
-    """From two halves of so many samples, which tell its noise."""
+    """Render a reference as two halves of `half` samples per pixel each, whose difference gives its noise."""
     a, albedo, normal = render(half, 1001)
     b = render(half, 1002)[0]
     image = 0.5 * (a + b)
@@ -64,40 +80,49 @@ def reference(render: Render, half: int) -> Reference:
 
 @dataclass(frozen=True)
 class Row:
-    """Of one picture, the mean over the seeds: s (wall, CPU) and relMSE, raw and denoised."""
+    """Times and errors of one renderer at one number of samples, mean over the seeds.
+
+    Attributes:
+        wall: wall time of the raw picture, s.
+        cpu: its CPU time, s.
+        error: its relMSE.
+        denoised_wall: wall time including the denoiser, s.
+        denoised_cpu: CPU time including the denoiser, s.
+        denoised_error: relMSE of the denoised picture.
+    """
 
     wall: float
     cpu: float
     error: float
-    clean_wall: float
-    clean_cpu: float
-    clean_error: float
+    denoised_wall: float
+    denoised_cpu: float
+    denoised_error: float
 
 
 def measured(render: Render, spp: int, seeds: int, against: Reference) -> Row:
-    """The mean of the seeds, after one picture of few samples that is not counted."""
+    """Render all seeds and return their mean, after a warm-up picture of few samples."""
     rows = []
     render(min(spp, 4), 0)
     for seed in range(1, seeds + 1):
         wall, cpu = time.perf_counter(), time.process_time()
         radiance, albedo, normal = render(spp, seed)
         raw = time.perf_counter() - wall, time.process_time() - cpu
-        clean = denoise(radiance, albedo, normal, FILTER)
+        denoised = denoise(radiance, albedo, normal, FILTER)
         both = time.perf_counter() - wall, time.process_time() - cpu
-        rows.append((*raw, against.error(radiance), *both, against.error(clean)))
+        rows.append((*raw, against.error(radiance), *both, against.error(denoised)))
     return Row(*np.mean(rows, axis=0).tolist())
 
 
 def times_for(row: Row, peer: list[Row]) -> tuple[float, float]:
-    """How long another renderer takes for the errors of a row, raw and denoised: wall time, s, by its own rows."""
+    """Return the wall times that another renderer needs for the errors of a row, raw and denoised, s."""
     raw = power_law.time_for(row.error, [(each.error, each.wall) for each in peer])
-    return raw, power_law.time_for(row.clean_error, [(each.clean_error, each.clean_wall) for each in peer])
+    return raw, power_law.time_for(row.denoised_error, [(each.denoised_error, each.denoised_wall) for each in peer])
 
 
 def cpu_for(row: Row, peer: list[Row]) -> tuple[float, float]:
-    """The same in CPU time, which others on the machine disturb less."""
+    """Return the same as CPU times, which depend less on the load of the machine."""
     raw = power_law.time_for(row.error, [(each.error, each.cpu) for each in peer])
-    return raw, power_law.time_for(row.clean_error, [(each.clean_error, each.clean_cpu) for each in peer])
+    return raw, power_law.time_for(row.denoised_error, [(each.denoised_error, each.denoised_cpu) for each in peer])
 
 
 def _relative(image: Image, other: Image, reference: Image) -> float:

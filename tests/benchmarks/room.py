@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A furnished room of about 500 thousand triangles, 400 instances of 24 meshes, lit by one rectangle of light.
+"""The benchmark room: about 500 thousand triangles, 400 instances of 24 meshes, one rectangle light.
 
-It is made of numbers alone, so that everything that reads no files can be measured on it.
+It is generated, so that everything that reads no files can be measured on it.
 """
 
 from __future__ import annotations
@@ -33,24 +33,28 @@ BOOKS = ("fabric", "yellow", "dark", "red", "green", "ceramic")
 
 
 def room(balls: int = 0) -> SceneDescription:
-    """The room, Y up, its corner at the origin, always the same; and so many small balls more, anywhere in it."""
+    """Return the room, Y up, with a corner at the origin; always the same.
+
+    Args:
+        balls: number of additional small balls at random positions.
+    """
     builder = _Builder()
     _walls(builder)
     _table_and_chairs(builder)
     _sofa(builder)
     _shelf(builder)
-    _things(builder)
+    _small_objects(builder)
     for _ in range(balls):
-        builder.thing("ball")
-        at = builder.random.uniform((0.8, 0.1, 0.8), (WIDTH - 0.4, HEIGHT - 0.3, DEPTH - 0.2))
-        builder.put("ball", str(builder.random.choice(BOOKS)), at, builder.random.uniform(0.03, 0.07))
+        builder.start_object("ball")
+        position = builder.random.uniform((0.8, 0.1, 0.8), (WIDTH - 0.4, HEIGHT - 0.3, DEPTH - 0.2))
+        builder.add("ball", str(builder.random.choice(BOOKS)), position, builder.random.uniform(0.03, 0.07))
     return builder.description()
 
 
-def still(description: SceneDescription) -> Placement:
-    """Every instance where the description has it, at all three times; identity by object."""
+def static_placement(description: SceneDescription) -> Placement:
+    """Return the placement of a scene in which nothing moves. Instance ids are rows of objects plus 1."""
     instances = description.instances
-    categories = sorted({thing.category for thing in description.objects} - {""})
+    categories = sorted({each.category for each in description.objects} - {""})
     matrices = np.array([instance.world_from_object[:3] for instance in instances]).reshape(-1, 3, 4)
     return Placement(
         mesh=np.array([instance.mesh for instance in instances], np.int32),
@@ -65,7 +69,7 @@ def still(description: SceneDescription) -> Placement:
 
 
 class _Builder:
-    """Collects instances; a mesh is made when its shape is first used with a material."""
+    """Collects instances. A mesh is made when its shape is first used with a material."""
 
     def __init__(self) -> None:
         self.shapes = _shapes()
@@ -75,12 +79,12 @@ class _Builder:
         self.instances: list[Instance] = []
         self.objects: list[SceneObject] = []
 
-    def thing(self, category: str) -> None:
-        """What is put from now on belongs to a new object."""
+    def start_object(self, category: str) -> None:
+        """Start a new object that owns the instances added from now on."""
         name = f"{category}_{len(self.objects):03d}"
         self.objects.append(SceneObject(name, f"/Room/{name}", category))
 
-    def put(
+    def add(
         self,
         shape: str,
         color: str,
@@ -89,7 +93,16 @@ class _Builder:
         turn: float = 0.0,
         pitch: float = 0.0,
     ) -> None:
-        """SceneProfile a shape: scaled by `size`, pitched about x, turned about y (rad), moved."""
+        """Add an instance.
+
+        Args:
+            shape: a key of `_shapes()`.
+            color: a key of COLORS.
+            position: m.
+            size: scale, uniform or per axis.
+            turn: rotation about y, rad, after `pitch`.
+            pitch: rotation about x, rad.
+        """
         matrix = trimesh.transformations.euler_matrix(pitch, turn, 0.0)
         matrix[:3, :3] *= np.broadcast_to(np.asarray(size, np.float64), 3)
         matrix[:3, 3] = position
@@ -102,6 +115,7 @@ class _Builder:
         self.instances.append(Instance(self.rows[key], len(self.objects) - 1, matrix))
 
     def description(self) -> SceneDescription:
+        """Return the scene."""
         downwards = trimesh.transformations.rotation_matrix(-0.5 * math.pi, (1, 0, 0))
         downwards[:3, 3] = (3.0, 2.95, 2.4)
         return SceneDescription(
@@ -144,7 +158,7 @@ def _subdivided(mesh: trimesh.Trimesh, times: int) -> trimesh.Trimesh:
     return mesh
 
 
-def _walls(to: _Builder) -> None:
+def _walls(builder: _Builder) -> None:
     quarter = 0.5 * math.pi
     for category, shape, color, position, size, turn, pitch in (
         ("floor", "floor", "parquet", (0, 0, 0), (WIDTH, 1, DEPTH), 0.0, 0.0),
@@ -154,68 +168,68 @@ def _walls(to: _Builder) -> None:
         ("wall", "square", "plaster", (WIDTH, HEIGHT, DEPTH), (WIDTH, 1, HEIGHT), 2 * quarter, quarter),
         ("wall", "square", "plaster", (0, HEIGHT, 0), (WIDTH, 1, HEIGHT), 0.0, quarter),
     ):
-        to.thing(category)
-        to.put(shape, color, position, size, turn, pitch)
+        builder.start_object(category)
+        builder.add(shape, color, position, size, turn, pitch)
 
 
-def _table_and_chairs(to: _Builder) -> None:
-    to.thing("table")
-    to.put("board", "wood", (3.0, 0.74, 2.5), (1.6, 0.05, 0.9))
+def _table_and_chairs(builder: _Builder) -> None:
+    builder.start_object("table")
+    builder.add("board", "wood", (3.0, 0.74, 2.5), (1.6, 0.05, 0.9))
     for x in (2.3, 3.7):
         for z in (2.15, 2.85):
-            to.put("post", "wood", (x, 0.36, z), (0.03, 0.72, 0.03))
+            builder.add("post", "wood", (x, 0.36, z), (0.03, 0.72, 0.03))
     for x, z, turn in ((2.4, 1.7, 0.0), (3.6, 1.7, -0.2), (2.4, 3.3, 3.1), (3.6, 3.3, 3.3)):
-        to.thing("chair")
+        builder.start_object("chair")
         sine, cosine = math.sin(turn), math.cos(turn)
-        to.put("cushion", "fabric", (x, 0.45, z), (0.45, 0.09, 0.45), turn)
-        to.put("board", "wood", (x - 0.22 * sine, 0.8, z - 0.22 * cosine), (0.42, 0.55, 0.04), turn)
+        builder.add("cushion", "fabric", (x, 0.45, z), (0.45, 0.09, 0.45), turn)
+        builder.add("board", "wood", (x - 0.22 * sine, 0.8, z - 0.22 * cosine), (0.42, 0.55, 0.04), turn)
         for dx in (-0.18, 0.18):
             for dz in (-0.18, 0.18):
                 at = (x + cosine * dx + sine * dz, 0.21, z - sine * dx + cosine * dz)
-                to.put("post", "dark", at, (0.02, 0.42, 0.02))
+                builder.add("post", "dark", at, (0.02, 0.42, 0.02))
 
 
-def _sofa(to: _Builder) -> None:
-    to.thing("sofa")
-    to.put("board", "dark", (1.75, 0.2, 4.45), (2.4, 0.25, 0.9))
+def _sofa(builder: _Builder) -> None:
+    builder.start_object("sofa")
+    builder.add("board", "dark", (1.75, 0.2, 4.45), (2.4, 0.25, 0.9))
     for i in range(3):
-        to.put("cushion", "fabric", (1.0 + 0.75 * i, 0.42, 4.35), (0.75, 0.22, 0.8))
-        to.put("cushion", "fabric", (1.0 + 0.75 * i, 0.75, 4.75), (0.75, 0.6, 0.22), 0.0, -0.15)
+        builder.add("cushion", "fabric", (1.0 + 0.75 * i, 0.42, 4.35), (0.75, 0.22, 0.8))
+        builder.add("cushion", "fabric", (1.0 + 0.75 * i, 0.75, 4.75), (0.75, 0.6, 0.22), 0.0, -0.15)
 
 
-def _shelf(to: _Builder) -> None:
+def _shelf(builder: _Builder) -> None:
     levels = np.linspace(0.2, 2.2, 6)
-    to.thing("shelf")
+    builder.start_object("shelf")
     for y in levels:
-        to.put("box", "wood", (5.75, y, 2.5), (0.4, 0.03, 2.4))
+        builder.add("box", "wood", (5.75, y, 2.5), (0.4, 0.03, 2.4))
     for y in levels[:-1]:
         z = 1.35
         while z < 3.6:
-            width, height = to.random.uniform(0.02, 0.05), to.random.uniform(0.2, 0.33)
-            to.thing("book")
+            width, height = builder.random.uniform(0.02, 0.05), builder.random.uniform(0.2, 0.33)
+            builder.start_object("book")
             at = (5.72, y + 0.02 + 0.5 * height, z + 0.5 * width)
-            color = BOOKS[to.random.integers(len(BOOKS))]
-            to.put("box", color, at, (0.22, height, 0.95 * width), 0.0, to.random.uniform(-0.03, 0.03))
+            color = BOOKS[builder.random.integers(len(BOOKS))]
+            builder.add("box", color, at, (0.22, height, 0.95 * width), 0.0, builder.random.uniform(-0.03, 0.03))
             z += width
 
 
-def _things(to: _Builder) -> None:
-    to.thing("vase")
-    to.put("fine_ball", "ceramic", (3.0, 0.92, 2.5), 0.15)
+def _small_objects(builder: _Builder) -> None:
+    builder.start_object("vase")
+    builder.add("fine_ball", "ceramic", (3.0, 0.92, 2.5), 0.15)
     for i in range(5):
-        to.thing("fruit")
-        to.put("ball", "yellow" if i % 2 else "red", (2.4 + 0.3 * i, 0.815, 2.3 + 0.1 * (i % 2)), 0.05)
+        builder.start_object("fruit")
+        builder.add("ball", "yellow" if i % 2 else "red", (2.4 + 0.3 * i, 0.815, 2.3 + 0.1 * (i % 2)), 0.05)
     for _ in range(4):
-        to.thing("ring")
-        at = (to.random.uniform(0.6, 5.0), 0.08, to.random.uniform(0.5, 1.2))
-        to.put("ring", "yellow", at, 0.22, to.random.uniform(0.0, 3.0), to.random.uniform(-0.2, 0.2))
+        builder.start_object("ring")
+        at = (builder.random.uniform(0.6, 5.0), 0.08, builder.random.uniform(0.5, 1.2))
+        builder.add("ring", "yellow", at, 0.22, builder.random.uniform(0.0, 3.0), builder.random.uniform(-0.2, 0.2))
     for i in range(3):
-        to.thing("ring")
-        to.put("ring", "ceramic", (0.6, 0.4, 2.0 + 0.6 * i), 0.25, 0.0, 1.5)
+        builder.start_object("ring")
+        builder.add("ring", "ceramic", (0.6, 0.4, 2.0 + 0.6 * i), 0.25, 0.0, 1.5)
     for i in range(4):
-        to.thing("ball")
-        at = (to.random.uniform(0.5, 5.3), 0.18, to.random.uniform(0.5, 1.4))
-        to.put("ball", ("red", "green", "ceramic", "yellow")[i], at, 0.18)
+        builder.start_object("ball")
+        at = (builder.random.uniform(0.5, 5.3), 0.18, builder.random.uniform(0.5, 1.4))
+        builder.add("ball", ("red", "green", "ceramic", "yellow")[i], at, 0.18)
     for i in range(6):
-        to.thing("bottle")
-        to.put("bottle", "ceramic", (4.6 + 0.1 * i, 0.3, 4.3 + 0.1 * (i % 3)), (0.3, 0.6, 0.3))
+        builder.start_object("bottle")
+        builder.add("bottle", "ceramic", (4.6 + 0.1 * i, 0.3, 4.3 + 0.1 * (i % 3)), (0.3, 0.6, 0.3))

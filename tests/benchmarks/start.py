@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The first picture of `room_02` in a new process, from starting Python to the frame.
+"""Start-up time: the first picture of `room_02` in a new process, from starting Python to the frame.
 
-"cold": an empty kernel cache; "warm": what the same line has left there. Each line is a process of its own. Mitsuba is
-given the room in matte materials as arrays, which it need not read from USD; its kernels are cached as well.
+"cold": empty kernel cache. "warm": the cache that the cold run of the same line has left. Each run is a process of its
+own. Mitsuba receives the matte room as arrays, without reading USD; its kernels are cached as well.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from tests.benchmarks import living_room, peers
 SIZE = (256, 192)
 SPP, DEPTH = 4, 4
 LABELS = "buffers=('semantic', 'instance', 'depth', 'forward_flow')"
-# name, arguments of the stream, the frame
+# Name of the line, arguments of the stream, expression for the frame.
 KINDS = (
     ("labels", LABELS, "stream[0]"),
-    ("fast", "quality='fast', frames=1", "stream[0]"),
-    ("preview", "quality='preview', frames=1", "stream[0]"),
-    ("standard", "quality='standard', frames=1", "stream[0]"),
-    ("preview, incremental", "quality='preview'", "next(stream)"),
+    ("fast", "quality='fast', incremental=False", "stream[0]"),
+    ("preview", "quality='preview', incremental=False", "stream[0]"),
+    ("standard", "quality='standard'", "stream[0]"),
+    ("preview, incremental", "quality='preview'", "stream[0]"),
 )
-SILENT = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"  # Ctrl-C is for the one who waits
+# Ctrl-C ends the child without a traceback.
+SILENT = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\n"
 OURS = "import tiscene as ts; stream = ts.Stream('room_02', width={}, height={}, {}); {}"
 MITSUBA = """
 import pickle, sys
@@ -58,7 +59,7 @@ def main() -> None:
 
 
 def row(name: str, code: str, *arguments: str) -> None:
-    """One line: the same code twice, the first time without compiled kernels; never with a base image."""
+    """Run code twice, first with an empty kernel cache, and print one line. Base images are never cached."""
     command = [sys.executable, "-c", SILENT + code, *arguments]
     with tempfile.TemporaryDirectory() as kernels:
         times: list[float] = []
@@ -71,7 +72,7 @@ def row(name: str, code: str, *arguments: str) -> None:
 
 
 def measured(run: Callable[[], object]) -> list[float]:
-    """Wall time and that of the children's CPUs, s."""
+    """Return the wall time of a function and the CPU time of its child processes, s."""
     began, before = time.perf_counter(), os.times()
     run()
     after = os.times()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stills of `room_02` against Mitsuba 3's `path` (LLVM): the time for the same error, both denoised by the same OIDN.
+"""Stills of `room_02` compared with Mitsuba 3's `path` (LLVM): time to equal error, both denoised by the same OIDN.
 
-Each renderer denoises by its own albedo and normal of the first hit, whose cost is in its time (Mitsuba's `aov`
-integrator). "matte": both are measured against one converged picture, tiscene's; "glossy": materials are Mitsuba's
-`principled`, which is not quite UsdPreviewSurface, so that each is measured against its own. relMSE: squared error over
-squared reference plus 0.01, mean over pixels and seeds; the reference's own noise, which its two halves tell, is taken
-off. "part": tiscene's time as a part of Mitsuba's for the same error, by the power law between or beyond the samples
-measured; by wall time, and in brackets by CPU time.
+Each renderer denoises with its own albedo and normal of the first hit, whose cost is included (Mitsuba's `aov`
+integrator). "matte": both are compared with one converged picture, tiscene's. "glossy": materials are Mitsuba's
+`principled`, which differs from UsdPreviewSurface, so each is compared with its own. relMSE: squared error over squared
+reference plus 0.01, mean over pixels and seeds, minus the reference's own noise as estimated from its two halves.
+"fraction": tiscene's time over Mitsuba's for the same error, by a power law between or beyond the measured samples; by
+wall time, and in brackets by CPU time.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ DEPTH = 6
 
 
 def main(large: bool = False) -> None:
-    """Print the tables. large: 640x480 in the place of 256x192."""
+    """Print the tables, at 256x192 or, if large, at 640x480."""
     for matte in (True, False):
         table(living_room.room(0, matte=matte).description, matte, LARGE if large else SMALL)
 
 
 def table(room: SceneDescription, matte: bool, plan: Plan) -> None:
-    """One line for each renderer and number of samples."""
+    """Print one line for each renderer and number of samples."""
     size = plan.width, plan.height
     name = f"{'matte' if matte else 'glossy'} {plan.width}x{plan.height}"
     print(f"{name}, depth {DEPTH}, {plan.seeds} seeds, references of {2 * plan.half} spp")
-    heads = ("wall ms", "CPU ms", "relMSE", "part")
+    heads = ("wall ms", "CPU ms", "relMSE", "fraction")
     print(f"{'':>8} {'spp':>4}" + " {:>8} {:>8} {:>8} {:>12}".format(*heads) * 2 + "  (right: with OIDN)", flush=True)
     renderers = {"tiscene": living_room.tiscene(room, *size, DEPTH)}
     mitsuba = living_room.mitsuba(room, *size, DEPTH, glossy=not matte)
@@ -52,15 +52,15 @@ def table(room: SceneDescription, matte: bool, plan: Plan) -> None:
 
 
 def line(renderer: str, spp: int, row: Row, peer: list[Row]) -> None:
-    """Print a row. peer: those that it is compared with, if there are any."""
-    raw = clean = ""
+    """Print a row. peer: rows of the renderer to compare with; may be empty."""
+    raw = denoised = ""
     if peer:
         wall, cpu = times_for(row, peer), cpu_for(row, peer)
         raw = f"{row.wall / wall[0]:.2f} ({row.cpu / cpu[0]:.2f})"
-        clean = f"{row.clean_wall / wall[1]:.2f} ({row.clean_cpu / cpu[1]:.2f})"
+        denoised = f"{row.denoised_wall / wall[1]:.2f} ({row.denoised_cpu / cpu[1]:.2f})"
     print(
         f"{renderer:>8} {spp:4} {1e3 * row.wall:8.0f} {1e3 * row.cpu:8.0f} {row.error:8.4f} {raw:>12}"
-        f" {1e3 * row.clean_wall:8.0f} {1e3 * row.clean_cpu:8.0f} {row.clean_error:8.4f} {clean:>12}",
+        f" {1e3 * row.denoised_wall:8.0f} {1e3 * row.denoised_cpu:8.0f} {row.denoised_error:8.4f} {denoised:>12}",
         flush=True,
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from tests.benchmarks.room import still
+from tests.benchmarks.room import static_placement
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
@@ -64,7 +64,7 @@ def device_scene(description: SceneDescription, traversal: str | None = None) ->
     """The description, placed."""
     scene = DeviceScene(traversal)
     scene.add(description)
-    scene.place(still(description))
+    scene.place(static_placement(description))
     return scene
 
 

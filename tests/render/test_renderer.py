@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.benchmarks.room import still
+from tests.benchmarks.room import static_placement
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, device_scene, towards
 from tiscene.render.film.tone_map import tone_map
-from tiscene.render.renderer import Renderer, RenderSettings
+from tiscene.render.render_settings import RenderSettings
+from tiscene.render.renderer import Renderer
 from tiscene.render.view import View
 from tiscene.scene.description import RectLight
 
@@ -22,7 +23,7 @@ def pictures(denoise: bool, buffers: tuple[str, ...] = PICTURES, spp: int = 4) -
     room = described(*box(CORNELL), [lamp])
     renderer = Renderer(device_scene(room), 40, 30, RenderSettings(spp=spp, max_depth=4, denoise=denoise))
     view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, 40, 30)
-    return renderer.render(view, still(room), buffers, frame_index=0, seed=1, exposure=EXPOSURE)
+    return renderer.render(view, static_placement(room), buffers, frame_index=0, seed=1, exposure=EXPOSURE)
 
 
 def test_without_a_denoiser_no_pixel_is_touched() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tests.benchmarks.room import still
+from tests.benchmarks.room import static_placement
 from tests.reference.chi_square import LEAST, chi_square
 from tests.reference.ray_casting import cast
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
@@ -20,8 +20,8 @@ from tiscene.render.lights.light_sample import lights_of
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.lights.light_tree import BACK, ROUND, STRENGTH, members, places
-from tiscene.scene.lights.mesh_lights import glow_of, mesh_light
+from tiscene.scene.lights.light_tree import BACK, ROUND, STRENGTH, child_rows, light_slots
+from tiscene.scene.lights.mesh_lights import build_mesh_light, mean_emission
 
 GLOW = (12.0, 9.0, 6.0)
 
@@ -103,7 +103,7 @@ def test_sampling_changes_the_noise_and_not_the_picture(name: str) -> None:
 
 def test_a_lamp_that_moves_is_sampled_where_it_is() -> None:
     description = bulb()
-    placement = still(description)
+    placement = static_placement(description)
     scene = device_scene(description)
     before = render(scene, BOX_CAMERA, spp=4).hdr
     moved = placement.world_from_object.copy()
@@ -127,25 +127,25 @@ def test_a_lamp_that_moves_is_sampled_where_it_is() -> None:
 def test_the_tree_of_a_mesh_has_every_triangle_that_glows() -> None:
     mesh = ball((0.0, 0.0, 0.0), 0.5, subdivisions=2)
     glow = np.where(np.arange(len(mesh.triangles)) % 3 == 0, 2.0, 0.0)
-    light = mesh_light(mesh, glow)
+    light = build_mesh_light(mesh, glow)
     assert light is not None
-    rows, _ = places(light.nodes)
+    rows, _ = light_slots(light.nodes)
     assert sorted(rows) == list(np.flatnonzero(glow))
-    assert members(light.nodes[0])[:, STRENGTH].sum() == pytest.approx(light.whole[STRENGTH], rel=1e-5)
+    assert child_rows(light.nodes[0])[:, STRENGTH].sum() == pytest.approx(light.whole[STRENGTH], rel=1e-5)
     assert light.whole[ROUND] > 0.9
     assert light.whole[BACK] < 0.1  # it is closed: its inside is not seen
-    panel = mesh_light(quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)), np.ones(2))
+    panel = build_mesh_light(quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)), np.ones(2))
     assert panel is not None
-    assert (members(panel.nodes[0])[:, BACK] == 1.0).all()
+    assert (child_rows(panel.nodes[0])[:, BACK] == 1.0).all()
     assert panel.whole[STRENGTH] == pytest.approx(1.0)
-    assert mesh_light(mesh, np.zeros(len(mesh.triangles))) is None
+    assert build_mesh_light(mesh, np.zeros(len(mesh.triangles))) is None
 
 
 def test_a_picture_glows_by_its_mean() -> None:
     _, material, texture = screen()
     mean = texture.pixels[..., :3].mean()
-    assert glow_of(material, (texture,)) == pytest.approx(mean * (2.0 * 0.2126 + 1.5 * 0.7152 + 0.0722), rel=1e-5)
-    assert glow_of(matte("gray", (0.5, 0.5, 0.5)), ()) == 0.0
+    assert mean_emission(material, (texture,)) == pytest.approx(mean * (2.0 * 0.2126 + 1.5 * 0.7152 + 0.0722), rel=1e-5)
+    assert mean_emission(matte("gray", (0.5, 0.5, 0.5)), ()) == 0.0
 
 
 Floats1, Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -231,7 +231,7 @@ def test_directions_to_a_mesh_follow_their_density(matrix: np.ndarray) -> None:
         """Of unit vectors."""
         asked = np.zeros((len(directions), 8), np.float32)
         asked[:, 4:7], asked[:, 7] = directions, np.inf
-        hits = cast((half,), still(description), asked)
+        hits = cast((half,), static_placement(description), asked)
         met = hits.triangle >= 0
         result = np.zeros((int(met.sum()), 5), np.float32)
         result[:, :3], result[:, 3] = directions[met], hits.t[met]

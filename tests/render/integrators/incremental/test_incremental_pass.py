@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.benchmarks.room import still
+from tests.benchmarks.room import static_placement
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, WHITE, ball, box, described, matte, quad, towards
 from tiscene.device.memory import upload
 from tiscene.render.integrators.incremental import path_cache
@@ -31,7 +31,7 @@ from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import DistantLight, DomeLight, Light, Material, RectLight, SphereLight
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.lights.light_groups import LightGroups, shine, shining
+from tiscene.scene.lights.light_groups import LightGroups, emission_of, with_emission
 from tiscene.scene.placement import CURRENT, Placement
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -83,7 +83,7 @@ class Box:
         scene = described(meshes, [*materials, mover, BLUE, wall or BLUE], self.lights)
         self.device = DeviceScene()
         self.device.add(scene)
-        self.placed = still(scene)
+        self.placed = static_placement(scene)
         self.moving = np.arange(len(meshes)) >= standing
         self.groups: LightGroups | None = None
         self.view = View(camera, camera, camera, *SIZE)
@@ -99,7 +99,7 @@ class Box:
         groups, lights = self.groups, None
         if groups is not None:
             lights = tuple(
-                (row, shining(light, tuple(groups.factors[number] * shine(light))))  # type: ignore[arg-type]
+                (row, with_emission(light, tuple(groups.factors[number] * emission_of(light))))  # type: ignore[arg-type]
                 for (row, light), number in zip(groups.lights, groups.group, strict=True)
             )
         return replace(self.placed, world_from_object=matrices, present=present, lights=lights, light_groups=groups)
@@ -127,7 +127,7 @@ class Box:
         paths, scene = PathPass(self.device, *SIZE), None
         if self.groups is not None:  # lights are chosen as if they were at their brightest
             lights.place([light for _, light in self.groups.lights], [0] * len(self.lights))
-            scene = paths.scene_arrays(BaseLights(self.device, self.groups).shining(self.groups.factors))
+            scene = paths.scene_arrays(BaseLights(self.device, self.groups).with_emission(self.groups.factors))
         return paths.render(self.view, frame_index=frame, seed=1, spp=spp, max_depth=QUALITY["max_depth"], scene=scene)
 
     def replayed_mean(self) -> NDArray[np.float32]:
