@@ -15,6 +15,7 @@ import pytest
 from tests.usd.damage import READ, REFUSED, STOPPED, crate_bytes, damaged, read_all
 from tests.usd.helpers import STAGES
 from tiscene.errors import StageError
+from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.stage_reader import read_stage
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="limits of processes need POSIX")
@@ -69,3 +70,13 @@ def test_a_text_that_is_not_utf8_is_refused(tmp_path):
     path.write_bytes(data.replace(b"QQ", b"\xd9\xff"))
     with pytest.raises(StageError, match="cannot be read: a text in it is not valid UTF-8"):
         read_stage(path)
+
+
+def test_a_crate_that_keeps_usd_busy_is_stopped_at_the_time_limit(tmp_path):
+    """One flipped bit gives a count that USD believes for minutes. The file is trusted: limits alone bound it."""
+    data = bytearray(crate_bytes((STAGES / "creases.usda").read_text(encoding="utf-8"), tmp_path))
+    data[1354] ^= 1
+    path = tmp_path / "damaged.usdc"
+    path.write_bytes(data)
+    with pytest.raises(StageError, match=r"damaged.usdc has 1 problem:\n  reading it took longer than 2 s: the"):
+        read_stage(path, limits=Limits(seconds=2.0))

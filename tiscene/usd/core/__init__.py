@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all of `tiscene.usd` builds on.
+"""Foundations of `tiscene.usd`: opening stages, reports, limits, units, transforms, semantics and time samples.
 
 ::
 
-    stage           open a stage
-    report          collect problems and warnings
-    limits          limits of time, memory and location
+    stage           open a stage, select variants
+    report          collect problems and omissions
+    limits          limits of size, time, memory and location
     layers          files of a stage and their digests
     package         paths into .usdz packages
     transform       matrices
     units           stage units and meters
-    pose            positions and rotations as transform ops
+    pose            positions and rotations as transform operations
     semantics       semantic labels and object identity
-    time_samples    animated parts and instances
-    keyframes       animated objects as keyframes and lifespans
+    time_samples    animation within objects as instance tracks
+    keyframes       animation of whole objects as keyframes and lifespans
     shader_network  connections between shaders
-    schema          the codeless schema TisceneMotionAPI
+    schema          the codeless schema of scenarios
 """

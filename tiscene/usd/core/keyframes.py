@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What moves or comes and goes on a stage by time samples, as keyframes and life spans."""
+"""Animated objects of a stage as scenario data: transforms as keyframes, visibility as a lifespan.
+
+Time samples of whole objects and of cameras play through the scenario, as if a user had given them a `Keyframes`
+trajectory. Animation of parts within an object is read by `time_samples` instead.
+"""
 
 from __future__ import annotations
 
@@ -11,62 +15,76 @@ from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.pose import read_pose
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import filled
+from tiscene.usd.core.time_samples import dense_times
 from tiscene.usd.core.units import Units
 
-MOST_TIMES = 100_000  # time codes at which a thing or a light that changes is looked at
-_TURNS = {
+MAX_TIMES = 100_000  # longest range of time codes that is sampled at every whole time code
+_ROTATIONS = {
     getattr(UsdGeom.XformOp, f"TypeRotate{axes}") for axes in ("X", "Y", "Z", "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 }
 
 
 def sample_times(prim: Usd.Prim) -> list[float]:
-    """The time codes at which the place of a prim in the world is authored; fewer than two if it stands still.
+    """Return the time codes at which a prim's world transform is authored, ascending; fewer than two if it is static.
 
-    Angles that USD interpolates are sampled at every time code between, since keyframes turn the shortest way.
+    Animated angles are sampled at every whole time code between: USD interpolates the angles, while keyframes rotate
+    the shortest way.
     """
     times: set[float] = set()
-    angles = False
+    has_angles = False
     while prim and not prim.IsPseudoRoot():
         xformable = UsdGeom.Xformable(prim)
         if xformable:
             for op in xformable.GetOrderedXformOps():
                 samples = op.GetTimeSamples()
                 times.update(samples)
-                angles = angles or (len(samples) > 1 and op.GetOpType() in _TURNS)
+                has_angles = has_angles or (len(samples) > 1 and op.GetOpType() in _ROTATIONS)
             if xformable.GetResetXformStack():
                 break
         prim = prim.GetParent()
-    return filled(times, MOST_TIMES) if angles else sorted(times)
+    return dense_times(times, MAX_TIMES) if has_angles else sorted(times)
 
 
-def read_life(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
-    """First and last frame of a prim whose own visibility is animated, None for no last; None if it is always there.
+def read_lifespan(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
+    """Return the first and last frame at which a prim is visible, from the samples of its own visibility.
 
-    Frames are time codes, counted from the start of the stage's range: as when it is played at its own rate.
+    Frames are time codes counted from the start of the stage's range: the stage is played at its own rate.
+
+    Args:
+        prim: an imageable prim.
+        report: receives an omission for a prim that is hidden and shown again.
+
+    Returns:
+        First frame, and last frame (None: no end). None if its visibility is not animated.
     """
     visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
     if not visibility or visibility.GetNumTimeSamples() < 2:
         return None
     start = prim.GetStage().GetStartTimeCode()
-    shown = [(time, visibility.Get(time) != UsdGeom.Tokens.invisible) for time in visibility.GetTimeSamples()]
-    changes = [each for row, each in enumerate(shown) if row == 0 or each[1] != shown[row - 1][1]]
-    begins = [time for time, visible in changes if visible]
-    if not begins or len(changes) < 2:
+    samples = [(time, visibility.Get(time) != UsdGeom.Tokens.invisible) for time in visibility.GetTimeSamples()]
+    changes = [each for row, each in enumerate(samples) if row == 0 or each[1] != samples[row - 1][1]]
+    shown = [time for time, visible in changes if visible]
+    if not shown or len(changes) < 2:
         return None
-    if len(begins) > 1:
-        report.omission(prim.GetPath(), "what is hidden and shown again is shown from its first to its last time")
-    first = 0 if changes[0][1] else max(0, math.ceil(begins[0] - start))
+    if len(shown) > 1:
+        report.omission(
+            prim.GetPath(), "a prim that is hidden and shown again is shown from its first to its last visible time"
+        )
+    first = 0 if changes[0][1] else max(0, math.ceil(shown[0] - start))
     last = None if changes[-1][1] else math.ceil(changes[-1][0] - start) - 1
     return None if last is not None and last < first else (first, last)
 
 
 def read_keyframes(prim: Usd.Prim, units: Units, report: StageReport, first_frame: int = 0) -> dict[str, Any] | None:
-    """A prim's animated transform as the JSON object of Keyframes; None if it stands still.
+    """Return a prim's animated transform as the JSON object of a `Keyframes`; None if it is static.
 
-    Time 0 is the start of the stage's range of time codes, or so many frames later when the prim appears. What is
-    reported: a scale that changes, of which the first is kept, and a prim that cannot be placed at some time and
-    stands still therefore.
+    Args:
+        prim: the prim.
+        units: unit of length of its stage.
+        report: receives omissions: an animated scale, of which the first value is kept, and a prim without a valid
+            pose at some time, which is static then.
+        first_frame: frame at which the prim appears. Time 0 of the keyframes is so many time codes after the start of
+            the stage's range.
     """
     times = sample_times(prim)
     if len(times) < 2:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which files a stage is made of, so that it can be told whether they have changed."""
+"""Files of a stage and their SHA-256 digests, to detect whether any of them has changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,15 @@ from tiscene.usd.core.stage import quiet
 
 
 def scene_digests(scene: str, templates: Iterable[str]) -> dict[str, str]:
-    """`layer_digests` of a scene and of templates, whose keys begin with their names and a colon."""
+    """Return the digests of all files of a scene and of templates.
+
+    Args:
+        scene: name or file of a scene.
+        templates: names or files of templates.
+
+    Returns:
+        `layer_digests` of each; the keys of a template's files begin with its name and a colon.
+    """
     digests = layer_digests(catalog.find_scene(scene))
     for template in sorted(templates):
         files = layer_digests(catalog.find_template(template))
@@ -25,15 +33,15 @@ def scene_digests(scene: str, templates: Iterable[str]) -> dict[str, str]:
 
 
 def layer_digests(path: str | Path) -> dict[str, str]:
-    """SHA-256 of the file of every layer and texture that a USD file refers to, itself included, in any variant.
+    """Return the SHA-256 of every layer and texture that a USD file refers to in any variant, itself included.
 
-    The keys are paths relative to the file's folder, with forward slashes, so that they do not tell where it lies.
-    What cannot be found is left out.
+    Returns:
+        Hexadecimal digests by path relative to the file's folder, with forward slashes, so that they do not depend on
+        where the folder is. Missing files are left out. A package (.usdz) is one file.
     """
     root = Path(path).resolve()
     with quiet():
         layers, assets, _ = UsdUtils.ComputeAllDependencies(str(root))
-    # A package is one file.
     files = {str(root), *(split_package(path)[0] for path in (*(layer.realPath for layer in layers), *assets))}
     present = sorted(Path(file) for file in files if os.path.isfile(file))
     return {Path(os.path.relpath(file, root.parent)).as_posix(): _digest(file) for file in present}

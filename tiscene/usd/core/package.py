@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Paths into packages: "room.usdz[wood.png]" is wood.png in room.usdz. Other names may have brackets too."""
+"""Package-relative paths: "room.usdz[wood.png]" is wood.png in room.usdz. Ordinary file names may have brackets too."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pxr import Ar
 
 
 def split_package(path: str) -> list[str]:
-    """The file of a path, then the path of what is in it, of what is in that, and so on."""
+    """Return the parts of a path: the file, the path inside it, the path inside that one if it is a package, ..."""
     parts: list[str] = []
     while path or not parts:
         outer, path = Ar.SplitPackageRelativePathOuter(path)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of prims: transform operations that say a scenario's pose to the bit, and poses out of any transform."""
+"""Poses of prims: read from any transform, and written as transform operations that are read back exactly.
+
+A pose is a position (meters) and a rotation (Euler degrees or a quaternion). The rest of a transform, its scale and
+shear, is called its stretch.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +18,23 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from tiscene.scene.assembly import rigid
 from tiscene.scene.camera import matrix_from_quaternion, quaternion_from_matrix
 from tiscene.scene.description import Matrix
-from tiscene.usd.core.transform import fault, to_matrix, unmirrored
+from tiscene.usd.core.transform import to_matrix, transform_fault, unmirrored
 from tiscene.usd.core.units import Units
 
-STRETCH = "stretch"  # suffix of the operation that a template's own scale is kept in
+STRETCH = "stretch"  # suffix of the transform operation that holds a template's own scale and shear
 _TYPES = Sdf.ValueTypeNames
-_NEAR = 1e-6
+_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class PrimPose:
     """Where a prim is in the world.
 
-    position: m. rotation: Euler degrees or a quaternion. scale: along its own axes.
-    stretch: 4x4, what of its transform lies between the scaled pose and the prim's own space; no translation.
+    Attributes:
+        position: m.
+        rotation: (x, y, z) Euler degrees, applied in the order z, x, y, or a quaternion (w, x, y, z).
+        scale: along the prim's own axes.
+        stretch: float64 4x4 without translation, from the prim's own space to the scaled pose.
     """
 
     position: tuple[float, ...]
@@ -37,16 +44,15 @@ class PrimPose:
 
 
 def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> PrimPose | str:
-    """A prim's pose at a time; a text that says why if it has none.
+    """Return a prim's pose at a time code, or the reason why it has none.
 
-    What `PoseOperations` wrote is read to the bit. Of any other transform the nearest rotation is taken; the rest is
-    stretch.
+    Operations that `PoseOperations` has written are read back exactly. Of any other transform the nearest rotation is
+    taken; the rest is stretch.
     """
     world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time)
     matrix = to_matrix(world, units.meters)
-    wrong = fault(matrix)
-    if wrong:
-        return wrong
+    if fault := transform_fault(matrix):
+        return fault
     if prim.IsA(UsdGeom.Camera):
         matrix = unmirrored(matrix)
     values = _own_values(prim, time)
@@ -67,29 +73,41 @@ def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> PrimPose | st
 
 
 def _own_values(prim: Usd.Prim, time: Usd.TimeCode) -> dict[str, Any] | None:
-    """Values of the transform operations by name, if they are such as are written here and no parent moves the prim."""
+    """Return the values of operations that `pose_operations` made, by name; None for others."""
     xformable = UsdGeom.Xformable(prim)
     if not xformable.GetResetXformStack() and xformable.ComputeParentToWorldTransform(time) != Gf.Matrix4d(1.0):
         return None
     values = {str(op.GetOpName()).removeprefix("xformOp:"): op.Get(time) for op in xformable.GetOrderedXformOps()}
-    known = [
+    written_here = [
         ["translate", rotation, *scale, *stretch]
         for rotation in ("rotateZXY", "orient")
         for scale in ([], ["scale"])
         for stretch in ([], [f"transform:{STRETCH}"])
     ]
-    return values if list(values) in known and None not in values.values() else None
+    return values if list(values) in written_here and None not in values.values() else None
 
 
 @dataclass(frozen=True)
 class PoseOperations:
-    """The operations of one prim that `set` writes poses to."""
+    """The transform operations of one prim that hold its pose.
+
+    Attributes:
+        translate: its position.
+        rotate: its rotation, as Euler angles or a quaternion.
+    """
 
     translate: UsdGeom.XformOp
     rotate: UsdGeom.XformOp
 
     def set(self, position: Any, rotation: Any, units: Units, time: Usd.TimeCode | None = None) -> None:
-        """Author a pose (m; Euler degrees or a quaternion, as the operations were made for) at a time or for all."""
+        """Author a pose.
+
+        Args:
+            position: m.
+            rotation: Euler degrees or a quaternion, whichever the operations were made for.
+            units: unit of length of the stage.
+            time: time code of the sample; None: the default value.
+        """
         time = Usd.TimeCode.Default() if time is None else time
         self.translate.Set(Gf.Vec3d(units.to_stage(position, True)), time)
         self.rotate.Set(Gf.Quatd(*rotation) if len(rotation) == 4 else Gf.Vec3d(*rotation), time)
@@ -98,7 +116,17 @@ class PoseOperations:
 def pose_operations(
     prim: Usd.Prim, *, euler: bool, scale: Sequence[float] = (1.0, 1.0, 1.0), stretch: Matrix | None = None
 ) -> PoseOperations:
-    """Give a prim, which no parent moves, the operations that place it, instead of any others."""
+    """Replace a prim's transform operations by those of a pose. Its parent's transform must be the identity.
+
+    Args:
+        prim: the prim.
+        euler: whether its rotation is written as Euler angles, else as a quaternion.
+        scale: along its own axes.
+        stretch: float64 4x4 without translation, applied first; None: the identity.
+
+    Returns:
+        The operations to write the pose to.
+    """
     operations = [
         _operation(prim, "translate", _TYPES.Double3),
         _operation(prim, "rotateZXY", _TYPES.Double3) if euler else _operation(prim, "orient", _TYPES.Quatd),
@@ -114,29 +142,42 @@ def pose_operations(
 
 
 def _operation(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName) -> UsdGeom.XformOp:
-    """An operation of this very type, whatever type the one of its name has in what the prim refers to."""
+    """Create an operation of this value type, also where a referenced layer has one of another type by that name."""
     return UsdGeom.XformOp(prim.CreateAttribute(f"xformOp:{name}", kind, False))
 
 
 def unit_rotation(rotation: Sequence[float]) -> tuple[float, ...]:
-    """Euler angles as they are; a quaternion of length 1, one that has it to the bit."""
+    """Return Euler angles unchanged, and a quaternion normalized; one of unit length is unchanged to the last bit."""
     if len(rotation) == 3:
         return tuple(rotation)
     norm = math.sqrt(sum(component * component for component in rotation))
     return tuple(rotation) if abs(norm - 1.0) < 1e-14 else tuple(component / norm for component in rotation)
 
 
-def agrees(exact: Sequence[float], position: Sequence[float], rotation: Sequence[float]) -> bool:
-    """Whether an exact pose is the one of a transform."""
+def is_same_pose(exact: Sequence[float], position: Sequence[float], rotation: Sequence[float]) -> bool:
+    """Return whether an exactly stated pose is, within rounding, the pose of a transform.
+
+    Args:
+        exact: position and rotation, 6 or 7 numbers.
+        position: position of the transform, m.
+        rotation: its rotation, of the same kind.
+    """
     if len(exact) != 3 + len(rotation):
         return False
     expected = (*position, *rotation)
     stated = (*exact[:3], *unit_rotation(exact[3:]))
-    return all(math.isclose(a, b, rel_tol=_NEAR, abs_tol=_NEAR) for a, b in zip(stated, expected, strict=True))
+    return all(
+        math.isclose(a, b, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE) for a, b in zip(stated, expected, strict=True)
+    )
 
 
-def placed(position: Sequence[float], rotation: Sequence[float]) -> Matrix:
-    """4x4 from an object's own axes to the world."""
+def pose_matrix(position: Sequence[float], rotation: Sequence[float]) -> Matrix:
+    """Return the float64 4x4 from an object's axes to the world.
+
+    Args:
+        position: m.
+        rotation: Euler degrees or a quaternion.
+    """
     matrix = np.eye(4)
     if len(rotation) == 3:
         turned = Gf.Matrix3d(1.0)

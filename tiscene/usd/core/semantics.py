@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a prim is: its semantic label, and whether it is a thing with an identity of its own."""
+"""Semantics of prims: labels (UsdSemanticsLabelsAPI), names of assets, and which prims are objects of their own.
+
+An object is the nearest enclosing prim of kind `component`, else a native instance, else the gprim itself.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,13 @@ PREFERRED_TAXONOMIES = ("class", "category")
 
 
 def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
-    """The label authored on this very prim by UsdSemanticsLabelsAPI, "" for none.
+    """Return the label authored on a prim itself by UsdSemanticsLabelsAPI, "" for none.
 
-    The first label of `taxonomy`; for None of `class`, else of `category`, else of the first other taxonomy by name.
+    Args:
+        prim: the prim.
+        time: time code to read at.
+        taxonomy: its first label is returned; None: that of `class`, else of `category`, else of the first other
+            taxonomy by name.
     """
     applied = UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim)
     if not applied:
@@ -33,7 +40,7 @@ def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None
 
 
 def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
-    """The label of the nearest ancestor that has one, "" for none."""
+    """Return the `direct_label` of a prim or of its nearest ancestor that has one, "" for none."""
     while prim and not prim.IsPseudoRoot():
         label = direct_label(prim, time, taxonomy)
         if label:
@@ -43,7 +50,7 @@ def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = N
 
 
 def taxonomies_of(stage: Usd.Stage) -> set[str]:
-    """The taxonomies in which anything on a stage is labeled, in what may be instanced or spawned too."""
+    """Return the taxonomies of all labels on a stage, those of prototypes and of templates included."""
     found: set[str] = set()
     roots = [stage.GetPseudoRoot(), *stage.GetPrototypes()]
     for prim in (prim for root in roots for prim in Usd.PrimRange(root, Usd.PrimAllPrimsPredicate)):
@@ -53,7 +60,7 @@ def taxonomies_of(stage: Usd.Stage) -> set[str]:
 
 
 def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:
-    """Raises UnknownName for a taxonomy that nothing on the stage is labeled in."""
+    """Raise UnknownName for a taxonomy that no label on the stage has. None is valid."""
     known = set() if taxonomy is None else taxonomies_of(stage)
     if taxonomy is not None and (not isinstance(taxonomy, str) or taxonomy not in known):
         hint = "" if known else "Nothing on the stage has a semantic label."
@@ -61,14 +68,17 @@ def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:
 
 
 def name_label(prim: Usd.Prim) -> str:
-    """What a prim's name says it is: the name of its asset, else its own, without a number at the end."""
+    """Return a category derived from a prim's name: its asset's name, else its own, without a trailing number."""
     name = str(Usd.ModelAPI(prim).GetAssetName() or prim.GetName())
     return name.rstrip("0123456789").rstrip("_- ") or name
 
 
 def asset_name(prim: Usd.Prim) -> str:
-    """The asset that a prim is of: the name in the assetInfo of the nearest prim at or above it, or made from the name
-    of the file whose default prim that one refers to; "" for none."""
+    """Return the name of the asset that a prim belongs to, "" for none.
+
+    It is the name in the assetInfo of the nearest prim at or above it, or derived from the name of the file whose
+    default prim that one references.
+    """
     while prim and not prim.IsPseudoRoot():
         name = Usd.ModelAPI(prim).GetAssetName() or _name_of_reference(prim)
         if name:
@@ -89,22 +99,22 @@ def _name_of_reference(prim: Usd.Prim) -> str:
 
 
 def readable_name(path: Path) -> str:
-    """A name from a file's: that of the folder for `chair_01/template.usda`, "Chair 01"; else of the file itself."""
+    """Return a name derived from a file's: "Chair 01" for `chair_01.usda` and for `chair_01/template.usda`."""
     return spaced(path.resolve().parent.name if path.stem == "template" else path.stem)
 
 
 def spaced(name: str) -> str:
-    """ "chair_01" as "Chair 01"."""
+    """Return an identifier as words: "Chair 01" for "chair_01"."""
     return " ".join(word[:1].upper() + word[1:] for word in name.split("_") if word)
 
 
 def is_component(prim: Usd.Prim) -> bool:
-    """Whether the prim's kind is `component` (or derived from it): a thing, together with all below it."""
+    """Return whether a prim's kind is `component` or derived from it: it is an object, with all prims below it."""
     return _is_of_kind(prim, Kind.Tokens.component)
 
 
-def is_lone_instance(prim: Usd.Prim) -> bool:
-    """Whether the prim is a native instance, and not of one of the kinds (group, assembly) that hold several things."""
+def is_object_instance(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a native instance, and not of a kind that holds several objects (group, assembly)."""
     return bool(prim.IsInstance()) and not _is_of_kind(prim, Kind.Tokens.group)
 
 

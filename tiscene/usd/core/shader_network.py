@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a shader's inputs are connected to, through node graphs and material interfaces."""
+"""Shader networks: the values and sources of a shader's inputs, through node graphs and material interfaces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from pxr import Usd, UsdShade
 
-# MaterialX carries the same nodes under names of its own.
+# MaterialX names of UsdPreviewSurface's nodes.
 _MATERIALX_NAMES = {
     "ND_UsdPreviewSurface_surfaceshader": "UsdPreviewSurface",
     "ND_UsdUVTexture": "UsdUVTexture",
@@ -22,7 +22,7 @@ _MATERIALX_NAMES = {
 
 
 def shader_id(shader: UsdShade.Shader) -> str:
-    """The shader's info:id, by UsdPreviewSurface's names for its nodes; else its name in its source asset, or ""."""
+    """Return a shader's info:id, by UsdPreviewSurface's names; else its name in its source asset, or ""."""
     name = str(shader.GetShaderId() or "")
     if not name:
         names = (each for each in shader.GetPrim().GetAttributes() if each.GetName().endswith(":subIdentifier"))
@@ -32,7 +32,13 @@ def shader_id(shader: UsdShade.Shader) -> str:
 
 @dataclass(frozen=True)
 class Source:
-    """An output of another shader. id: its info:id. output: the name of the output, such as "rgb"."""
+    """An output of another shader.
+
+    Attributes:
+        shader: that shader.
+        id: its `shader_id`.
+        output: name of the output, such as "rgb".
+    """
 
     shader: UsdShade.Shader
     id: str
@@ -41,7 +47,13 @@ class Source:
 
 @dataclass(frozen=True)
 class ShaderConnection:
-    """An input's source, or else its value and the attribute that holds it."""
+    """Where an input gets its value.
+
+    Attributes:
+        attribute: attribute that produces the value.
+        value: its value; None if it is the output of a shader.
+        source: the output that it is connected to; None if it has a value.
+    """
 
     attribute: Usd.Attribute
     value: Any = None
@@ -49,7 +61,7 @@ class ShaderConnection:
 
 
 def connections_of(shader: UsdShade.Shader, time: Usd.TimeCode) -> dict[str, ShaderConnection]:
-    """The shader's authored inputs by name; those that lead nowhere are left out."""
+    """Return a shader's authored inputs by name, at a time code; inputs without a value or a source are left out."""
     found = {}
     for item in shader.GetInputs(onlyAuthored=True):
         for attribute in UsdShade.Utils.GetValueProducingAttributes(item):

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What moves, comes and goes on a stage without being a thing of its own: parts of things, points of instancers."""
+"""Animation by time samples within objects: moving parts, points of instancers, groups that appear and vanish.
+
+Whole objects that move become keyframes of a scenario (`keyframes`). All other animation of a stage becomes an
+InstanceTrack: transforms and presence of instances over time, from the samples of a prim and of its ancestors.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +19,17 @@ from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import to_matrix
 
-MOST_TIMES = 10_000  # time codes between which what moves is sampled at every one
+MAX_TIMES = 10_000  # longest range of time codes that is sampled at every whole time code
 
 
 @dataclass(frozen=True)
-class Inherited:
-    """What changes over time among the prims that one gets its place and its visibility from.
+class AnimatedAncestors:
+    """The animated prims from which a prim inherits its transform and visibility. False if there are none.
 
-    movers: the first that moves, and all below it. base: the world transform of what is above them. hiders: the prims
-    whose visibility changes.
+    Attributes:
+        movers: the topmost prim with an animated transform, and all prims below it on the way.
+        base: world transform of the parent of the first mover, in stage units; None without movers.
+        hiders: the prims with animated visibility.
     """
 
     movers: tuple[Usd.Prim, ...] = ()
@@ -33,28 +39,34 @@ class Inherited:
     def __bool__(self) -> bool:
         return bool(self.movers or self.hiders)
 
-    def below(self, prim: Usd.Prim, above: Gf.Matrix4d, hides: bool) -> Inherited:
-        """The same with one more prim, whose parent's world transform is `above`."""
+    def with_child(self, prim: Usd.Prim, parent_world: Gf.Matrix4d, hides: bool) -> AnimatedAncestors:
+        """Return these ancestors and one of their children.
+
+        Args:
+            prim: the child.
+            parent_world: world transform of its parent, in stage units.
+            hides: whether its visibility is animated.
+        """
         result = replace(self, hiders=(*self.hiders, prim)) if hides else self
         xformable = UsdGeom.Xformable(prim)
         if not xformable or not (self.movers or xformable.TransformMightBeTimeVarying()):
             return result
-        return replace(result, movers=(*self.movers, prim), base=self.base if self.movers else above)
+        return replace(result, movers=(*self.movers, prim), base=self.base if self.movers else parent_world)
 
     def times(self) -> list[float]:
-        """The time codes at which something of it is authored, and those between; none if nothing changes."""
+        """Return the time codes of all samples, and the whole ones between them; empty if nothing changes."""
         times: set[float] = set()
         for prim in self.movers:
             times.update(UsdGeom.Xformable(prim).GetTimeSamples())
-        times = set(filled(times))
+        times = set(dense_times(times))
         for prim in self.hiders:
             times.update(UsdGeom.Imageable(prim).GetVisibilityAttr().GetTimeSamples())
         return sorted(times) if len(times) > 1 else []
 
-    def world(self, time: Usd.TimeCode, otherwise: Gf.Matrix4d) -> Gf.Matrix4d:
-        """The world transform of the last mover; the other one if there are none."""
+    def world(self, time: Usd.TimeCode, static: Gf.Matrix4d) -> Gf.Matrix4d:
+        """Return the world transform of the last mover at a time code, or `static` if there are no movers."""
         if self.base is None:
-            return otherwise
+            return static
         world = self.base
         for prim in self.movers:
             xformable = UsdGeom.Xformable(prim)
@@ -62,18 +74,24 @@ class Inherited:
             world = local if xformable.GetResetXformStack() else local * world
         return world
 
-    def shown(self, time: Usd.TimeCode) -> bool:
-        """Whether no hider is invisible."""
+    def is_visible(self, time: Usd.TimeCode) -> bool:
+        """Return whether none of the hiders is invisible at a time code."""
         invisible = UsdGeom.Tokens.invisible
         return all(UsdGeom.Imageable(prim).GetVisibilityAttr().Get(time) != invisible for prim in self.hiders)
 
 
-NOTHING = Inherited()
+NOT_ANIMATED = AnimatedAncestors()
 
 
 @dataclass(frozen=True, eq=False)
 class TransformSamples:
-    """An instance at some time codes. matrices: float64 [s, 4, 4], m. present: bool [s]."""
+    """Transform and presence of one instance at some time codes.
+
+    Attributes:
+        times: the time codes, ascending.
+        matrices: float64 [s, 4, 4], world from instance, meters.
+        present: bool [s], whether the instance is visible.
+    """
 
     times: tuple[float, ...]
     matrices: NDArray[np.float64]
@@ -81,40 +99,56 @@ class TransformSamples:
 
     @property
     def changes(self) -> bool:
-        """Whether it is ever elsewhere than at first, or gone."""
+        """Whether the instance ever moves or vanishes."""
         return bool((self.matrices != self.matrices[:1]).any()) or not bool(self.present.all())
 
     @classmethod
-    def of(cls, inherited: Inherited, otherwise: Gf.Matrix4d, meters: float) -> TransformSamples | None:
-        """Where and when a prim is drawn that inherits this; None if that is always the same."""
-        times = inherited.times()
+    def of(cls, ancestors: AnimatedAncestors, static: Gf.Matrix4d, meters: float) -> TransformSamples | None:
+        """Return the samples of a prim with these ancestors; None if it never changes.
+
+        Args:
+            ancestors: animated ancestors, the prim itself included.
+            static: its world transform if none of them moves, in stage units.
+            meters: meters per stage unit.
+        """
+        times = ancestors.times()
         if not times:
             return None
         codes = [Usd.TimeCode(time) for time in times]
-        matrices = np.array([to_matrix(inherited.world(code, otherwise), meters) for code in codes])
-        samples = cls(tuple(times), matrices, np.array([inherited.shown(code) for code in codes], bool))
+        matrices = np.array([to_matrix(ancestors.world(code, static), meters) for code in codes])
+        samples = cls(tuple(times), matrices, np.array([ancestors.is_visible(code) for code in codes], bool))
         return samples if samples.changes else None
 
 
-def filled(times: Iterable[float], most: int = MOST_TIMES) -> list[float]:
-    """Time codes, and the whole ones between: what USD interpolates, angles above all, is kept at those.
+def dense_times(times: Iterable[float], max_range: float = MAX_TIMES) -> list[float]:
+    """Return time codes and all whole time codes between them, ascending.
 
-    most: how far apart the first and the last may be; where they are farther, these alone are.
+    Instances are interpolated linearly between samples. USD interpolates operations, angles above all, so that samples
+    at every frame keep the result close.
+
+    Args:
+        times: the authored time codes.
+        max_range: over a longer range the authored ones alone are returned.
     """
-    every = set(times)
-    if len(every) > 1 and max(every) - min(every) <= most:
-        every.update(range(math.ceil(min(every)), math.floor(max(every)) + 1))
-    return sorted(every)
+    dense = set(times)
+    if len(dense) > 1 and max(dense) - min(dense) <= max_range:
+        dense.update(range(math.ceil(min(dense)), math.floor(max(dense)) + 1))
+    return sorted(dense)
 
 
 def in_seconds(stage: Usd.Stage, times: Sequence[float]) -> NDArray[np.float64]:
-    """Time codes as seconds since the start of the stage's range."""
-    since: NDArray[np.float64] = np.array(times, np.float64) - stage.GetStartTimeCode()
-    return since / float(stage.GetTimeCodesPerSecond())
+    """Return time codes as seconds since the start of the stage's range, float64."""
+    elapsed: NDArray[np.float64] = np.array(times, np.float64) - stage.GetStartTimeCode()
+    return elapsed / float(stage.GetTimeCodesPerSecond())
 
 
 def tracks_of(stage: Usd.Stage, samples: Sequence[TransformSamples | None]) -> tuple[InstanceTrack, ...]:
-    """Tracks of instances by their rows; those with the same times share one."""
+    """Return the tracks of instances; instances with the same times share a track.
+
+    Args:
+        stage: gives the time code rate.
+        samples: one row per instance; None for a static one.
+    """
     rows: dict[tuple[float, ...], list[int]] = {}
     for row, each in enumerate(samples):
         if each is not None and each.changes:
@@ -128,8 +162,8 @@ def tracks_of(stage: Usd.Stage, samples: Sequence[TransformSamples | None]) -> t
     return tuple(tracks)
 
 
-def moved(tracks: Iterable[InstanceTrack], matrix: Matrix) -> tuple[InstanceTrack, ...]:
-    """Tracks in a space that a 4x4 matrix leads to."""
+def transformed(tracks: Iterable[InstanceTrack], matrix: Matrix) -> tuple[InstanceTrack, ...]:
+    """Return tracks with their transforms multiplied from the left by a 4x4 matrix."""
     rotated = (np.einsum("ij,snjk->snik", matrix[:3, :3], track.matrices) for track in tracks)
     result = []
     for track, matrices in zip(tracks, rotated, strict=True):

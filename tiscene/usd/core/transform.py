@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""USD's row-vector matrices in stage units to column-vector matrices in meters."""
+"""Transforms: USD's row-vector matrices in stage units as column-vector matrices in meters, and their validity."""
 
 from __future__ import annotations
 
@@ -9,36 +9,40 @@ from pxr import Gf
 
 from tiscene.scene.description import Matrix
 
-FARTHEST = 1e18  # m; areas of what is larger are beyond single precision
+MAX_COORDINATE = 1e18  # m; squares of larger numbers, hence areas, overflow single precision
 
 
 def to_matrix(matrix: Gf.Matrix4d, meters_per_unit: float) -> Matrix:
-    """A USD transform as float64 4x4 for column vectors. Both its spaces turn from stage units to meters."""
+    """Return a USD transform as float64 4x4 for column vectors, with both its spaces in meters."""
     result = np.array(matrix, dtype=np.float64).T
     result[:3, 3] *= meters_per_unit
     return result
 
 
-def beyond(matrices: NDArray[np.float64]) -> str:
-    """Why transforms over time cannot place anything; "" if they can. What is squashed flat for a while is not seen."""
+def range_fault(matrices: NDArray[np.float64]) -> str:
+    """Return why transforms are out of range, "" if they are not. Singular ones are in range: they hide for a while.
+
+    Args:
+        matrices: float64 [..., 4, 4].
+    """
     if not np.isfinite(matrices).all():
         return "its transform holds numbers that are not finite"
-    if np.abs(matrices).max(initial=0.0) > FARTHEST:
-        return f"its transform holds numbers above {FARTHEST:g}"
+    if np.abs(matrices).max(initial=0.0) > MAX_COORDINATE:
+        return f"its transform holds numbers above {MAX_COORDINATE:g}"
     return ""
 
 
-def is_flat(matrix: Matrix) -> bool:
-    """Whether a transform squashes what it places: a scale is zero, or axes coincide."""
+def is_singular(matrix: Matrix) -> bool:
+    """Return whether a transform flattens objects: a scale is zero, or axes coincide."""
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     return not scale.all() or bool(abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-9)
 
 
-def fault(matrix: Matrix) -> str:
-    """Why a transform cannot place anything; "" if it can."""
-    if wrong := beyond(matrix):
-        return wrong
-    if is_flat(matrix):
+def transform_fault(matrix: Matrix) -> str:
+    """Return why a 4x4 transform cannot place an object, "" if it can."""
+    if fault := range_fault(matrix):
+        return fault
+    if is_singular(matrix):
         return "its transform is singular: a scale is zero, or axes coincide"
     if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
         return "its transform is not affine"
@@ -46,16 +50,16 @@ def fault(matrix: Matrix) -> str:
 
 
 def unmirrored(matrix: Matrix) -> Matrix:
-    """The transform of what looks along its -z and has its +y up, with x turned round where it mirrors."""
+    """Return the transform of a camera, which looks along -z with +y up, with x flipped where it mirrors."""
     return matrix @ np.diag([-1.0, 1.0, 1.0, 1.0]) if np.linalg.det(matrix[:3, :3]) < 0.0 else matrix
 
 
 def unscaled(matrix: Matrix) -> Matrix | None:
-    """The transform without its scale and shear: -z stays normal to the xy plane, x keeps its direction.
+    """Return a transform without its scale and shear; None for an invalid one.
 
-    None for a singular transform.
+    The x axis keeps its direction, and -z stays normal to the xy plane: that is how a light or a camera is oriented.
     """
-    if fault(matrix):
+    if transform_fault(matrix):
         return None
     x, y, z = matrix[:3, :3].T
     normal = np.cross(x, y)

@@ -13,10 +13,10 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.errors import TemplateNotFound
 from tiscene.scene.assembly import as_one
 from tiscene.scene.description import Template
-from tiscene.usd.core.pose import placed, read_pose
+from tiscene.usd.core.pose import pose_matrix, read_pose
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
-from tiscene.usd.core.time_samples import NOTHING, moved
+from tiscene.usd.core.time_samples import NOT_ANIMATED, transformed
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.traversal import StageReader, TraversalContext
 
@@ -56,7 +56,7 @@ def extracted_templates(
 ) -> tuple[Template, ...]:
     """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps its scale.
 
-    Raises TemplateNotFound for a path where no prim is that can be placed.
+    Raises TemplateNotFound for a path where no prim is that can be pose_matrix.
     """
     return tuple(_template(stage, path, time, report, taxonomy) for path in sorted(set(extract)))
 
@@ -71,7 +71,7 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
     above = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
     # Its label may be inherited.
     label = inherited_label(prim, time, taxonomy)
-    inherited = NOTHING
+    inherited = NOT_ANIMATED
     for parent in reversed(list(_parents(prim))):  # a group may come and go with all that is in it
         hides = report.reads_animation and UsdGeom.Imageable(parent).GetVisibilityAttr().ValueMightBeTimeVarying()
         inherited = replace(inherited, hiders=(*inherited.hiders, parent)) if hides else inherited
@@ -80,12 +80,12 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
     if isinstance(pose, str):
         report.problem(path, "transform", pose)
     else:
-        own = np.linalg.inv(placed(pose.position, pose.rotation))
+        own = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
         instances, colliders = (
             tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.instances),
             tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.colliders),
         )
-        tracks = moved(description.tracks, np.asarray(own, np.float64))
+        tracks = transformed(description.tracks, np.asarray(own, np.float64))
         description = replace(description, instances=instances, colliders=colliders, tracks=tracks)
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")

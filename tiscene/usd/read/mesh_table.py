@@ -13,7 +13,7 @@ from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import Matrix, Mesh
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.transform import FARTHEST
+from tiscene.usd.core.transform import MAX_COORDINATE
 from tiscene.usd.geometry import gprim
 from tiscene.usd.geometry.curves import read_curves, read_points
 from tiscene.usd.geometry.deforming import deformation_of, shape_times, with_shape_samples
@@ -165,8 +165,8 @@ class MeshTable:
             materials = of_face[surface.face]
         with np.errstate(over="ignore"):
             positions = surface.positions * np.float32(self._meters)
-        if not np.abs(positions).max(initial=0.0) <= FARTHEST:
-            self._report.problem(prim.GetPath(), "geometry", f"its points reach farther than {FARTHEST:g} m")
+        if not np.abs(positions).max(initial=0.0) <= MAX_COORDINATE:
+            self._report.problem(prim.GetPath(), "geometry", f"its points reach farther than {MAX_COORDINATE:g} m")
         parts = None if partition[1] is None else partition[1][surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
         digest = hashlib.blake2b(digest_size=16)

@@ -13,7 +13,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import NOTHING, Inherited, filled
+from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, dense_times
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.geometry.primvar import array_of
 
@@ -37,7 +37,7 @@ class Placed:
     names: tuple[str, ...]
     collides: bool | None
     drawn: bool = True
-    inherited: Inherited = NOTHING
+    inherited: AnimatedAncestors = NOT_ANIMATED
     placed: Matrix | None = None
 
     def at(self, time: Usd.TimeCode, meters: float) -> Matrix:
@@ -113,7 +113,7 @@ def point_instances(
 def instancer_times(prim: Usd.Prim) -> list[float]:
     """The time codes at which an instancer's arrays are authored, and those between; none if it never changes."""
     times = {time for name in _ARRAYS for time in prim.GetAttribute(name).GetTimeSamples()}
-    return filled(times) if len(times) > 1 else []
+    return dense_times(times) if len(times) > 1 else []
 
 
 @dataclass(frozen=True, eq=False)

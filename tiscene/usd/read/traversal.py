@@ -18,12 +18,12 @@ from tiscene.usd.core.semantics import (
     direct_label,
     inherited_label,
     is_component,
-    is_lone_instance,
+    is_object_instance,
     name_label,
     taxonomies_of,
 )
-from tiscene.usd.core.time_samples import NOTHING, Inherited, TransformSamples
-from tiscene.usd.core.transform import beyond, is_flat, to_matrix
+from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, TransformSamples
+from tiscene.usd.core.transform import range_fault, is_singular, to_matrix
 from tiscene.usd.geometry.deforming import is_time_varying
 from tiscene.usd.geometry.skinning import is_unskinned
 from tiscene.usd.lights.light import LightReader, is_light
@@ -55,7 +55,7 @@ class TraversalContext:
     label: str = ""
     label_is_own: bool = False
     thing: StageObject | None = None
-    inherited: Inherited = NOTHING
+    inherited: AnimatedAncestors = NOT_ANIMATED
 
     @property
     def drawn(self) -> bool:
@@ -122,7 +122,7 @@ class StageReader:
             return above
         world, visible, purpose, inherited = above.world, above.visible, above.purpose, above.inherited
         in_prototype = self._parts is not None  # where the point is the thing
-        is_thing = not in_prototype and (is_component(prim) or (above.thing is None and is_lone_instance(prim)))
+        is_thing = not in_prototype and (is_component(prim) or (above.thing is None and is_object_instance(prim)))
         if prim.IsA(UsdGeom.Imageable):
             imageable = UsdGeom.Imageable(prim)
             visibility = imageable.GetVisibilityAttr()
@@ -131,7 +131,7 @@ class StageReader:
                 inherited = replace(inherited, movers=(), base=None)
             elif self._report.reads_animation:
                 hides = visibility.ValueMightBeTimeVarying()
-                inherited = inherited.below(prim, above.world, hides)
+                inherited = inherited.with_child(prim, above.world, hides)
             visible = visible and (hides or visibility.Get(self._time) != UsdGeom.Tokens.invisible)
             authored = imageable.GetPurposeAttr()
             if authored.HasAuthoredValue():
@@ -177,7 +177,7 @@ class StageReader:
         if prim.IsPseudoRoot():
             return True
         if lights:
-            if here.inherited.shown(self._time):
+            if here.inherited.is_visible(self._time):
                 self._read_light(prim, here)
         elif is_drawable(prim):
             self._read_gprim(prim, here)
@@ -221,10 +221,10 @@ class StageReader:
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
         samples = TransformSamples.of(here.inherited, here.world, self._meters) if self._parts is None else None
-        wrong = beyond(matrix if samples is None else samples.matrices)
+        wrong = range_fault(matrix if samples is None else samples.matrices)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
-        elif samples is None and not here.inherited and is_flat(matrix):
+        elif samples is None and not here.inherited and is_singular(matrix):
             self._report.omission(prim.GetPath(), "what its transform squashes flat is not drawn")
         elif self._parts is not None:
             names = self._part_names(prim, self._root)
@@ -254,7 +254,7 @@ class StageReader:
             self._report.problem(prim.GetPath(), "instancer", "one of its prototypes holds the instancer itself")
             return
         world = to_matrix(here.world, self._meters)
-        wrong = beyond(world)
+        wrong = range_fault(world)
         if wrong:
             self._report.problem(prim.GetPath(), "transform", wrong)
             return
@@ -322,9 +322,9 @@ class StageReader:
         order = [codes.index(Usd.TimeCode(time)) for time in times]
         rows = np.flatnonzero((points.prototype == number).any(axis=0))
         there = points.prototype[:, rows] == number
-        there &= np.array([here.inherited.shown(code) for code in codes])[:, None]
+        there &= np.array([here.inherited.is_visible(code) for code in codes])[:, None]
         own = [np.array([part.at(code, self._meters) for code in codes]) for part in parts]
-        shown = [there & np.array([part.inherited.shown(code) for code in codes])[:, None] for part in parts]
+        shown = [there & np.array([part.inherited.is_visible(code) for code in codes])[:, None] for part in parts]
         name, path, by_name = prim.GetName(), str(prim.GetPath()), name_label(root)
         placed = [points.matrices[:, rows] @ matrix[:, None] for matrix in own]
         movable, asset = is_rigid_body(root), asset_name(root)

@@ -17,7 +17,7 @@ from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera, Quaternion, Vector3, quaternion_from_matrix
 from tiscene.scene.description import Light, SceneDescription
 from tiscene.usd.core import schema
-from tiscene.usd.core.pose import PoseOperations, placed, pose_operations, read_pose
+from tiscene.usd.core.pose import PoseOperations, pose_matrix, pose_operations, read_pose
 from tiscene.usd.core.stage import quiet, readable, reading_time
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.light_time_samples import emitted, write_emission
@@ -159,13 +159,13 @@ def _write_lights(over: OverLayer, world: Motion, frames: Sequence[int]) -> None
 def _write_moved(over: OverLayer, path: str, moved: dict[int, Array]) -> Usd.Prim | None:
     """A prim of the scene elsewhere: by frame, what takes it there from where the scene has it, 4x4.
 
-    Raises ArgumentError for what cannot be placed, such as one point of an instancer.
+    Raises ArgumentError for what cannot be pose_matrix, such as one point of an instancer.
     """
     prim = over.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     start = read_pose(prim, reading_time(over.stage, None), over.units) if prim else "it is no prim of its own"
     if prim is None or isinstance(start, str):
         raise ArgumentError(f"what {path!r} does cannot be written: {start}")
-    matrix = placed(start.position, start.rotation)
+    matrix = pose_matrix(start.position, start.rotation)
     poses = {}
     for frame, by in moved.items():
         now = by @ matrix if not np.array_equal(by, np.eye(4)) else matrix
@@ -179,7 +179,7 @@ def _write_moved(over: OverLayer, path: str, moved: dict[int, Array]) -> Usd.Pri
 
 
 def _placed(row: Posed) -> Array:
-    return placed(row.position, row.rotation)
+    return pose_matrix(row.position, row.rotation)
 
 
 def _between(start: Array, now: Array) -> Array:

@@ -12,9 +12,9 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Color, DistantLight, Light
 from tiscene.usd.core import schema
-from tiscene.usd.core.keyframes import MOST_TIMES, sample_times
+from tiscene.usd.core.keyframes import MAX_TIMES, sample_times
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import filled
+from tiscene.usd.core.time_samples import dense_times
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.lights.light import LightReader
@@ -67,7 +67,7 @@ def _emission_times(prim: Usd.Prim) -> list[float]:
     times: set[float] = set()
     for name in (*_LINEAR, *_CURVED):
         samples = prim.GetAttribute(name).GetTimeSamples() if prim.HasAttribute(name) else []
-        times.update(filled(samples, MOST_TIMES) if name in _CURVED else samples)
+        times.update(dense_times(samples, MAX_TIMES) if name in _CURVED else samples)
     return sorted(times)
 
 

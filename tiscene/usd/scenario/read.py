@@ -18,12 +18,12 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
-from tiscene.usd.core.keyframes import read_keyframes, read_life
+from tiscene.usd.core.keyframes import read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
-from tiscene.usd.core.pose import PrimPose, agrees, read_pose
+from tiscene.usd.core.pose import PrimPose, is_same_pose, read_pose
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
-from tiscene.usd.core.semantics import is_component, is_lone_instance
+from tiscene.usd.core.semantics import is_component, is_object_instance
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -101,7 +101,7 @@ class _ScenarioReader:
     def read(self) -> AuthoredScenario:
         scenarios, prims, cameras, lights = [], [], [], []
         for prim, is_object in self._walk():
-            schema.report_misspelt(prim, self._report)
+            schema.report_unknown_properties(prim, self._report)
             lights += self._lights_of(prim, is_object)
             if schema.has(prim, schema.SCENARIO):
                 scenarios.append(prim)
@@ -172,7 +172,7 @@ class _ScenarioReader:
             return True
         if not _is_thing(prim):
             return False
-        return bool(read_life(prim, self._report) or read_keyframes(prim, self._units, self._report))
+        return bool(read_lifespan(prim, self._report) or read_keyframes(prim, self._units, self._report))
 
     def _target(self, root: Usd.Prim, path: Sdf.Path) -> Usd.Prim | None:
         """A prim that the scenario lists."""
@@ -192,7 +192,7 @@ class _ScenarioReader:
             return None
         exact = authored(prim, "tiscene:object:exactPose")
         position, rotation = list(pose.position), list(pose.rotation)
-        if exact is not None and agrees(exact, position, rotation):
+        if exact is not None and is_same_pose(exact, position, rotation):
             position, rotation = list(exact[:3]), list(exact[3:])
         template = authored(prim, "tiscene:object:template")
         life: dict[str, int | None] = {}
@@ -201,7 +201,7 @@ class _ScenarioReader:
             if value is not None and value != -1:
                 life[key] = int(value)
         described = schema.has(prim, schema.OBJECT)
-        shown = None if described else read_life(prim, self._report)
+        shown = None if described else read_lifespan(prim, self._report)
         if shown:
             life = {"first_frame": shown[0], "last_frame": shown[1]}
         content: dict[str, Any] = {
@@ -350,7 +350,7 @@ def _saying_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:
 
 def _is_thing(prim: Usd.Prim) -> bool:
     """Whether a prim, met from above, is a thing with an identity of its own."""
-    return is_component(prim) or is_lone_instance(prim) or prim.IsA(UsdGeom.Gprim)
+    return is_component(prim) or is_object_instance(prim) or prim.IsA(UsdGeom.Gprim)
 
 
 def _is_lamp(prim: Usd.Prim) -> bool:

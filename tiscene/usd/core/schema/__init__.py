@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The codeless schema by which a stage says how its things move: data beside this file, made known to USD once.
+"""The codeless USD schema of scenarios: TisceneScenarioAPI, TisceneObjectAPI, TisceneMotionAPI, TisceneCameraAPI.
 
-`generatedSchema.usda` documents every attribute. Other USD programs learn of it by the environment variable
-PXR_PLUGINPATH_NAME set to this folder (`python -c "import tiscene.usd.core.schema as s; print(s.FOLDER)"`); without
-that they keep the attributes all the same.
+`generatedSchema.usda` in this folder documents every attribute. tiscene registers it with USD when it first opens a
+stage. Other USD programs find it through the environment variable PXR_PLUGINPATH_NAME, set to this folder
+(`python -c "import tiscene.usd.core.schema as s; print(s.FOLDER)"`); without it they keep the attributes unchanged.
 """
 
 from __future__ import annotations
@@ -28,39 +28,39 @@ NAMESPACES = {
 
 
 def register() -> None:
-    """Make the schema known. USD builds its registry when the first stage is opened, and learns nothing after that."""
+    """Register the schema with USD. It must happen before the first stage is opened, when USD builds its registry."""
     Plug.Registry().RegisterPlugins(str(FOLDER))
 
 
 def has(prim: Usd.Prim, schema: str) -> bool:
-    """Whether a schema is applied to a prim, or any of its properties authored.
+    """Return whether a schema is applied to a prim, or any of its properties is authored.
 
-    The properties alone count, since a program that does not know the schema may leave out to apply it.
+    Properties alone count, since a program that does not know the schema cannot apply it.
     """
     return schema in prim.GetAppliedSchemas() or bool(prim.GetAuthoredPropertiesInNamespace(NAMESPACES[schema]))
 
 
 def authored(prim: Usd.Prim, name: str) -> Any:
-    """The authored value of an attribute, None if there is none. Defaults are those of the classes that read it."""
+    """Return the authored value of an attribute, None if there is none; defaults are up to the reader."""
     attribute = prim.GetAttribute(name)
     return attribute.Get() if attribute and attribute.HasAuthoredValue() else None
 
 
 def targets(prim: Usd.Prim, name: str) -> list[Sdf.Path]:
-    """Where a relationship leads to."""
+    """Return the targets of a relationship, none if it does not exist."""
     relationship = prim.GetRelationship(name)
     return list(relationship.GetTargets()) if relationship else []
 
 
 @functools.cache
 def properties() -> frozenset[str]:
-    """The names of all attributes and relationships of the schema."""
+    """Return the names of all attributes and relationships of the schema."""
     layer = Sdf.Layer.OpenAsAnonymous(str(FOLDER / "generatedSchema.usda"))
     return frozenset(str(each.name) for schema in NAMESPACES for each in layer.GetPrimAtPath(f"/{schema}").properties)
 
 
-def report_misspelt(prim: Usd.Prim, report: StageReport) -> None:
-    """StageReport properties of a prim that are in the schema's namespaces, but not in the schema."""
+def report_unknown_properties(prim: Usd.Prim, report: StageReport) -> None:
+    """Report the properties of a prim in tiscene's namespace that the schema does not have, with the nearest name."""
     for each in prim.GetAuthoredPropertiesInNamespace("tiscene"):
         name = str(each.GetName())
         if name not in properties():
