@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Movers: bodies that may meet things; and what a stepped simulation says of them at a frame."""
+"""Input and output of a stepped simulation: colliding bodies (`Mover`), and their state at a frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Teleport:
-    """A mover is put elsewhere, at once, when a frame is reached. rotation: unit quaternion."""
+    """A sudden move of a mover to another pose.
+
+    Args:
+        frame: Frame at which the mover is at the new pose.
+        position: Meters.
+        rotation: Unit quaternion (w, x, y, z).
+    """
 
     frame: int
     position: tuple[float, float, float]
@@ -25,13 +31,16 @@ class Teleport:
 
 @dataclass(frozen=True)
 class Mover:
-    """A body that may meet things.
+    """A body that may collide.
 
-    shape: its proxy spheres; None: it passes through everything, and nothing meets it.
-    limited: whether walls hold it.
-    first_frame, last_frame: both inclusive; it meets things only while it is there. None: for ever.
-    moves: in the order of their frames. What is Still stays there; what follows a path returns to it; what bounces goes
-    on from there.
+    Args:
+        body: The body and its trajectory.
+        shape: Its proxy spheres; None: it collides with nothing.
+        limited: Whether walls hold it.
+        first_frame: First frame at which it exists and collides.
+        last_frame: Last such frame; None: forever.
+        moves: Teleports in the order of their frames. After one, a static body stays there, a body on a path returns to
+            its path, and a bouncing body continues from there.
     """
 
     body: Body
@@ -44,9 +53,12 @@ class Mover:
 
 @dataclass(frozen=True)
 class Contact:
-    """Something met something on the way to a frame.
+    """A contact of a mover on the way from the previous frame.
 
-    mover: its row. kind: "obstacle", "mover" or "wall". other: the row of the instance, mover or wall that it met.
+    Attributes:
+        mover: Row of the mover.
+        kind: "obstacle", "mover" or "wall".
+        other: Row of the instance, mover or wall that it touched.
     """
 
     mover: int
@@ -58,10 +70,12 @@ class Contact:
 class CollisionState:
     """All movers at one frame.
 
-    poses: float64 [n, 7], position (m) and unit quaternion (w, x, y, z).
-    arrivals: the same before the moves of this frame were done: where everything got to by itself.
-    blocked: bool [n]: what follows a path was kept from it, and what bounces could not move for most of the way here.
-    contacts: what was met on the way here from the frame before.
+    Attributes:
+        poses: float64 [n, 7], position (meters) and unit quaternion (w, x, y, z).
+        arrivals: The same before the teleports of this frame.
+        blocked: bool [n], whether a body on a path was kept from it, or a bouncing body could not move for most of the
+            time since the previous frame.
+        contacts: Contacts since the previous frame.
     """
 
     poses: Array

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Paths: where bodies would be if nothing were in their way."""
+"""Poses of bodies on their paths, without collisions.
+
+Evaluates closed-form tracks in a kernel and Stepped dynamics in Python, at the times that each body's clock shows.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,24 @@ _CLOCK = Track(2.0**40, 2.0**40, False)
 
 
 class Paths:
-    """The paths of bodies on their clocks. What bounces has none: it stays at its start."""
+    """The paths of bodies on their clocks; a bouncing body stays at its start pose."""
 
     def __init__(self, bodies: Sequence[Body], timings: Timing, label: str = "bodies") -> None:
-        """label: what error messages call the bodies. Raises ValueError for timings that cannot work, TypeError."""
+        """Build the tracks and clocks.
+
+        Args:
+            bodies: The bodies.
+            timings: When each body's clock runs.
+            label: What error messages call the sequence of bodies.
+
+        Raises:
+            ArgumentError: For timings that cannot apply to these bodies.
+            ArgumentTypeError: For a dynamic that is neither closed-form nor Stepped nor bouncing.
+        """
         self._tracks = [_tracks(body, f"{label}[{row}] ({body.name!r}): dynamic") for row, body in enumerate(bodies)]
-        self._fixed = not any(track.duration for tracks in self._tracks for track in tracks)
+        self._all_static = not any(track.duration for tracks in self._tracks for track in tracks)
         self._columns: tuple[Any, ...] = (*columns(self._tracks).arrays(), GAUSS)
-        self._scripts = {
+        self._stepped = {
             row: SteppedStates(body.dynamic, body.start, body.name)
             for row, body in enumerate(bodies)
             if isinstance(body.dynamic, Stepped)
@@ -40,34 +53,34 @@ class Paths:
         windows = _windows(bodies, timings)
         self._clocks = Clocks(windows, births, self._tracks)
         self._seconds = Clocks(windows, births, [[_CLOCK]] * len(bodies))
-        self._standing: Array | None = None
+        self._static_poses: Array | None = None
 
     def __len__(self) -> int:
         return len(self._tracks)
 
     def seconds(self, time: Fraction) -> Array:
-        """What every body's clock shows at a time of the world, s: [n]."""
+        """Return the time [n], seconds, that each body's clock shows at a world time."""
         return self._seconds.parameters(time)
 
     def poses(self, times: Sequence[Fraction]) -> Array:
-        """All bodies at some times of the world: float64 [times, n, 7]. Taichi must run."""
+        """Return the poses of all bodies at some world times: float64 [times, n, 7]. Taichi must be running."""
         if not len(self):
             return np.zeros((len(times), 0, 7))
-        if self._fixed and self._standing is None:
-            self._standing = self._evaluated([Fraction(0)])
+        if self._all_static and self._static_poses is None:
+            self._static_poses = self._evaluate([Fraction(0)])
         poses: Array
-        if self._standing is not None:
-            poses = np.repeat(self._standing, len(times), axis=0)
+        if self._static_poses is not None:
+            poses = np.repeat(self._static_poses, len(times), axis=0)
         else:
-            poses = self._evaluated(times)
-        if self._scripts:
+            poses = self._evaluate(times)
+        if self._stepped:
             for row, time in enumerate(times):
                 clocks = self._seconds.parameters(time).tolist()
-                for body, script in self._scripts.items():
-                    poses[row, body] = script.at(clocks[body])
+                for body, states in self._stepped.items():
+                    poses[row, body] = states.pose_at(clocks[body])
         return poses
 
-    def _evaluated(self, times: Sequence[Fraction]) -> Array:
+    def _evaluate(self, times: Sequence[Fraction]) -> Array:
         poses = np.zeros((len(times) * len(self), 7))
         evaluate(*self._columns, np.array([self._clocks.parameters(time) for time in times]), poses)
         return poses.reshape(len(times), len(self), 7)
@@ -80,10 +93,10 @@ def _tracks(body: Body, name: str) -> tuple[Track, ...]:
 
 
 def _windows(bodies: Sequence[Body], timings: Timing) -> list[Window]:
-    """When each body's clock runs."""
+    """Return when each body's clock runs; bodies that are not timed always run."""
     timed = [row for row, body in enumerate(bodies) if body.timed]
     windows = [ALWAYS] * len(bodies)
-    answer = timings.windows([(bodies[row].name, bodies[row].dynamic) for row in timed])
-    for row, window in zip(timed, answer, strict=True):
+    timed_windows = timings.windows([(bodies[row].name, bodies[row].dynamic) for row in timed])
+    for row, window in zip(timed, timed_windows, strict=True):
         windows[row] = window
     return windows

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arrays of a stepped simulation on the device, and what is asked of its kernel."""
+"""Arrays of a stepped simulation, and calls of its kernel.
+
+Columns of bodies are those of `dynamics.body_layout`. Sphere proxies are uploaded once; bodies are host arrays, which
+Taichi copies for each launch.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +25,17 @@ from dynamics.sweep_bodies import WALLS
 KINDS = {OBSTACLE: "obstacle", MOVER: "mover", WALL: "wall"}
 
 
-class StepDevice:
-    """The bodies' columns, host arrays of which the device has copies while it works; the rest is Taichi's."""
+class StepArrays:
+    """The state of all movers, and the arrays that the kernel needs besides.
+
+    Attributes:
+        bodies: float64 [n, FLOAT_COLUMNS].
+        integers: int32 [n, INTEGER_COLUMNS].
+    """
 
     def __init__(self, movers: Sequence[Mover]) -> None:
-        self.count = len(movers)
-        rows = max(1, self.count)
+        self._count = len(movers)
+        rows = max(1, self._count)
         groups, spheres, bounding = [], [], []
         first = 0
         for row, mover in enumerate(movers):
@@ -39,61 +48,78 @@ class StepDevice:
         groups_array = np.array(groups or [(0, 0, 0)], dtype=np.int32)
         self.bodies: Array = np.zeros((rows, at.FLOAT_COLUMNS))
         self.integers: NDArray[np.int32] = np.zeros((rows, at.INTEGER_COLUMNS), dtype=np.int32)
-        self._shaped = np.array([mover.shape is not None for mover in movers], dtype=np.bool_)
+        self._has_shape = np.array([mover.shape is not None for mover in movers], dtype=np.bool_)
         self._limited = np.array([mover.limited for mover in movers], dtype=np.bool_)
-        self._shapes = (
+        self._proxies = (
             _uploaded(groups_array),
             _uploaded(np.concatenate(spheres) if spheres else np.zeros((1, 4), np.float32)),
             _uploaded(np.concatenate(bounding) if bounding else np.zeros((1, 4), np.float32)),
         )
-        # Where the spheres, groups and bodies were, who is near whom; touches, times and counts of every group.
+        # Centers of spheres, groups and bodies at the start of the substep; neighbors of each body.
         self._frozen = (
             ti.ndarray(ti.f32, (max(1, first), 3)),
             ti.ndarray(ti.f32, (len(groups_array), 3)),
             ti.ndarray(ti.f32, (rows, 3)),
             ti.ndarray(ti.i32, (rows, rows + 1)),
         )
-        self._found = (
+        # Touches, times and touch counts of each group.
+        self._scratch = (
             ti.ndarray(ti.f32, (len(groups_array) * MAX_TOUCHES, TOUCH_COLUMNS)),
             ti.ndarray(ti.f32, len(groups_array)),
             ti.ndarray(ti.i32, len(groups_array)),
         )
 
     def restore(self, bodies: Array, integers: NDArray[np.int32]) -> None:
+        """Overwrite the state of all movers."""
         self.bodies[:], self.integers[:] = bodies, integers
 
     def state(self) -> tuple[Array, NDArray[np.int32]]:
+        """Return copies of both arrays of the state."""
         return self.bodies.copy(), self.integers.copy()
 
-    def begin_frame(self, targets: Array, there: list[bool]) -> None:
-        """targets: where the paths have the bodies now. there: which of them exist."""
-        bodies, integers = self.bodies[: self.count], self.integers[: self.count]
+    def begin_frame(self, targets: Array, present: list[bool]) -> None:
+        """Reset what is recorded per frame.
+
+        Args:
+            targets: float64 [n, 7], current poses on the paths.
+            present: Which movers exist.
+        """
+        bodies, integers = self.bodies[: self._count], self.integers[: self._count]
         bodies[:, at.TARGET : at.TARGET + 7] = targets
         bodies[:, at.LOST_TIME] = 0.0
         integers[:, [at.BLOCKED, at.CONTACT_COUNT]] = 0
-        integers[:, at.COLLIDES] = self._shaped & np.array(there, dtype=np.bool_)
+        integers[:, at.COLLIDES] = self._has_shape & np.array(present, dtype=np.bool_)
 
-    def forget_obstacles(self) -> None:
-        """They are others from now on: nobody knows any more what is ahead."""
+    def obstacles_changed(self) -> None:
+        """Invalidate the times for which motions are known to meet no obstacle."""
         self.bodies[:, at.FREE_TIME] = 0.0
 
     def substep(self, targets: Array, active: Array, walls: Array | None, length: float, obstacles: Obstacles) -> None:
-        """walls: planes [6, 4], None if there are none now. length: s."""
-        self.integers[: self.count, at.LIMITED] = self._limited & (walls is not None)
-        planes = np.zeros((WALLS, 4), np.float32) if walls is None else np.ascontiguousarray(walls, dtype=np.float32)
-        arrays = (*self._frozen, planes, targets, active, length, *self._found)
-        substep(self.bodies, self.integers, *self._shapes, *arrays, *obstacles.arguments())
+        """Advance all movers by one substep.
 
-    def put(self, poses: dict[int, Array]) -> None:
-        """Put bodies elsewhere, by row."""
+        Args:
+            targets: float64 [n, 7], poses on the paths at its end.
+            active: float64 [n], seconds during which each body's clock runs.
+            walls: Planes [6, 4] at its end; None for no walls.
+            length: Its duration, seconds.
+            obstacles: Static triangles.
+        """
+        self.integers[: self._count, at.LIMITED] = self._limited & (walls is not None)
+        planes = np.zeros((WALLS, 4), np.float32) if walls is None else np.ascontiguousarray(walls, dtype=np.float32)
+        arrays = (*self._frozen, planes, targets, active, length, *self._scratch)
+        substep(self.bodies, self.integers, *self._proxies, *arrays, *obstacles.arguments())
+
+    def set_poses(self, poses: dict[int, Array]) -> None:
+        """Teleport movers, given by row, to poses [7]."""
         for row, pose in poses.items():
             self.bodies[row, at.POSITION : at.ROTATION + 4] = pose
             self.bodies[row, at.FREE_TIME] = 0.0
             self.integers[row, at.ON_PATH] = 0
 
-    def moment(self, length: float = 1.0) -> CollisionState:
-        bodies, integers = self.bodies[: self.count], self.integers[: self.count]
-        lost = (integers[:, at.KIND] == at.BOUNCES) & (bodies[:, at.LOST_TIME] > 0.5 * length)
+    def collision_state(self, frame_time: float = 1.0) -> CollisionState:
+        """Return the poses, and what happened since `begin_frame`, `frame_time` seconds ago."""
+        bodies, integers = self.bodies[: self._count], self.integers[: self._count]
+        lost = (integers[:, at.KIND] == at.BOUNCES) & (bodies[:, at.LOST_TIME] > 0.5 * frame_time)
         contacts = [
             Contact(row, KINDS[int(integers[row, k])], int(integers[row, k + 1]))
             for row in np.flatnonzero(integers[:, at.CONTACT_COUNT]).tolist()

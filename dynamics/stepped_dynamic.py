@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stepped: a dynamic that somebody writes in plain Python, one small step after another."""
+"""Stepped: a trajectory written in plain Python, one small step after another.
+
+Users subclass `Stepped`. `SteppedStates` runs such a dynamic for one body and keeps checkpoints of its states, so that
+any time can be reached in any order.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +19,14 @@ from dynamics.errors import ArgumentTypeError
 from dynamics.rotation import quaternion
 from dynamics.waypoints import Waypoint
 
-CHECKPOINT = 64  # steps between kept states, until there are too many
+CHECKPOINT = 64  # initial number of steps between checkpoints
 MAX_CHECKPOINTS = 1024
 
 
 class Stepped(Dynamic):
-    """What has no formula: a state that is carried from step to step. Subclass it as a frozen dataclass::
+    """A trajectory without a closed form: a state that is advanced step by step.
+
+    Subclass it as a frozen dataclass::
 
         @dataclass(frozen=True)
         class Fall(ts.Stepped):
@@ -36,11 +42,12 @@ class Stepped(Dynamic):
             def pose(self, state):
                 return ts.Waypoint(state[0])
 
-    step: s of the body's clock that one step takes; between two steps the body moves straight. A subclass may set it.
+    All methods must be pure functions of the fields and their arguments: states are recomputed at any time, so that any
+    frame is the same in any order. Draw random numbers from `np.random.default_rng((seed, number))`. The motion is a
+    path, as that of waypoints: colliding bodies slide along obstacles and return to it.
 
-    Everything must be a function of the fields and the arguments alone: states are kept and computed again at will, so
-    that any frame is the same whoever asks, and when. Draw random numbers from `np.random.default_rng((seed, number))`.
-    The motion is a path, as that of waypoints: bodies that collide slide along what is in their way and return to it.
+    Attributes:
+        step: Seconds of the body's clock per step; a subclass may set it. Between steps the body moves linearly.
     """
 
     step: ClassVar[float] = 0.01
@@ -51,33 +58,43 @@ class Stepped(Dynamic):
 
     @abstractmethod
     def begin(self, start: Pose) -> Any:
-        """The state before the first step, of a body that was placed at `start`."""
+        """Return the state before the first step of a body placed at `start`."""
 
     @abstractmethod
     def advance(self, state: Any, number: int) -> Any:
-        """The state after step `number` (0, 1, ...), as a new value: `state` itself must stay as it is."""
+        """Return the state after step `number` (0, 1, ...) as a new value; `state` itself must not change."""
 
     @abstractmethod
     def pose(self, state: Any) -> Waypoint:
-        """Where a body in this state is."""
+        """Return the pose of a body in this state."""
 
 
 class SteppedStates:
-    """The states of one body's Stepped dynamic: some are kept, the others computed again from the one before."""
+    """The states of one body's Stepped dynamic: checkpoints, from which all others are recomputed."""
 
     def __init__(self, dynamic: Stepped, start: Pose, name: str) -> None:
-        """name: of the body, for what its dynamic does wrong."""
+        """Compute the state at the start.
+
+        Args:
+            dynamic: The dynamic.
+            start: Where the body is placed.
+            name: Name of the body, for error messages.
+        """
         self._dynamic = dynamic
         self._name = f"{type(dynamic).__name__} of {name!r}"
         self._step = argument_checks.positive(dynamic.step, f"step of {type(dynamic).__name__}")
-        self._kept: dict[int, Any] = {0: dynamic.begin(start)}
+        self._checkpoints: dict[int, Any] = {0: dynamic.begin(start)}
         self._interval = CHECKPOINT
-        self._reached = 0
-        self._last = (0, self._kept[0])
+        self._latest = (0, self._checkpoints[0])
         self._poses: dict[int, Array] = {}
 
-    def at(self, clock: float) -> Array:
-        """The pose [7] when the body's clock shows so many seconds."""
+    @property
+    def checkpoint_count(self) -> int:
+        """Number of states that are kept."""
+        return len(self._checkpoints)
+
+    def pose_at(self, clock: float) -> Array:
+        """Return the pose [7] when the body's clock shows `clock` seconds."""
         number = int(clock / self._step)
         part = clock / self._step - number
         before, after = self._pose(number), self._pose(number + 1)
@@ -99,20 +116,20 @@ class SteppedStates:
         return self._poses[number]
 
     def _state(self, number: int) -> Any:
-        reached, state = self._last
+        reached, state = self._latest
         if not reached <= number < reached + self._interval:
-            reached = max(kept for kept in self._kept if kept <= number)
-            state = self._kept[reached]
+            reached = max(kept for kept in self._checkpoints if kept <= number)
+            state = self._checkpoints[reached]
         while reached < number:
             state = self._dynamic.advance(state, reached)
             reached += 1
-            if reached % self._interval == 0 and reached not in self._kept:
-                self._keep(reached, state)
-        self._last = reached, state
+            if reached % self._interval == 0 and reached not in self._checkpoints:
+                self._save(reached, state)
+        self._latest = reached, state
         return state
 
-    def _keep(self, number: int, state: Any) -> None:
-        self._kept[number] = state
-        if len(self._kept) > MAX_CHECKPOINTS:
+    def _save(self, number: int, state: Any) -> None:
+        self._checkpoints[number] = state
+        if len(self._checkpoints) > MAX_CHECKPOINTS:
             self._interval *= 2
-            self._kept = {each: state for each, state in self._kept.items() if each % self._interval == 0}
+            self._checkpoints = {each: state for each, state in self._checkpoints.items() if each % self._interval == 0}

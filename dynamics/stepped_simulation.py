@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SteppedSimulation: bodies that meet obstacles, walls and each other, one frame after another."""
+"""SteppedSimulation: bodies that collide with obstacles, walls and each other, simulated frame by frame.
+
+Every frame is advanced in substeps of equal length by the kernel of `dynamics.step_kernel`. Checkpoints of the state
+let any earlier frame be recomputed.
+"""
 
 from __future__ import annotations
 
@@ -21,27 +25,33 @@ from dynamics.clocks import exact
 from dynamics.closed_form import Still
 from dynamics.colliding_bodies import Array, CollisionState, Mover
 from dynamics.errors import ArgumentError
-from dynamics.obstacles import Obstacles, nothing
+from dynamics.obstacles import Obstacles
 from dynamics.path_poses import Paths
 from dynamics.random_bounce import UniformMovementRandomBounce
-from dynamics.step_arrays import StepDevice
+from dynamics.step_arrays import StepArrays
 from dynamics.timings import AllTogether, Timing
 
-SUBSTEP = Fraction(1, 200)  # s, at most: how long movers do not look at each other
-CACHED_FRAMES = 16  # results kept for asking again
-CHECKPOINT = 16  # frames between checkpoints, until there are too many
+SUBSTEP = Fraction(1, 200)  # s: longest substep; movers see each other's positions at its start
+CACHED_FRAMES = 16  # results kept for repeated requests
+CHECKPOINT = 16  # initial number of frames between checkpoints
 MAX_CHECKPOINTS = 1024
-RECENT_FRAMES = 4
+RECENT_FRAMES = 4  # latest states kept besides checkpoints, for edits of the next frame
 
-State = tuple[Array, NDArray[np.int32]]  # the columns of all bodies
+State = tuple[Array, NDArray[np.int32]]  # float and integer columns of all bodies
 
 
 class SteppedSimulation:
-    """Moves bodies that collide. Taichi must run when frames are asked for.
+    """A simulation of bodies that collide.
 
-    Frame k is a pure function of what the simulation was made with: the same bits in any order of asking, for any
-    number of threads. A frame that was not reached yet costs the frames since the last checkpoint before it. Movers
-    that never come near each other have the same poses as without each other, to the bit.
+    Frame k is a pure function of the arguments: the same bits in any order of requests and for any number of threads.
+    Movers that never come near each other have the same poses as without each other. A frame that is requested for the
+    first time costs the frames since the last checkpoint before it. Taichi must be running when frames are requested.
+
+    Attributes:
+        movers: The movers.
+        timings: When each body's clock runs.
+        fps: Frames per second, exactly.
+        substeps: Number of substeps per frame.
     """
 
     def __init__(
@@ -53,167 +63,181 @@ class SteppedSimulation:
         obstacles: Callable[[int], Obstacles] | None = None,
         walls: Callable[[Fraction], Array | None] | None = None,
     ) -> None:
-        """timings: default AllTogether(0).
+        """Prepare the trajectories; nothing is simulated yet.
 
-        obstacles: what is in the way from a frame to the next, one object as long as nothing changes. None: nothing.
+        Args:
+            movers: The movers.
+            timings: When each body's clock runs; None: AllTogether(0).
+            fps: Frames per second.
+            obstacles: Returns the obstacles between a frame and the next; the same object while nothing changes. None:
+                no obstacles.
+            walls: Returns six planes [6, 4] at a time, seconds, or None for no walls. Inside is n . x + d >= 0, with a
+                unit vector n. None: never any walls.
 
-        walls: planes [6, 4] at a time, s: inside where n . x + d >= 0, n a unit vector; None while there are none.
-        Raises ValueError if the timings cannot work, TypeError for a dynamic that is neither a bounce nor closed form.
+        Raises:
+            ArgumentError: For timings that cannot apply to these bodies.
+            ArgumentTypeError: For a dynamic that is neither closed-form nor Stepped nor bouncing.
         """
         self.movers = tuple(movers)
         self.timings = AllTogether(0.0) if timings is None else timings
         argument_checks.positive(fps, "fps")
         self.fps = exact(fps)
         self._walls = walls or (lambda _time: None)
-        self._obstacles = obstacles or _Nothing()
+        self._obstacles = obstacles or _NoObstacles()
         self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
-        self._paths = self._made_paths()
-        self._device: StepDevice | None = None
-        self._reached = -1  # the frame that the device stands at
+        self._paths = self._build_paths()
+        self._arrays: StepArrays | None = None
+        self._current = -1  # frame of the state in the arrays; -1: none
         self._checkpoints: dict[int, State] = {}
-        self._recent: dict[int, State] = {}  # of the last frames, for edits of the next one
+        self._recent: dict[int, State] = {}
         self._interval = CHECKPOINT
-        self._moments: OrderedDict[int, CollisionState] = OrderedDict()
+        self._results: OrderedDict[int, CollisionState] = OrderedDict()
 
-    def _made_paths(self) -> Paths:
-        return Paths([mover.body for mover in self.movers], self.timings, "movers")
+    @property
+    def checkpoint_frames(self) -> list[int]:
+        """Frames whose state is kept as a checkpoint."""
+        return sorted(self._checkpoints)
 
     def frame(self, number: int) -> CollisionState:
-        """All movers at frame `number` (0 or more), k / fps seconds after the start."""
+        """Return all movers at frame `number` (0 or more), `number` / fps seconds after the start."""
         number = argument_checks.whole(number, "number")
         if number < 0:
             raise ArgumentError(f"number={number}: must be 0 or more")
-        if number in self._moments:
-            self._moments.move_to_end(number)
-            return self._moments[number]
-        device = self._device = self._device or StepDevice(self.movers)
-        if not self._reached <= number or self._reached < 0 or number - self._reached > self._interval:
-            self._go_back(device, number)
-        while self._reached < number:
-            moment = self._advance(device, self._reached)
-            self._reached += 1
-            self._keep(self._reached, self._moved(device, moment))
-            self._save(device)
-        return self._moments[number]
+        if number in self._results:
+            self._results.move_to_end(number)
+            return self._results[number]
+        arrays = self._arrays = self._arrays or StepArrays(self.movers)
+        if not self._current <= number or self._current < 0 or number - self._current > self._interval:
+            self._seek(arrays, number)
+        while self._current < number:
+            state = self._advance(arrays, self._current)
+            self._current += 1
+            self._cache(self._current, self._teleported(arrays, state))
+            self._save(arrays)
+        return self._results[number]
 
-    def _go_back(self, device: StepDevice, number: int) -> None:
-        """Stand at the last checkpoint before `number`, from which that frame is computed again; or where it is."""
+    def amend(self, movers: Sequence[Mover], frame: int) -> None:
+        """Change the movers from a frame on; results before it stay valid.
+
+        Args:
+            movers: The current movers, with other moves and last frames from `frame` on; then new ones, which do not
+                exist before `frame`.
+            frame: First frame that may differ.
+        """
+        grown = len(movers) > len(self.movers)
+        self.movers = tuple(movers)
+        if grown:
+            self._paths = self._build_paths()
+            self._arrays = None
+        for known in (self._results, self._checkpoints, self._recent):
+            for number in [each for each in known if each >= frame or (grown and known is self._results)]:
+                del known[number]
+        if grown or self._current >= frame:
+            self._current = -1
+
+    def start_at(self, frame: int) -> None:
+        """Skip the frames before `frame`, in which no body bounces and all paths are free of collisions."""
+        self._current = -1
+        for known in (self._results, self._checkpoints, self._recent):
+            known.clear()
+        if frame > 0:
+            self._checkpoints[frame - 1] = self._initial_state(frame - 1)
+
+    def _build_paths(self) -> Paths:
+        return Paths([mover.body for mover in self.movers], self.timings, "movers")
+
+    def _seek(self, arrays: StepArrays, number: int) -> None:
+        """Restore the last kept state before `number`, unless the current one is as near."""
         states = self._checkpoints | self._recent
         before = [frame for frame in states if frame < number]
         latest = max(before, default=0)
-        if 0 <= self._reached < number and self._reached >= latest:
+        if 0 <= self._current < number and self._current >= latest:
             return
         if before:
-            device.restore(*self._whole(latest, states[latest]))
-            self._reached = latest
+            arrays.restore(*self._with_new_movers(latest, states[latest]))
+            self._current = latest
         else:
-            device.restore(*self._start(0))
-            self._reached = 0
-            self._keep(0, self._moved(device, device.moment()))
-            self._save(device)
+            arrays.restore(*self._initial_state(0))
+            self._current = 0
+            self._cache(0, self._teleported(arrays, arrays.collision_state()))
+            self._save(arrays)
 
-    def _whole(self, frame: int, state: State) -> State:
-        """The state at a frame with the movers that were not known when it was kept."""
+    def _with_new_movers(self, frame: int, state: State) -> State:
+        """Return the state at a frame, extended by movers that were added after it was saved."""
         bodies, integers = state
         if len(bodies) == max(1, len(self.movers)):
             return state
-        all_bodies, all_integers = self._start(frame)
+        all_bodies, all_integers = self._initial_state(frame)
         all_bodies[: len(bodies)], all_integers[: len(bodies)] = bodies, integers
         return all_bodies, all_integers
 
-    def _save(self, device: StepDevice) -> None:
-        self._recent[self._reached] = device.state()
+    def _save(self, arrays: StepArrays) -> None:
+        self._recent[self._current] = arrays.state()
         while len(self._recent) > RECENT_FRAMES:
             del self._recent[next(iter(self._recent))]
-        if self._reached % self._interval or self._reached in self._checkpoints:
+        if self._current % self._interval or self._current in self._checkpoints:
             return
-        self._checkpoints[self._reached] = self._recent[self._reached]
+        self._checkpoints[self._current] = self._recent[self._current]
         if len(self._checkpoints) > MAX_CHECKPOINTS:
-            # Every other one goes, so that memory is bounded and the distance between them grows with the stream.
+            # Drop every other one: memory stays bounded while the interval grows with the stream.
             self._interval *= 2
             self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
 
-    def _keep(self, number: int, moment: CollisionState) -> None:
-        self._moments[number] = moment
-        while len(self._moments) > CACHED_FRAMES:
-            self._moments.popitem(last=False)
+    def _cache(self, number: int, state: CollisionState) -> None:
+        self._results[number] = state
+        while len(self._results) > CACHED_FRAMES:
+            self._results.popitem(last=False)
 
-    def _moved(self, device: StepDevice, moment: CollisionState) -> CollisionState:
-        """The frame that is reached, once what is moved there was moved."""
-        moves = {row: _pose(*last) for row, last in self._last_moves(self._reached, exactly=True)}
+    def _teleported(self, arrays: StepArrays, state: CollisionState) -> CollisionState:
+        """Apply the teleports of the current frame to the arrays and to its result."""
+        moves = {row: _pose(*last) for row, last in self._last_moves(self._current, exactly=True)}
         if not moves:
-            return moment
-        device.put(moves)
-        poses = moment.poses.copy()
+            return state
+        arrays.set_poses(moves)
+        poses = state.poses.copy()
         poses[list(moves)] = list(moves.values())
-        return replace(moment, poses=poses)
+        return replace(state, poses=poses)
 
     def _last_moves(self, frame: int, exactly: bool) -> Iterator[tuple[int, tuple[Sequence[float], Sequence[float]]]]:
-        """The last move of every mover up to `frame`, or at it: row, position and rotation."""
+        """Yield row, position and rotation of each mover's last teleport up to `frame`, or only of those at `frame`."""
         for row, mover in enumerate(self.movers):
             done = bisect.bisect_right(mover.moves, frame, key=lambda move: move.frame)
             if done and not (exactly and mover.moves[done - 1].frame < frame):
                 yield row, (mover.moves[done - 1].position, mover.moves[done - 1].rotation)
 
-    def _advance(self, device: StepDevice, frame: int) -> CollisionState:
-        """From frame `frame` to the next."""
+    def _advance(self, arrays: StepArrays, frame: int) -> CollisionState:
+        """Simulate from frame `frame` to the next."""
         times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
-        targets = self._path(times, frame)
+        targets = self._path_poses(times, frame)
         clocks = [self._paths.seconds(time) for time in times]
         obstacles = self._obstacles(frame)
         if frame > 0 and self._obstacles(frame - 1) is not obstacles:
-            device.forget_obstacles()
-        device.begin_frame(targets[0], [self._there(mover, frame) for mover in self.movers])
+            arrays.obstacles_changed()
+        arrays.begin_frame(targets[0], [self._is_present(mover, frame) for mover in self.movers])
         for part in range(self.substeps):
             active = clocks[part + 1] - clocks[part]
             length = float(times[part + 1] - times[part])
-            device.substep(targets[part + 1], active, self._walls(times[part + 1]), length, obstacles)
-        return device.moment(float(1 / self.fps))
+            arrays.substep(targets[part + 1], active, self._walls(times[part + 1]), length, obstacles)
+        return arrays.collision_state(float(1 / self.fps))
 
-    def _path(self, times: Sequence[Fraction], frame: int) -> Array:
-        """Where the paths have the movers, whatever is in the way: float64 [times, n, 7].
-
-        frame: moves after it are not known yet.
-        """
+    def _path_poses(self, times: Sequence[Fraction], frame: int) -> Array:
+        """Return the poses on the paths, float64 [times, n, 7], after all teleports up to `frame`."""
         poses = self._paths.poses(times)
         for row, last in self._last_moves(frame, exactly=False):
             if isinstance(self.movers[row].body.dynamic, Still):
                 poses[:, row] = _pose(*last)
         return poses
 
-    def amend(self, movers: Sequence[Mover], frame: int) -> None:
-        """Go on with others from a frame on; before it everything stays as it was computed.
-
-        movers: as before, but for moves and last frames from `frame` on; new ones follow that are not there before it.
-        """
-        grown = len(movers) > len(self.movers)
-        self.movers = tuple(movers)
-        if grown:
-            self._paths = self._made_paths()
-            self._device = None
-        for known in (self._moments, self._checkpoints, self._recent):
-            for number in [each for each in known if each >= frame or (grown and known is self._moments)]:
-                del known[number]
-        if grown or self._reached >= frame:
-            self._reached = -1
-
-    def start_at(self, frame: int) -> None:
-        """Have nothing computed before a frame, up to which all paths were free and nothing bounced."""
-        self._reached = -1
-        for known in (self._moments, self._checkpoints, self._recent):
-            known.clear()
-        if frame > 0:
-            self._checkpoints[frame - 1] = self._start(frame - 1)
-
     @staticmethod
-    def _there(mover: Mover, frame: int) -> bool:
+    def _is_present(mover: Mover, frame: int) -> bool:
         return mover.first_frame <= frame and (mover.last_frame is None or frame <= mover.last_frame)
 
-    def _start(self, frame: int) -> State:
-        """The columns of bodies that met nothing before a frame; of what bounces, where it starts."""
+    def _initial_state(self, frame: int) -> State:
+        """Return the columns of bodies that had no collision before a frame; bouncing bodies are at their start."""
         bodies = np.zeros((max(1, len(self.movers)), at.FLOAT_COLUMNS))
         integers = np.zeros((max(1, len(self.movers)), at.INTEGER_COLUMNS), dtype=np.int32)
-        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = self._path([Fraction(frame) / self.fps], frame)[0]
+        poses = self._path_poses([Fraction(frame) / self.fps], frame)[0]
+        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = poses
         group = 0
         for row, mover in enumerate(self.movers):
             dynamic = mover.body.dynamic
@@ -233,7 +257,7 @@ class SteppedSimulation:
                 bodies[row, at.ANGULAR_SPEED] = dynamic.angular_speed
                 integers[row, at.KIND] = at.BOUNCES
                 integers[row, at.SEED] = np.uint32(dynamic.seed & 0xFFFFFFFF).astype(np.int32)
-                # By name, not by row: other bodies may come and go.
+                # Random numbers depend on the name, not the row, because other bodies may be added or removed.
                 name = hashlib.sha256(mover.body.name.encode()).digest()[:4]
                 integers[row, at.NAME_HASH] = np.frombuffer(name, dtype="<i4")[0]
         return bodies, integers
@@ -243,12 +267,12 @@ def _pose(position: Sequence[float], rotation: Sequence[float]) -> Array:
     return np.array([*position, *rotation], dtype=np.float64)
 
 
-class _Nothing:
-    """No obstacles at any frame."""
+class _NoObstacles:
+    """Provider of no obstacles at any frame."""
 
     def __init__(self) -> None:
-        self._made: Obstacles | None = None
+        self._empty: Obstacles | None = None
 
     def __call__(self, _frame: int) -> Obstacles:
-        self._made = self._made or nothing()
-        return self._made
+        self._empty = self._empty or Obstacles.empty()
+        return self._empty

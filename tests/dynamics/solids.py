@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 
-from dynamics.obstacles import Obstacles, placed
+from dynamics.obstacles import Obstacles
 from dynamics.rotation import matrix_from_quaternion
 from dynamics.sphere_proxy import Shape, cover
 from tiscene.device import runtime
@@ -46,7 +46,7 @@ def obstacles(*parts: np.ndarray, matrices=None, layout=None):
     def make() -> Obstacles:
         trees = MeshTrees.built(meshes, layout)
         tree = ObstacleTree(trees, [Instance(row, row, matrix) for row, matrix in enumerate(matrices)])
-        return placed(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
+        return Obstacles.from_trees(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
 
     return lambda _frame=0: make()
 

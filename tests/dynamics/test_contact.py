@@ -140,7 +140,7 @@ def test_a_long_way_through_a_thin_plate():
 
 
 def test_no_obstacles():
-    from dynamics.obstacles import nothing
+    from dynamics.obstacles import Obstacles
 
-    found = looked(nothing(), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
+    found = looked(Obstacles.empty(), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
     assert found[0].tolist() == [5.0, 1.0, 1.0, 0.0, -1.0]

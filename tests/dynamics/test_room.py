@@ -19,7 +19,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from dynamics import Body, Mover, SteppedSimulation, UniformMovementRandomBounce, cover
 from dynamics.contact import MAX_TOUCHES, TOUCH_COLUMNS
-from dynamics.obstacles import placed
+from dynamics.obstacles import Obstacles
 from dynamics.rotation import matrix_from_quaternion
 from dynamics.sweep_obstacles import obstacle_distances
 from tests.dynamics.solids import spheres_at
@@ -62,7 +62,7 @@ class Arena:
         shapes = [cover(mesh.triangles) for mesh in self.meshes]
         trees = MeshTrees.built(self.stage.meshes)
         tree = ObstacleTree(trees, (*self.stage.instances, *self.stage.colliders))
-        self.tree = placed(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
+        self.tree = Obstacles.from_trees(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
         random = np.random.default_rng(1)
         points = random.uniform(*self.stage.bounds(), (20_000, 3))
         free = self.distances(points, 1.0)
@@ -185,4 +185,4 @@ def test_twenty_movers_in_a_room(speed, frames):
     )
     assert longest < 2.0
     assert grown < 30.0
-    assert len(arena.simulation._checkpoints) <= 1024
+    assert len(arena.simulation.checkpoint_frames) <= 1024

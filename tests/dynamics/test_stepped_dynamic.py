@@ -10,6 +10,7 @@ import pytest
 
 from dynamics import AllTogether, Body, Mover, Simulation, Stepped, SteppedSimulation, Waypoint
 from dynamics import stepped_dynamic as module
+from dynamics.dynamic import Pose
 from tests.dynamics.solids import box, cube, obstacles
 
 
@@ -76,8 +77,17 @@ def test_any_order_of_asking_gives_the_same_bits(monkeypatch):
     again = Simulation(bodies(), AllTogether(0.5))
     for k in (399, 3, 200, 201, 199, 0, 12, 13, 398):
         assert again.poses(Fraction(k, 25)).tobytes() == expected[k], f"frame {k}"
-    assert len(again._paths._scripts[0]._kept) <= 4
     assert expected[0] == expected[12], "it waits for its timing"
+
+
+def test_checkpoints_stay_bounded_and_do_not_change_poses(monkeypatch):
+    monkeypatch.setattr(module, "MAX_CHECKPOINTS", 4)
+    states = module.SteppedStates(Walk(), Pose((3.0, 0.0, 0.0)), "w")
+    poses = [states.pose_at(clock) for clock in range(200)]
+    assert states.checkpoint_count <= 4
+    again = module.SteppedStates(Walk(), Pose((3.0, 0.0, 0.0)), "w")
+    for clock in (150, 3, 199, 77):
+        np.testing.assert_array_equal(again.pose_at(clock), poses[clock])
 
 
 def test_seeking_computes_from_the_last_state_that_was_kept():

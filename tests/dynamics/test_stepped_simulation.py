@@ -2,6 +2,7 @@
 """Bodies that meet obstacles and each other: nothing is entered or jumped over, everything is repeatable."""
 
 import hashlib
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -145,22 +146,34 @@ def test_any_order_of_asking_gives_the_same_bits(crowd, monkeypatch):
     monkeypatch.setattr(module, "MAX_CHECKPOINTS", 4)
     for k in (130, 3, 131, 129, 0, 199, 64, 65, 63, 16, 17):
         assert again.frame(k).poses.tobytes() == poses[k].tobytes(), f"frame {k}"
-    assert len(again._checkpoints) <= 4
+    assert len(again.checkpoint_frames) <= 4
     assert simulation.frame(100).contacts == again.frame(100).contacts
 
 
-def test_seeking_costs_the_frames_since_the_last_checkpoint(monkeypatch):
-    simulation = SteppedSimulation([bouncer()], fps=25, obstacles=obstacles(ROOM))
+class SimulatedFrames:
+    """Walls that are never there; records the frames that a simulation computes, one after another."""
+
+    def __init__(self, fps: int) -> None:
+        self._fps = fps
+        self.frames: list[int] = []
+
+    def __call__(self, time: Fraction) -> None:
+        frame = math.ceil(time * self._fps)
+        if time * self._fps == frame:  # the last substep of the frame
+            self.frames.append(frame)
+
+    def clear(self) -> None:
+        self.frames.clear()
+
+
+def test_seeking_costs_the_frames_since_the_last_checkpoint():
+    simulated = SimulatedFrames(fps=25)
+    simulation = SteppedSimulation([bouncer()], fps=25, obstacles=obstacles(ROOM), walls=simulated)
     simulation.frame(200)
-    stepped = []
-    advance = SteppedSimulation._advance
-    monkeypatch.setattr(
-        SteppedSimulation, "_advance", lambda self, device, frame: stepped.append(frame) or advance(self, device, frame)
-    )
     for number in (100, 37, 150):
-        stepped.clear()
+        simulated.clear()
         simulation.frame(number)
-        assert stepped == list(range(number - 1 - (number - 1) % module.CHECKPOINT, number))
+        assert simulated.frames == list(range(number - (number - 1) % module.CHECKPOINT, number + 1))
 
 
 def test_far_away_bodies_change_nothing():
@@ -388,15 +401,16 @@ def test_movers_are_amended_from_a_frame_on():
     moved = Mover(Body(Still(), (0.0, 0.9, 1.2), name="m"), CUBE, moves=(Teleport(70, (0.0, 0.5, 0.5), (1, 0, 0, 0)),))
     first = [bouncer("a"), Mover(moved.body, CUBE)]
     late = Mover(Body(first[0].body.dynamic, (1.0, 0.0, 0.0), birth=Fraction(70, 25), name="c"), CUBE, first_frame=70)
-    taken = SteppedSimulation(first, fps=25, obstacles=obstacles(ROOM))
+    simulated = SimulatedFrames(fps=25)
+    taken = SteppedSimulation(first, fps=25, obstacles=obstacles(ROOM), walls=simulated)
     run(taken, 72)
     fresh = SteppedSimulation([first[0], moved, late], fps=25, obstacles=obstacles(ROOM))
-    taken.amend([first[0], moved], 70)
-    assert taken._reached == -1
-    taken.frame(71)
-    taken.amend([first[0], moved, late], 70)
-    assert max(taken._checkpoints) == 64
-    assert max(taken._recent) == 69, "no frame is computed again"
+    for movers in ([first[0], moved], [first[0], moved, late]):
+        simulated.clear()
+        taken.amend(movers, 70)
+        taken.frame(71)
+        assert simulated.frames == [70, 71], "frames before the edit are not computed again"
+        assert max(taken.checkpoint_frames) == 64
     for k in (75, 69, 70, 130, 30):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
     # At a frame far back.
@@ -406,9 +420,14 @@ def test_movers_are_amended_from_a_frame_on():
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
     # And from paths that were formulas so far.
     loop = Mover(Body(WAY, name="f"), CUBE)
-    fresh, taken = (SteppedSimulation([loop, late], fps=25, obstacles=obstacles(ROOM)) for _ in range(2))
+    fresh, taken = (
+        SteppedSimulation([loop, late], fps=25, obstacles=obstacles(ROOM), walls=walls) for walls in (None, simulated)
+    )
     taken.start_at(70)
-    assert list(taken._checkpoints) == [69]
+    assert taken.checkpoint_frames == [69]
+    simulated.clear()
+    taken.frame(71)
+    assert simulated.frames == [70, 71]
     for k in (90, 70, 10):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
 
