@@ -36,7 +36,7 @@ class MeshTrees:
 
 
 class ObstacleTree:
-    """A tree over placed meshes, with what `dynamics.obstacles.placed` asks for.
+    """A tree over placed meshes, with what `dynamics.obstacles.Obstacles.from_trees` asks for.
 
     Instances that are squashed flat, and meshes without any area, are left out: rays do not meet them either; so are
     those that the stage says nothing collides with.
