@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exact clocks: from the time of the world to the parameter of every track, in whole numbers until the last step.
+"""Exact clocks: from world time to the parameter of every track, in integers until the last step.
 
-A stream may run for ten million frames; k / fps rounded, or a phase summed up, would have drifted by then. Here times
-are rational: a float stands for the decimal number it was written as (0.1 is one tenth), everything is counted in
-ticks of a common denominator, and only the final quotient is rounded to a float. So a loop of 3.3 s at 30 frames per
-second has the very same poses every 99 frames, for ever.
+A stream may run for ten million frames; rounded times k / fps, or an accumulated phase, would drift. Here times are
+rational: a float stands for the decimal number that it prints as (0.1 is one tenth), times are counted in ticks of a
+common denominator, and only the final quotient is rounded to a float. A loop of 3.3 s at 30 frames per second therefore
+has identical poses every 99 frames, forever.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dynamics.dynamic import Track
 
 
 def exact(seconds: float | Rational) -> Fraction:
-    """The rational number that a time stands for: of a float, its shortest decimal."""
+    """Return the rational number that a time stands for: for a float, its shortest decimal."""
     if isinstance(seconds, Rational):
         return Fraction(int(seconds.numerator), int(seconds.denominator))
     return Fraction(repr(float(seconds)))
@@ -30,23 +30,36 @@ def exact(seconds: float | Rational) -> Fraction:
 
 @dataclass(frozen=True)
 class Window:
-    """When a body's clock runs: from `start` on, `active` seconds (None: for ever), in every `cycle` (None: once)."""
+    """When a body's clock runs.
+
+    Args:
+        start: World time at which it starts, seconds.
+        active: Seconds for which it runs; None: forever.
+        cycle: Period, seconds, after which the window repeats; None: once.
+    """
 
     start: Fraction
     active: Fraction | None = None
     cycle: Fraction | None = None
 
     def times(self) -> tuple[Fraction, ...]:
+        """Return those of the three times that are set."""
         return tuple(time for time in (self.start, self.active, self.cycle) if time is not None)
 
 
 class Clocks:
-    """The clocks of several bodies. A body's clock counts the time during which it was both born and active."""
+    """The clocks of several bodies; each counts the time during which its body is both born and active."""
 
     def __init__(
         self, windows: Sequence[Window], births: Sequence[Fraction], tracks: Sequence[Sequence[Track]]
     ) -> None:
-        """windows, births (world time, not negative), tracks: one each per body."""
+        """Convert all times to ticks of a common denominator.
+
+        Args:
+            windows: When each body's clock may run.
+            births: World time, not negative, at which each body appears.
+            tracks: The tracks of each body.
+        """
         durations = [exact(track.duration) for body in tracks for track in body if track.duration is not None]
         times = [time for window in windows for time in window.times()]
         self._ticks = math.lcm(*(time.denominator for time in (*times, *births, *durations)))
@@ -60,8 +73,8 @@ class Clocks:
         ]
 
     def parameters(self, time: Fraction) -> NDArray[np.float64]:
-        """u of every track, body after body, at a time of the world."""
-        # One tick of the world's time is 1 / scale of a tick of the windows; all the rest is multiplied by scale.
+        """Return u of every track, body after body, at a world time."""
+        # `now` is in units of 1 / scale ticks; all other times are multiplied by scale.
         now, scale = time.numerator * self._ticks, time.denominator
         values = []
         for window, birth, tracks in self._bodies:
@@ -90,14 +103,14 @@ class Clocks:
 
 @dataclass(frozen=True)
 class _TickWindow:
-    """A Window in whole ticks."""
+    """A Window in integer ticks."""
 
     start: int
     active: int | None
     cycle: int | None
 
     def elapsed(self, now: int, scale: int) -> int:
-        """Active time before `now`, both in ticks / scale."""
+        """Return the active time before `now`, both in ticks / scale."""
         passed = 0
         if self.cycle is not None and self.active is not None:
             cycles, now = divmod(now, self.cycle * scale)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Paths on which nothing can be met, so that nothing has to be stepped: every pose is the path's own."""
+"""Test for paths on which no collision is possible, so that nothing needs to be simulated."""
 
 from __future__ import annotations
 
@@ -19,14 +19,19 @@ from dynamics.obstacles import Obstacles
 from dynamics.simulation import Simulation
 from dynamics.sweep_obstacles import obstacle_distances
 
-SAMPLES = 64  # of a loop
+SAMPLES = 64  # positions per loop
 MARGIN = 0.005  # m
 
 
 def all_free(movers: Sequence[Mover], obstacles: Obstacles, walled: bool) -> bool:
-    """Whether no mover can ever meet an obstacle, another mover or (walled) a wall, wherever in its loop each is.
+    """Return whether no mover can ever touch an obstacle, another mover or a wall, wherever in its loop each is.
 
-    It may say no where it is yes: bodies count as the spheres about their origins that hold them.
+    The test is conservative: bodies count as spheres about their origins. It may return False for paths that are free.
+
+    Args:
+        movers: The movers.
+        obstacles: Static triangles.
+        walled: Whether there are walls for movers that are `limited`.
     """
     solid = [mover for mover in movers if mover.shape is not None]
     boxes = []
@@ -34,7 +39,7 @@ def all_free(movers: Sequence[Mover], obstacles: Obstacles, walled: bool) -> boo
         path = _path(mover.body)
         if path is None or (walled and mover.limited):
             return False
-        # Between two samples a path bends by less than it advances.
+        # Between two samples a path deviates by less than their distance.
         advance = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max(initial=0.0))
         size = (mover.shape.reach if mover.shape else 0.0) + advance + MARGIN
         if len(path) > 1 and _nearest(path, 2.0 * size, obstacles) < size:
@@ -48,7 +53,7 @@ def all_free(movers: Sequence[Mover], obstacles: Obstacles, walled: bool) -> boo
 
 
 def _path(body: Body) -> NDArray[np.float64] | None:
-    """Positions [n, 3] all along its loop; one if it stays where it is, None if it has no loop."""
+    """Return positions [n, 3] along a body's loop: one for a static body; None for a dynamic without a loop."""
     dynamic = body.dynamic
     if not isinstance(dynamic, ClosedForm) or math.isinf(dynamic.loop_time):
         return None
@@ -60,6 +65,7 @@ def _path(body: Body) -> NDArray[np.float64] | None:
 
 
 def _nearest(path: NDArray[np.float64], limit: float, obstacles: Obstacles) -> float:
+    """Return the smallest distance of `path` [n, 3] to an obstacle, meters; `limit` if none is nearer."""
     points = np.zeros((len(path), 4), dtype=np.float32)
     points[:, :3] = path
     touches = np.zeros((MAX_TOUCHES, TOUCH_COLUMNS), dtype=np.float32)

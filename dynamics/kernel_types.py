@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types of kernel arguments. Taichi needs the values at run time; mypy sees `Any`.
+"""Types of kernel arguments: Taichi annotations at run time, `Any` for mypy.
 
-Arrays are named by element type and number of axes: `Floats2` is a two-dimensional float32 array.
+Arrays are named by element type and number of dimensions: `Floats2` is a two-dimensional float32 array.
 """
 
 from typing import TYPE_CHECKING, Any, TypeAlias

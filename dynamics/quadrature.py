@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arc length of cubics, by Gauss-Legendre quadrature; the kernel uses the same nodes, so table and kernel agree."""
+"""Arc length of cubic curves by Gauss-Legendre quadrature.
+
+The kernel in `dynamics.trajectory_kernel` uses the same nodes, so that it agrees with the table of lengths.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,18 @@ import numpy as np
 
 from dynamics.dynamic import LENGTH_STEPS, Array
 
-# Nodes on 0..1 and weights that sum to 1, [2, 5].
+# [2, 5]: nodes in 0..1, and weights that sum to 1.
 GAUSS: Array = np.stack(np.polynomial.legendre.leggauss(5)) * 0.5 + [[0.5], [0.0]]
 
 
 def curve_lengths(cubics: Array) -> Array:
-    """Arc length from the curve's start to t = 0, 1/16, ... 1 of every segment, [n, LENGTH_STEPS + 1].
+    """Return the arc length from the start of the curve to t = 0, 1/16, ... 1 of every segment.
 
-    cubics: [n, 12], coefficients of t^0 .. t^3, three components each.
+    Args:
+        cubics: [n, 12], coefficients of t^0 .. t^3, three components each.
+
+    Returns:
+        float64 [n, LENGTH_STEPS + 1].
     """
     _, first, second, third = np.moveaxis(cubics.reshape(-1, 4, 3), 1, 0)[:, :, None, None, :]
     steps = np.arange(LENGTH_STEPS) / LENGTH_STEPS

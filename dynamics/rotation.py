@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rotations: quaternions (w, x, y, z) and Euler angles.
+"""Rotations as quaternions (w, x, y, z) and as Euler angles, in numpy.
 
-Euler angles are degrees (x, y, z) and mean: turn about the fixed z axis, then about the fixed x axis, then about the
-fixed y axis, R = R_y R_x R_z, every turn right-handed. It is Unity's order in right-handed space: x is pitch (positive
-looks up when facing -z), y is yaw (positive turns left, seen from above counter-clockwise), z is roll.
-All functions take arrays of rotations along leading axes.
+Euler angles are degrees (x, y, z): rotate about the fixed z axis, then about the fixed x axis, then about the fixed y
+axis, R = R_y R_x R_z, each right-handed. This is Unity's order in right-handed space: x is pitch (positive looks up
+when facing -z), y is yaw (positive turns left, counter-clockwise seen from above), z is roll. All functions accept
+arrays of rotations along leading axes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def quaternion_from_euler(degrees: ArrayLike) -> Array:
-    """Unit quaternions [..., 4] of Euler angles [..., 3], degrees."""
+    """Return the unit quaternions [..., 4] of Euler angles [..., 3] in degrees."""
     half = np.radians(np.asarray(degrees, dtype=np.float64)) * 0.5
     quaternions = np.zeros((3, *half.shape[:-1], 4))
     for axis in range(3):
@@ -29,7 +29,7 @@ def quaternion_from_euler(degrees: ArrayLike) -> Array:
 
 
 def quaternion(rotation: Sequence[float]) -> Array:
-    """The unit quaternion [4] of three Euler angles (degrees) or of four numbers (w, x, y, z) of any length."""
+    """Return the unit quaternion [4] of three Euler angles (degrees) or of a quaternion (w, x, y, z) of any length."""
     if len(rotation) == 3:
         return quaternion_from_euler(rotation)
     values = np.asarray(rotation, dtype=np.float64)
@@ -38,7 +38,7 @@ def quaternion(rotation: Sequence[float]) -> Array:
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Hamilton products [..., 4]: the rotation b, then the rotation a."""
+    """Return the Hamilton products [..., 4]: the rotation `b`, then the rotation `a`."""
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     w, v = a[..., :1], a[..., 1:]
     scalar = w * b[..., :1] - np.sum(v * b[..., 1:], axis=-1, keepdims=True)
@@ -46,25 +46,25 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def conjugate(q: ArrayLike) -> Array:
-    """The inverse rotations [..., 4]."""
+    """Return the inverse rotations [..., 4]."""
     return np.asarray(q, dtype=np.float64) * (1.0, -1.0, -1.0, -1.0)
 
 
 def rotate(q: ArrayLike, vectors: ArrayLike) -> Array:
-    """`vectors` [..., 3] turned by unit quaternions `q` [..., 4]."""
+    """Return `vectors` [..., 3] rotated by the unit quaternions `q` [..., 4]."""
     q, vectors = np.asarray(q, dtype=np.float64), np.asarray(vectors, dtype=np.float64)
     twice = 2.0 * np.cross(q[..., 1:], vectors)
     return vectors + q[..., :1] * twice + np.cross(q[..., 1:], twice)
 
 
 def aligned(q: ArrayLike, reference: ArrayLike) -> Array:
-    """`q` or -q [..., 4], the same rotation, whichever lies in the hemisphere of `reference`."""
+    """Return `q` or -q [..., 4], the same rotations, whichever lie in the hemisphere of `reference`."""
     q = np.asarray(q, dtype=np.float64)
     return np.where(np.sum(q * reference, axis=-1, keepdims=True) < 0.0, -q, q)
 
 
 def matrix_from_quaternion(q: ArrayLike) -> Array:
-    """Matrices [..., 3, 3] of unit quaternions [..., 4]."""
+    """Return the matrices [..., 3, 3] of unit quaternions [..., 4]."""
     w, x, y, z = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
     matrix = np.empty((*w.shape, 3, 3))
     matrix[..., 0, 0] = 1 - 2 * (y * y + z * z)
@@ -80,28 +80,28 @@ def matrix_from_quaternion(q: ArrayLike) -> Array:
 
 
 def log(q: ArrayLike) -> Array:
-    """Half rotation vectors [..., 3] of unit quaternions."""
+    """Return half the rotation vectors [..., 3] of unit quaternions."""
     q = np.asarray(q, dtype=np.float64)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = np.arctan2(sine, q[..., :1])
-    # angle / sine tends to 1 at the identity; there the division is skipped.
+    # angle / sine tends to 1 at the identity.
     scale: Array = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)
     return q[..., 1:] * scale
 
 
 def exp(v: ArrayLike) -> Array:
-    """Unit quaternions [..., 4] of half rotation vectors."""
+    """Return the unit quaternions [..., 4] of half rotation vectors."""
     v = np.asarray(v, dtype=np.float64)
     angle = np.linalg.norm(v, axis=-1, keepdims=True)
     return np.concatenate([np.cos(angle), v * np.sinc(angle / np.pi)], axis=-1)
 
 
 def squad_controls(q: Array) -> Array:
-    """Inner control quaternions [n, 4] of a closed loop of n unit quaternions, for `squad`.
+    """Return the inner control quaternions [n, 4] for squad of a closed loop of n unit quaternions.
 
-    s_i = q_i exp(-(log(q_i^-1 q_{i+1}) + log(q_i^-1 q_{i-1})) / 4), neighbors taken in the hemisphere of q_i
-    (Shoemake, "Quaternion calculus and fast animation", SIGGRAPH course notes 1987): the angular velocity is
-    continuous when all segments last equally long.
+    s_i = q_i exp(-(log(q_i^-1 q_{i+1}) + log(q_i^-1 q_{i-1})) / 4), with neighbors in the hemisphere of q_i (Shoemake,
+    "Quaternion Calculus and Fast Animation", SIGGRAPH course notes 1987). Angular velocity is continuous when all
+    segments last equally long.
     """
     following, preceding = aligned(np.roll(q, -1, axis=0), q), aligned(np.roll(q, 1, axis=0), q)
     inverse = conjugate(q)

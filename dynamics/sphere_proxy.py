@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proxy spheres: what stands for a body's surface in collisions. Every point of the surface lies in one of them."""
+"""Sphere proxies: the spheres that stand for a body's surface in collisions.
+
+Every point of the surface lies in a sphere, so that a surface whose spheres touch nothing touches nothing. `cover`
+places the spheres; its kernels are in `dynamics.sphere_cover_kernels`.
+"""
 
 from __future__ import annotations
 
@@ -13,20 +17,22 @@ from dynamics.errors import ArgumentError
 Array = NDArray[np.float64]
 
 MAX_SPHERES = 256
-MAX_SAMPLES = 4096  # of the surface that are compared where covering does not depend on it
-GROUP = 8  # spheres that share a bounding sphere, on average
-FINEST = 0.004  # m: radius below which more spheres gain nothing
-DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0)  # below the surface that centers are tried at, in radii
-ROUNDING = 1.0 + 1e-6  # radii are kept in float32
+MAX_SAMPLES = 4096  # surface points that are compared where coverage does not depend on it
+GROUP = 8  # spheres per group, on average
+FINEST = 0.004  # m: smallest radius aimed at
+DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0)  # depths below the surface tried for centers, in radii
+ROUNDING = 1.0 + 1e-6  # of radii to float32
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A body's surface as spheres, in its own axes.
+    """A body's surface as spheres in its own axes.
 
-    spheres: float32 [n, 4], center and radius, m, group after group.
-    groups: float32 [g, 4], bounding spheres. first: int32 [g + 1], rows of `spheres` where they begin.
-    reach: m, no point of a sphere is farther than this from the body's origin.
+    Attributes:
+        spheres: float32 [n, 4], center and radius in meters, group after group.
+        groups: float32 [g, 4], bounding sphere of each group.
+        first: int32 [g + 1], rows of `spheres` at which the groups begin.
+        reach: Radius of a sphere about the body's origin that holds all spheres, meters.
     """
 
     spheres: NDArray[np.float32]
@@ -35,33 +41,39 @@ class Shape:
     reach: float
 
 
-def cover(corners: ArrayLike, most: int = MAX_SPHERES) -> Shape:
-    """Spheres that cover a surface, so that whatever stays out of them does not touch it.
+def cover(corners: ArrayLike, max_spheres: int = MAX_SPHERES) -> Shape:
+    """Cover a surface with spheres.
 
-    corners: [n, 3, 3], the triangles' corners in the body's axes, m. most: spheres at most.
-    Centers start by farthest-point sampling (Gonzalez 1985) and then move to the middle of what is nearest to them. In
-    solids they sink below the surface, where a larger sphere covers the same and stands out less.
-    Taichi must run. Raises ValueError if there is no triangle, or one that is not finite.
+    Centers are chosen by farthest-point sampling (Gonzalez, "Clustering to Minimize the Maximum Intercluster Distance",
+    1985) and moved to the centers of the triangles nearest to them. In closed solids they sink below the surface, where
+    a larger sphere covers the same triangles and protrudes less. Taichi must be running.
+
+    Args:
+        corners: [n, 3, 3], corners of triangles in the body's axes, meters; counter-clockwise seen from outside.
+        max_spheres: Maximum number of spheres.
+
+    Raises:
+        ArgumentError: For no triangles, or corners that are not finite.
     """
     triangles = np.asarray(corners, dtype=np.float64)
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or not len(triangles):
-        raise ArgumentError(f"corners has the shape {triangles.shape}: must be [n, 3, 3] with one triangle or more")
+        raise ArgumentError(f"corners has shape {triangles.shape}: must be [n, 3, 3] with one triangle or more")
     if not np.isfinite(triangles).all():
         raise ArgumentError("corners: must be finite numbers")
     area = 0.5 * np.linalg.norm(_normals(triangles), axis=1).sum()
     extent = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
-    # `most` circles of this radius cover a flat surface of this area; the pieces are much smaller than that.
-    radius = max(np.sqrt(area / (2.6 * most)), extent / most, FINEST)
+    # `max_spheres` disks of this radius cover a flat surface of this area; the pieces are smaller than that.
+    radius = max(np.sqrt(area / (2.6 * max_spheres)), extent / max_spheres, FINEST)
     pieces = _subdivided(triangles, 0.7 * radius)
     middles = pieces.mean(axis=1)
-    few = middles[:: 1 + len(middles) // MAX_SAMPLES]
-    centers = few[_farthest_points(few, most, stop=0.7 * radius)]
+    samples = middles[:: 1 + len(middles) // MAX_SAMPLES]
+    centers = samples[_farthest_points(samples, max_spheres, min_distance=0.7 * radius)]
     for _ in range(2):
         owner = _nearest(middles, centers)
         centers = _centered(pieces, owner)
     owner = _nearest(middles, centers)
     radii = np.zeros(len(centers))
-    # A ball that holds the corners of a triangle holds the triangle.
+    # A sphere that holds the corners of a triangle holds the triangle.
     np.maximum.at(radii, owner, np.linalg.norm(pieces - centers[owner][:, None], axis=2).max(axis=1))
     used = np.bincount(owner, minlength=len(centers)) > 0
     if _is_closed(triangles):
@@ -78,13 +90,13 @@ def _squares(vectors: Array) -> Array:
     return result
 
 
-def _subdivided(triangles: Array, longest: float) -> Array:
-    """The same surface in triangles whose edges are not longer than `longest`."""
+def _subdivided(triangles: Array, max_edge: float) -> Array:
+    """Return the same surface in triangles whose edges are at most `max_edge` meters."""
     done = []
     while len(triangles):
         edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
         worst = edges.argmax(axis=1)
-        small = edges.max(axis=1) <= longest
+        small = edges.max(axis=1) <= max_edge
         done.append(triangles[small])
         # Halve the longest edge of the others: corner `worst`, the next one, and the third.
         rest, worst = triangles[~small], worst[~small]
@@ -95,21 +107,21 @@ def _subdivided(triangles: Array, longest: float) -> Array:
     return np.concatenate(done)
 
 
-def _farthest_points(points: Array, most: int, stop: float) -> NDArray[np.intp]:
-    """Rows of up to `most` points, each the farthest from those before; fewer if all are nearer than `stop`."""
+def _farthest_points(points: Array, max_count: int, min_distance: float) -> NDArray[np.intp]:
+    """Return rows of up to `max_count` points, each the farthest from, and at least `min_distance` from, those before."""
     chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
     distance = np.full(len(points), np.inf)
-    while len(chosen) < most:
+    while len(chosen) < max_count:
         distance = np.minimum(distance, _squares(points - points[chosen[-1]]))
         farthest = int(distance.argmax())
-        if distance[farthest] <= stop * stop:
+        if distance[farthest] <= min_distance * min_distance:
             break
         chosen.append(farthest)
     return np.array(chosen, dtype=np.intp)
 
 
 def _nearest(points: Array, centers: Array) -> NDArray[np.int32]:
-    """For each point the row of the nearest center."""
+    """Return the row of the nearest center for each point."""
     from dynamics.sphere_cover_kernels import find_nearest_centers
 
     owner = np.zeros(len(points), dtype=np.int32)
@@ -119,7 +131,13 @@ def _nearest(points: Array, centers: Array) -> NDArray[np.int32]:
 
 @dataclass(frozen=True)
 class _Owned:
-    """The corners [n, 3] of triangles, owner after owner, and where each begins; those without any are left out."""
+    """Corners of triangles sorted by owner; owners without triangles are left out.
+
+    Attributes:
+        corners: [n, 3].
+        first: Rows of `corners` at which each owner's begin.
+        rows: The owners.
+    """
 
     corners: Array
     first: NDArray[np.int32]
@@ -134,7 +152,7 @@ class _Owned:
 
 
 def _centered(pieces: Array, owner: NDArray[np.int32]) -> Array:
-    """About the center of the smallest ball around the pieces of each owner."""
+    """Return the approximate center of the smallest ball around the pieces of each owner."""
     from dynamics.sphere_cover_kernels import find_ball_centers
 
     owned = _Owned.by(pieces, owner)
@@ -144,7 +162,7 @@ def _centered(pieces: Array, owner: NDArray[np.int32]) -> Array:
 
 
 def _is_closed(triangles: Array) -> bool:
-    """Whether every edge is there once in each direction, and the inside is what the triangles enclose."""
+    """Return whether each edge occurs once in each direction, and the triangles face outwards."""
     if np.einsum("ij,ij->", triangles[:, 0], _normals(triangles)) <= 0.0:
         return False
     _, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
@@ -157,17 +175,17 @@ def _is_closed(triangles: Array) -> bool:
 
 
 def _sunk(pieces: Array, owner: NDArray[np.int32], centers: Array, radii: Array) -> tuple[Array, Array]:
-    """Centers and radii that cover the same pieces, from inside of a closed surface, and stand out the least."""
+    """Return centers and radii that cover the same pieces from inside of a closed surface, and protrude least."""
     from dynamics.sphere_cover_kernels import sink_centers
 
     normals = _normals(pieces)
     outward = np.zeros_like(centers)
     np.add.at(outward, owner, normals)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
-    some = slice(None, None, 1 + len(pieces) // MAX_SAMPLES)
+    sampled = slice(None, None, 1 + len(pieces) // MAX_SAMPLES)
     owned = _Owned.by(pieces, owner)
     below, larger = centers[owned.rows], radii[owned.rows]
-    middles, normals = pieces[some].mean(axis=1), np.ascontiguousarray(normals[some])
+    middles, normals = pieces[sampled].mean(axis=1), np.ascontiguousarray(normals[sampled])
     sink_centers(owned.corners, owned.first, outward[owned.rows], middles, normals, np.array(DEPTHS), below, larger)
     centers, radii = centers.copy(), radii.copy()
     centers[owned.rows], radii[owned.rows] = below, larger
@@ -175,9 +193,9 @@ def _sunk(pieces: Array, owner: NDArray[np.int32], centers: Array, radii: Array)
 
 
 def _grouped(centers: Array, radii: Array) -> Shape:
-    """The spheres sorted into groups of neighbors, each with a sphere around it."""
+    """Sort spheres into groups of neighbors, each with a bounding sphere."""
     count = max(1, round(len(centers) / GROUP))
-    seeds = centers[_farthest_points(centers, count, stop=0.0)]
+    seeds = centers[_farthest_points(centers, count, min_distance=0.0)]
     owner = _nearest(centers, seeds)
     order = np.argsort(owner, kind="stable")
     centers, radii, owner = centers[order], radii[order], owner[order]

@@ -64,4 +64,4 @@ def ball(radius: float) -> Shape:
 
 
 def cube(size: float) -> Shape:
-    return cover(box((size, size, size)), most=48)
+    return cover(box((size, size, size)), max_spheres=48)

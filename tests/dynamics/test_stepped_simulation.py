@@ -25,7 +25,7 @@ from tests.reference.distance import sphere_gap
 
 ROOM = box((4.0, 3.0, 4.0))
 CUBE = cube(0.3)
-ROD = cover(box((1.2, 0.02, 0.02)), most=96)
+ROD = cover(box((1.2, 0.02, 0.02)), max_spheres=96)
 
 
 def bouncer(name="a", position=(0.0, 0.0, 0.0), shape=CUBE, speed=1.5, direction=(0.3, 0.5, 0.8), spin=2.0, **others):
@@ -435,7 +435,7 @@ def test_movers_are_amended_from_a_frame_on():
 @pytest.mark.parametrize("height", [0.0, 0.01, -0.05])
 def test_what_starts_too_near_or_sunk_comes_free(height):
     """A box that stands on the floor, or in it, flies off."""
-    shape = cover(box((0.4, 0.8, 0.4), (0.0, 0.4, 0.0)), most=96)
+    shape = cover(box((0.4, 0.8, 0.4), (0.0, 0.4, 0.0)), max_spheres=96)
     room = box((6.0, 4.0, 6.0), (0.0, 2.0, 0.0))
     simulation = SteppedSimulation([bouncer("c", (1.0, height, 0.0), shape)], fps=25, obstacles=obstacles(room))
     poses = run(simulation, 60)
