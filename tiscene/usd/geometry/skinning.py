@@ -10,7 +10,7 @@ from __future__ import annotations
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import filled
+from tiscene.usd.core.time_samples import dense_times
 
 _TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 _MAX_TIME_CODES = 10_000_000  # of a stage; USD visits each of them, in about a microsecond
@@ -90,7 +90,7 @@ def _author_samples(root: UsdSkel.Root, time: Usd.TimeCode, plays: bool) -> None
             attribute = query.GetPrim().GetAttribute(name)
             if not attribute.ValueMightBeTimeVarying():
                 continue
-            times = filled(attribute.GetTimeSamples()) if plays else [] if time.IsEarliestTime() else [time.GetValue()]
+            times = dense_times(attribute.GetTimeSamples()) if plays else [] if time.IsEarliestTime() else [time.GetValue()]
             values = [
                 (each, attribute.Get(each)) for each in times
             ]  # read all first: authored samples hide those of weaker layers
