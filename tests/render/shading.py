@@ -15,12 +15,13 @@ from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.bsdfs.material_inputs import ALL_INPUTS, Footprint, Materials, material_at
 from tiscene.render.intersect.surface_interaction import VisibleSurface
 from tiscene.render.lights import dispatch
-from tiscene.render.lights.importance import weigh
+from tiscene.render.lights.importance import weigh_entries
 from tiscene.render.lights.light_sample import LightTables
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.description import Light, Material, Texture
-from tiscene.scene.lights.light_table import POINT, LightTable
-from tiscene.scene.lights.light_tree import MOST_ENTRIES
+from tiscene.scene.lights.light_kinds import POINT
+from tiscene.scene.lights.light_table import LightTable
+from tiscene.scene.lights.light_tree import MAX_ENTRIES
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.textures.atlas import TextureAtlas
 
@@ -147,8 +148,8 @@ def illuminate(
         results[i, 4] = distance
         results[i, 5] = 0.0
         if distance < ti.math.inf or infinite:
-            weights = ti.Vector.zero(ti.f32, MOST_ENTRIES)
-            count, scale, _ = weigh(lights, origin, vec3(0.0), weights, weights, False)
+            weights = ti.Vector.zero(ti.f32, MAX_ENTRIES)
+            count, scale, _ = weigh_entries(lights, origin, vec3(0.0), weights, weights, False)
             results[i, 3] = dispatch.pdf(lights, weights, count, scale, 0, -1, origin, direction, distance)
             results[i, 5] = dispatch.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
 

@@ -8,19 +8,20 @@ import pytest
 
 from tiscene.device.memory import upload
 from tiscene.scene.description import DistantLight, DomeLight, Material, RectLight, SphereLight, Texture, TextureLookup
-from tiscene.scene.lights.light_table import DOME, KIND, POINT, RECT, SPHERE, TEXTURE, TRANSFORM, LightTable
+from tiscene.scene.lights.light_kinds import DOME, POINT, RECT, SPHERE
+from tiscene.scene.lights.light_table import KIND, TEXTURE, TRANSFORM, LightTable
 from tiscene.scene.lights.light_tree import (
-    EVEN,
+    H_AREA_COUNT,
     H_DISTANT_ROW,
+    H_DOME_END,
     H_DOME_ROW,
-    H_DOMES,
     H_PORTAL_ROW,
     H_ROWS,
-    H_SOLID_COUNT,
     NODE_COLUMNS,
     ROWS,
     STRENGTH,
-    members,
+    UNIFORM,
+    child_rows,
 )
 from tiscene.scene.material_table import (
     COVERAGE,
@@ -136,18 +137,18 @@ def test_lights_that_can_be_met_come_first() -> None:
     assert values[:, KIND].tolist() == [RECT, SPHERE, POINT, POINT + 1, DOME]
     assert values[0, TEXTURE] == 2
     assert values[4, TEXTURE] == 0
-    assert header[H_SOLID_COUNT] == 2
+    assert header[H_AREA_COUNT] == 2
     assert header[[H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS]].tolist() == [3, 4, 5, 5]
 
 
 def test_no_lights_and_black_lights_are_no_error() -> None:
     empty = LightTable().arrays(TextureAtlas()).nodes.to_numpy()[:ROWS].reshape(-1, NODE_COLUMNS)
-    assert empty[0, H_DOMES] == 0  # no entry
+    assert empty[0, H_DOME_END] == 0  # no entry
     dark = LightTable()
     dark.append([RectLight("off", "/off", EYE, (0.0, 0.0, 0.0), 1.0, 1.0)] * 2, first_texture=0)
     nodes = dark.arrays(TextureAtlas()).nodes.to_numpy()[: 2 * ROWS].reshape(-1, NODE_COLUMNS)
-    assert not members(nodes[1])[:, [STRENGTH, EVEN]].any()
-    assert nodes[0, H_SOLID_COUNT] == 2  # they are in the way all the same
+    assert not child_rows(nodes[1])[:, [STRENGTH, UNIFORM]].any()
+    assert nodes[0, H_AREA_COUNT] == 2  # they are in the way all the same
 
 
 def test_what_lamps_do_leaves_the_images_of_lights_on_the_device() -> None:

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 import tiscene as ts
-from tests.render.integrators.incremental.test_incremental_pass import check_equal_means
+from tests.render.incremental_scenes import check_equal_means
 from tests.stream.test_stream import moving_scenario, same
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.render_settings import PRESETS
 from tiscene.render.view import View
 from tiscene.scene.description import DistantLight
-from tiscene.scene.lights.light_groups import shine, shining
+from tiscene.scene.lights.light_groups import emission_of, with_emission
 
 SMALL = {"width": 32, "height": 24, "spp": 2, "max_depth": 3, "buffers": ("hdr",)}
 INCREMENTAL = {**SMALL, "incremental": True}
@@ -190,7 +190,7 @@ def test_a_lamp_dimmed_by_hand_is_a_factor(prepared: list[int]) -> None:
     lamp = stream.world.stage.lights[row]
     pictures = []
     for factor in (1.0, 0.0, 0.5, 3.0):
-        stream.set_light(row, shining(lamp, tuple(factor * each for each in shine(lamp))))
+        stream.set_light(row, with_emission(lamp, tuple(factor * each for each in emission_of(lamp))))
         pictures.append(stream[5].hdr)
         if factor == 1.0:
             made = len(said)

@@ -11,7 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh.bvh import Blas, Bvh
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
@@ -19,7 +19,7 @@ from tiscene.scene.bvh.rebraid import INFO_PARTS, MOST_OPENED, PARTS, ROW_BITS, 
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.lights.light_table import LightTable
-from tiscene.scene.lights.mesh_lights import MeshLight, glow_of, mesh_light
+from tiscene.scene.lights.mesh_lights import MeshLight, mean_emission, build_mesh_light
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.textures.atlas import TextureAtlas
@@ -145,11 +145,11 @@ class DeviceScene:
         positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
         triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
         self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
-        glow = np.array([glow_of(material, description.textures) for material in description.materials])
+        glow = np.array([mean_emission(material, description.textures) for material in description.materials])
         for row, mesh in enumerate(description.meshes):
             first_triangle = self._first_triangles[-1]
             emitted = glow[mesh.materials] if len(glow) else np.zeros(0)
-            self._mesh_lights.append(mesh_light(mesh, emitted) if emitted.any() else None)
+            self._mesh_lights.append(build_mesh_light(mesh, emitted) if emitted.any() else None)
             if mesh.deformation is not None:
                 shape = positions[row], triangles[row], first_triangle
                 copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
@@ -285,10 +285,10 @@ class DeviceScene:
         mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)
         if count != self.instance_count or self.instance_info is None:
-            self.instance_info = ti.ndarray(ti.i32, (max(count, 1), INFO_COLUMNS))
-            self.world_from_instance = ti.ndarray(ti.f32, (3, max(count, 1), 12))
-            self.instance_from_world = ti.ndarray(ti.f32, (3, max(count, 1), 12))
-            self.box_from_instance = ti.ndarray(ti.f32, (max(count, 1), 12))
+            self.instance_info = device_array(ti.i32, (max(count, 1), INFO_COLUMNS))
+            self.world_from_instance = device_array(ti.f32, (3, max(count, 1), 12))
+            self.instance_from_world = device_array(ti.f32, (3, max(count, 1), 12))
+            self.box_from_instance = device_array(ti.f32, (max(count, 1), 12))
         self.instance_count = count
         self._info_elsewhen = {}
         if self._deforming and count:

@@ -8,10 +8,10 @@ import taichi as ti
 from tiscene.device.kernel_types import Float8s1
 from tiscene.device.vector_mode import vector_mode
 from tiscene.render.lights import dispatch
-from tiscene.render.lights.intersect import another_blocks, first_met
+from tiscene.render.lights.intersect import is_blocked_by_light, nearest_intersected
 from tiscene.render.lights.light_sample import LightTables
 from tiscene.scene.description import CylinderLight, DiskLight, Light, RectLight, SphereLight
-from tiscene.scene.lights.light_bvh import EIGHT_ROWS, LEAST, MEMBER, boxes
+from tiscene.scene.lights.light_bvh import BLOCK_ROWS, BOX_MIN, REFERENCE, build
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.lights.light_tree import LANES
 from tiscene.scene.textures.atlas import TextureAtlas
@@ -32,7 +32,7 @@ def meet(
     for ray in range(rays.shape[0]):
         origin = ti.math.vec3(rays[ray, 0], rays[ray, 1], rays[ray, 2])
         direction = ti.math.vec3(rays[ray, 3], rays[ray, 4], rays[ray, 5])
-        rows[ray, 0], distances[ray, 0] = first_met(lights, -1, origin, direction, rays[ray, 6])
+        rows[ray, 0], distances[ray, 0] = nearest_intersected(lights, -1, origin, direction, rays[ray, 6])
         first, nearest, others = -1, rays[ray, 6], 0
         for row in range(values.shape[0]):
             distance = dispatch.intersect(lights, row, origin, direction)
@@ -40,7 +40,7 @@ def meet(
                 first, nearest = row, distance
             others += ti.cast(distance < rays[ray, 6], ti.i32)
         rows[ray, 1], distances[ray, 1] = first, nearest
-        rows[ray, 2] = another_blocks(lights, first, origin, direction, rays[ray, 6])
+        rows[ray, 2] = is_blocked_by_light(lights, first, origin, direction, rays[ray, 6])
         rows[ray, 3] = ti.cast(others > 1, ti.i32)
 
 
@@ -88,7 +88,7 @@ def test_the_light_that_looking_at_every_one_finds(count: int) -> None:
 
 
 def test_no_light_is_met_where_there_is_none() -> None:
-    assert boxes(np.zeros((0, 3)), np.zeros((0, 3)), 0).shape == (0, LANES)
+    assert build(np.zeros((0, 3)), np.zeros((0, 3)), 0).shape == (0, LANES)
 
 
 @pytest.mark.parametrize("count", [1, 8, 9, 200, 2000])
@@ -97,19 +97,19 @@ def test_every_box_is_in_those_of_its_groups_once(count: int) -> None:
     least = random.uniform(-5.0, 5.0, (count, 3))
     largest = least + random.uniform(0.0, 1.0, (count, 3))
     first = 3
-    table = np.concatenate([np.zeros((first, LANES), np.float32), boxes(least, largest, first)])
+    table = np.concatenate([np.zeros((first, LANES), np.float32), build(least, largest, first)])
 
     def below(node: int) -> list[int]:
         """The lights below a node, whose members' boxes hold what is below them."""
         result = []
         for eight in range(int(table[node + 7, 0])):
-            rows = table[node + EIGHT_ROWS * eight :][:EIGHT_ROWS]
+            rows = table[node + BLOCK_ROWS * eight :][:BLOCK_ROWS]
             for lane in range(LANES):
-                if rows[LEAST, lane] < 1e30:
-                    child = int(rows[MEMBER, lane])
+                if rows[BOX_MIN, lane] < 1e30:
+                    child = int(rows[REFERENCE, lane])
                     lights = below(child) if child >= 0 else [-1 - child]
-                    assert (rows[LEAST:3, lane] <= least[lights].min(axis=0) + 1e-6).all()
-                    assert (rows[3:MEMBER, lane] >= largest[lights].max(axis=0) - 1e-6).all()
+                    assert (rows[BOX_MIN:3, lane] <= least[lights].min(axis=0) + 1e-6).all()
+                    assert (rows[3:REFERENCE, lane] >= largest[lights].max(axis=0) - 1e-6).all()
                     result += lights
         return result
 

@@ -8,26 +8,27 @@ from scipy import stats
 
 from tests.reference.chi_square import LEAST
 from tiscene.device.kernel_types import Float8s1
-from tiscene.render.lights.importance import weigh
+from tiscene.render.lights.importance import weigh_entries
 from tiscene.render.lights.light_sample import LightTables
-from tiscene.render.lights.light_sampler import chances_of, choose
+from tiscene.render.lights.light_sampler import choose_light, light_probabilities
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
-from tiscene.scene.lights.light_table import DISTANT, DOME, KIND, PORTAL, RECT, SPHERE, LightTable
+from tiscene.scene.lights.light_kinds import DISTANT, DOME, PORTAL, RECT, SPHERE
+from tiscene.scene.lights.light_table import KIND, LightTable
 from tiscene.scene.lights.light_tree import (
     CHILD,
-    EVEN_PART,
-    FEW,
-    H_BOXES,
-    H_DOMES,
-    H_NODES,
+    H_BVH_ROW,
+    H_DOME_END,
+    H_ENTRY_NODES,
     LANES,
-    MOST_ENTRIES,
+    MAX_ENTRIES,
+    MAX_FINITE_ENTRIES,
     NODE_COLUMNS,
     PARENT,
     ROW,
     STRENGTH,
-    members,
-    places,
+    UNIFORM_FRACTION,
+    child_rows,
+    light_slots,
 )
 from tiscene.scene.textures.atlas import TextureAtlas
 
@@ -55,18 +56,18 @@ def choices(
     point = ti.math.vec3(x, y, z)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        weights, faced = ti.Vector.zero(ti.f32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
-        count, scale, faced_scale = weigh(lights, point, normal, weights, faced, True)
+        weights, faced = ti.Vector.zero(ti.f32, MAX_ENTRIES), ti.Vector.zero(ti.f32, MAX_ENTRIES)
+        count, scale, faced_scale = weigh_entries(lights, point, normal, weights, faced, True)
         for k in range(numbers.shape[0]):
-            row, _place, both, left[k] = choose(
+            row, _place, both, left[k] = choose_light(
                 lights, weights, faced, count, scale, faced_scale, point, normal, numbers[k]
             )
             counts[row] += 1.0
             chosen_with[row] = both.x
-            again = chances_of(lights, weights, weights, count, scale, scale, row, point).y
+            again = light_probabilities(lights, weights, weights, count, scale, scale, row, point).y
             mismatch[0] = ti.max(mismatch[0], ti.abs(both.y - again))
         for row in range(chances.shape[0]):
-            chances[row] = chances_of(lights, weights, weights, count, scale, scale, row, point).y
+            chances[row] = light_probabilities(lights, weights, weights, count, scale, scale, row, point).y
 
 
 def chosen(lights, point, numbers, normal=(0.0, 0.0, 0.0)):
@@ -96,7 +97,7 @@ def chances_at(lights, point):
     samples = 100_000
     kinds, chances, counts = chosen(lights, point, (np.arange(samples) + 0.5) / samples)
     # One number serves for every step of the choice: what is left of it after many is as good as random.
-    assert counts / samples == pytest.approx(chances, abs=2e-4 if len(kinds) <= FEW else 2e-3)
+    assert counts / samples == pytest.approx(chances, abs=2e-4 if len(kinds) <= MAX_FINITE_ENTRIES else 2e-3)
     return kinds, chances
 
 
@@ -113,7 +114,7 @@ def lamp(x, y, z, radiance=(1.0, 1.0, 1.0)):
 def test_the_nearer_of_two_lamps_by_the_square_of_the_distance():
     kinds, chances = chances_at([lamp(1.0, 0.0, 0.0), lamp(-3.0, 0.0, 0.0)], (0.0, 0.0, 0.0))
     assert list(kinds) == [SPHERE, SPHERE]
-    expected = (1.0 - EVEN_PART) * 9.0 / 10.0 + EVEN_PART / 2.0
+    expected = (1.0 - UNIFORM_FRACTION) * 9.0 / 10.0 + UNIFORM_FRACTION / 2.0
     assert chances[0] == pytest.approx(expected, rel=2e-3)
 
 
@@ -135,7 +136,7 @@ def test_a_sun_counts_where_it_shines_through_a_portal():
     assert lit[0] > 0.9
     assert lit[1] == 0.0  # the sky is looked for where it comes in
     _, unlit = chances_at([sky, sun], (2.0, 0.0, -2.0))
-    assert unlit[0] == pytest.approx(EVEN_PART / 2.0, rel=0.02)
+    assert unlit[0] == pytest.approx(UNIFORM_FRACTION / 2.0, rel=0.02)
     _, outside = chances_at([sky, sun], (2.0, 0.0, 2.0))
     assert outside[0] == pytest.approx(0.95 * 50.0 / (50.0 + np.pi) + 0.05, rel=1e-3)
     assert outside[1] == pytest.approx(0.95 * np.pi / (50.0 + np.pi), rel=1e-3)
@@ -154,7 +155,7 @@ def many_lamps(count):
     return [lamp(*random.uniform(-5.0, 5.0, 3), (float(random.uniform(0.1, 2.0)),) * 3) for _ in range(count)]
 
 
-@pytest.mark.parametrize("count", [FEW, FEW + 1, 60, 200])
+@pytest.mark.parametrize("count", [MAX_FINITE_ENTRIES, MAX_FINITE_ENTRIES + 1, 60, 200])
 def test_of_many_lamps_the_near_and_bright_ones(count):
     lamps = [*many_lamps(count), DistantLight("sun", "/sun", np.eye(4), (0.01, 0.01, 0.01), 0.01)]
     point = np.array([1.0, 2.0, -3.0])
@@ -174,10 +175,10 @@ def test_a_surface_that_faces_away_from_a_lamp_chooses_others():
     assert counts / 20000 == pytest.approx(chances, abs=2e-4)
     assert chances[1] < 0.08
     # The cosines, of which that of a small lamp is a little larger.
-    assert (chances[2] - EVEN_PART / 3) / (chances[0] - EVEN_PART / 3) == pytest.approx(0.6, rel=0.05)
+    assert (chances[2] - UNIFORM_FRACTION / 3) / (chances[0] - UNIFORM_FRACTION / 3) == pytest.approx(0.6, rel=0.05)
 
 
-@pytest.mark.parametrize("count", [FEW, 60, 200])
+@pytest.mark.parametrize("count", [MAX_FINITE_ENTRIES, 60, 200])
 def test_of_many_lamps_those_that_a_surface_faces(count):
     """What is left is how one cosine stands for all of a group: far less than where no cosine is looked at."""
     lamps, point, normal = many_lamps(count), np.array([-5.2, 2.0, -3.0]), np.array([0.6, -0.8, 0.0])
@@ -213,15 +214,15 @@ def test_groups_hold_every_light_once():
     table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
     arrays = table.arrays(TextureAtlas())
     table_rows = arrays.nodes.to_numpy()
-    nodes = table_rows[: int(table_rows[H_BOXES // LANES, H_BOXES % LANES])].reshape(-1, NODE_COLUMNS)
-    assert nodes[0, H_DOMES] == LANES + 1
-    assert nodes[0, H_NODES] == 2
-    rows, _ = places(nodes[1:])
+    nodes = table_rows[: int(table_rows[H_BVH_ROW // LANES, H_BVH_ROW % LANES])].reshape(-1, NODE_COLUMNS)
+    assert nodes[0, H_DOME_END] == LANES + 1
+    assert nodes[0, H_ENTRY_NODES] == 2
+    rows, _ = light_slots(nodes[1:])
     assert sorted(rows) == list(range(51))
     for node in range(1, len(nodes)):
-        for lane, member in enumerate(members(nodes[node])):
+        for lane, member in enumerate(child_rows(nodes[node])):
             child = int(member[CHILD])
             assert (member[ROW] < 0.0) == (child > 0)
             if child > 0:
                 assert nodes[child, PARENT] == LANES * node + lane
-                assert members(nodes[child])[:, STRENGTH].sum() == pytest.approx(member[STRENGTH], rel=1e-5)
+                assert child_rows(nodes[child])[:, STRENGTH].sum() == pytest.approx(member[STRENGTH], rel=1e-5)

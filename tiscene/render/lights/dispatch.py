@@ -1,69 +1,67 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kinds of light as one: sampling a light, meeting it. A new kind is a file and a name in LIGHTS."""
+"""Sampling, density, intersection and emission of any light, by its kind (see `light_kernels`)."""
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3
-from tiscene.render.lights import (
-    cylinder,
-    disk,
-    distant,
-    dome,
-    emission_profile,
-    emissive_mesh,
-    point,
-    portal,
-    rect,
-    sphere,
-)
-from tiscene.render.lights.importance import weigh
+from tiscene.render.lights import dome, emission_profile, emissive_mesh, rect
+from tiscene.render.lights.importance import weigh_entries
+from tiscene.render.lights.light_kernels import LIGHT_KERNELS
 from tiscene.render.lights.light_sample import header, integer, no_sample
-from tiscene.render.lights.light_sampler import chances_of, choose
-from tiscene.scene.lights.light_table import DOME, DOME_ROW, KIND, MESH, PORTAL, SHAPED
-from tiscene.scene.lights.light_tree import H_NODES, H_PORTAL_ROW, H_ROWS, MOST_ENTRIES
-
-# In the order of the kinds in tiscene.scene.lights.light_table. Each has sample, pdf, intersect, emitted. After them: `mesh`.
-LIGHTS = (rect, disk, sphere, cylinder, point, distant, dome, portal)
+from tiscene.render.lights.light_sampler import choose_light, light_probabilities
+from tiscene.scene.lights.light_kinds import DOME, MESH, PORTAL
+from tiscene.scene.lights.light_table import DOME_ROW, KIND, SHAPED
+from tiscene.scene.lights.light_tree import H_ENTRY_NODES, H_PORTAL_ROW, H_ROWS, MAX_ENTRIES
 
 
 @ti.func
-def sample(lights: Template, textures: Template, origin: vec3, normal: vec3, number: vec2):
-    """A direction to some light: a LightSample. number: in [0, 1)^2. The densities are those of all ways to it.
+def sample(lights: Template, textures: Template, origin: vec3, normal: vec3, u: vec2):
+    """Choose a light and sample a direction to it.
 
-    normal: of the surface, or 0 where light from all around counts.
+    Args:
+        lights: LightTables.
+        textures: Textures.
+        origin: Shading point, m.
+        normal: Surface normal there; zero to weigh lights without the cosine.
+        u: Uniform in [0, 1)².
+
+    Returns:
+        LightSample. Its densities are the sum over all strategies that could have led to the direction.
     """
     result = no_sample()
-    if header(lights.nodes, H_NODES) > 0:
-        weights, faced = ti.Vector.zero(ti.f32, MOST_ENTRIES), ti.Vector.zero(ti.f32, MOST_ENTRIES)
-        count, scale, faced_scale = weigh(lights, origin, normal, weights, faced, True)
-        row, place, chances, rest = choose(lights, weights, faced, count, scale, faced_scale, origin, normal, number.x)
-        u = vec2(rest, number.y)
-        if chances.x > 0.0:
+    if header(lights.nodes, H_ENTRY_NODES) > 0:
+        weights, faced = ti.Vector.zero(ti.f32, MAX_ENTRIES), ti.Vector.zero(ti.f32, MAX_ENTRIES)
+        count, scale, faced_scale = weigh_entries(lights, origin, normal, weights, faced, True)
+        row, slot, probabilities, rest = choose_light(
+            lights, weights, faced, count, scale, faced_scale, origin, normal, u.x
+        )
+        point = vec2(rest, u.y)
+        if probabilities.x > 0.0:
             kind = integer(lights.values, row, KIND)
             result.row = row
-            for k in ti.static(range(len(LIGHTS))):
-                if kind == k:
-                    result = LIGHTS[k].sample(lights, textures, row, origin, u)
-                    if ti.static(LIGHTS[k] != portal):
+            for k in ti.static(range(len(LIGHT_KERNELS))):
+                if kind == LIGHT_KERNELS[k].kind:
+                    result = LIGHT_KERNELS[k].sample(lights, textures, row, origin, point)
+                    if ti.static(LIGHT_KERNELS[k].kind != PORTAL):
                         result.row = row
             if ti.static(lights.with_meshes):
                 if kind == MESH:
-                    result = emissive_mesh.sample(lights, textures, row, place, origin, u)
+                    result = emissive_mesh.sample(lights, textures, row, slot, origin, point)
                     result.row = row
-            densities = result.pdf * chances
+            densities = result.pdf * probabilities
             if (kind == DOME or kind == PORTAL) and result.pdf > 0.0:
-                densities += other_ways(
+                densities += dome_densities(
                     lights, weights, faced, count, scale, faced_scale, result.row, row, origin, result.direction
                 )
             result.pdf, result.mis_pdf = densities.x, densities.y
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
-                met = origin + result.direction * result.distance
-                result.radiance *= emission_profile.scale(lights.values, textures, row, met, -1.0 * result.direction)
+                hit = origin + result.direction * result.distance
+                result.radiance *= emission_profile.scale(lights.values, textures, row, hit, -1.0 * result.direction)
     return result
 
 
 @ti.func
-def other_ways(
+def dome_densities(
     lights: Template,
     weights: Template,
     faced: Template,
@@ -71,26 +69,43 @@ def other_ways(
     scale: ti.f32,
     faced_scale: ti.f32,
     row: ti.i32,
-    but: ti.i32,
+    excluded: ti.i32,
     origin: vec3,
     direction: vec3,
 ) -> vec2:
-    """The density of a dome's direction by its image and all its portals, leaving out the row `but`; the same for a
-    surface that faces every light. weights ... faced_scale: `weigh`."""
+    """Return the density of a dome's direction, summed over its image and its portals.
+
+    Args:
+        lights: LightTables.
+        weights: As `weigh_entries` fills and returns it, like the next four.
+        faced: Weights for a surface of the normal.
+        count: Nodes of entries.
+        scale: Of `weights`.
+        faced_scale: Of `faced`.
+        row: The dome.
+        excluded: Row of a strategy to leave out; -1 for none.
+        origin: Shading point.
+        direction: Unit.
+
+    Returns:
+        (density with the lights weighed for the normal, density for a surface that faces every light), 1/sr.
+    """
     result = vec2(0.0)
     first = header(lights.nodes, H_PORTAL_ROW)
-    for turn in range(first - 1, header(lights.nodes, H_ROWS)):
-        way, reach = row, ti.math.inf
-        if turn >= first:
-            way = turn
-            reach = rect.intersect(lights, way, origin, direction)
-        if way != but and (turn < first or (reach < ti.math.inf and integer(lights.values, way, DOME_ROW) == row)):
-            chances = chances_of(lights, weights, faced, count, scale, faced_scale, way, origin)
-            if chances.x > 0.0:
-                if turn < first:
-                    result += chances * dome.pdf(lights, way, origin, direction, reach)
+    for candidate in range(first - 1, header(lights.nodes, H_ROWS)):
+        strategy, distance = row, ti.math.inf
+        if candidate >= first:
+            strategy = candidate
+            distance = rect.intersect(lights, strategy, origin, direction)
+        if strategy != excluded and (
+            candidate < first or (distance < ti.math.inf and integer(lights.values, strategy, DOME_ROW) == row)
+        ):
+            probabilities = light_probabilities(lights, weights, faced, count, scale, faced_scale, strategy, origin)
+            if probabilities.x > 0.0:
+                if candidate < first:
+                    result += probabilities * dome.pdf(lights, strategy, origin, direction, distance)
                 else:
-                    result += chances * rect.pdf(lights, way, origin, direction, reach)
+                    result += probabilities * rect.pdf(lights, strategy, origin, direction, distance)
     return result
 
 
@@ -106,34 +121,44 @@ def pdf(
     direction: vec3,
     distance: ti.f32,
 ) -> ti.f32:
-    """The mis_pdf of `sample` for a direction that meets the light, of a mesh the triangle, at that distance.
+    """Return the mis_pdf of `sample` for a direction that hits a light.
 
-    weights ... scale: `weigh` at the origin.
+    Args:
+        lights: LightTables.
+        weights: As `weigh_entries` fills it at `origin`.
+        count: As it returns.
+        scale: As it returns.
+        row: The light.
+        triangle: Of an emissive mesh, the triangle that is hit.
+        origin: Shading point.
+        direction: Unit.
+        distance: To the light, m.
     """
     result = 0.0
     kind = integer(lights.values, row, KIND)
     if kind == DOME:
-        result = other_ways(lights, weights, weights, count, scale, scale, row, -1, origin, direction).y
+        result = dome_densities(lights, weights, weights, count, scale, scale, row, -1, origin, direction).y
     else:
-        for k in ti.static(range(DOME)):
-            if kind == k:
-                result = LIGHTS[k].pdf(lights, row, origin, direction, distance)
+        for k in ti.static(range(len(LIGHT_KERNELS))):
+            if ti.static(LIGHT_KERNELS[k].kind != DOME and LIGHT_KERNELS[k].kind != PORTAL):
+                if kind == LIGHT_KERNELS[k].kind:
+                    result = LIGHT_KERNELS[k].pdf(lights, row, origin, direction, distance)
         if ti.static(lights.with_meshes):
             if kind == MESH:
                 result = emissive_mesh.pdf(lights, row, triangle, origin, direction, distance)
         if result > 0.0:
-            result *= chances_of(lights, weights, weights, count, scale, scale, row, origin).y
+            result *= light_probabilities(lights, weights, weights, count, scale, scale, row, origin).y
     return result
 
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Distance to the light of that row, +inf for a miss."""
+    """Return the distance to the light in a row, +inf for a miss."""
     result = ti.math.inf
     kind = integer(lights.values, row, KIND)
-    for k in ti.static(range(len(LIGHTS))):
-        if kind == k:
-            result = LIGHTS[k].intersect(lights, row, origin, direction)
+    for k in ti.static(range(len(LIGHT_KERNELS))):
+        if kind == LIGHT_KERNELS[k].kind:
+            result = LIGHT_KERNELS[k].intersect(lights, row, origin, direction)
     return result
 
 
@@ -147,15 +172,18 @@ def emitted(
     distance: ti.f32,
     density: ti.f32,
 ) -> vec3:
-    """Radiance from the light of that row along a ray that meets it. density: of its direction, 0 for a camera's."""
+    """Return the radiance of the light in a row along a ray that hits it.
+
+    density: 1/sr, of the ray's direction, by which environment maps are filtered; 0 for camera rays.
+    """
     result = vec3(0.0)
     kind = integer(lights.values, row, KIND)
-    for k in ti.static(range(len(LIGHTS))):
-        if kind == k:
-            if ti.static(LIGHTS[k] == dome):
-                result = dome.arriving(lights, textures, row, direction, density)
+    for k in ti.static(range(len(LIGHT_KERNELS))):
+        if kind == LIGHT_KERNELS[k].kind:
+            if ti.static(LIGHT_KERNELS[k].kind == DOME):
+                result = dome.radiance_from(lights, textures, row, direction, density)
             else:
-                result = LIGHTS[k].emitted(lights, textures, row, origin, direction, distance)
+                result = LIGHT_KERNELS[k].emitted(lights, textures, row, origin, direction, distance)
     if lights.values[row, SHAPED] > 0.0:
         result *= emission_profile.scale(lights.values, textures, row, origin + direction * distance, -1.0 * direction)
     return result

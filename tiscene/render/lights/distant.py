@@ -31,7 +31,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 
 @ti.func
-def is_seen(values: Template, row: ti.i32, direction: vec3):
+def is_inside_cone(values: Template, row: ti.i32, direction: vec3):
     """Whether a direction lies in the light's cone: 1 or 0. By the distance from the axis, which keeps its digits."""
     across = direction - axis(values, row, 2)
     return ti.cast(0.5 * across.dot(across) <= values[row, SIZE + 1] and values[row, SIZE + 1] > 0.0, ti.i32)
@@ -41,7 +41,7 @@ def is_seen(values: Template, row: ti.i32, direction: vec3):
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Density of `sample`."""
     result = 0.0
-    if is_seen(lights.values, row, direction):
+    if is_inside_cone(lights.values, row, direction):
         result = warp.cone_pdf(direction, lights.values[row, SIZE + 1])
     return result
 
@@ -56,6 +56,6 @@ def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> t
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Radiance from a direction that nothing blocks."""
     result = vec3(0.0)
-    if is_seen(lights.values, row, direction):
+    if is_inside_cone(lights.values, row, direction):
         result = color(lights.values, row)
     return result

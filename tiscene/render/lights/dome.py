@@ -16,7 +16,7 @@ from tiscene.render.sampling import warp
 from tiscene.render.sampling.sobol import combine, mix
 from tiscene.render.texture_lookup import CLAMP, REPEAT, lookup_wrapped
 from tiscene.scene.lights.image_distribution import SMALL_HEIGHT, SMALL_WIDTH
-from tiscene.scene.lights.light_table import GRID, SMALL_COPY, TEXTURE
+from tiscene.scene.lights.light_table import GRID, SMALL_IMAGE, TEXTURE
 
 # A path of this density, 1/sr, or more, makes out the pixels of the image.
 _SHARP = 100.0
@@ -38,14 +38,14 @@ def per_steradian(lights: Template, row: ti.i32, line: ti.i32) -> ti.f32:
 
 
 @ti.func
-def arriving(lights: Template, textures: Template, row: ti.i32, direction: vec3, density: ti.f32) -> vec3:
+def radiance_from(lights: Template, textures: Template, row: ti.i32, direction: vec3, density: ti.f32) -> vec3:
     """Radiance from a direction. density: of the direction, 1/sr, which says how much detail matters; 0: all."""
     values = ti.static(lights.values)
     result = color(values, row)
     picture = integer(values, row, TEXTURE)
     if picture >= 0:
         uv = uv_of(to_light(values, row, direction))
-        copy = integer(values, row, SMALL_COPY)
+        copy = integer(values, row, SMALL_IMAGE)
         if copy >= 0 and density > 0.0 and density < _SHARP:
             # One of the four pixels about the direction, by its own digits: their mean is what is between them.
             bits = mix(ti.bit_cast(direction.x, ti.u32) ^ combine(ti.bit_cast(direction.y, ti.u32), ti.u32(0)))
@@ -79,7 +79,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
         w = vec3(radius * ti.cos(angle), y, radius * ti.sin(angle))
         result.pdf = point.density * per_steradian(lights, row, ti.cast(line, ti.i32))
     result.direction = from_light(lights.values, row, w).normalized()
-    result.radiance = arriving(lights, textures, row, result.direction, result.pdf)
+    result.radiance = radiance_from(lights, textures, row, result.direction, result.pdf)
     return result
 
 
@@ -105,4 +105,4 @@ def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> t
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Radiance from a direction that nothing blocks, by the whole image."""
-    return arriving(lights, textures, row, direction, 0.0)
+    return radiance_from(lights, textures, row, direction, 0.0)

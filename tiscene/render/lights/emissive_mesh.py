@@ -10,8 +10,8 @@ import taichi as ti
 from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import Footprint, material_at
 from tiscene.render.intersect.surface_interaction import moved_by, row3, surface_at, transform_vector
-from tiscene.render.lights.light_sample import header, integer, no_sample, row_at
-from tiscene.render.lights.light_sampler import in_mesh, part_of
+from tiscene.render.lights.light_sample import header, integer, light_row, no_sample
+from tiscene.render.lights.light_sampler import conditional_probability, to_mesh_space
 from tiscene.scene.lights.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
 from tiscene.scene.lights.light_tree import H_END, H_ROWS
 from tiscene.scene.material_table import COVERAGE, EMISSIVE, OPACITY
@@ -56,7 +56,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, place: ti.i32, ori
     """A direction from `origin` to a triangle of the light, by its place: a LightSample."""
     result = no_sample()
     instance = integer(lights.values, row, INSTANCE)
-    triangle = row_at(lights.nodes, place)
+    triangle = light_row(lights.nodes, place)
     root = ti.sqrt(u.x)
     surface = surface_at(
         lights.geometry, instance, triangle, root * (1.0 - u.y), root * u.y, CURRENT, vec3(0.0, 0.0, 1.0)
@@ -79,7 +79,7 @@ def pdf(lights: Template, row: ti.i32, triangle: ti.i32, origin: vec3, direction
     place = ti.cast(lights.distribution[at], ti.i32)
     result = 0.0
     if place > 0:
-        _, chance = part_of(lights, place, in_mesh(lights, row, origin))
+        _, chance = conditional_probability(lights, place, to_mesh_space(lights, row, origin))
         facing = ti.abs(doubled_area(lights, integer(lights.values, row, INSTANCE), triangle).dot(direction))
         result = chance * 2.0 * distance * distance / ti.max(facing, 1e-20)
     return result

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""About how much each light gives at a point, if nothing stands in between: see `tiscene.scene.lights.light_tree`.
+"""Estimated contribution of each light to a shading point, without visibility; its formula is in `light_tree`.
 
-Portals give light like lamps; other light from infinity counts only where it can come in: in a room with portals, a
-sun that shines through none of them is hardly ever chosen.
+Portals are weighed like rect lights. In a scene with portals, a distant light counts only where it shines through one:
+the sun is hardly ever sampled where it cannot be seen.
 """
 
 import math
@@ -10,28 +10,27 @@ import math
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, float8, vec3
-from tiscene.render.intersect.bvh8 import bits_of
+from tiscene.render.intersect.bvh8 import mask_bits
 from tiscene.render.lights import emission_profile
-from tiscene.render.lights.lane_ops import eight, lowest, total_of
-from tiscene.render.lights.light_sample import attribute, axis, header, integer, of_member, of_node, row_at
-from tiscene.scene.lights.light_table import SHADE_COLUMNS, SHADES
+from tiscene.render.lights.lane_ops import load_lanes, lowest_set_bit, sum_lanes
+from tiscene.render.lights.light_sample import axis, header, integer, light_row, node_lanes, node_value, slot_value
+from tiscene.scene.lights.light_table import PORTAL_MAP_COLUMNS, PORTAL_MAPS
 from tiscene.scene.lights.light_tree import (
     BACK,
-    CENTRE,
+    CENTER,
     CHILD,
     CONES,
     COUNT,
-    EVEN,
     EXTENT,
     GROUPS,
-    H_CHOICE,
-    H_DISTANTS,
-    H_DOMES,
-    H_LAMPS,
-    H_NODES,
-    H_PLACED_NODES,
+    H_DISTANT_END,
+    H_DOME_END,
+    H_ENTRY_NODES,
+    H_FINITE_END,
+    H_HAS_CHOICE,
+    H_NON_DOME_NODES,
+    H_PORTAL_END,
     H_PORTAL_ROW,
-    H_PORTALS,
     H_ROWS,
     LANES,
     NORMAL,
@@ -40,51 +39,52 @@ from tiscene.scene.lights.light_tree import (
     SIZE2,
     SPREAD2,
     STRENGTH,
+    UNIFORM,
 )
 
-# What a distant light that comes in by no portal counts for: it may come in elsewhere.
-_HIDDEN = 1e-6
-# The least cosine with which a surface is thought to see a light: it may be glossy, or larger than its middle.
-_LEAST_COSINE = 0.05
-# A group is near if its squared distance is below so many times its squared spread: then what its members give is
-# summed up, by which the worst of the noise is halved.
+# Factor of a distant light that shines through no portal; not 0, since it may enter by an opening without portal.
+_NO_PORTAL_FACTOR = 1e-6
+# Lower bound of the estimated cosine at the surface: its BSDF may be glossy, and lights extend beyond their centers.
+_MIN_COSINE = 0.05
+# A group is near if its squared distance is below this factor times SPREAD2. Near groups are weighed by the sum of
+# their children's estimates, which halves the largest errors.
 _NEAR = 4.0
 
 
 @ti.func
-def of_entry(nodes: Template, entry: ti.i32, which: Template) -> ti.f32:
-    """One attribute of an entry; entries are counted from 0."""
-    return of_member(nodes, LANES + entry, which)
+def entry_value(nodes: Template, entry: ti.i32, attribute: Template) -> ti.f32:
+    """Return one attribute of an entry, counted from 0."""
+    return slot_value(nodes, LANES + entry, attribute)
 
 
 @ti.func
-def towards(nodes: Template, node: ti.i32, origin: vec3):
-    """(x, y, z) from a point to the center of each member of a node."""
-    x = attribute(nodes, node, CENTRE) - origin.x
-    y = attribute(nodes, node, CENTRE + 1) - origin.y
-    z = attribute(nodes, node, CENTRE + 2) - origin.z
+def offsets_to_children(nodes: Template, node: ti.i32, origin: vec3):
+    """Return (x, y, z), the offsets from a point to the center of each child of a node."""
+    x = node_lanes(nodes, node, CENTER) - origin.x
+    y = node_lanes(nodes, node, CENTER + 1) - origin.y
+    z = node_lanes(nodes, node, CENTER + 2) - origin.z
     return x, y, z
 
 
 @ti.func
-def given(lights: Template, node: ti.i32, origin: vec3) -> float8:
-    """About the irradiance of each member of a node on a surface at `origin` that faces it."""
+def irradiance_estimates(lights: Template, node: ti.i32, origin: vec3) -> float8:
+    """Return the estimated irradiance, by luminance, from each child of a node on a surface that faces it."""
     nodes = ti.static(lights.nodes)
-    x, y, z = towards(nodes, node, origin)
+    x, y, z = offsets_to_children(nodes, node, origin)
     distance2 = x * x + y * y + z * z + 1e-12
     distance = ti.sqrt(distance2)
-    height = x * attribute(nodes, node, NORMAL)
-    height += y * attribute(nodes, node, NORMAL + 1)
-    height += z * attribute(nodes, node, NORMAL + 2)
-    facing = attribute(nodes, node, ROUND) * distance + ti.max(height, -1.0 * attribute(nodes, node, BACK) * height)
-    apart2 = ti.max(distance2 + attribute(nodes, node, SIZE2), attribute(nodes, node, SPREAD2))
-    result = ti.max(attribute(nodes, node, STRENGTH) * facing / (distance * apart2), 0.0)
-    if of_node(nodes, node, CONES) > 0.0:
+    height = x * node_lanes(nodes, node, NORMAL)
+    height += y * node_lanes(nodes, node, NORMAL + 1)
+    height += z * node_lanes(nodes, node, NORMAL + 2)
+    facing = node_lanes(nodes, node, ROUND) * distance + ti.max(height, -1.0 * node_lanes(nodes, node, BACK) * height)
+    distance_or_spread2 = ti.max(distance2 + node_lanes(nodes, node, SIZE2), node_lanes(nodes, node, SPREAD2))
+    result = ti.max(node_lanes(nodes, node, STRENGTH) * facing / (distance * distance_or_spread2), 0.0)
+    if node_value(nodes, node, CONES) > 0.0:
         within = ti.Vector.one(ti.f32, LANES)
-        count = ti.cast(of_node(nodes, node, COUNT), ti.i32)
-        for k in range(count):  # no number that LLVM knows: it would unroll the loop
-            if of_member(nodes, LANES * node + k, BACK) < 0.0:
-                row = row_at(nodes, LANES * node + k)
+        count = ti.cast(node_value(nodes, node, COUNT), ti.i32)
+        for k in range(count):  # a count unknown at compile time: LLVM would unroll the loop
+            if slot_value(nodes, LANES * node + k, BACK) < 0.0:
+                row = light_row(nodes, LANES * node + k)
                 offset = axis(lights.values, row, 3) - origin
                 cosine = offset.dot(axis(lights.values, row, 2)) / ti.max(offset.norm(), 1e-9)
                 within[k] = emission_profile.in_cone(lights.values, row, cosine)
@@ -93,77 +93,80 @@ def given(lights: Template, node: ti.i32, origin: vec3) -> float8:
 
 
 @ti.func
-def seen_by(nodes: Template, node: ti.i32, origin: vec3, normal: vec3) -> float8:
-    """About the cosine at which a surface of a normal sees each member, a large one its nearer part; without a normal
-    (0, 0, 0) 1."""
-    x, y, z = towards(nodes, node, origin)
+def cosine_estimates(nodes: Template, node: ti.i32, origin: vec3, normal: vec3) -> float8:
+    """Return the estimated cosine at which a surface sees each child of a node, at a large one its nearer part.
+
+    normal: zero for no cosine; the result is then 1.
+    """
+    x, y, z = offsets_to_children(nodes, node, origin)
     distance = ti.sqrt(x * x + y * y + z * z + 1e-12)
-    extent = attribute(nodes, node, EXTENT)
+    extent = node_lanes(nodes, node, EXTENT)
     cosine = (x * normal.x + y * normal.y + z * normal.z + extent) / (distance + extent)
-    least = _LEAST_COSINE if normal.dot(normal) > 0.0 else 1.0
-    return ti.min(ti.max(cosine, least), 1.0)
+    minimum = _MIN_COSINE if normal.dot(normal) > 0.0 else 1.0
+    return ti.min(ti.max(cosine, minimum), 1.0)
 
 
 @ti.func
-def affine(array: Template, at: ti.i32, p: vec3) -> ti.f32:
-    """Of a point, by four numbers."""
+def affine_map(array: Template, at: ti.i32, p: vec3) -> ti.f32:
+    """Apply an affine map from points to numbers, stored as four coefficients."""
     return array[at] * p.x + array[at + 1] * p.y + array[at + 2] * p.z + array[at + 3]
 
 
 @ti.func
-def comes_in(lights: Template, entry: ti.i32, origin: vec3):
-    """Whether a distant light shines on the point through a portal: 1 or 0; of a group of them 1."""
+def enters_through_portal(lights: Template, entry: ti.i32, origin: vec3):
+    """Return 1 if a distant light shines on a point through a portal, or the entry is a group; else 0."""
     result = 1
-    row = ti.cast(of_entry(lights.nodes, entry, ROW), ti.i32)
+    row = ti.cast(entry_value(lights.nodes, entry, ROW), ti.i32)
     if row >= 0:
-        at = integer(lights.values, row, SHADES)
+        at = integer(lights.values, row, PORTAL_MAPS)
         if at >= 0:
-            shades = ti.static(lights.distribution)
+            maps = ti.static(lights.distribution)
             result = 0
             for _ in range(header(lights.nodes, H_ROWS) - header(lights.nodes, H_PORTAL_ROW)):
-                across = affine(shades, at, origin)
-                along = affine(shades, at + 4, origin)
+                across = affine_map(maps, at, origin)
+                along = affine_map(maps, at + 4, origin)
                 result |= ti.cast(ti.max(ti.abs(across), ti.abs(along)) <= 1.0, ti.i32)
-                at += SHADE_COLUMNS
+                at += PORTAL_MAP_COLUMNS
     return result
 
 
 @ti.func
-def from_afar(lights: Template, origin: vec3, weights: Template, faced: Template, faces: Template):
-    """What distant lights and domes give, by what comes in through portals, as `weigh`.
+def weigh_infinite_lights(lights: Template, origin: vec3, weights: Template, faced: Template, faces: Template):
+    """Set the weights of domes, and reduce those of distant lights that shine through no portal.
 
-    A sun that is behind a portal counts there as well: few points are, and it does no harm.
+    Arguments as for `weigh_entries`. A light behind a portal also passes the test of `enters_through_portal` at points
+    outside; they are few, and their result stays unbiased.
     """
     nodes = ti.static(lights.nodes)
-    portals, distants = header(nodes, H_LAMPS), header(nodes, H_PORTALS)
-    domes, end = header(nodes, H_DISTANTS), header(nodes, H_DOMES)
+    portals, distants = header(nodes, H_FINITE_END), header(nodes, H_PORTAL_END)
+    domes, end = header(nodes, H_DISTANT_END), header(nodes, H_DOME_END)
     through_portals = 0.0
     for entry in range(portals, distants):
         through_portals += weights[entry]
     if through_portals > 0.0:
         for entry in range(distants, domes):
-            if comes_in(lights, entry, origin) == 0:
-                weights[entry] *= _HIDDEN
+            if enters_through_portal(lights, entry, origin) == 0:
+                weights[entry] *= _NO_PORTAL_FACTOR
                 if ti.static(faces):
-                    faced[entry] *= _HIDDEN
+                    faced[entry] *= _NO_PORTAL_FACTOR
     for entry in range(domes, end):
-        if of_entry(nodes, entry, ROUND) > 0.0 or through_portals == 0.0:
-            weights[entry] = math.pi * of_entry(nodes, entry, STRENGTH)
+        if entry_value(nodes, entry, ROUND) > 0.0 or through_portals == 0.0:
+            weights[entry] = math.pi * entry_value(nodes, entry, STRENGTH)
         else:
-            weights[entry] = of_entry(nodes, entry, SIZE2) * through_portals
+            weights[entry] = entry_value(nodes, entry, SIZE2) * through_portals
         if ti.static(faces):
             faced[entry] = weights[entry]
 
 
 @ti.func
-def near_groups(nodes: Template, node: ti.i32, origin: vec3) -> ti.i32:
-    """A bit for each member of a node that is a group and near."""
-    x, y, z = towards(nodes, node, origin)
-    return bits_of(_NEAR * attribute(nodes, node, SPREAD2) >= x * x + y * y + z * z + 1e-12)
+def near_group_bits(nodes: Template, node: ti.i32, origin: vec3) -> ti.i32:
+    """Return a bit for each child of a node that is a group and near."""
+    x, y, z = offsets_to_children(nodes, node, origin)
+    return mask_bits(_NEAR * node_lanes(nodes, node, SPREAD2) >= x * x + y * y + z * z + 1e-12)
 
 
 @ti.func
-def weigh(
+def weigh_entries(
     lights: Template,
     origin: vec3,
     normal: vec3,
@@ -171,50 +174,58 @@ def weigh(
     faced: Template,
     faces: Template,
 ):
-    """What every entry gives at a point to a surface that faces it, to `weights`, and if `faces` to one of a normal, to
-    `faced`; both have room for MOST_ENTRIES.
+    """Estimate the contribution of every entry.
 
-    Returns (how many nodes of entries there are to choose from, 0 where there is nothing to choose; by what to multiply
-    weights, and faced ones, for entries' chances, but for the even part).
+    Args:
+        lights: LightTables.
+        origin: Shading point, m.
+        normal: Surface normal there; zero for no cosine.
+        weights: Vector of MAX_ENTRIES; receives the estimates for a surface that faces each light.
+        faced: Vector of MAX_ENTRIES; receives the estimates for a surface of the normal, if `faces`.
+        faces: Static.
+
+    Returns:
+        (count, scale, faced_scale). count: number of nodes of entries; 0 if there is nothing to choose. scale: an
+        entry's probability is scale * weight + UNIFORM; faced_scale: as scale, for `faced`.
     """
     nodes = ti.static(lights.nodes)
     count, scale, faced_scale = 0, 0.0, 0.0
-    if of_node(nodes, 0, H_CHOICE) > 0.0:
-        count = header(nodes, H_NODES)
-        done, near, end = 0, 0, header(nodes, H_PLACED_NODES)
+    if node_value(nodes, 0, H_HAS_CHOICE) > 0.0:
+        count = header(nodes, H_ENTRY_NODES)
+        done, near, end = 0, 0, header(nodes, H_NON_DOME_NODES)
         while near > 0 or done < end:
             node, opened = 1 + done, -1
             if near > 0:
-                opened = lowest(near)
+                opened = lowest_set_bit(near)
                 near &= near - 1
-                node = ti.cast(of_member(nodes, LANES * done + opened, CHILD), ti.i32)
-            here = given(lights, node, origin)
+                node = ti.cast(slot_value(nodes, LANES * done + opened, CHILD), ti.i32)
+            here = irradiance_estimates(lights, node, origin)
             if opened >= 0:
                 at = LANES * (done - 1) + opened
-                shines = weights[at] > 0.0
-                weights[at] = total_of(here) if shines else 0.0
+                has_emission = weights[at] > 0.0
+                weights[at] = sum_lanes(here) if has_emission else 0.0
                 if ti.static(faces):
-                    faced[at] = total_of(here * seen_by(nodes, node, origin, normal)) if shines else 0.0
+                    faced[at] = sum_lanes(here * cosine_estimates(nodes, node, origin, normal)) if has_emission else 0.0
             else:
                 for lane in ti.static(range(LANES)):
                     weights[LANES * done + lane] = here[lane]
                 if ti.static(faces):
-                    here *= seen_by(nodes, node, origin, normal)
+                    here *= cosine_estimates(nodes, node, origin, normal)
                     for lane in ti.static(range(LANES)):
                         faced[LANES * done + lane] = here[lane]
                 done += 1
-                if of_node(nodes, done, GROUPS) > 0.0:
-                    near = near_groups(nodes, done, origin)
-        if header(nodes, H_DOMES) > header(nodes, H_LAMPS):
-            from_afar(lights, origin, weights, faced, faces)
-        total, faced_total, even = 0.0, 0.0, 0.0
+                if node_value(nodes, done, GROUPS) > 0.0:
+                    near = near_group_bits(nodes, done, origin)
+        if header(nodes, H_DOME_END) > header(nodes, H_FINITE_END):
+            weigh_infinite_lights(lights, origin, weights, faced, faces)
+        total, faced_total, uniform = 0.0, 0.0, 0.0
         for k in range(count):
-            here = eight(weights, k)
-            total += total_of(here)
-            even += total_of(ti.select(here > 0.0, attribute(nodes, 1 + k, EVEN), 0.0))
+            here = load_lanes(weights, k)
+            total += sum_lanes(here)
+            uniform += sum_lanes(ti.select(here > 0.0, node_lanes(nodes, 1 + k, UNIFORM), 0.0))
             if ti.static(faces):
-                faced_total += total_of(eight(faced, k))
-        scale = (1.0 - even) / total if total > 0.0 else 0.0
+                faced_total += sum_lanes(load_lanes(faced, k))
+        scale = (1.0 - uniform) / total if total > 0.0 else 0.0
         if ti.static(faces):
-            faced_scale = (1.0 - even) / faced_total if faced_total > 0.0 else 0.0
+            faced_scale = (1.0 - uniform) / faced_total if faced_total > 0.0 else 0.0
     return count, scale, faced_scale

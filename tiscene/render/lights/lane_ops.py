@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Eight numbers at once: their sums, and which of them."""
+"""Reductions and selection over 8-wide vectors, with a fixed order of additions."""
 
 import taichi as ti
 
@@ -8,8 +8,8 @@ from tiscene.scene.lights.light_tree import LANES
 
 
 @ti.func
-def running_sums(v: float8) -> float8:
-    """Of the first member, of two ..., of all. They never decrease: rounding keeps order."""
+def prefix_sums(v: float8) -> float8:
+    """Return the inclusive prefix sums of non-negative numbers. They never decrease, in spite of rounding."""
     second, fourth = v[0] + v[1], 0.0
     fourth = second + (v[2] + v[3])
     sixth = fourth + (v[4] + v[5])
@@ -17,20 +17,20 @@ def running_sums(v: float8) -> float8:
 
 
 @ti.func
-def total_of(v: float8) -> ti.f32:
-    """The last of the running sums."""
+def sum_lanes(v: float8) -> ti.f32:
+    """Return the sum, equal to the last of the prefix sums."""
     return ((v[0] + v[1]) + (v[2] + v[3]) + (v[4] + v[5])) + (v[6] + v[7])
 
 
 @ti.func
-def lowest(bits: ti.i32) -> ti.i32:
-    """Which is the lowest that is set."""
+def lowest_set_bit(bits: ti.i32) -> ti.i32:
+    """Return the index of the lowest set bit."""
     return 31 - ti.math.clz(bits & -bits)
 
 
 @ti.func
-def lane_of(v: float8, lane: ti.i32) -> ti.f32:
-    """One number of eight."""
+def lane_value(v: float8, lane: ti.i32) -> ti.f32:
+    """Return the number in a lane that is not known at compile time."""
     result = 0.0
     for k in ti.static(range(LANES)):
         result = ti.select(lane == k, v[k], result)
@@ -38,23 +38,23 @@ def lane_of(v: float8, lane: ti.i32) -> ti.f32:
 
 
 @ti.func
-def picked(v: float8, aim: ti.f32):
-    """(member, its weight, the sum of those before it) where the running sum of weights passes `aim`."""
-    sums = running_sums(v)
+def select_lane(v: float8, target: ti.f32):
+    """Return (lane, its weight, sum of the weights before it) where the prefix sums of weights exceed `target`."""
+    sums = prefix_sums(v)
     before, weights = ti.Vector.zero(ti.f32, LANES), ti.Vector.zero(ti.f32, LANES)
     lane = 0
     for k in ti.static(range(LANES)):
         weights[k] = v[k]
     for k in ti.static(range(LANES - 1)):
         before[k + 1] = sums[k]
-        lane += ti.cast(sums[k] <= aim, ti.i32)
+        lane += ti.cast(sums[k] <= target, ti.i32)
     return lane, weights[lane], before[lane]
 
 
 @ti.func
-def eight(weights: Template, k: ti.i32) -> float8:
-    """The weights of the entries of the k-th node."""
+def load_lanes(values: Template, k: ti.i32) -> float8:
+    """Return elements LANES * k ... LANES * k + LANES - 1 of a local vector."""
     result = float8(0.0)
     for lane in ti.static(range(LANES)):
-        result[lane] = weights[LANES * k + lane]
+        result[lane] = values[LANES * k + lane]
     return result

@@ -1,71 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which light to sample: in proportion to what each gives at a point, see `weights`, to a surface as it faces them."""
+"""Choosing a light from the light tree, in proportion to the estimated contributions of `importance`."""
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, float8, vec2, vec3
 from tiscene.render.intersect.surface_interaction import transform_point
-from tiscene.render.lights.importance import given, of_entry, seen_by
-from tiscene.render.lights.lane_ops import eight, lane_of, picked, total_of
-from tiscene.render.lights.light_sample import attribute, header, integer, of_member, of_node, row_at
-from tiscene.scene.lights.light_table import INSTANCE, KIND, MESH, NODE, TREE
-from tiscene.scene.lights.light_tree import CHILD, COUNT, EVEN, H_LAMPS, H_NODES, LANE_BITS, LANES, PARENT
+from tiscene.render.lights.importance import cosine_estimates, entry_value, irradiance_estimates
+from tiscene.render.lights.lane_ops import lane_value, load_lanes, select_lane, sum_lanes
+from tiscene.render.lights.light_sample import header, integer, light_row, node_lanes, node_value, slot_value
+from tiscene.scene.lights.light_kinds import MESH
+from tiscene.scene.lights.light_table import INSTANCE, KIND, SLOT, TREE
+from tiscene.scene.lights.light_tree import CHILD, COUNT, H_ENTRY_NODES, H_FINITE_END, LANE_BITS, LANES, PARENT, UNIFORM
 from tiscene.scene.placement import CURRENT
 
-_BELOW_1 = 0.99999994
+_ONE_MINUS_EPSILON = 0.99999994
 
 
 @ti.func
-def in_mesh(lights: Template, row: ti.i32, p: vec3) -> vec3:
-    """A point in the space of the mesh that is a light."""
+def to_mesh_space(lights: Template, row: ti.i32, p: vec3) -> vec3:
+    """Transform a point to the object space of an emissive mesh."""
     return transform_point(lights.geometry.instance_from_world, CURRENT, integer(lights.values, row, INSTANCE), p)
 
 
 @ti.func
-def shares(lights: Template, node: ti.i32, origin: vec3) -> float8:
-    """What each member of a node gives at a point, or 1 if none gives anything."""
-    result = given(lights, node, origin)
-    if total_of(result) <= 0.0:
+def child_weights(lights: Template, node: ti.i32, origin: vec3) -> float8:
+    """Return the irradiance estimates of a node's children; 1 for each if all are 0."""
+    result = irradiance_estimates(lights, node, origin)
+    if sum_lanes(result) <= 0.0:
         for k in ti.static(range(LANES)):
-            result[k] = ti.select(k < of_node(lights.nodes, node, COUNT), 1.0, 0.0)
+            result[k] = ti.select(k < node_value(lights.nodes, node, COUNT), 1.0, 0.0)
     return result
 
 
 @ti.func
-def member(lights: Template, entry: ti.i32, entry_chances: vec2, u: ti.f32, origin: vec3, normal: vec3):
-    """(row, its place, its chances, what is left of u) of one light of an entry by what each gives, and of one of its
-    triangles. Chances: of being chosen, and were the surface to face every light."""
+def descend(lights: Template, entry: ti.i32, entry_probabilities: vec2, u: ti.f32, origin: vec3, normal: vec3):
+    """Choose a light below an entry, and of an emissive mesh a triangle.
+
+    Args:
+        lights: LightTables.
+        entry: Slot of the entry.
+        entry_probabilities: Its two probabilities, as `choose_light` returns them for the light.
+        u: Uniform in [0, 1).
+        origin: Shading point.
+        normal: Surface normal there, or zero.
+
+    Returns:
+        (row, slot, probabilities, what is left of u), as `choose_light`.
+    """
     nodes = ti.static(lights.nodes)
-    row, place, chances, rest, p = -1, entry, entry_chances, u, origin
+    row, slot, probabilities, rest, p = -1, entry, entry_probabilities, u, origin
     node = 0
-    faces = entry - LANES < header(nodes, H_LAMPS)
+    faces = entry - LANES < header(nodes, H_FINITE_END)
     arrived = False
     while not arrived:
-        node = ti.cast(of_member(nodes, place, CHILD), ti.i32)
+        node = ti.cast(slot_value(nodes, slot, CHILD), ti.i32)
         if node == 0 and row < 0:
-            row = row_at(nodes, place)
+            row = light_row(nodes, slot)
             if ti.static(lights.with_meshes):
                 if integer(lights.values, row, KIND) == MESH:
                     node = integer(lights.values, row, TREE)
-                    p = in_mesh(lights, row, origin)
+                    p = to_mesh_space(lights, row, origin)
                     faces = False
         arrived = node == 0
         if not arrived:
-            weights = shares(lights, node, p)
+            weights = child_weights(lights, node, p)
             faced = weights
             if faces:
-                faced *= seen_by(nodes, node, p, normal)
-            total = total_of(faced)
-            aim = rest * total
-            lane, here, low = picked(faced, aim)
-            rest = ti.min((aim - low) / here, _BELOW_1)
-            chances *= vec2(here / total, lane_of(weights, lane) / total_of(weights))
-            place = LANES * node + lane
-    return row, place, chances, rest
+                faced *= cosine_estimates(nodes, node, p, normal)
+            total = sum_lanes(faced)
+            target = rest * total
+            lane, here, low = select_lane(faced, target)
+            rest = ti.min((target - low) / here, _ONE_MINUS_EPSILON)
+            probabilities *= vec2(here / total, lane_value(weights, lane) / sum_lanes(weights))
+            slot = LANES * node + lane
+    return row, slot, probabilities, rest
 
 
 @ti.func
-def choose(
+def choose_light(
     lights: Template,
     weights: Template,
     faced: Template,
@@ -76,44 +88,56 @@ def choose(
     normal: vec3,
     u: ti.f32,
 ):
-    """(row, its place, its chances, a number) of the light or portal to sample from a point; chances 0 for none.
+    """Choose the light or portal to sample.
 
-    Chances: of being chosen, and were the surface to face every light. The number is what is left of u, uniform in
-    [0, 1) again: neighbors in u choose one light and are neighbors there. Of a mesh the place is that of a triangle,
-    and so are the chances. weights ... faced_scale: `weigh`.
+    Args:
+        lights: LightTables.
+        weights: As `weigh_entries` fills and returns it, like the next four.
+        faced: Weights for a surface of the normal.
+        count: Nodes of entries.
+        scale: Of `weights`.
+        faced_scale: Of `faced`.
+        origin: Shading point.
+        normal: Surface normal there, or zero.
+        u: Uniform in [0, 1).
+
+    Returns:
+        (row, slot, probabilities, u'). slot: of the light, or of an emissive mesh's triangle. probabilities: that this
+        light or triangle is chosen, for the normal, and for a surface that faces every light; 0 for none.
+        u': what is left of u, uniform in [0, 1) again; neighboring u choose one light and are neighbors again.
     """
     nodes = ti.static(lights.nodes)
-    entry, chances, rest = 0, vec2(1.0), u
+    entry, probabilities, rest = 0, vec2(1.0), u
     if count > 0:
-        before, chance = 0.0, 0.0
+        before, probability = 0.0, 0.0
         for k in range(count):
-            here = eight(faced, k)
-            here = ti.select(here > 0.0, here * faced_scale + attribute(nodes, 1 + k, EVEN), 0.0)
-            lane, lane_chance, low = picked(here, u - before)
-            if lane_chance > 0.0 and u >= before:
-                entry, chance, rest = LANES * k + lane, lane_chance, u - before - low
-            before += total_of(here)
-        rest = ti.min(rest / ti.max(chance, 1e-20), _BELOW_1)
-        chances = vec2(chance, weights[entry] * scale + of_entry(nodes, entry, EVEN))
-    return member(lights, LANES + entry, chances, rest, origin, normal)
+            here = load_lanes(faced, k)
+            here = ti.select(here > 0.0, here * faced_scale + node_lanes(nodes, 1 + k, UNIFORM), 0.0)
+            lane, lane_probability, low = select_lane(here, u - before)
+            if lane_probability > 0.0 and u >= before:
+                entry, probability, rest = LANES * k + lane, lane_probability, u - before - low
+            before += sum_lanes(here)
+        rest = ti.min(rest / ti.max(probability, 1e-20), _ONE_MINUS_EPSILON)
+        probabilities = vec2(probability, weights[entry] * scale + entry_value(nodes, entry, UNIFORM))
+    return descend(lights, LANES + entry, probabilities, rest, origin, normal)
 
 
 @ti.func
-def part_of(lights: Template, place: ti.i32, origin: vec3):
-    """(the place of the entry that a member is below, its part of the entry's chance); place 0 for a mesh's member."""
+def conditional_probability(lights: Template, slot: ti.i32, origin: vec3):
+    """Return (slot of the entry above a slot, probability of the slot given its entry); entry 0 for a triangle."""
     nodes = ti.static(lights.nodes)
-    entries = header(nodes, H_NODES)
-    here, part = place, 1.0
+    entries = header(nodes, H_ENTRY_NODES)
+    here, part = slot, 1.0
     while here >> LANE_BITS > entries:
         node = here >> LANE_BITS
-        weights = shares(lights, node, origin)
-        part *= lane_of(weights, here & (LANES - 1)) / total_of(weights)
-        here = ti.cast(of_node(nodes, node, PARENT), ti.i32)
+        weights = child_weights(lights, node, origin)
+        part *= lane_value(weights, here & (LANES - 1)) / sum_lanes(weights)
+        here = ti.cast(node_value(nodes, node, PARENT), ti.i32)
     return here, part
 
 
 @ti.func
-def chances_of(
+def light_probabilities(
     lights: Template,
     weights: Template,
     faced: Template,
@@ -123,15 +147,17 @@ def chances_of(
     row: ti.i32,
     origin: vec3,
 ) -> vec2:
-    """The chances with which `choose` picks the row: for a surface of the normal (of domes and portals only) and
-    for one that faces every light. weights ... faced_scale: `weigh`."""
+    """Return the probabilities with which `choose_light` chooses a light.
+
+    The first, for the normal, is valid for domes and portals alone. Arguments as for `choose_light`.
+    """
     result = vec2(1.0)
     if count > 0:
-        place, part = part_of(lights, integer(lights.values, row, NODE), origin)
-        entry = place - LANES
+        slot, part = conditional_probability(lights, integer(lights.values, row, SLOT), origin)
+        entry = slot - LANES
         result = vec2(0.0)
         if weights[entry] > 0.0:
             result = part * (
-                vec2(faced[entry] * faced_scale, weights[entry] * scale) + of_entry(lights.nodes, entry, EVEN)
+                vec2(faced[entry] * faced_scale, weights[entry] * scale) + entry_value(lights.nodes, entry, UNIFORM)
             )
     return result

@@ -20,7 +20,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
     result.row = integer(lights.values, row, DOME_ROW)
     result.distance = FAR
     if result.pdf > 0.0:
-        result.radiance = dome.arriving(lights, textures, result.row, result.direction, result.pdf)
+        result.radiance = dome.radiance_from(lights, textures, result.row, result.direction, result.pdf)
     return result
 
 

@@ -9,7 +9,7 @@ from tiscene.render.lights import image_sampling
 from tiscene.render.lights.light_sample import axis, color, from_light, integer, no_sample, to_light
 from tiscene.render.sampling import warp
 from tiscene.render.texture_lookup import CLAMP, lookup_wrapped
-from tiscene.scene.lights.light_table import GRID, IMAGE_PART, SIZE, TEXTURE
+from tiscene.scene.lights.light_table import GRID, IMAGE_FRACTION, SIZE, TEXTURE
 
 # Below this solid angle (sr) a float cannot tell the rectangle's edges apart by angle, and area is as good a measure.
 SMALL = 2e-3
@@ -68,7 +68,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
     result = no_sample()
     x0, x1, y0, y1, z0 = extent_from(values, row, origin)
     if z0 > 0.0:
-        part, v = values[row, IMAGE_PART], u
+        part, v = values[row, IMAGE_FRACTION], u
         from_image = u.x < part
         if part > 0.0:
             v.x = ti.min(u.x / part if from_image else (u.x - part) / (1.0 - part), 0.99999994)
@@ -110,7 +110,7 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
             view = warp.rectangle_view(x0, x1, y0, y1, z0)
             if view.solid_angle > SMALL:
                 result = warp.rectangle_pdf(view)
-        part = values[row, IMAGE_PART]
+        part = values[row, IMAGE_FRACTION]
         if part > 0.0:
             x, y = w.x * distance - 0.5 * (x0 + x1), w.y * distance - 0.5 * (y0 + y1)
             result += part * (by_area * image_density(lights, row, x, y) - result)

@@ -3,6 +3,7 @@
 
 ::
 
+    light_kinds         one entry per kind of light, and the registry of further kinds
     light_table         one row per light
     light_tree          nodes for importance sampling of many lights
     light_bvh           bounding boxes for intersecting lights

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the images of lights are sampled: in proportion to their luminance, by cumulative probabilities."""
+"""Sampling distributions of light textures: piecewise constant, in proportion to luminance, as tables of the CDF."""
 
 from __future__ import annotations
 
@@ -13,47 +13,49 @@ from tiscene.scene.textures.atlas import linear_pixels
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _LARGEST_GRID = (512, 1024)
-# Of the copy of an image for paths that scatter widely. The width is a power of two.
+# Size of the filtered copy of an environment map that is read for wide lobes. The width is a power of two.
 SMALL_WIDTH, SMALL_HEIGHT = 256, 128
-# What is so many times brighter than the image's mean is its sun, which no sampling of directions alone would find.
-_SUN = 16.0
-# Of a lamp's samples at least this part regards where it is near, not where it is bright.
-_LEAST_EVEN_PART = 0.1
+# Pixels brighter than this factor times the mean are the sun, which BSDF sampling alone practically never finds.
+_SUN_THRESHOLD = 16.0
+# Minimum fraction of an area light's samples that are by solid angle or area instead of by its texture.
+_MIN_GEOMETRIC_FRACTION = 0.1
 
 
 def dome_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int, int]]:
-    """What a latlong image is sampled by, in proportion to luminance times solid angle: (values, (columns, rows)).
+    """Return the distribution of a latlong image, in proportion to luminance times solid angle.
 
-    values: rows + 1 cumulative probabilities over the rows (from the image's top), then columns + 1 for every row.
+    Returns:
+        (cdf, (columns, rows)). cdf: float32, rows + 1 values over the rows from the image's top, then columns + 1
+        values of each row.
     """
     weight = _pixel_means(_luminance(texture), wrap=True)
     edges = np.cos(np.linspace(0.0, math.pi, len(weight) + 1))
     return _distribution(weight * (edges[:-1] - edges[1:])[:, None])
 
 
-def lamp_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int, int]]:
-    """The same of the image on a lamp, in proportion to luminance times area."""
+def area_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    """Return the distribution of the texture of an area light, in proportion to luminance; as `dome_distribution`."""
     return _distribution(_pixel_means(_luminance(texture), wrap=False))
 
 
-def image_part(texture: Texture) -> float:
-    """How many of a lamp's samples should be drawn from its image: none where it is even, most where it has spots."""
+def image_fraction(texture: Texture) -> float:
+    """Return the fraction of an area light's samples to draw from its texture: 0 for a constant one, up to 0.9."""
     luminance = _luminance(texture)
     mean = float(luminance.mean())
-    return 0.0 if mean <= 0.0 else min(1.0 - mean * mean / float((luminance**2).mean()), 1.0 - _LEAST_EVEN_PART)
+    return 0.0 if mean <= 0.0 else min(1.0 - mean * mean / float((luminance**2).mean()), 1.0 - _MIN_GEOMETRIC_FRACTION)
 
 
-def sun_part(texture: Texture) -> float:
-    """The part, 0..0.75, of a latlong image's light that comes from its sun."""
+def sun_fraction(texture: Texture) -> float:
+    """Return the fraction, 0..0.75, of a latlong image's light that comes from its brightest pixels, the sun."""
     luminance = _luminance(texture)
     edges = np.cos(np.linspace(0.0, math.pi, len(luminance) + 1))
     light = np.maximum(luminance, 0.0) * ((edges[:-1] - edges[1:]) / (2.0 * luminance.shape[1]))[:, None]
     mean = float(light.sum())
-    return 0.0 if mean <= 0.0 else min(float(light[luminance > _SUN * mean].sum()) / mean, 0.75)
+    return 0.0 if mean <= 0.0 else min(float(light[luminance > _SUN_THRESHOLD * mean].sum()) / mean, 0.75)
 
 
-def small_copy(texture: Texture) -> NDArray[np.float32] | None:
-    """A latlong image of SMALL_HEIGHT x SMALL_WIDTH pixels, rgb, of means over solid angles; None of a smaller one."""
+def small_image(texture: Texture) -> NDArray[np.float32] | None:
+    """Return the image filtered by solid angle to float32 [SMALL_HEIGHT, SMALL_WIDTH, 3]; None if it is smaller."""
     pixels = linear_pixels(texture)[..., :3].astype(np.float64)
     if pixels.shape[0] < SMALL_HEIGHT or pixels.shape[1] < SMALL_WIDTH:
         return None
@@ -67,7 +69,7 @@ def small_copy(texture: Texture) -> NDArray[np.float32] | None:
 
 
 def mean_luminance(texture: Texture) -> float:
-    """Of all pixels."""
+    """Return the mean luminance of all pixels."""
     return float(_luminance(texture).mean())
 
 
@@ -76,7 +78,7 @@ def _luminance(texture: Texture) -> NDArray[np.float64]:
 
 
 def _pixel_means(luminance: NDArray[np.float64], wrap: bool) -> NDArray[np.float64]:
-    """Lookups interpolate between pixel centers: each pixel's mean over its own square. wrap: from left to right."""
+    """Return the mean of the bilinear interpolation over each pixel's square. wrap: the left and right edges meet."""
     padded = np.pad(luminance, ((0, 0), (1, 1)), mode="wrap" if wrap else "edge")
     luminance = 0.75 * luminance + 0.125 * (padded[:, :-2] + padded[:, 2:])
     padded = np.pad(luminance, ((1, 1), (0, 0)), mode="edge")
@@ -84,7 +86,7 @@ def _pixel_means(luminance: NDArray[np.float64], wrap: bool) -> NDArray[np.float
 
 
 def _distribution(weight: NDArray[np.float64]) -> tuple[NDArray[np.float32], tuple[int, int]]:
-    """Cumulative probabilities in proportion to the weights, which are summed to a coarser grid if they are many."""
+    """Return the CDF tables of weights [rows, columns], which are averaged to _LARGEST_GRID if they are more."""
     rows, columns = (min(size, limit) for size, limit in zip(weight.shape, _LARGEST_GRID, strict=True))
     weight = np.maximum(_block_means(_block_means(weight, rows).T, columns).T, 0.0)
     weight += 1e-12 if weight.sum() <= 0.0 else 0.0
@@ -94,7 +96,7 @@ def _distribution(weight: NDArray[np.float64]) -> tuple[NDArray[np.float32], tup
 
 
 def _block_means(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Means over `count` equal parts of axis 0, which need not divide it."""
+    """Return means over `count` equal intervals of axis 0; `count` need not divide its length."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     edges = np.linspace(0.0, len(values), count + 1)
     low = np.minimum(edges.astype(int), len(values) - 1)
@@ -104,6 +106,6 @@ def _block_means(values: NDArray[np.float64], count: int) -> NDArray[np.float64]
 
 
 def _cumulative(weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of n weights to rows of n + 1 cumulative probabilities."""
+    """Return CDFs [rows, n + 1] from weights [rows, n]."""
     sums = np.cumsum(weight, axis=1)
     return np.concatenate([np.zeros((len(weight), 1)), sums / sums[:, -1:]], axis=1)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lights that stand still and only shine more or less, in groups: light adds up, so that it is enough to trace what
-each of them gives once."""
+"""Static lights with per-group intensity factors, for incremental rendering.
+
+Light transport is linear: an image of each group at its reference intensity, times the group's current factors, summed,
+is the image under all lights.
+"""
 
 from __future__ import annotations
 
@@ -17,35 +20,37 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class LightGroups:
-    """Lights that are always the same but for how much they shine, which is told apart.
+    """Lights that differ between frames by their intensity alone.
 
-    lights: as `Placement.lights`, each as bright as it ever is. group: of each its number; those of group 0 never
-    change. factors: float32 [groups, 3], how much of that red, green and blue there is now.
+    Attributes:
+        lights: As `Placement.lights`, each at its maximum radiance.
+        group: Group of each light. The lights of group 0 never change.
+        factors: float32 [groups, 3], of red, green and blue; the current emission over the maximum.
     """
 
     lights: tuple[tuple[int, Light], ...]
     group: tuple[int, ...]
     factors: NDArray[np.float32]
 
-    def alone(self, group: int) -> tuple[tuple[int, Light], ...]:
-        """The lights with only those of one group shining."""
+    def only_group(self, group: int) -> tuple[tuple[int, Light], ...]:
+        """Return all lights, with the emission of those of other groups set to zero."""
         return tuple(
-            (row, light if number == group else shining(light, (0.0, 0.0, 0.0)))
+            (row, light if number == group else with_emission(light, (0.0, 0.0, 0.0)))
             for (row, light), number in zip(self.lights, self.group, strict=True)
         )
 
 
-def shine(light: Light) -> Color:
-    """How much a light shines: its radiance (of a distant light the irradiance)."""
-    color: Color = getattr(light, _field(light))
+def emission_of(light: Light) -> Color:
+    """Return a light's radiance, W/m²/sr; of a point the intensity, W/sr; of a distant light the irradiance, W/m²."""
+    color: Color = getattr(light, _emission_field(light))
     return color
 
 
-def shining(light: Light, color: Color) -> Light:
-    """The light with another radiance (of a distant light, irradiance)."""
-    field: dict[str, Any] = {_field(light): color}
+def with_emission(light: Light, color: Color) -> Light:
+    """Return the light with another emission, in the units of `emission_of`."""
+    field: dict[str, Any] = {_emission_field(light): color}
     return replace(light, **field)
 
 
-def _field(light: Light) -> str:
+def _emission_field(light: Light) -> str:
     return "irradiance" if isinstance(light, DistantLight) else "radiance"

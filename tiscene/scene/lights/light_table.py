@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All lights of a scene: a row each, the nodes that they are chosen by, and the distributions of their images."""
+"""The light table: one row per light, the light tree, the BVH of lights, and distributions of textures, on the device.
+
+Rows are sorted: lights that rays can hit, points, distant lights, domes; then portals and emissive meshes. What depends
+on the kind of a light is in its entry in `light_kinds`.
+"""
 
 from __future__ import annotations
 
@@ -12,41 +16,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device.memory import upload, upload_vectors
-from tiscene.scene.description import (
-    CylinderLight,
-    DiskLight,
-    DistantLight,
-    DomeLight,
-    Light,
-    Portal,
-    RectLight,
-    Shaping,
-    SphereLight,
-)
+from tiscene.scene.description import DistantLight, DomeLight, Light, Portal, Shaping
 from tiscene.scene.lights import light_bvh, light_tree
 from tiscene.scene.lights.image_distribution import (
     LUMINANCE,
+    area_distribution,
     dome_distribution,
-    image_part,
-    lamp_distribution,
+    image_fraction,
     mean_luminance,
-    small_copy,
-    sun_part,
+    small_image,
+    sun_fraction,
 )
-from tiscene.scene.lights.light_groups import shine
+from tiscene.scene.lights.light_groups import emission_of
+from tiscene.scene.lights.light_kinds import (
+    AREA,
+    AT_INFINITY,
+    LIGHT_KINDS,
+    MESH,
+    PORTAL,
+    SURROUNDING,
+    LightShape,
+    close_registry,
+    kind_of,
+)
 from tiscene.scene.lights.light_tree import (
     BACK,
-    CENTRE,
+    CENTER,
     CONE,
     FAR2,
-    H_BOXES,
-    H_CHOICE,
+    H_AREA_COUNT,
+    H_BVH_ROW,
     H_DISTANT_ROW,
     H_DOME_ROW,
     H_END,
+    H_HAS_CHOICE,
     H_PORTAL_ROW,
     H_ROWS,
-    H_SOLID_COUNT,
     LANES,
     NORMAL,
     ROUND,
@@ -58,149 +63,103 @@ from tiscene.scene.lights.light_tree import (
 from tiscene.scene.lights.mesh_lights import MeshLight
 from tiscene.scene.textures.atlas import TextureAtlas
 
-# Kinds of light, in the order of the rows: what a ray can meet comes first. A portal is sampled as a light of its own.
-RECT, DISK, SPHERE, CYLINDER, POINT, DISTANT, DOME, PORTAL, MESH = range(9)
-LAST_SOLID = CYLINDER
-
-# Columns of `values`. TRANSFORM: world_from_light, 3x4 row-major. SIZE: rect and portal width and height; disk and
-# sphere radius; cylinder radius and length; distant: cosine of half the angle, 1 - that cosine. TEXTURE: row of the
-# atlas or -1. DISTRIBUTION, GRID: where an image's begins, its columns and rows. IMAGE_PART: how many of the samples of
-# a rect are drawn from its image. NODE: its place among the nodes. DOME_ROW: of a portal. SHADES: where in
-# `distribution` begins by which portals a distant light comes in, see `_shades`, or -1 without portals. SMALL_COPY:
-# where there a dome's begins, see `small_copy`, or -1. Of an instance that gives light INSTANCE is its row, TREE the
-# node where that of its mesh's triangles begins; FIRST_TRIANGLE: of the mesh, for which at DISTRIBUTION each triangle's
-# place follows, 0 for none. ON_DIFFUSE, ON_SPECULAR: multipliers of the response; ON_INDIRECT: after a bounce.
-# SHADOWLESS: 1 where nothing keeps its light off anything. SHAPED: 1 where a light has a Shaping. CONE_COSINE: of its
-# cone's angle; CONE_EDGE: the angles at which the soft edge begins and ends, and the cosine where it begins;
-# FOCUS_TINT, PROFILE as TEXTURE.
+# Columns of `LightArrays.values`.
+#
+# KIND: index in `LIGHT_KINDS`. TRANSFORM: world_from_light, 3x4 row-major. RADIANCE (3): before any texture, W/m²/sr; a
+#     point's intensity, W/sr; a parallel distant light's irradiance, W/m².
+# SIZE (2): `LightShape.sizes`; of a portal width and height, m; of a distant light the cosine of half its angle, and 1
+#     minus that cosine.
+# TEXTURE, FOCUS_TINT's PROFILE: row of the texture atlas, or -1.
+# DISTRIBUTION, GRID (2): where the texture's CDF begins in `distribution`; its columns and rows. IMAGE_FRACTION: of the
+#     samples of a rect that are drawn from its texture.
+# SLOT: slot in the light tree.
+# DOME_ROW: of a portal. PORTAL_MAPS: of a distant light, where `_portal_maps` begin in `distribution`; -1 without
+#     portals. SMALL_IMAGE: of a dome, where `small_image` begins there; -1 if there is none.
+# ON_DIFFUSE, ON_SPECULAR: multipliers of what diffuse and other lobes reflect. ON_INDIRECT: multiplier after the first
+#     bounce. SHADOWLESS: 1 if nothing casts shadows in its light.
+# INSTANCE, TREE, FIRST_TRIANGLE: of an emissive mesh, in place of RADIANCE: row of the instance, root of its triangles'
+#     light tree, first triangle. The slots of all its triangles, 0 for none, are at DISTRIBUTION.
+# SHAPED: 1 if the light has a Shaping. CONE_COSINE: of its cone's angle. CONE_EDGE (3): angles at which the soft edge
+#     begins and ends, rad, and the cosine where it begins. FOCUS, FOCUS_TINT (3), PROFILE: as `Shaping`.
 COLUMNS = 39
-KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_PART = 0, 1, 13, 16, 18, 19, 20, 22
-NODE, DOME_ROW, SHADES, SMALL_COPY, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
+KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_FRACTION = 0, 1, 13, 16, 18, 19, 20, 22
+SLOT, DOME_ROW, PORTAL_MAPS, SMALL_IMAGE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
 INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
 ON_INDIRECT = 38
 
-# A box is wider than its light by this part of its coordinates: they are rounded.
-_ROUNDING = 1e-6
-# The light through a portal's frame counts a little beyond it, for rounding and the width of the sun.
-_MARGIN = 0.05
-SHADE_COLUMNS = 8
+_ROUNDING = 1e-6  # boxes are enlarged by this fraction of their coordinates, against float32 rounding
+_PORTAL_MARGIN = 0.05  # portals are enlarged by this fraction of their size, for rounding and the width of the sun
+PORTAL_MAP_COLUMNS = 8
 
 
 class LightArrays(NamedTuple):
-    """values: f32 [n + portals, 39], columns as named above; nodes: [m] of 8, see `light_nodes` and `light_boxes`;
-    distribution: f32 [k], see `dome_distribution`."""
+    """Device arrays of the light table.
+
+    Attributes:
+        values: f32 [lights + portals + emissive instances, COLUMNS].
+        nodes: [m] vectors of 8, the light tree and the BVH of lights (see `light_tree`, `light_bvh`).
+        distribution: f32 [k], CDFs of textures, filtered environment maps, portal maps, slots of triangles.
+    """
 
     values: Any
     nodes: Any
     distribution: Any
 
 
-def kind_of(light: Light) -> int:
-    """The kind, one of the constants above."""
-    match light:
-        case RectLight():
-            return RECT
-        case DiskLight():
-            return DISK
-        case SphereLight():
-            return SPHERE if light.radius > 0.0 else POINT
-        case CylinderLight():
-            return CYLINDER
-        case DistantLight():
-            return DISTANT
-        case DomeLight():
-            return DOME
-    raise TypeError(f"{light.prim_path}: no kind of light for {type(light).__name__}")
-
-
 def _shaping_columns(shaping: Shaping, first_texture: int) -> list[float]:
-    """From SHAPED to PROFILE."""
+    """Return the columns from SHAPED to PROFILE."""
     inner, outer = (1.0 - shaping.cone_softness) * shaping.cone_angle, shaping.cone_angle
-    # A cone of half a turn or more leaves nothing out, and rounding must not.
+    # A cone of 180 degrees or more covers all directions; rounding must not exclude any.
     whole = outer >= math.pi
     cosines = (-2.0, -2.0) if whole else (math.cos(outer), math.cos(inner))
     profile = -1 if shaping.profile is None else first_texture + shaping.profile
     return [1.0, cosines[0], inner, outer, cosines[1], shaping.focus, *shaping.focus_tint, profile]
 
 
-def _shades(towards: NDArray[np.float64], portals: Sequence[Portal]) -> NDArray[np.float64]:
-    """Of each portal, two affine maps of a point, [n, 8]: how far beside the portal's middle, across and along, the
-    line from the point along `towards` passes; from -1 to 1 within the frame."""
-    result = np.full((len(portals), SHADE_COLUMNS), 2.0)
+def _portal_maps(direction: NDArray[np.float64], portals: Sequence[Portal]) -> NDArray[np.float64]:
+    """Return for each portal two affine maps of a point, [n, PORTAL_MAP_COLUMNS].
+
+    They map a point to where the line from it along `direction` crosses the portal's plane, along the portal's x and y
+    axes; both are in -1..1 inside the portal.
+    """
+    result = np.full((len(portals), PORTAL_MAP_COLUMNS), 2.0)
     result[:, [0, 1, 2, 4, 5, 6]] = 0.0
     for row, portal in zip(result, portals, strict=True):
-        x, y, z, place = portal.world_from_portal[:3].T
-        climb = float(towards @ z)
+        x, y, z, center = portal.world_from_portal[:3].T
+        climb = float(direction @ z)
         if climb > 0.0:
             for side, axis, size in ((0, x, portal.width), (4, y, portal.height)):
-                # Of p + towards * ((place - p) . z / climb) - place along the axis.
-                slope = (axis - z * (towards @ axis) / climb) / ((0.5 + _MARGIN) * size)
-                row[side : side + 4] = *slope, -slope @ place
+                # (p + direction * ((center - p) . z / climb) - center) . axis
+                slope = (axis - z * (direction @ axis) / climb) / ((0.5 + _PORTAL_MARGIN) * size)
+                row[side : side + 4] = *slope, -slope @ center
     return result
 
 
-class _Row(NamedTuple):
-    """What a row and its node are made of: strength about as a node's, flat or round, size as a node's SIZE2; how far
-    the light reaches along its axes, as the sum of a box and an ellipsoid."""
-
-    sizes: tuple[float, ...]
-    strength: float
-    flat: bool
-    size2: float
-    straight: tuple[float, float, float]
-    rounded: tuple[float, float, float]
-
-
-def _lamp(light: Light, brightness: float) -> _Row:
-    """Of a light that has a place."""
-    nothing = (0.0, 0.0, 0.0)
-    match light:
-        case RectLight(width=width, height=height):
-            area = width * height
-            reach = (0.5 * width, 0.5 * height, 0.0)
-            return _Row((width, height), area * brightness, True, area / (2.0 * math.pi), reach, nothing)
-        case DiskLight(radius=radius):
-            strength = math.pi * radius**2 * brightness
-            return _Row((radius,), strength, True, 0.5 * radius**2, nothing, (radius, radius, 0.0))
-        case SphereLight(radius=0.0):
-            return _Row((0.0,), brightness, False, 0.0, nothing, nothing)
-        case SphereLight(radius=radius):
-            strength = math.pi * radius**2 * brightness
-            return _Row((radius,), strength, False, 0.25 * radius**2, nothing, (radius, radius, radius))
-        case CylinderLight(radius=radius, length=length):
-            size2 = 0.25 * max(radius, length) ** 2
-            reach = (0.5 * length, 0.0, 0.0)
-            return _Row(
-                (radius, length), 2.0 * radius * length * brightness, False, size2, reach, (0.0, radius, radius)
-            )
-    raise TypeError(type(light).__name__)
-
-
-def _box(light: Light, lamp: _Row) -> NDArray[np.float64]:
-    """[2, 3]: the least and the largest coordinates of what a ray can meet of a light."""
+def _box(light: Light, shape: LightShape) -> NDArray[np.float64]:
+    """Return the bounding box, [2, 3], m, of a light."""
     matrix = light.world_from_light[:3]
-    reach = np.abs(matrix[:, :3]) @ lamp.straight + np.sqrt(matrix[:, :3] ** 2 @ np.square(lamp.rounded))
+    reach = np.abs(matrix[:, :3]) @ shape.box + np.sqrt(matrix[:, :3] ** 2 @ np.square(shape.ellipsoid))
     reach += _ROUNDING * (np.abs(matrix[:, 3]) + reach)
     return np.array([matrix[:, 3] - reach, matrix[:, 3] + reach])
 
 
 class LightTable:
-    """Grows by `append`; the device arrays are made anew when the lights change."""
+    """The lights of a scene. The device arrays are rebuilt when lights change."""
 
     def __init__(self) -> None:
         self.lights: list[Light] = []
         self._first_texture: list[int] = []
-        self._meshes: list[tuple[int, MeshLight, int]] = []  # row of the instance, its mesh, that one's first triangle
+        self._meshes: list[tuple[int, MeshLight, int]] = []  # row of instance, mesh, first triangle
         self._places: NDArray[np.float64] = np.zeros((0, 3, 4))
         self._arrays: LightArrays | None = None
-        # Of images, by row of the atlas: of domes the distribution, its grid and the sun's part; of lamps the
-        # distribution, its grid and the image's part; the mean luminance.
+        # By row of the atlas: CDF, grid and sun fraction of domes' textures; filtered copies; CDF, grid and image
+        # fraction of area lights' textures; mean luminance.
         self._skies: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}
         self._copies: dict[int, NDArray[np.float32] | None] = {}
         self._panels: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}
         self._means: dict[int, float] = {}
-        # What is on the device as LightArrays.distribution: a lamp that moves leaves it as it is.
+        # LightArrays.distribution and its parts on the host: not uploaded again when a light moves.
         self._distributions: list[NDArray[np.float32]] = []
         self._uploaded: Any = None
 
@@ -208,7 +167,7 @@ class LightTable:
         return len(self.lights)
 
     def append(self, lights: Iterable[Light], first_texture: int) -> int:
-        """Add lights whose textures begin at a row of the atlas. Returns how many there were before."""
+        """Add lights, whose textures begin at a row of the atlas; returns the number of lights before."""
         before = len(self.lights)
         self.lights.extend(lights)
         self._first_texture += [first_texture] * (len(self.lights) - before)
@@ -216,9 +175,11 @@ class LightTable:
         return before
 
     def place(self, lights: Sequence[Light], first_textures: Sequence[int]) -> None:
-        """These are the lights from now on, in the place of all that were there; cheap where they are the same ones.
+        """Replace all lights; cheap if they are the same objects as before.
 
-        first_textures: for each, the row of the atlas where its description's textures begin.
+        Args:
+            lights: The lights.
+            first_textures: For each, the row of the atlas where its description's textures begin.
         """
         same = len(lights) == len(self.lights) and all(a is b for a, b in zip(lights, self.lights, strict=True))
         if not same:
@@ -226,59 +187,68 @@ class LightTable:
             self._arrays = None
 
     def place_meshes(self, meshes: Sequence[tuple[int, MeshLight, int]], places: NDArray[np.float64]) -> None:
-        """These instances give light from now on: (row of the instance, its mesh, that one's first triangle), by row.
+        """Replace all emissive meshes.
 
-        places: [n, 3, 4], world_from_object.
+        Args:
+            meshes: (row of the instance, its mesh, first triangle of the mesh) of each, by ascending row.
+            places: [n, 3, 4], their world_from_object.
         """
         if list(meshes) != self._meshes or not np.array_equal(places, self._places):
             self._meshes, self._places = list(meshes), places.copy()
             self._arrays = None
 
     def arrays(self, atlas: TextureAtlas) -> LightArrays:
-        """What kernels read."""
+        """Return the device arrays."""
         if self._arrays is None:
             self._arrays = self._build(atlas)
         return self._arrays
 
     def rows(self) -> NDArray[np.int64]:
-        """Where in `LightArrays.values` each of `lights` is."""
+        """Return the row in `LightArrays.values` of each of `lights`."""
         return np.argsort(np.array(self._order(), np.int64))
 
     def _order(self) -> list[int]:
-        return sorted(range(len(self.lights)), key=lambda row: kind_of(self.lights[row]))
+        def key(row: int) -> tuple[int, int]:
+            code = kind_of(self.lights[row])
+            return LIGHT_KINDS[code].group, code
+
+        return sorted(range(len(self.lights)), key=key)
 
     def _build(self, atlas: TextureAtlas) -> LightArrays:
+        close_registry()
         order = self._order()
         lights = [self.lights[row] for row in order]
         kinds = [kind_of(light) for light in lights]
+        groups = [LIGHT_KINDS[kind].group for kind in kinds]
         domes = [(row, light) for row, light in enumerate(lights) if isinstance(light, DomeLight)]
         portals = [(row, portal) for row, dome in domes for portal in dome.portals]
         first_mesh = len(lights) + len(portals)
         values = np.zeros((first_mesh + len(self._meshes), COLUMNS), np.float32)
-        leaves = light_tree.no_members(len(values))
+        leaves = light_tree.empty_rows(len(values))
         leaves[:, ROW] = np.arange(len(leaves))
         values[:, TEXTURE] = values[:, PROFILE] = -1.0
         distributions: list[NDArray[np.float32]] = []
         used = 0
 
-        def distribution(row: int, made: tuple[NDArray[np.float32], tuple[int, int], float]) -> float:
+        def add_distribution(row: int, made: tuple[NDArray[np.float32], tuple[int, int], float]) -> float:
+            """Append a CDF; returns the fraction that comes with it."""
             nonlocal used
             values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, made[1]
             distributions.append(made[0])
             used += len(made[0])
             return made[2]
 
-        solid: list[NDArray[np.float64]] = []  # boxes
-        through_portals = {}  # brightness of what comes in by each dome's portals, by row
+        boxes: list[NDArray[np.float64]] = []
+        through_portals = {}  # luminance of each dome with portals, by row
         for row, (light, kind, source) in enumerate(zip(lights, kinds, order, strict=True)):
-            color = np.asarray(shine(light), np.float64)
-            brightness = float(color @ LUMINANCE)
-            first_texture = self._first_texture[source]
+            color = np.asarray(emission_of(light), np.float64)
+            luminance = float(color @ LUMINANCE)
+            first_texture, shape = self._first_texture[source], LIGHT_KINDS[kind].shape
             values[row, KIND] = kind
             values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
             values[row, ON_DIFFUSE : SHADOWLESS + 1] = light.diffuse, light.specular, not light.casts_shadows
             values[row, ON_INDIRECT] = light.indirect
-            if light.shaping is not None and kind <= POINT:
+            if light.shaping is not None and shape is not None:
                 values[row, SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, first_texture)
                 leaves[row, BACK] = CONE
             texture = getattr(light, "texture", None)
@@ -288,71 +258,80 @@ class LightTable:
                 values[row, TEXTURE] = image_row
                 if image_row not in self._means:
                     self._means[image_row] = mean_luminance(image)
-                brightness *= self._means[image_row]
-            if kind <= POINT:
-                lamp = _lamp(light, brightness)
-                values[row, SIZE : SIZE + len(lamp.sizes)] = lamp.sizes
-                leaves[row, CENTRE : CENTRE + 3] = light.world_from_light[:3, 3]
-                leaves[row, NORMAL : NORMAL + 3] = light.world_from_light[:3, 2] * lamp.flat
-                leaves[row, [ROUND, STRENGTH, SIZE2]] = not lamp.flat, max(lamp.strength, 0.0), lamp.size2
-                if kind <= LAST_SOLID:
-                    solid.append(_box(light, lamp))
+                luminance *= self._means[image_row]
+            if shape is not None:
+                geometry = shape(light, luminance)
+                values[row, SIZE : SIZE + len(geometry.sizes)] = geometry.sizes
+                leaves[row, CENTER : CENTER + 3] = light.world_from_light[:3, 3]
+                leaves[row, NORMAL : NORMAL + 3] = light.world_from_light[:3, 2] * geometry.flat
+                leaves[row, [ROUND, STRENGTH, SIZE2]] = not geometry.flat, max(geometry.strength, 0.0), geometry.size2
+                if groups[row] == AREA:
+                    boxes.append(_box(light, geometry))
                 if texture is not None:
                     if image_row not in self._panels:
-                        self._panels[image_row] = (*lamp_distribution(image), image_part(image))
-                    values[row, IMAGE_PART] = distribution(row, self._panels[image_row])
+                        self._panels[image_row] = (*area_distribution(image), image_fraction(image))
+                    values[row, IMAGE_FRACTION] = add_distribution(row, self._panels[image_row])
             elif isinstance(light, DistantLight):
                 half = 0.5 * light.angle
                 values[row, SIZE : SIZE + 2] = math.cos(half), 2.0 * math.sin(0.5 * half) ** 2
                 if light.angle > 0.0:
                     color = color / (math.pi * math.sin(half) ** 2)
-                leaves[row, [ROUND, STRENGTH, SIZE2]] = 1.0, max(brightness, 0.0) * FAR2, FAR2
-                values[row, SHADES] = -1.0
+                leaves[row, [ROUND, STRENGTH, SIZE2]] = 1.0, max(luminance, 0.0) * FAR2, FAR2
+                values[row, PORTAL_MAPS] = -1.0
                 if portals:
-                    shades = _shades(light.world_from_light[:3, 2], [portal for _, portal in portals])
-                    values[row, SHADES] = used
-                    distributions.append(shades.astype(np.float32).ravel())
-                    used += shades.size
+                    maps = _portal_maps(light.world_from_light[:3, 2], [portal for _, portal in portals])
+                    values[row, PORTAL_MAPS] = used
+                    distributions.append(maps.astype(np.float32).ravel())
+                    used += maps.size
             elif isinstance(light, DomeLight):
-                part = 0.0
+                fraction = 0.0
                 if texture is not None:
                     if image_row not in self._skies:
-                        self._skies[image_row] = (*dome_distribution(image), sun_part(image))
-                        self._copies[image_row] = small_copy(image)
-                    part = distribution(row, self._skies[image_row])
-                    values[row, SMALL_COPY] = -1.0
+                        self._skies[image_row] = (*dome_distribution(image), sun_fraction(image))
+                        self._copies[image_row] = small_image(image)
+                    fraction = add_distribution(row, self._skies[image_row])
+                    values[row, SMALL_IMAGE] = -1.0
                     copy = self._copies[image_row]
-                    if part == 0.0 and copy is not None:
-                        values[row, SMALL_COPY] = used
+                    if fraction == 0.0 and copy is not None:
+                        values[row, SMALL_IMAGE] = used
                         distributions.append(copy.ravel())
                         used += copy.size
-                leaves[row, [ROUND, STRENGTH, SIZE2]] = not light.portals, max(brightness, 0.0), part / (1.0 - part)
-                through_portals[row] = max(brightness, 0.0)
+                leaves[row, [ROUND, STRENGTH, SIZE2]] = (
+                    not light.portals,
+                    max(luminance, 0.0),
+                    fraction / (1.0 - fraction),
+                )
+                through_portals[row] = max(luminance, 0.0)
             values[row, RADIANCE : RADIANCE + 3] = color
         for row, (dome, portal) in enumerate(portals, len(lights)):
             matrix, area = portal.world_from_portal[:3], portal.width * portal.height
             values[row, KIND], values[row, DOME_ROW] = PORTAL, dome
             values[row, TRANSFORM : TRANSFORM + 12] = matrix.ravel()
             values[row, SIZE : SIZE + 2] = portal.width, portal.height
-            leaves[row, CENTRE : CENTRE + 3], leaves[row, NORMAL : NORMAL + 3] = matrix[:, 3], matrix[:, 2]
+            leaves[row, CENTER : CENTER + 3], leaves[row, NORMAL : NORMAL + 3] = matrix[:, 3], matrix[:, 2]
             leaves[row, [STRENGTH, SIZE2]] = area * through_portals[dome], area / (2.0 * math.pi)
 
-        ends = [0, *(int(np.searchsorted(kinds, kind)) for kind in (DISTANT, DOME)), len(lights), first_mesh]
-        lamp_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
+        ends = [
+            0,
+            *(int(np.searchsorted(groups, group)) for group in (AT_INFINITY, SURROUNDING)),
+            len(lights),
+            first_mesh,
+        ]
+        finite_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
         for row, ((_, mesh, _), place) in enumerate(zip(self._meshes, self._places, strict=True), first_mesh):
             leaves[row] = mesh.placed(place)
             leaves[row, ROW] = row
-        lamp_rows = np.concatenate([lamp_rows, leaves[first_mesh:]])
-        nodes = light_tree.assembled(lamp_rows, portal_rows, distant_rows, dome_rows)
+        finite_rows = np.concatenate([finite_rows, leaves[first_mesh:]])
+        nodes = light_tree.assemble(finite_rows, portal_rows, distant_rows, dome_rows)
         nodes[0, [H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END]] = *ends[1:], len(values)
         if self._meshes:
-            nodes[0, H_CHOICE] = 1.0  # of triangles
-        rows, places = light_tree.places(nodes[1:])
-        values[rows, NODE] = LANES + places
+            nodes[0, H_HAS_CHOICE] = 1.0  # between triangles
+        rows, slots = light_tree.light_slots(nodes[1:])
+        values[rows, SLOT] = LANES + slots
         nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), used, distributions)])
-        nodes[0, [H_SOLID_COUNT, H_BOXES]] = len(solid), ROWS * len(nodes)
-        least, largest = np.reshape(solid, (-1, 2, 3)).transpose(1, 0, 2)
-        nodes = np.concatenate([nodes.reshape(-1, LANES), light_bvh.boxes(least, largest, ROWS * len(nodes))])
+        nodes[0, [H_AREA_COUNT, H_BVH_ROW]] = len(boxes), ROWS * len(nodes)
+        lower, upper = np.reshape(boxes, (-1, 2, 3)).transpose(1, 0, 2)
+        nodes = np.concatenate([nodes.reshape(-1, LANES), light_bvh.build(lower, upper, ROWS * len(nodes))])
         distributions.append(np.zeros(1, np.float32))
         known = self._distributions
         if len(known) != len(distributions) or not all(map(np.array_equal, known, distributions)):
@@ -362,20 +341,20 @@ class LightTable:
     def _add_meshes(
         self, rows: NDArray[np.float32], used_nodes: int, used: int, distributions: list[NDArray[np.float32]]
     ) -> list[NDArray[np.float32]]:
-        """Fill in the rows of the instances that give light. Returns the trees of their meshes, each once."""
+        """Fill in the rows of emissive instances; returns the trees of their meshes, each once."""
         trees: list[NDArray[np.float32]] = []
         known: dict[int, tuple[int, int]] = {}
         for row, (instance, mesh, first_triangle) in zip(rows, self._meshes, strict=True):
             if first_triangle not in known:
                 known[first_triangle] = used_nodes, used
-                nodes = light_tree.moved(mesh.nodes, used_nodes, first_triangle)
-                triangles, places = light_tree.places(mesh.nodes)
-                where = np.zeros(mesh.triangles, np.float32)
-                where[triangles] = LANES * used_nodes + places
+                nodes = light_tree.rebased(mesh.nodes, used_nodes, first_triangle)
+                triangles, slots = light_tree.light_slots(mesh.nodes)
+                slot_of = np.zeros(mesh.triangles, np.float32)
+                slot_of[triangles] = LANES * used_nodes + slots
                 trees.append(nodes)
-                distributions.append(where)
+                distributions.append(slot_of)
                 used_nodes += len(nodes)
-                used += len(where)
+                used += len(slot_of)
             row[[KIND, INSTANCE, FIRST_TRIANGLE]] = MESH, instance, first_triangle
             row[[TREE, DISTRIBUTION]] = known[first_triangle]
             row[[TEXTURE, PROFILE]] = -1.0

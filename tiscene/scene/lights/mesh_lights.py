@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes that give light: the triangles that do, as a tree of nodes that they are chosen by (see `light_nodes`)."""
+"""Emissive meshes: a light tree over the triangles that emit (see `light_tree`)."""
 
 from __future__ import annotations
 
@@ -12,28 +12,44 @@ from numpy.typing import NDArray
 
 from tiscene.scene.description import Material, Mesh, Texture, TextureLookup
 from tiscene.scene.lights.image_distribution import LUMINANCE
-from tiscene.scene.lights.light_tree import BACK, CENTRE, NORMAL, ROW, SIZE2, SPREAD2, STRENGTH, group, no_members, tree
+from tiscene.scene.lights.light_tree import (
+    BACK,
+    CENTER,
+    NORMAL,
+    ROW,
+    SIZE2,
+    SPREAD2,
+    STRENGTH,
+    build_tree,
+    empty_rows,
+    group_row,
+)
 from tiscene.scene.textures.atlas import linear_pixels
 
-# Of a closed mesh the backs of its triangles are as good as never seen.
-_INSIDE = 0.02
+# Weight of the back faces of closed meshes, which are rarely visible.
+_CLOSED_BACK = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class MeshLight:
-    """nodes: the tree of a mesh's glowing triangles, in its own space, as `tree` makes it; ROW: of the triangle in the
-    mesh. whole: the row of all of them as a group. triangles: how many the mesh has."""
+    """The light tree of a mesh, in object space.
+
+    Attributes:
+        nodes: float32 [m, NODE_COLUMNS], as `build_tree` returns; ROW is the triangle's number in the mesh.
+        whole: float32 [ATTRIBUTES], all emissive triangles as one group.
+        triangles: Number of triangles of the mesh, emissive or not.
+    """
 
     nodes: NDArray[np.float32]
     whole: NDArray[np.float32]
     triangles: int
 
     def placed(self, world_from_object: NDArray[np.float64]) -> NDArray[np.float32]:
-        """The row of the whole, where an instance of the mesh [3, 4] is."""
+        """Return the attributes of the whole for an instance with that matrix [3, 4]."""
         node: NDArray[np.float32] = self.whole.copy()
         linear = world_from_object[:, :3]
         scale2 = abs(np.linalg.det(linear)) ** (2.0 / 3.0)
-        node[CENTRE : CENTRE + 3] = linear @ node[CENTRE : CENTRE + 3] + world_from_object[:, 3]
+        node[CENTER : CENTER + 3] = linear @ node[CENTER : CENTER + 3] + world_from_object[:, 3]
         normal = np.linalg.inv(linear).T @ node[NORMAL : NORMAL + 3]
         length = float(np.linalg.norm(normal))
         if length > 0.0:
@@ -42,32 +58,37 @@ class MeshLight:
         return node
 
 
-def mesh_light(mesh: Mesh, glow: NDArray[np.float64]) -> MeshLight | None:
-    """Of a mesh whose triangles emit so much luminance [m]; None if there is none, or none that is finite."""
+def build_mesh_light(mesh: Mesh, luminance: NDArray[np.float64]) -> MeshLight | None:
+    """Return the MeshLight of a mesh, None if no triangle emits.
+
+    Args:
+        mesh: The mesh.
+        luminance: [m], of the radiance that each triangle emits; one that is not finite counts as 0.
+    """
     corners = np.asarray(mesh.positions, np.float64)[mesh.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.linalg.norm(normal, axis=1)
-    shining = np.flatnonzero((glow > 0.0) & np.isfinite(glow) & (area > 0.0))
-    if len(shining) == 0:
+    emissive = np.flatnonzero((luminance > 0.0) & np.isfinite(luminance) & (area > 0.0))
+    if len(emissive) == 0:
         return None
-    leaves = no_members(len(shining))
-    corners, area = corners[shining], area[shining]
+    leaves = empty_rows(len(emissive))
+    corners, area = corners[emissive], area[emissive]
     center = corners.mean(axis=1)
-    leaves[:, CENTRE : CENTRE + 3] = center
-    leaves[:, NORMAL : NORMAL + 3] = -normal[shining] / (2.0 * area[:, None])
-    leaves[:, STRENGTH] = area * glow[shining]
+    leaves[:, CENTER : CENTER + 3] = center
+    leaves[:, NORMAL : NORMAL + 3] = -normal[emissive] / (2.0 * area[:, None])
+    leaves[:, STRENGTH] = area * luminance[emissive]
     leaves[:, SIZE2] = area / (2.0 * math.pi)
     leaves[:, BACK] = 1.0
-    leaves[:, ROW] = shining
-    outside = _outside(mesh)
-    if outside:
-        leaves[:, BACK] = _INSIDE
-        leaves[:, NORMAL : NORMAL + 3] *= outside
-    return MeshLight(tree(leaves), group(leaves), len(mesh.triangles))
+    leaves[:, ROW] = emissive
+    orientation = _orientation(mesh)
+    if orientation:
+        leaves[:, BACK] = _CLOSED_BACK
+        leaves[:, NORMAL : NORMAL + 3] *= orientation
+    return MeshLight(build_tree(leaves), group_row(leaves), len(mesh.triangles))
 
 
-def _outside(mesh: Mesh) -> int:
-    """1 for a closed mesh whose triangles are counter-clockwise from outside, -1 from inside, 0 for an open one."""
+def _orientation(mesh: Mesh) -> int:
+    """Return 1 for a closed mesh with triangles counter-clockwise from outside, -1 if from inside, 0 if open."""
     _, vertex = np.unique(np.asarray(mesh.positions, np.float32), axis=0, return_inverse=True)
     triangles = vertex.reshape(-1)[mesh.triangles].astype(np.int64)
     begins, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
@@ -79,8 +100,8 @@ def _outside(mesh: Mesh) -> int:
     return int(np.sign(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))))
 
 
-def glow_of(material: Material, textures: Sequence[Texture]) -> float:
-    """The mean luminance of what a material emits. textures: of its description."""
+def mean_emission(material: Material, textures: Sequence[Texture]) -> float:
+    """Return the mean luminance of a material's emission, W/m²/sr. textures: of its description."""
     emitted = material.emissive_color
     if not isinstance(emitted, TextureLookup):
         return max(float(np.asarray(emitted) @ LUMINANCE), 0.0)

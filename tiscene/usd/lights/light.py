@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from tiscene.scene.description import (
     RectLight,
     SphereLight,
 )
+from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix, unscaled
 from tiscene.usd.geometry.deforming import is_time_varying
@@ -86,7 +88,7 @@ class LightReader:
             "DistantLight": self._distant,
             "DomeLight": self._dome,
             "DomeLight_1": self._dome,
-        }.get(kind)
+        }.get(kind) or self._registered(kind)
         if reader is None:
             self._report.omission(path, f"lights of type {kind or 'LightAPI'} are not supported")
             return
@@ -142,6 +144,22 @@ class LightReader:
             emission = np.maximum(emission, 0.0)
         r, g, b = emission.tolist()
         return (r, g, b)
+
+    def _registered(self, prim_type: str) -> Callable[..., Light | None] | None:
+        """Return the reader of a kind that was registered for prims of that type; None if there is none."""
+        reader = usd_reader(prim_type)
+        if reader is None:
+            return None
+
+        def read(prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
+            path, x, y, z = str(prim.GetPath()), *scale
+
+            def value(name: str, default: Any) -> Any:
+                return self._input(prim, name, default)
+
+            return reader(UsdLightInputs(prim.GetName(), path, pose, emission, (x, y, z), self._meters, value))
+
+        return read
 
     def _rect(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
         width, height = self._size(prim, "width", 1.0) * scale[0], self._size(prim, "height", 1.0) * scale[1]
