@@ -18,12 +18,12 @@ from usd_scenes.author.shapes import cylinder, lathe, rounded_box, sphere
         (sphere(0.2), "Sphere", (0.4, 0.4, 0.4)),
         (sphere(1.0).scaled(0.1, 0.3, 0.2), "Ellipsoid", (0.2, 0.6, 0.4)),
         (cylinder(0.1, 0.5), "Cylinder", (0.2, 0.5, 0.2)),
-        (cylinder(0.1, 0.5).turned("z", 90.0), "Cylinder", (0.2, 0.5, 0.2)),
+        (cylinder(0.1, 0.5).rotated("z", 90.0), "Cylinder", (0.2, 0.5, 0.2)),
         (lathe([[0.0, 0.0], [0.2, 0.0], [0.0, 0.5]], 48), "Cone", (0.4, 0.5, 0.4)),
     ],
 )
 def test_a_shape_is_fitted_by_its_own_kind(mesh: PolygonMesh, kind: str, size: tuple[float, float, float]) -> None:
-    (gprim,) = primitives.fit(mesh.moved(1.0, 2.0, 3.0))
+    (gprim,) = primitives.fit(mesh.translated(1.0, 2.0, 3.0))
     assert gprim.kind == kind
     np.testing.assert_allclose(gprim.size, size, atol=2e-3)
     np.testing.assert_allclose(gprim.center, np.add(mesh.bounds.mean(axis=0), (1.0, 2.0, 3.0)), atol=2e-3)
@@ -32,14 +32,14 @@ def test_a_shape_is_fitted_by_its_own_kind(mesh: PolygonMesh, kind: str, size: t
 
 
 def test_a_leaning_board_is_a_leaning_box() -> None:
-    (gprim,) = primitives.fit(rounded_box((0.02, 1.0, 0.1), 0.002).turned("z", 30.0))
+    (gprim,) = primitives.fit(rounded_box((0.02, 1.0, 0.1), 0.002).rotated("z", 30.0))
     np.testing.assert_allclose(gprim.size, (0.02, 1.0, 0.1), atol=2e-3)
     lean = np.degrees(np.arccos(abs(gprim.axes[1, 1])))
     assert lean == pytest.approx(30.0, abs=0.5)
 
 
 def test_each_piece_has_its_own_and_too_many_have_one() -> None:
-    balls = [sphere(0.1, 12).moved(0.3 * i) for i in range(40)]
+    balls = [sphere(0.1, 12).translated(0.3 * i) for i in range(40)]
     few = primitives.fit(merged(balls[:5]))
     assert sorted(gprim.center[0] for gprim in few) == pytest.approx([0.0, 0.3, 0.6, 0.9, 1.2], abs=1e-3)
     (many,) = primitives.fit(merged(balls))

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Code that authors the scenes and templates beside it: `python -m usd_scenes.author [NAME ...]`.
+"""Authoring of the shipped scenes and templates: `python -m usd_scenes.author [NAME ...]`.
 
-mesh → shapes, soft → things (furniture, clutter, plants) → templates, rooms; textures and materials → looks;
-stage writes them as USD. Everything is a pure function of its arguments and a seed, so that files can be made again.
+Everything is a pure function of its arguments and a seed, so that running it again writes the same files. In order:
+`polygon_mesh` (meshes), `shapes`, `sheets`, `soft`, `implicit` and `cloth_simulation` (geometry), `textures` (images),
+`material_presets` (materials by name), `models` (furniture, clutter, plants as `model.Model`), `templates` and rooms,
+`primitives` (their approximation by gprims), `usd_writer` (USD files).
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m usd_scenes.author [NAME ...] [--output FOLDER]`: writes textures, templates and scenes again.
+"""`python -m usd_scenes.author [NAME ...] [--output FOLDER]`: write textures, templates and scenes.
 
 NAME: a scene (room_02), a template's folder (chair_01), "textures" or one texture (oak); default everything.
 """
@@ -24,7 +24,7 @@ SCENES = {
 
 
 def jobs(output: Path) -> dict[str, Callable[[], None]]:
-    """What can be written, by name, in an order in which it can be."""
+    """Return the functions that write each texture, template and scene below `output`, in order of dependency."""
     result: dict[str, Callable[[], None]] = {}
     for name, make in MAKERS.items():
         result[name] = lambda make=make: make(output / "textures")  # type: ignore[misc]

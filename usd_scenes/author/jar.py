@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m usd_scenes.author.jar FILE.glb`: a glazed floor jar as glTF, a model to try `tiscene import` with."""
+"""`python -m usd_scenes.author.jar FILE.glb`: write a glazed floor jar as glTF, to try `tiscene import` with."""
 
 from __future__ import annotations
 
@@ -15,11 +15,16 @@ from usd_scenes.author.shapes import curve
 HEIGHT = 0.62
 PROFILE = [[0.0, 0.0], [0.10, 0.0], [0.17, 0.16], [0.19, 0.32], [0.15, 0.47], [0.085, 0.55], [0.11, HEIGHT]]
 CLAY, BLUE, RUST = (196, 178, 150), (38, 62, 84), (150, 84, 48)
-BANDS = ((0.0, 0.27, BLUE), (0.33, 0.36, BLUE), (0.69, 0.71, RUST), (0.84, 1.0, BLUE))  # of its height
+BANDS = (
+    (0.0, 0.27, BLUE),
+    (0.33, 0.36, BLUE),
+    (0.69, 0.71, RUST),
+    (0.84, 1.0, BLUE),
+)  # from, to, color; as fractions of the height
 
 
 def write(path: Path) -> None:
-    """Turned on a wheel, 0.62 m high, with painted bands in a texture."""
+    """Write a jar of 0.62 m with painted bands in a texture."""
     outside = curve(PROFILE, 60)
     inside = outside[:0:-1] + np.array([-0.008, 0.008])
     jar = trimesh.creation.revolve(np.concatenate([outside, inside]).clip(0.0), sections=96)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials by name. Albedos are measured values or close to them: none below 0.03 or above 0.82."""
+"""The materials of all models by name (`PRESETS`), with and without textures.
+
+Albedos are measured values or close to them: none below 0.03 or above 0.82.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,21 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MaterialPreset:
-    """UsdPreviewSurface in short. A string is a texture file in `usd_scenes/textures`.
+    """Inputs of a UsdPreviewSurface. A string is a texture file in `usd_scenes/textures`.
 
-    tile: how many meters of surface a texture covers, along u and v; None: uv is already 0..1.
-    shift: of the texture space. average: what the color's picture comes to where it is used in part.
+    Attributes:
+        color: diffuse color, linear.
+        roughness: 0..1.
+        metallic: 0..1.
+        normal: normal map, or None.
+        tile: size of the surface that a texture covers along u and v, m; None: uv is in 0..1 already.
+        emission: emitted radiance, linear, before `emission_scale`; None for none.
+        emission_scale: factor of `emission`.
+        clearcoat: 0..1.
+        ior: index of refraction.
+        opacity: 0..1.
+        shift: translation in texture space.
+        average: mean of the color texture, where only a part of it is used; None: computed.
     """
 
     color: Color | str
@@ -38,20 +52,20 @@ class MaterialPreset:
     average: Color | None = None
 
 
-def plain(look: MaterialPreset) -> MaterialPreset:
-    """The look without its pictures: what they come to on average."""
-    color = look.average or (_mean_albedo(look.color) if isinstance(look.color, str) else look.color)
-    roughness = _mean(look.roughness) if isinstance(look.roughness, str) else look.roughness
-    emission = _mean_albedo(look.emission) if isinstance(look.emission, str) else look.emission
+def without_textures(preset: MaterialPreset) -> MaterialPreset:
+    """Return a preset with its textures replaced by their means."""
+    color = preset.average or (_mean_albedo(preset.color) if isinstance(preset.color, str) else preset.color)
+    roughness = _mean(preset.roughness) if isinstance(preset.roughness, str) else preset.roughness
+    emission = _mean_albedo(preset.emission) if isinstance(preset.emission, str) else preset.emission
     if emission is not None:
-        red, green, blue = (component * look.emission_scale for component in emission)
+        red, green, blue = (component * preset.emission_scale for component in emission)
         emission = red, green, blue
-    return replace(look, color=color, roughness=roughness, emission=emission, emission_scale=1.0, normal=None)
+    return replace(preset, color=color, roughness=roughness, emission=emission, emission_scale=1.0, normal=None)
 
 
 @cache
 def _mean_albedo(file: str) -> Color:
-    """Of an sRGB picture, linear; to two places, which do not depend on a picture's last bits."""
+    """Return the mean linear color of an sRGB image, rounded to two decimals to be independent of its last bits."""
     with Image.open(TEXTURES / file) as picture:
         albedo = decoded(np.asarray(picture.convert("RGB"), dtype=np.float64) / 255.0)
     red, green, blue = np.round(albedo.mean(axis=(0, 1)), 2).tolist()
@@ -60,18 +74,20 @@ def _mean_albedo(file: str) -> Color:
 
 @cache
 def _mean(file: str) -> float:
+    """Return the mean of a grayscale image, 0..1, rounded to two decimals."""
     with Image.open(TEXTURES / file) as picture:
         return round(float(np.asarray(picture, dtype=np.float64).mean()) / 255.0, 2)
 
 
 def _textured(name: str, tile: float | tuple[float, float], **others: object) -> MaterialPreset:
+    """Return a preset whose color, roughness and normal textures share a name."""
     size = tile if isinstance(tile, tuple) else (tile, tile)
     roughness = f"{name}_roughness.png"
     fields = {"color": f"{name}_color.png", "roughness": roughness, "normal": f"{name}_normal.png", "tile": size}
     return MaterialPreset(**{**fields, **others})  # type: ignore[arg-type]
 
 
-LOOKS: dict[str, MaterialPreset] = {
+PRESETS: dict[str, MaterialPreset] = {
     # Building
     "WallPlaster": MaterialPreset((0.70, 0.675, 0.63), 0.85, normal="plaster_normal.png", tile=(1.2, 1.2)),
     "AccentPlaster": MaterialPreset((0.245, 0.305, 0.285), 0.8, normal="plaster_normal.png", tile=(1.2, 1.2)),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What furniture and templates are made of: named parts, each a mesh with a look."""
+"""Models: furniture and templates as named parts, each a mesh with one material."""
 
 from __future__ import annotations
 
@@ -13,20 +13,34 @@ from usd_scenes.author.polygon_mesh import Array, PolygonMesh, merged
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A mesh with one material. look: a name in `looks.LOOKS`. stand_ins: what primitives are fitted to instead."""
+    """A mesh with one material.
+
+    Attributes:
+        name: prim name.
+        mesh: the geometry.
+        material: a name in `material_presets.PRESETS`.
+        proxies: meshes that primitives are fitted to in place of `mesh`; empty for `mesh` itself.
+    """
 
     name: str
     mesh: PolygonMesh
-    look: str
-    stand_ins: tuple[PolygonMesh, ...] = ()
+    material: str
+    proxies: tuple[PolygonMesh, ...] = ()
 
-    def changed(self, change: Callable[[PolygonMesh], PolygonMesh]) -> Part:
-        return replace(self, mesh=change(self.mesh), stand_ins=tuple(change(mesh) for mesh in self.stand_ins))
+    def mapped(self, function: Callable[[PolygonMesh], PolygonMesh]) -> Part:
+        """Return the part with `function` applied to its mesh and its proxies."""
+        return replace(self, mesh=function(self.mesh), proxies=tuple(function(mesh) for mesh in self.proxies))
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """An object with an identity of its own. label: its semantic class."""
+    """An object of named parts.
+
+    Attributes:
+        name: prim name.
+        label: semantic class.
+        parts: the parts.
+    """
 
     name: str
     label: str
@@ -34,33 +48,36 @@ class Model:
 
     @property
     def bounds(self) -> Array:
-        """[2, 3], m."""
+        """Lower and upper corner of the bounding box, [2, 3], m."""
         boxes = np.array([part.mesh.bounds for part in self.parts])
         return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
     @property
     def triangles(self) -> int:
+        """Number of triangles of all parts."""
         return sum(part.mesh.triangles for part in self.parts)
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Model:
-        return replace(self, parts=tuple(part.changed(lambda mesh: mesh.moved(x, y, z)) for part in self.parts))
+    def translated(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Model:
+        """Return the model moved by (x, y, z), m."""
+        return replace(self, parts=tuple(part.mapped(lambda mesh: mesh.translated(x, y, z)) for part in self.parts))
 
-    def turned(self, axis: str, degrees: float) -> Model:
-        return replace(self, parts=tuple(part.changed(lambda mesh: mesh.turned(axis, degrees)) for part in self.parts))
+    def rotated(self, axis: str, degrees: float) -> Model:
+        """Return the model rotated about "x", "y" or "z" through the origin."""
+        return replace(self, parts=tuple(part.mapped(lambda mesh: mesh.rotated(axis, degrees)) for part in self.parts))
 
-    def simplified(self, **stand_ins: PolygonMesh | Iterable[PolygonMesh]) -> Model:
-        """With meshes, by part, that its primitives are fitted to: where a part in one piece is like several."""
-        meshes = {part: (mesh,) if isinstance(mesh, PolygonMesh) else tuple(mesh) for part, mesh in stand_ins.items()}
-        return replace(self, parts=tuple(replace(part, stand_ins=meshes.get(part.name, ())) for part in self.parts))
+    def with_proxies(self, **proxies: PolygonMesh | Iterable[PolygonMesh]) -> Model:
+        """Return the model with proxies, by part name: for parts of one piece that resemble several primitives."""
+        meshes = {part: (mesh,) if isinstance(mesh, PolygonMesh) else tuple(mesh) for part, mesh in proxies.items()}
+        return replace(self, parts=tuple(replace(part, proxies=meshes.get(part.name, ())) for part in self.parts))
 
     def centered(self) -> Model:
-        """With the center of its bounding box at the origin."""
-        return self.moved(*(-self.bounds.mean(axis=0)))
+        """Return the model with the center of its bounding box at the origin."""
+        return self.translated(*(-self.bounds.mean(axis=0)))
 
 
-def thing(name: str, label: str, *parts: tuple[str, str, PolygonMesh | Iterable[PolygonMesh]]) -> Model:
-    """A Model from (part name, look, mesh or meshes)."""
+def make_model(name: str, label: str, *parts: tuple[str, str, PolygonMesh | Iterable[PolygonMesh]]) -> Model:
+    """Build a model from (part name, material, mesh or meshes) tuples."""
     built = tuple(
-        Part(part, mesh if isinstance(mesh, PolygonMesh) else merged(mesh), look) for part, look, mesh in parts
+        Part(part, mesh if isinstance(mesh, PolygonMesh) else merged(mesh), material) for part, material, mesh in parts
     )
     return Model(name, label, built)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An empty studio: an even, light ground and three lights far away, so that a thing is lit alike wherever it flies."""
+"""object_view: an empty studio with a uniform dome and three distant lights, which light an object alike everywhere."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ KEY = {"day": (1.0, 0.94, 0.86), "evening": (1.0, 0.62, 0.34), "night": (0.55, 0
 
 
 def build() -> Room:
+    """Build the scene."""
     room = Room("ObjectView", "object_view")
     room.dome(
         "Background",

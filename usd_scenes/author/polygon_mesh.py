@@ -37,14 +37,14 @@ class PolygonMesh:
         """[2, 3]: least and greatest corner."""
         return np.array([self.points.min(axis=0), self.points.max(axis=0)])
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> PolygonMesh:
+    def translated(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> PolygonMesh:
         return replace(self, points=self.points + np.array([x, y, z]))
 
-    def turned(self, axis: str, degrees: float) -> PolygonMesh:
+    def rotated(self, axis: str, degrees: float) -> PolygonMesh:
         """Rotated about an axis through the origin, counter-clockwise seen against the axis."""
-        return self.mapped(rotation(axis, degrees))
+        return self.transformed(rotation(axis, degrees))
 
-    def mapped(self, matrix: ArrayLike) -> PolygonMesh:
+    def transformed(self, matrix: ArrayLike) -> PolygonMesh:
         """Under a 3x3 linear map (mirrors keep their faces outward)."""
         linear = np.asarray(matrix, dtype=np.float64)
         normals = normalized(self.normals @ np.linalg.inv(linear))
@@ -52,7 +52,7 @@ class PolygonMesh:
         return mesh.reversed(keep_normals=True) if np.linalg.det(linear) < 0.0 else mesh
 
     def scaled(self, x: float, y: float, z: float) -> PolygonMesh:
-        return self.mapped(np.diag([x, y, z]))
+        return self.transformed(np.diag([x, y, z]))
 
     def reversed(self, keep_normals: bool = False) -> PolygonMesh:
         """Inside out."""
@@ -64,7 +64,7 @@ class PolygonMesh:
 
     def deformed(self, function: Callable[[Array], Array], weld: bool = True) -> PolygonMesh:
         """Points moved by `function` (points in, points out), with new smooth normals."""
-        return smoothed(replace(self, points=function(self.points)), weld=weld)
+        return with_smooth_normals(replace(self, points=function(self.points)), weld=weld)
 
     def with_uv(self, u: float = 0.0, v: float = 0.0, scale: float = 1.0, swap: bool = False) -> PolygonMesh:
         """Texture coordinates scaled, then shifted (m); swap exchanges the two axes first."""
@@ -117,10 +117,10 @@ def grid(points: Array, uv: Array, *, closed: bool = False) -> PolygonMesh:
         np.full(len(quads), 4, dtype=np.int32),
         quads.reshape(-1).astype(np.int32),
     )
-    return without_slivers(smoothed(mesh, weld=closed))
+    return without_degenerate_faces(with_smooth_normals(mesh, weld=closed))
 
 
-def without_slivers(mesh: PolygonMesh) -> PolygonMesh:
+def without_degenerate_faces(mesh: PolygonMesh) -> PolygonMesh:
     """Quads with two coincident corners (at a pole) become triangles; faces without area go."""
     quads = mesh.indices.reshape(-1, 4)
     points = mesh.points[quads]
@@ -134,7 +134,7 @@ def without_slivers(mesh: PolygonMesh) -> PolygonMesh:
     return replace(mesh, counts=np.array(counts, dtype=np.int32), indices=np.concatenate(indices).astype(np.int32))
 
 
-def smoothed(mesh: PolygonMesh, weld: bool = True) -> PolygonMesh:
+def with_smooth_normals(mesh: PolygonMesh, weld: bool = True) -> PolygonMesh:
     """With smooth normals, weighted by area: large flat faces keep theirs, so bevels shade as bevels.
 
     weld: vertices at the same place share one normal, whatever their uv.

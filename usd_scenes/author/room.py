@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A room in the making: things put in their places, lights, cameras; then one scene.usda and its crates of shapes."""
+"""`Room` collects a scene (models in place, lights, cameras, variants) and writes scene.usda with its crates."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from usd_scenes.author.polygon_mesh import rotation
 Vector3 = tuple[float, float, float]
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 LIGHTING = ("day", "evening", "night")
-WARM_WHITE: Vector3 = (1.0, 0.76, 0.52)  # 3000 K as a camera balanced for 4500 K sees it
-# Of the rooms with open windows: intensity, picture and color of their sky; irradiance, color and angle of their sun.
+WARM_WHITE: Vector3 = (1.0, 0.76, 0.52)  # 3000 K seen by a camera balanced for 4500 K
+# Sky (intensity, texture, color) and sun (irradiance, color, angle) of the rooms with windows, by lighting.
 SKY = (
     {"day": 2.6, "evening": 1.1, "night": 0.10},
     {"day": "afternoon_sky.hdr", "evening": "dusk_sky.hdr", "night": "dusk_sky.hdr"},
@@ -33,43 +33,66 @@ SUNLIGHT = (
 )
 T = TypeVar("T")
 Varied: TypeAlias = T | Mapping[str, T]
-"""One value, or one for each of LIGHTING."""
+"""One value, or one for each name in LIGHTING."""
 
 
 def by_lighting(value: Varied[T]) -> dict[str, T]:
+    """Return a value for each lighting."""
     return {name: value[name] if isinstance(value, Mapping) else value for name in LIGHTING}
 
 
 class Room:
-    """Collects and writes a scene. name: of the default prim. folder: of the scene, beside templates and textures."""
+    """A scene to author.
+
+    Args:
+        name: name of the default prim.
+        folder: folder of the scene, beside templates and textures.
+    """
 
     def __init__(self, name: str, folder: str) -> None:
         self.name, self.folder = name, folder
         self.stage, self.root = usd.new_stage(name, Kind.Tokens.assembly)
         self.stage.GetRootLayer().comment = f"{folder}: written by usd_scenes.author."
-        self._things: dict[str, Model] = {}
+        self._models: dict[str, Model] = {}
         self._bindings: list[tuple[Model, str]] = []
         self._arcs: list[usd.Arc] = []
         self._templates: list[str] = []
-        self._glows: dict[str, Varied[float]] = {}
+        self._emission_factors: dict[str, Varied[float]] = {}
         self._varied: list[tuple[Usd.Attribute, dict[str, Any]]] = []
 
     def put(
-        self, where: str, thing: Model, at: Vector3 = ORIGIN, turn: Vector3 = ORIGIN, name: str | None = None
+        self, where: str, model: Model, at: Vector3 = ORIGIN, turn: Vector3 = ORIGIN, name: str | None = None
     ) -> None:
-        """A component below group `where`. turn: degrees about x, then y, then z. name: default the thing's."""
-        self._things[thing.name] = thing
-        prim = self._component(where, name or thing.name, at, turn)
-        usd.label(prim, thing.label)
-        self._bindings.append((thing, str(prim.GetPath())))
+        """Place a model.
+
+        Args:
+            where: name of the group to place it in.
+            model: the model.
+            at: position, m.
+            turn: rotation about x, then y, then z, degrees.
+            name: prim name; None for the model's.
+        """
+        self._models[model.name] = model
+        prim = self._component(where, name or model.name, at, turn)
+        usd.label(prim, model.label)
+        self._bindings.append((model, str(prim.GetPath())))
 
     def put_template(
         self, where: str, name: str, folder: str, at: Vector3, turn: Vector3 = ORIGIN, color: str | None = None
     ) -> None:
-        """A template by reference, lowered or lifted so that it rests at the height of `at` as it is turned."""
-        thing = templates.build(folder)
+        """Place a template by reference, so that its lowest point is at the height of `at`.
+
+        Args:
+            where: name of the group to place it in.
+            name: prim name.
+            folder: the template's folder.
+            at: position, m.
+            turn: rotation about x, then y, then z, degrees.
+            color: variant of color; None for the first.
+        """
+        model = templates.build(folder)
         matrix = rotation("z", turn[2]) @ rotation("y", turn[1]) @ rotation("x", turn[0])
-        lowest = min(float((part.mesh.points @ matrix.T)[:, 1].min()) for part in thing.parts)
+        lowest = min(float((part.mesh.points @ matrix.T)[:, 1].min()) for part in model.parts)
         prim = self._component(where, name, (at[0], at[1] - lowest, at[2]), turn)
         asset = f"../templates/{folder}/template.usda"
         self._arcs.append(usd.Arc(str(prim.GetPath()), asset, payload=False))
@@ -81,21 +104,26 @@ class Room:
             prim.GetVariantSets().SetSelection("color", color)
 
     def _component(self, where: str, name: str, at: Vector3, turn: Vector3) -> Usd.Prim:
+        """Define an Xform of kind component below a group."""
         parent = f"/{self.name}/{where}"
         if not self.stage.GetPrimAtPath(parent):
             usd.group(self.stage, parent)
         path = f"{parent}/{name}"
         if self.stage.GetPrimAtPath(path):
-            raise ValueError(f"{self.folder}: {path} is there already")
+            raise ValueError(f"{self.folder}: {path} exists already; give each component its own name")
         xform = UsdGeom.Xform.Define(self.stage, path)
         Usd.ModelAPI(xform.GetPrim()).SetKind(Kind.Tokens.component)
         _place(xform, at, turn)
         return xform.GetPrim()
 
     def pane(self, window: str, width: float, height: float, thickness: float) -> None:
-        """What keeps things in where a window is open: a collider in its frame that nobody sees.
+        """Define an invisible collider in an open window, which keeps objects inside.
 
-        window: a component whose origin is the lower middle of an opening in the wall's inner face, z into the room.
+        Args:
+            window: a component at the lower middle of an opening in the wall's inner face, its z into the room.
+            width: width of the opening, m.
+            height: height of the opening, m.
+            thickness: thickness of the wall, m.
         """
         pane = UsdGeom.Cube.Define(self.stage, f"/{self.name}/{window}/Pane")
         pane.CreatePurposeAttr(UsdGeom.Tokens.guide)
@@ -114,8 +142,16 @@ class Room:
         color: Varied[Vector3] = (1.0, 1.0, 1.0),
         turn: float = 0.0,
     ) -> None:
-        """The surroundings; texture: a latlong picture in `usd_scenes/textures`; turn: degrees about y."""
-        light = UsdLux.DomeLight.Define(self.stage, self._light(name))
+        """Define a dome light.
+
+        Args:
+            name: prim name.
+            intensity: radiance factor.
+            texture: a latlong image in `usd_scenes/textures`.
+            color: linear color.
+            turn: rotation about y, degrees.
+        """
+        light = UsdLux.DomeLight.Define(self.stage, self._light_path(name))
         self._set(light.CreateIntensityAttr(), intensity)
         self._set_color(light.CreateColorAttr(), color)
         if texture is not None:
@@ -125,13 +161,13 @@ class Room:
         _place(UsdGeom.Xformable(light), ORIGIN, (0.0, turn, 0.0))
 
     def portal(self, dome: str, name: str, width: float, height: float, at: Vector3, turn: Vector3) -> None:
-        """An opening by which a dome's light enters along the portal's -z; `at` is its middle."""
-        portal = UsdLux.PortalLight.Define(self.stage, self._light(name))
+        """Define a portal of a dome: an opening centered at `at`, through which light enters along its -z."""
+        portal = UsdLux.PortalLight.Define(self.stage, self._light_path(name))
         portal.CreateWidthAttr(width)
         portal.CreateHeightAttr(height)
         portal.CreateExtentAttr([Gf.Vec3f(-width / 2.0, -height / 2.0, 0.0), Gf.Vec3f(width / 2.0, height / 2.0, 0.0)])
         _place(UsdGeom.Xformable(portal), at, turn)
-        UsdLux.DomeLight.Get(self.stage, self._light(dome)).CreatePortalsRel().AddTarget(portal.GetPath())
+        UsdLux.DomeLight.Get(self.stage, self._light_path(dome)).CreatePortalsRel().AddTarget(portal.GetPath())
 
     def sun(
         self,
@@ -141,8 +177,8 @@ class Room:
         color: Varied[Vector3],
         angle: Varied[float],
     ) -> None:
-        """A distant light; towards: where it is; angle: of its disc, degrees."""
-        light = UsdLux.DistantLight.Define(self.stage, self._light(name))
+        """Define a distant light in the direction `towards`; `angle` is the diameter of its disc, degrees."""
+        light = UsdLux.DistantLight.Define(self.stage, self._light_path(name))
         self._set(light.CreateIntensityAttr(), irradiance)
         light.CreateNormalizeAttr(True)
         self._set(light.CreateAngleAttr(), angle)
@@ -156,8 +192,8 @@ class Room:
     def bulb(
         self, name: str, at: Vector3, radius: float, radiance: Varied[float], color: Varied[Vector3] = WARM_WHITE
     ) -> None:
-        """A small sphere of light."""
-        light = UsdLux.SphereLight.Define(self.stage, self._light(name))
+        """Define a small sphere light."""
+        light = UsdLux.SphereLight.Define(self.stage, self._light_path(name))
         light.CreateRadiusAttr(radius)
         self._set(light.CreateIntensityAttr(), radiance)
         self._set_color(light.CreateColorAttr(), color)
@@ -176,11 +212,20 @@ class Room:
         texture: str | None = None,
         diffuse: Varied[float] | None = None,
     ) -> None:
-        """A rectangle of light that shines along its -z; texture: a picture of it in `usd_scenes/textures`.
+        """Define a rectangular light that emits along its -z.
 
-        diffuse: how many times as bright what it lights is as its own look would make it (`inputs:diffuse`).
+        Args:
+            name: prim name.
+            width: m.
+            height: m.
+            at: its center, m.
+            turn: rotation about x, then y, then z, degrees.
+            radiance: emitted radiance.
+            color: linear color.
+            texture: an image in `usd_scenes/textures`.
+            diffuse: multiplier of its diffuse illumination (`inputs:diffuse`).
         """
-        light = UsdLux.RectLight.Define(self.stage, self._light(name))
+        light = UsdLux.RectLight.Define(self.stage, self._light_path(name))
         light.CreateWidthAttr(width)
         light.CreateHeightAttr(height)
         self._set(light.CreateIntensityAttr(), radiance)
@@ -192,12 +237,12 @@ class Room:
         light.CreateExtentAttr([Gf.Vec3f(-width / 2.0, -height / 2.0, 0.0), Gf.Vec3f(width / 2.0, height / 2.0, 0.0)])
         _place(UsdGeom.Xformable(light), at, turn)
 
-    def glow(self, look: str, strength: Varied[float]) -> None:
-        """How much of its emission a look has in this room: a lamp's shade, with its bulb."""
-        self._glows[look] = strength
+    def scale_emission(self, material: str, factor: Varied[float]) -> None:
+        """Scale the emission of a material in this room, such as that of a lamp shade with its bulb."""
+        self._emission_factors[material] = factor
 
     def _set(self, attribute: Usd.Attribute, value: Any) -> None:
-        """A value now, or one for each lighting when variants are written: a local one would win over them."""
+        """Set an attribute, or defer values by lighting to the variants, which a local opinion would override."""
         if isinstance(value, Mapping):
             attribute.Clear()
             self._varied.append((attribute, by_lighting(value)))
@@ -205,10 +250,12 @@ class Room:
             attribute.Set(value)
 
     def _set_color(self, attribute: Usd.Attribute, color: Varied[Vector3]) -> None:
+        """Set a color attribute as `_set` does."""
         colors = {key: Gf.Vec3f(*value) for key, value in by_lighting(color).items()}
         self._set(attribute, colors if isinstance(color, Mapping) else colors["day"])
 
-    def _light(self, name: str) -> str:
+    def _light_path(self, name: str) -> str:
+        """Return the path of a light; define the Scope of lights if needed."""
         parent = f"/{self.name}/Lights"
         if not self.stage.GetPrimAtPath(parent):
             UsdGeom.Scope.Define(self.stage, parent)
@@ -226,9 +273,19 @@ class Room:
         f_stop: float = 0.0,
         focus: float | None = None,
     ) -> None:
-        """A 4:3 camera that looks at `target` or is turned by `turn` (degrees about x, then y). fov: vertical, degrees.
+        """Define a 4:3 camera with a sensor 24 mm high.
 
-        Apertures and focal length are tenths of a meter here, as UsdGeomCamera has it: a 24 mm high sensor.
+        UsdGeomCamera's apertures and focal length are in tenths of the stage's unit, the meter.
+
+        Args:
+            name: prim name.
+            at: position, m.
+            target: point to look at; None to use `turn`.
+            turn: rotation about x, then y, degrees.
+            fov: vertical field of view, degrees.
+            exposure: exposure compensation, stops.
+            f_stop: 0 for a pinhole camera.
+            focus: focus distance, m; None for the distance to `target`, else 3.
         """
         parent = f"/{self.name}/Cameras"
         if not self.stage.GetPrimAtPath(parent):
@@ -242,60 +299,64 @@ class Room:
         if f_stop > 0.0:
             camera.CreateFStopAttr(f_stop)
         if target is not None:
-            turn = _look(at, target)
+            turn = _rotation_towards(at, target)
             focus = focus or math.dist(at, target)
         camera.CreateFocusDistanceAttr(focus or 3.0)
         _place(camera, at, turn or ORIGIN)
 
     def write(self, packages: Path) -> None:
-        """scene.usda, geometry.usdc and primitives.usdc below `packages`/`folder`."""
+        """Write scene.usda, geometry.usdc and primitives.usdc below `packages`/`folder`."""
         target = packages / self.folder
-        looks = f"/{self.name}/Looks"
-        names = {part.look for thing in self._things.values() for part in thing.parts}
-        if self._things:
-            usd.write_geometry(target / "geometry.usdc", self._things.values(), UsdPhysics.Tokens.none)
-            usd.write_primitives(target / "primitives.usdc", self._things.values())
-            usd.define_looks(self.stage, looks, names, "../textures")
-            for thing, path in self._bindings:
-                usd.bind(self.stage, thing, path, looks)
-            self._apply_glows(looks)
+        scope = f"/{self.name}/Looks"
+        names = {part.material for model in self._models.values() for part in model.parts}
+        if self._models:
+            usd.write_geometry(target / "geometry.usdc", self._models.values(), UsdPhysics.Tokens.none)
+            usd.write_primitives(target / "primitives.usdc", self._models.values())
+            usd.define_materials(self.stage, scope, names, "../textures")
+            for model, path in self._bindings:
+                usd.bind(self.stage, model, path, scope)
+            self._apply_emission_factors(scope)
         for lighting in usd.variants(self.root, "lighting", LIGHTING):
             for attribute, values in self._varied:
                 prim = self.stage.GetPrimAtPath(attribute.GetPrimPath())
                 prim.GetAttribute(attribute.GetName()).Set(values[lighting])
         arcs = list(self._arcs)
         for appearance in usd.variants(self.root, "appearance", templates.APPEARANCES):
-            usd.connect_looks(self.stage, looks, names, "Surface" if appearance == "photoreal" else "Plain")
+            usd.connect_materials(self.stage, scope, names, "Surface" if appearance == "photoreal" else "Plain")
             for path in self._templates:
                 self.stage.GetPrimAtPath(path).GetVariantSets().SetSelection("appearance", appearance)
-            for thing, path in self._bindings:
+            for model, path in self._bindings:
                 file = "./primitives.usdc" if appearance == "primitives" else "./geometry.usdc"
                 inside = path.replace(f"/{self.name}/", f"/{self.name}{{appearance={appearance}}}", 1)
-                arcs.append(usd.Arc(inside, file, f"/Geometry/{thing.name}"))
+                arcs.append(usd.Arc(inside, file, f"/Geometry/{model.name}"))
         usd.save(self.stage, target / "scene.usda", arcs)
 
-    def _apply_glows(self, looks: str) -> None:
-        for look, strength in self._glows.items():
+    def _apply_emission_factors(self, scope: str) -> None:
+        """Scale the emissive colors of materials by their factors."""
+        for material, factor in self._emission_factors.items():
             for shader in ("Surface", "Plain"):
-                attribute = self.stage.GetPrimAtPath(f"{looks}/{look}/{shader}").GetAttribute("inputs:emissiveColor")
+                attribute = self.stage.GetPrimAtPath(f"{scope}/{material}/{shader}").GetAttribute(
+                    "inputs:emissiveColor"
+                )
                 full = attribute.Get()
-                values = {key: Gf.Vec3f(*(full * value)) for key, value in by_lighting(strength).items()}
+                values = {key: Gf.Vec3f(*(full * value)) for key, value in by_lighting(factor).items()}
                 self._set(attribute, values)
 
 
 def _sun_turn(towards: Vector3) -> Vector3:
+    """Return the rotation about x, then y, degrees, that turns +z towards a direction."""
     x, y, z = towards
     return (-math.degrees(math.atan2(y, math.hypot(x, z))), math.degrees(math.atan2(x, z)), 0.0)
 
 
-def _look(at: Vector3, target: Vector3) -> Vector3:
-    """Degrees about x, then y, that turn -z from `at` to `target`."""
+def _rotation_towards(at: Vector3, target: Vector3) -> Vector3:
+    """Return the rotation about x, then y, degrees, that turns -z from `at` to `target`."""
     x, y, z = np.subtract(target, at).tolist()
     return (math.degrees(math.atan2(y, math.hypot(x, z))), math.degrees(math.atan2(-x, -z)), 0.0)
 
 
 def _place(xform: UsdGeom.Xformable, at: Vector3, turn: Vector3) -> None:
-    """Written rounded, in a fixed order; what is zero is left out."""
+    """Author a rounded translation and rotation; zero ones are left out."""
     if any(at):
         xform.AddTranslateOp().Set(Gf.Vec3d(*(round(value, 5) + 0.0 for value in at)))
     if any(turn):

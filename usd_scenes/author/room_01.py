@@ -40,9 +40,11 @@ def _shell(room: Room) -> None:
     room.put("Building", building.planks(width, depth, 19), center)
     room.put("Building", building.ceiling(width, depth, HEIGHT), center)
     for index, name in enumerate(("WallWardrobe", "WallBed", "WallWindow", "WallDoor")):
-        look = "ClayPlaster" if name == "WallBed" else "WallPlaster"
+        material = "ClayPlaster" if name == "WallBed" else "WallPlaster"
         holes = [opening] if name == "WallWindow" else []
-        room.put("Building", building.wall(name, corners[index], corners[(index + 1) % 4], HEIGHT, WALL, look, holes))
+        room.put(
+            "Building", building.wall(name, corners[index], corners[(index + 1) % 4], HEIGHT, WALL, material, holes)
+        )
     room.put("Building", building.cornice("Cornice", corners, HEIGHT))
     runs = [[(LEFT, DOOR - 0.527), *corners, (LEFT, DOOR + 0.527)]]
     room.put("Building", building.skirting("Skirting", runs))
@@ -70,14 +72,14 @@ def _bed(room: Room) -> None:
     lay("Furniture", bedroom.bed("Bed"))
     lay("Bedding", bedding.duvet("Duvet"))
     lay("Bedding", bedding.bed_throw("Throw", "Rust"))
-    for name, look, size, seed, at, pitch, yaw in (
+    for name, material, size, seed, at, pitch, yaw in (
         ("PillowBackLeft", "BedSheet", (0.70, 0.50, 0.19), 1, (-0.40, top, 0.262), 68.0, 2.0),
         ("PillowBackRight", "BedSheet", (0.70, 0.50, 0.19), 2, (0.39, top, 0.260), 69.0, -2.0),
         ("PillowLeft", "BlueLinen", (0.60, 0.44, 0.16), 3, (-0.37, top, 0.475), 57.0, -3.0),
         ("PillowRight", "BlueLinen", (0.60, 0.44, 0.16), 4, (0.41, top, 0.475), 57.0, 4.0),
         ("PillowSmall", "Rust", (0.48, 0.30, 0.14), 5, (0.02, top + 0.055, 0.640), 52.0, 4.0),
     ):
-        item = bedding.leaning(bedding.bed_pillow(name, look, *size, seed), at, pitch, yaw)
+        item = bedding.leaning(bedding.bed_pillow(name, material, *size, seed), at, pitch, yaw)
         lay("Bedding", item)
 
 
@@ -93,8 +95,8 @@ def _furniture(room: Room) -> None:
     room.put("Furniture", bedroom.bench("Bench"), (-0.30, 0.0, 1.74), (0.0, 180.0, 0.0))
     room.put("Furnishings", building.rug("Rug", 2.3, 1.6, "Berber"), (-0.10, 0.0, BED - 0.05), (0.0, 3.0, 0.0))
     wall = (RIGHT - 0.001, 1.62)
-    for index, (look, z) in enumerate((("SprigLong", BED - 0.36), ("SprigRound", BED + 0.36))):
-        art = small.picture(f"Print{index + 1}", look, 0.46, 0.60, "Oak", 0.055)
+    for index, (material, z) in enumerate((("SprigLong", BED - 0.36), ("SprigRound", BED + 0.36))):
+        art = small.picture(f"Print{index + 1}", material, 0.46, 0.60, "Oak", 0.055)
         room.put("Pictures", art, (wall[0], wall[1], z), TOWARDS_BED)
     coast = small.picture("Coast", "Coast", 0.60, 0.40, "Walnut", 0.05)
     room.put("Pictures", coast, (1.62, 1.50, NEAR - 0.001), (0.0, 180.0, 0.0))
@@ -153,7 +155,7 @@ def _light(room: Room) -> None:
     for index, z in enumerate(BEDSIDES):
         at = (RIGHT - 0.23, 0.83, z + (-0.03, 0.02)[index])
         room.bulb(f"TableLampLight{index + 1}", at, 0.03, strength)
-    room.glow("BedsideShade", {"day": 0.0, "evening": 0.8, "night": 0.8})
+    room.scale_emission("BedsideShade", {"day": 0.0, "evening": 0.8, "night": 0.8})
     room.bulb("CeilingLight", (0.1, HEIGHT - 0.21, 0.0), 0.1305, {"day": 0.0, "evening": 0.0, "night": 5.0})
 
 

@@ -45,9 +45,9 @@ def _shell(room: Room) -> None:
     names = ("WallFar", "WallRight", "WallNear", "WallWindows")
     for index, name in enumerate(names):
         start, end = corners[index], corners[(index + 1) % 4]
-        look = "AccentPlaster" if name == "WallFar" else "WallPlaster"
+        material = "AccentPlaster" if name == "WallFar" else "WallPlaster"
         holes = {"WallWindows": openings, "WallNear": [garden]}.get(name, [])
-        room.put("Building", building.wall(name, start, end, HEIGHT, WALL, look, holes))
+        room.put("Building", building.wall(name, start, end, HEIGHT, WALL, material, holes))
     room.put("Building", building.cornice("Cornice", corners, HEIGHT))
     door_z = -0.15
     runs = [[(RIGHT, door_z + 0.527), (RIGHT, NEAR), (LEFT, NEAR), *corners[:2], (RIGHT, door_z - 0.527)]]
@@ -77,7 +77,7 @@ def _sitting(room: Room) -> None:
     room.put_template("Furniture", "Pouf2", "pouf_01", (-2.62, 0.0, -1.28), (0.0, 64.0, 0.0), "cream")
     room.put("Furniture", tables.floor_lamp("FloorLamp"), (0.02, 0.0, -5.55))
     room.put("Plants", plants.rubber_plant("RubberPlant"), (-3.75, 0.0, -5.45))
-    for index, (look, x, z, turn, size) in enumerate(
+    for index, (material, x, z, turn, size) in enumerate(
         (
             ("Mustard", -2.22, -5.28, (-21.0, 24.0, 0.0), 0.46),
             ("Cream", -2.02, -5.16, (-24.0, 8.0, 0.0), 0.42),
@@ -85,7 +85,7 @@ def _sitting(room: Room) -> None:
         )
     ):
         room.put(
-            "Furnishings", seating.scatter_pillow(f"Pillow{index + 1}", look, size, 40 + index), (x, 0.505, z), turn
+            "Furnishings", seating.scatter_pillow(f"Pillow{index + 1}", material, size, 40 + index), (x, 0.505, z), turn
         )
     room.put("Furnishings", seating.folded_throw("Throw"), (-0.49, 0.615, -5.30), (0.0, 0.0, 0.0))
     top = 0.412
@@ -96,10 +96,10 @@ def _sitting(room: Room) -> None:
         room.put("TableThings", item, (-1.86, level, -3.93), (0.0, 90.0 + yaw, 0.0))
         level += thick
     room.put_template("TableThings", "TableBowl", "bowl_01", (-1.40, top, -4.06))
-    for index, (look, x, y, z) in enumerate(
+    for index, (material, x, y, z) in enumerate(
         (("Lemon", -1.44, 0.030, -4.08), ("Lemon", -1.36, 0.030, -4.05), ("Apple", -1.40, 0.028, -4.005))
     ):
-        room.put("TableThings", small.fruit(f"Fruit{index + 1}", look, index + 1), (x, top + y - 0.010, z))
+        room.put("TableThings", small.fruit(f"Fruit{index + 1}", material, index + 1), (x, top + y - 0.010, z))
     room.put_template("TableThings", "TableRemote", "remote_controller_01", (-1.52, top, -3.77), (0.0, 62.0, 0.0))
     room.put_template("TableThings", "Cellphone", "cellphone_01", (-1.22, top, -3.74), (0.0, -18.0, 0.0))
     room.put_template("TableThings", "TableCup", "cup_01", (-1.10, top, -3.84), (0.0, -35.0, 0.0))
@@ -221,8 +221,8 @@ def _television(room: Room) -> None:
     )
     side = RIGHT - 0.001
     room.put("Furnishings", tables.mirror("Mirror"), (side, 1.60, -2.55), (0.0, -90.0, 0.0))
-    for index, (look, z) in enumerate((("AbstractCool", -3.72), ("AbstractWarm", -4.42))):
-        art = small.picture(f"Print{index + 1}", look, 0.50, 0.68, "Oak", 0.06)
+    for index, (material, z) in enumerate((("AbstractCool", -3.72), ("AbstractWarm", -4.42))):
+        art = small.picture(f"Print{index + 1}", material, 0.50, 0.68, "Oak", 0.06)
         room.put("Pictures", art, (side, 1.58, z), (0.0, -90.0, 0.0))
     room.put("Building", building.socket("Socket"), (0.12, 0.30, FAR), name="Socket1")
     room.put("Building", building.socket("Socket"), (-2.75, 0.30, NEAR), (0.0, 180.0, 0.0), "Socket2")
@@ -242,8 +242,8 @@ def _light(room: Room) -> None:
         "PendantLight", (1.95, HEIGHT - 1.15 + 0.075, -2.55), 0.045, {"day": 14.0, "evening": 50.0, "night": 110.0}
     )
     room.bulb("SideLampLight", SIDE_LAMP, 0.03, {"day": 0.0, "evening": 70.0, "night": 150.0})
-    room.glow("LampShade", {"day": 1.0, "evening": 2.6, "night": 2.6})
-    room.glow("BedsideShade", {"day": 0.0, "evening": 0.9, "night": 1.2})
+    room.scale_emission("LampShade", {"day": 1.0, "evening": 2.6, "night": 2.6})
+    room.scale_emission("BedsideShade", {"day": 0.0, "evening": 0.9, "night": 1.2})
 
 
 def _exposure(day: float) -> dict[str, float]:

@@ -81,11 +81,11 @@ def _bath(room: Room) -> None:
     radiator = (1.00, 0.95, FAR + FACE)
     room.put("Furniture", sanitary.towel_radiator("TowelRadiator"), radiator)
     bars = sanitary.radiator_bars()
-    for name, look, size, bar, dx, seed in (
+    for name, material, size, bar, dx, seed in (
         ("TowelLong", "TerryWhite", (0.40, 0.52, 0.40), bars[13], -0.015, 1),
         ("TowelShort", "TerryClay", (0.30, 0.33, 0.27), bars[5], 0.04, 2),
     ):
-        towel = towels.hanging_towel(name, look, *size, 0.0105, seed)
+        towel = towels.hanging_towel(name, material, *size, 0.0105, seed)
         room.put("Furnishings", towel, (radiator[0] + dx, radiator[1] + bar + 0.0105, radiator[2] + 0.066))
     over = towels.hanging_towel("TowelBath", "TerryWhite", 0.46, 0.40, 0.30, 0.020, 3)
     room.put("Furnishings", over, (tub[0] - 0.28, 0.588, tub[2] + 0.362))
@@ -105,10 +105,10 @@ def _bath(room: Room) -> None:
         (0.0, -5.0, 0.0),
     )
     sill = (SILL + 0.0, FAR - 0.10)
-    for index, (look, x, height) in enumerate(
+    for index, (material, x, height) in enumerate(
         (("AmberGlass", -0.74, 0.17), ("WhitePlastic", -0.64, 0.15), ("AmberGlass", -0.56, 0.12))
     ):
-        bottle = bathroom.bottle(f"Bottle{index + 1}", look, height)
+        bottle = bathroom.bottle(f"Bottle{index + 1}", material, height)
         room.put("TableThings", bottle, (x, sill[0], sill[1] + 0.02 * (index % 2)), (0.0, 40.0 * index, 0.0))
     room.put("Plants", plants.rubber_plant("Cutting", 0.46, 33, 0.40), (-0.06, sill[0], FAR - 0.045))
     room.put("TableThings", small.candle("Candle1", 0.09, 0.034), (-0.22, sill[0], sill[1] + 0.03))
@@ -143,8 +143,8 @@ def _toilet(room: Room) -> None:
     room.put("Pictures", art, (LEFT + 0.001, 1.62, z), (0.0, 90.0, 0.0))
     for index, x in enumerate((-0.5, 0.02)):
         room.put("Furnishings", bathroom.hook(f"Hook{index + 1}"), (x, 1.72, NEAR), (0.0, 180.0, 0.0))
-        look = ("TerryWhite", "TerryClay")[index]
-        towel = towels.hooked_towel(f"TowelHook{index + 1}", look, 0.62, (1.05, 0.95)[index], 7 + index)
+        material = ("TerryWhite", "TerryClay")[index]
+        towel = towels.hooked_towel(f"TowelHook{index + 1}", material, 0.62, (1.05, 0.95)[index], 7 + index)
         room.put("Furnishings", towel, (x, 1.72, NEAR), (0.0, 180.0, 0.0))
 
 

@@ -213,14 +213,14 @@ def molding(
     return merged(parts)
 
 
-def bars(path: ArrayLike, width: float, low: float, high: float) -> list[PolygonMesh]:
+def molding_boxes(path: ArrayLike, width: float, low: float, high: float) -> list[PolygonMesh]:
     """What a molding along a path of floor points (x, z) comes to as boxes: `width` to the right, from low to high."""
     line = np.asarray(path, dtype=np.float64)
     boxes = []
     for a, b in itertools.pairwise(line):
         (x, z), (dx, dz), length = (a + b) / 2.0, b - a, float(np.linalg.norm(b - a))
-        box = rounded_box((length, high - low, width)).moved(0.0, (low + high) / 2.0, width / 2.0)
-        boxes.append(box.turned("y", float(np.degrees(np.arctan2(-dz, dx)))).moved(x, 0.0, z))
+        box = rounded_box((length, high - low, width)).translated(0.0, (low + high) / 2.0, width / 2.0)
+        boxes.append(box.rotated("y", float(np.degrees(np.arctan2(-dz, dx)))).translated(x, 0.0, z))
     return boxes
 
 

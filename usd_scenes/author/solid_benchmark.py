@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models import bathroom, building
 from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.room import WARM_WHITE, Room
@@ -17,12 +17,17 @@ def build() -> Room:
     room = Room("SolidBenchmark", "solid_benchmark")
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     center = (0.0, 0.0, (FAR + NEAR) / 2.0)
-    floor = rounded_box((RIGHT - LEFT, 0.1, NEAR - FAR), 0.002).moved(0.0, -0.05, 0.0)
-    room.put("Building", thing("Floor", "floor", ("Floor", "PlainFloor", floor)), center)
+    floor = rounded_box((RIGHT - LEFT, 0.1, NEAR - FAR), 0.002).translated(0.0, -0.05, 0.0)
+    room.put("Building", make_model("Floor", "floor", ("Floor", "PlainFloor", floor)), center)
     room.put("Building", building.ceiling(RIGHT - LEFT, NEAR - FAR, HEIGHT), center)
-    looks = {"WallFar": "PlainWall", "WallRight": "PlainWallWarm", "WallNear": "PlainWall", "WallLeft": "PlainWallCool"}
-    for index, (name, look) in enumerate(looks.items()):
-        room.put("Building", building.wall(name, corners[index], corners[(index + 1) % 4], HEIGHT, WALL, look))
+    materials = {
+        "WallFar": "PlainWall",
+        "WallRight": "PlainWallWarm",
+        "WallNear": "PlainWall",
+        "WallLeft": "PlainWallCool",
+    }
+    for index, (name, material) in enumerate(materials.items()):
+        room.put("Building", building.wall(name, corners[index], corners[(index + 1) % 4], HEIGHT, WALL, material))
     room.put("Solids", _solid("Sphere", "MatteYellow", sphere(0.36, 64)), (-1.15, 0.36, -2.45))
     room.put("Solids", _solid("Cylinder", "MatteBlue", cylinder(0.25, 0.95, 0.006, 64)), (0.0, 0.475, -2.95))
     room.put(
@@ -41,8 +46,8 @@ def build() -> Room:
     return room
 
 
-def _solid(name: str, look: str, mesh: PolygonMesh) -> Model:
-    return thing(name, name.lower(), ("Body", look, mesh))
+def _solid(name: str, material: str, mesh: PolygonMesh) -> Model:
+    return make_model(name, name.lower(), ("Body", material, mesh))
 
 
 def _light(room: Room) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A photographer's table for one template: what its pictures are taken in."""
+"""A photo studio for pictures of one template: paper cove, softbox lights, camera."""
 
 from __future__ import annotations
 
@@ -18,25 +18,30 @@ PAPER = (0.70, 0.69, 0.67)
 
 
 def write(template: Path, path: Path, *, yaw: float = 28.0, variants: Mapping[str, str] | None = None) -> None:
-    """A stage at `path` with the template on a paper cove, a large soft light from the left, and a camera "Main".
+    """Write a stage with a template on a paper cove, a large soft light from the left, and a camera "Main".
 
-    yaw: the template is turned by it, degrees. variants: which to select on the template. All sizes follow its own,
-    so that a fork and a sofa fill the picture alike.
+    All sizes are relative to the template's, so that a fork and a sofa fill the picture alike.
+
+    Args:
+        template: the template's file.
+        path: the stage to write.
+        yaw: rotation of the template about y, degrees.
+        variants: variants to select on the template.
     """
     stage, _ = usd.new_stage("Studio", "assembly")
-    thing = UsdGeom.Xform.Define(stage, "/Studio/Template")
-    thing.GetPrim().GetReferences().AddReference(str(template.resolve()))
+    xform = UsdGeom.Xform.Define(stage, "/Studio/Template")
+    xform.GetPrim().GetReferences().AddReference(str(template.resolve()))
     for name, choice in (variants or {}).items():
-        thing.GetPrim().GetVariantSets().SetSelection(name, choice)
-    turn = thing.AddRotateYOp()
+        xform.GetPrim().GetVariantSets().SetSelection(name, choice)
+    turn = xform.AddRotateYOp()
     turn.Set(yaw)
     cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
-    box = cache.ComputeWorldBound(thing.GetPrim()).ComputeAlignedRange()
+    box = cache.ComputeWorldBound(xform.GetPrim()).ComputeAlignedRange()
     low, size = np.array(box.GetMin()), np.array(box.GetSize())
-    thing.GetPrim().RemoveProperty(turn.GetName())
-    thing.ClearXformOpOrder()
-    thing.AddTranslateOp().Set(Gf.Vec3d(0.0, -float(low[1]), 0.0))
-    thing.AddRotateYOp().Set(yaw)
+    xform.GetPrim().RemoveProperty(turn.GetName())
+    xform.ClearXformOpOrder()
+    xform.AddTranslateOp().Set(Gf.Vec3d(0.0, -float(low[1]), 0.0))
+    xform.AddRotateYOp().Set(yaw)
     radius = 0.5 * float(np.linalg.norm(size))
     _cove(stage, radius)
     _lights(stage, radius)
@@ -45,7 +50,7 @@ def write(template: Path, path: Path, *, yaw: float = 28.0, variants: Mapping[st
 
 
 def _cove(stage: Usd.Stage, radius: float) -> None:
-    """Paper that runs from the table up the wall behind without an edge."""
+    """Define a paper backdrop that curves from the table up the wall."""
     profile = np.array(fillet([[40.0, 0.0], [-6.0, 0.0], [-6.0, 24.0]], 5.0, 24)) * radius
     points = np.stack([np.insert(profile[:, ::-1], 0, x * 30.0 * radius, axis=1) for x in (-1.0, 1.0)], axis=1)
     mesh = grid(points, points[..., :2])
@@ -67,6 +72,7 @@ def _cove(stage: Usd.Stage, radius: float) -> None:
 
 
 def _lights(stage: Usd.Stage, radius: float) -> None:
+    """Define key, fill and rim lights around an object of this radius, and a dim dome."""
     for name, at, size, radiance, color in (
         ("Key", (-3.2, 3.6, 2.6), 2.4, 12.0, (1.0, 0.95, 0.89)),
         ("Fill", (4.2, 1.8, 2.4), 2.4, 0.9, (0.90, 0.95, 1.0)),
@@ -86,7 +92,7 @@ def _lights(stage: Usd.Stage, radius: float) -> None:
 
 
 def _camera(stage: Usd.Stage, size: Array) -> None:
-    """An 85 mm lens on a 24 mm sensor, from higher the flatter the object is, so near that it just fits."""
+    """Define an 85 mm lens on a 24 mm sensor that frames the object; flat objects are seen from higher up."""
     width, height, depth = map(float, size)
     pitch = math.radians(16.0 + 24.0 * max(0.0, 1.0 - 2.5 * height / max(width, depth)))
     tall = height * math.cos(pitch) + depth * math.sin(pitch)

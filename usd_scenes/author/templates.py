@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The templates: things that can be spawned, each about the center of its bounding box, in a folder of its own.
+"""The shipped object templates: models centered at their bounding box, each in a folder of its own.
 
-Variant sets on the root: `color` says what each part is made of, `appearance` is photoreal, untextured or primitives.
+Variant sets on the root: `color` selects the parts' materials; `appearance` is photoreal, untextured or primitives.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from pxr import Kind, Usd, UsdGeom, UsdPhysics, UsdSemantics
 
 from usd_scenes.author import usd_writer as usd
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models import (
     bath,
     cutlery,
@@ -37,9 +37,12 @@ APPEARANCES = ("photoreal", "untextured", "primitives")
 
 @dataclass(frozen=True)
 class TemplateModel:
-    """make: the thing in its first color. colors: for each of them, the looks that take the place of some of these.
+    """A template to author.
 
-    elementary: it is a primitive as it is.
+    Attributes:
+        make: builds the model in its first color.
+        colors: for each color, replacements of materials.
+        elementary: whether it is a primitive already, so that the appearance "primitives" uses its mesh.
     """
 
     make: Callable[[], Model]
@@ -47,38 +50,42 @@ class TemplateModel:
     elementary: bool = False
 
     def colored(self, color: str) -> Model:
-        """About the center of its bounding box."""
-        thing_ = self.make().centered()
+        """Return the model in a color, centered at its bounding box."""
+        model = self.make().centered()
         swaps = self.colors[color]
-        return replace(thing_, parts=tuple(replace(p, look=swaps.get(p.look, p.look)) for p in thing_.parts))
+        return replace(model, parts=tuple(replace(p, material=swaps.get(p.material, p.material)) for p in model.parts))
 
 
 def _primitive(name: str, color: str, make: Callable[[], PolygonMesh]) -> TemplateModel:
+    """Return the template of a matte primitive in all colors, `color` first."""
     colors = {color: "Matte" + color.title(), **{each: "Matte" + each.title() for each in MATTE_COLORS}}
     first = colors[color]
     return TemplateModel(
-        lambda: thing(name, name.lower(), ("Body", first, make())),
-        {each: {first: look} for each, look in colors.items()},
+        lambda: make_model(name, name.lower(), ("Body", first, make())),
+        {each: {first: material} for each, material in colors.items()},
         elementary=True,
     )
 
 
 def _cone() -> PolygonMesh:
+    """Build a cone of radius 0.2 m and height 0.5 m with a rounded edge."""
     return lathe(fillet([[0.0, -0.25], [0.2, -0.25], [0.006, 0.25], [0.0, 0.25]], [0.0, 0.006, 0.004, 0.0], 4), 64)
 
 
 def _capsule() -> PolygonMesh:
+    """Build a capsule of radius 0.14 m and total height 0.56 m."""
     angle = np.linspace(0.0, np.pi / 2.0, 13)
     top = 0.14 * np.stack([np.cos(angle).clip(0.0), np.sin(angle)], axis=-1) + (0.0, 0.14)
     return lathe(np.concatenate([(top * (1.0, -1.0))[::-1], top]), 64)
 
 
 def _torus() -> PolygonMesh:
+    """Build a torus of radii 0.19 m and 0.07 m."""
     return sweep(np.insert(circle(0.19, 64), 1, 0.0, axis=1), circle(0.07, 28), closed=True)
 
 
 def _novel() -> Model:
-    """A hardback with a gilt frame and title on its front."""
+    """Build a hardback with a gilt frame and title on its front."""
     book = small.book("Book01", 0, 0.15, 0.22, 0.034)
     lines = [
         (0.118, 0.0012, 0.0, 0.094),
@@ -87,15 +94,17 @@ def _novel() -> Model:
         (0.0012, 0.188, -0.0585, 0.0),
     ]
     lines += [(0.074, 0.0085, 0.0, -0.055), (0.052, 0.0085, 0.0, -0.040), (0.034, 0.0045, 0.0, 0.072)]
-    gilt = [rounded_box((width, 0.0003, depth), 0.0001).moved(x, 0.0341, z) for width, depth, x, z in lines]
-    gilt.append(lathe(fillet([[0.016, 0.0], [0.020, 0.0003], [0.024, 0.0]], 0.0), 40).moved(0.0, 0.0340, 0.016))
-    return thing("Book01", "book", *((part.name, part.look, part.mesh) for part in book.parts), ("Gilt", "Brass", gilt))
+    gilt = [rounded_box((width, 0.0003, depth), 0.0001).translated(x, 0.0341, z) for width, depth, x, z in lines]
+    gilt.append(lathe(fillet([[0.016, 0.0], [0.020, 0.0003], [0.024, 0.0]], 0.0), 40).translated(0.0, 0.0340, 0.016))
+    return make_model(
+        "Book01", "book", *((part.name, part.material, part.mesh) for part in book.parts), ("Gilt", "Brass", gilt)
+    )
 
 
 def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
-    """Colors of pottery, the first of them given."""
+    """Return the colors of pottery; `first` is the material of `color`, which comes first."""
     glazes = {"stoneware": "Stoneware", "blue": "BlueGlaze", "cream": "CreamGlaze", "green": "GreenGlaze"}
-    return {color: {}} | {each: {first: look} for each, look in glazes.items() if each != color}
+    return {color: {}} | {each: {first: glaze} for each, glaze in glazes.items() if each != color}
 
 
 ENAMELS = {each: {"EnamelRed": f"Enamel{each.title()}"} for each in ("red", "blue", "mint", "cream")}
@@ -291,13 +300,13 @@ TEMPLATES: dict[str, TemplateModel] = {
 
 
 def build(folder: str) -> Model:
-    """The template of that folder in its first color, about the center of its bounding box."""
+    """Build the template of a folder in its first color, centered at its bounding box."""
     template = TEMPLATES[folder]
     return template.colored(next(iter(template.colors)))
 
 
 def facts(file: Path) -> tuple[str, list[float], list[str]]:
-    """Label, size (m, along x, y and z) and names of the parts of a template that has been written."""
+    """Return the label, size (x, y, z, m) and names of parts of a written template."""
     stage = Usd.Stage.Open(str(file))
     root = stage.GetDefaultPrim()
     (label,) = UsdSemantics.LabelsAPI(root, "class").GetLabelsAttr().Get()
@@ -306,31 +315,31 @@ def facts(file: Path) -> tuple[str, list[float], list[str]]:
 
 
 def write(folder: str, packages: Path) -> None:
-    """Writes template.usda, geometry.usdc and primitives.usdc below `packages`/templates/`folder`."""
+    """Write template.usda, geometry.usdc and primitives.usdc below `packages`/templates/`folder`."""
     template = TEMPLATES[folder]
     colored = {color: template.colored(color) for color in template.colors}
-    thing_ = next(iter(colored.values()))
+    model = next(iter(colored.values()))
     target = packages / "templates" / folder
-    usd.write_geometry(target / "geometry.usdc", [thing_], UsdPhysics.Tokens.convexHull)
+    usd.write_geometry(target / "geometry.usdc", [model], UsdPhysics.Tokens.convexHull)
     if not template.elementary:
-        usd.write_primitives(target / "primitives.usdc", [thing_])
-    stage, root = usd.new_stage(thing_.name, Kind.Tokens.component)
-    stage.GetRootLayer().comment = f"{thing_.name}: written by usd_scenes.author."
-    usd.label(root, thing_.label)
+        usd.write_primitives(target / "primitives.usdc", [model])
+    stage, root = usd.new_stage(model.name, Kind.Tokens.component)
+    stage.GetRootLayer().comment = f"{model.name}: written by usd_scenes.author."
+    usd.label(root, model.label)
     UsdPhysics.RigidBodyAPI.Apply(root).CreateKinematicEnabledAttr(True)
-    low, high = np.round(thing_.bounds, 5).tolist()
+    low, high = np.round(model.bounds, 5).tolist()
     UsdGeom.ModelAPI.Apply(root).SetExtentsHint([low, high])
-    looks = f"/{thing_.name}/Looks"
-    names = {part.look for each in colored.values() for part in each.parts}
-    usd.define_looks(stage, looks, names, "../../textures")
+    scope = f"/{model.name}/Looks"
+    names = {part.material for each in colored.values() for part in each.parts}
+    usd.define_materials(stage, scope, names, "../../textures")
     for color in usd.variants(root, "color", colored):
-        usd.bind(stage, colored[color], f"/{thing_.name}", looks)
+        usd.bind(stage, colored[color], f"/{model.name}", scope)
     for appearance in usd.variants(root, "appearance", APPEARANCES):
-        usd.connect_looks(stage, looks, names, "Surface" if appearance == "photoreal" else "Plain")
+        usd.connect_materials(stage, scope, names, "Surface" if appearance == "photoreal" else "Plain")
     arcs = []
     for appearance in APPEARANCES:
-        simple = appearance == "primitives" and not template.elementary
-        file = "./primitives.usdc" if simple else "./geometry.usdc"
-        where = f"/{thing_.name}{{appearance={appearance}}}"
-        arcs.append(usd.Arc(where, file, f"/Geometry/{thing_.name}"))
+        use_primitives = appearance == "primitives" and not template.elementary
+        file = "./primitives.usdc" if use_primitives else "./geometry.usdc"
+        where = f"/{model.name}{{appearance={appearance}}}"
+        arcs.append(usd.Arc(where, file, f"/Geometry/{model.name}"))
     usd.save(stage, target / "template.usda", arcs)

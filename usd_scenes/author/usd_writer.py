@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing things as USD: geometry as crates, roots as readable text, nothing that changes from run to run."""
+"""Writing of models as USD: geometry as crates, root layers as text, the same bytes in every run."""
 
 from __future__ import annotations
 
@@ -11,14 +11,19 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, Vt
 
 from usd_scenes.author import primitives
-from usd_scenes.author.material_presets import LOOKS, MaterialPreset, plain
+from usd_scenes.author.material_presets import PRESETS, MaterialPreset, without_textures
 from usd_scenes.author.model import Model
 from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import sphere
 
 
 def new_stage(root: str, kind: str | None = None) -> tuple[Usd.Stage, Usd.Prim]:
-    """An in-memory stage, meters and y up, whose default prim is the Xform `root`. kind: of a model."""
+    """Create a stage in memory, in meters with y up, and its default prim.
+
+    Args:
+        root: name of the default prim, an Xform.
+        kind: its model kind; None for none.
+    """
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -31,7 +36,14 @@ def new_stage(root: str, kind: str | None = None) -> tuple[Usd.Stage, Usd.Prim]:
 
 @dataclass(frozen=True)
 class Arc:
-    """A composition arc to author at a prim: payload or reference to `target` in the file `asset`."""
+    """A payload or reference to author.
+
+    Attributes:
+        prim: path of the prim that gets it; may contain a variant selection.
+        asset: the file, relative to the layer.
+        target: path of the prim in it; "" for its default prim.
+        payload: whether to author a payload rather than a reference.
+    """
 
     prim: str
     asset: str
@@ -40,7 +52,7 @@ class Arc:
 
 
 def save(stage: Usd.Stage, path: Path, arcs: Iterable[Arc] = ()) -> None:
-    """Writes the root layer, with arcs added on a copy: on a stage in memory their relative paths would not resolve."""
+    """Write a stage's root layer with arcs, which are added to a copy: relative paths do not resolve in memory."""
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
     layer.TransferContent(stage.GetRootLayer())
     for arc in arcs:
@@ -55,12 +67,12 @@ def save(stage: Usd.Stage, path: Path, arcs: Iterable[Arc] = ()) -> None:
 
 
 def group(stage: Usd.Stage, path: str) -> None:
-    """An Xform that only holds components."""
+    """Define an Xform of kind group, for components."""
     Usd.ModelAPI(UsdGeom.Xform.Define(stage, path).GetPrim()).SetKind(Kind.Tokens.group)
 
 
 def variants(prim: Usd.Prim, name: str, choices: Iterable[str]) -> Iterator[str]:
-    """Each choice of a new variant set, with what is authored meanwhile going into it; then the first is selected."""
+    """Yield each variant of a new variant set with edits directed into it; select the first one at the end."""
     variant_set = prim.GetVariantSets().AddVariantSet(name)
     every = list(choices)
     for choice in every:
@@ -72,40 +84,43 @@ def variants(prim: Usd.Prim, name: str, choices: Iterable[str]) -> Iterator[str]
 
 
 def label(prim: Usd.Prim, name: str) -> None:
-    """The semantic class of a prim and all below it."""
+    """Author the semantic class of a prim and its descendants."""
     UsdSemantics.LabelsAPI.Apply(prim, "class").CreateLabelsAttr([name])
 
 
-def write_geometry(path: Path, things: Iterable[Model], approximation: str) -> None:
-    """The meshes of `things` as /Geometry/<thing>/<part> in one crate, all of them colliders.
+def write_geometry(path: Path, models: Iterable[Model], approximation: str) -> None:
+    """Write the meshes of models as /Geometry/<model>/<part>, all of them colliders.
 
-    approximation: UsdPhysics' token for how a collider stands in for its mesh.
+    Args:
+        path: the file.
+        models: the models.
+        approximation: collision approximation of the meshes, a token of UsdPhysics.
     """
     stage, _ = new_stage("Geometry")
-    for thing in things:
-        UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}")
-        for part in thing.parts:
-            tile = LOOKS[part.look].tile
-            mesh = _define_mesh(stage, f"/Geometry/{thing.name}/{part.name}", part.mesh, tile or (1.0, 1.0))
+    for model in models:
+        UsdGeom.Xform.Define(stage, f"/Geometry/{model.name}")
+        for part in model.parts:
+            tile = PRESETS[part.material].tile
+            mesh = _define_mesh(stage, f"/Geometry/{model.name}/{part.name}", part.mesh, tile or (1.0, 1.0))
             UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
             UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(approximation)
     save(stage, path)
 
 
-def write_primitives(path: Path, things: Iterable[Model]) -> None:
-    """The things of `write_geometry` under the same paths, each part an Xform of gprims that are close to its mesh."""
+def write_primitives(path: Path, models: Iterable[Model]) -> None:
+    """Write models under the paths of `write_geometry`, with each part an Xform of gprims that approximate its mesh."""
     stage, _ = new_stage("Geometry")
-    for thing in things:
-        UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}")
-        for part in thing.parts:
-            UsdGeom.Xform.Define(stage, f"/Geometry/{thing.name}/{part.name}")
-            for index, gprim in enumerate(primitives.fit(*(part.stand_ins or (part.mesh,)))):
-                _define_gprim(stage, f"/Geometry/{thing.name}/{part.name}/{gprim.kind}{index}", gprim)
+    for model in models:
+        UsdGeom.Xform.Define(stage, f"/Geometry/{model.name}")
+        for part in model.parts:
+            UsdGeom.Xform.Define(stage, f"/Geometry/{model.name}/{part.name}")
+            for index, gprim in enumerate(primitives.fit(*(part.proxies or (part.mesh,)))):
+                _define_gprim(stage, f"/Geometry/{model.name}/{part.name}/{gprim.kind}{index}", gprim)
     save(stage, path)
 
 
 def _define_gprim(stage: Usd.Stage, path: str, source: primitives.Gprim) -> None:
-    """Its own size but for a cube's, which is scaled: other colliders may not be. An ellipsoid is a mesh."""
+    """Define a gprim as a collider: cubes are scaled, others sized, as UsdPhysics requires; ellipsoids are meshes."""
     width, height, depth = source.size
     radius = (width + depth) / 4.0
     if source.kind == "Ellipsoid":
@@ -137,7 +152,7 @@ def _define_gprim(stage: Usd.Stage, path: str, source: primitives.Gprim) -> None
 
 
 def _define_mesh(stage: Usd.Stage, path: str, source: PolygonMesh, tile: tuple[float, float]) -> UsdGeom.Mesh:
-    """Rounded to 0.01 mm and 1e-4, so that files do not depend on the last bits of a processor's sine."""
+    """Define a mesh, rounded to 0.01 mm and 1e-4: files must not depend on the last bits of a processor's sine."""
     points = np.round(source.points, 5).astype(np.float32) + np.float32(0.0)
     normals = np.round(source.normals, 4).astype(np.float32) + np.float32(0.0)
     uv = np.round(source.uv / tile, 4).astype(np.float32) + np.float32(0.0)
@@ -154,44 +169,50 @@ def _define_mesh(stage: Usd.Stage, path: str, source: PolygonMesh, tile: tuple[f
     return mesh
 
 
-def bind(stage: Usd.Stage, thing: Model, path: str, looks: str) -> None:
-    """Materials of a thing's parts, for a prim at `path` that references its geometry; `looks`: where materials are."""
-    for part in thing.parts:
+def bind(stage: Usd.Stage, model: Model, path: str, scope: str) -> None:
+    """Bind the materials below `scope` to a model's parts, for a prim at `path` that references its geometry."""
+    for part in model.parts:
         prim = stage.OverridePrim(f"{path}/{part.name}")
-        UsdShade.MaterialBindingAPI.Apply(prim).Bind(UsdShade.Material(stage.GetPrimAtPath(f"{looks}/{part.look}")))
+        UsdShade.MaterialBindingAPI.Apply(prim).Bind(UsdShade.Material(stage.GetPrimAtPath(f"{scope}/{part.material}")))
 
 
-def define_looks(stage: Usd.Stage, scope: str, names: Iterable[str], textures: str) -> None:
-    """The named looks as materials below `scope`. textures: the folder of texture files as seen from the stage.
+def define_materials(stage: Usd.Stage, scope: str, names: Iterable[str], textures: str) -> None:
+    """Define materials, each with the shaders "Surface" and "Plain", which `connect_materials` chooses from.
 
-    Each has the shaders Surface and Plain; which of them it is made of is for `connect_looks` to say.
+    Args:
+        stage: the stage.
+        scope: path of the Scope to define them in.
+        names: names in `PRESETS`.
+        textures: folder of the texture files, relative to the stage.
     """
     UsdGeom.Scope.Define(stage, scope)
     for name in sorted(set(names)):
-        _define_look(stage, f"{scope}/{name}", LOOKS[name], textures)
-        _define_plain(stage, f"{scope}/{name}/Plain", plain(LOOKS[name]))
+        _define_material(stage, f"{scope}/{name}", PRESETS[name], textures)
+        _define_plain(stage, f"{scope}/{name}/Plain", without_textures(PRESETS[name]))
 
 
-def connect_looks(stage: Usd.Stage, scope: str, names: Iterable[str], shader: str) -> None:
-    """Makes the materials below `scope` of their shader "Surface" or "Plain": within an appearance variant, always."""
+def connect_materials(stage: Usd.Stage, scope: str, names: Iterable[str], shader: str) -> None:
+    """Connect the materials below `scope` to their shader "Surface" or "Plain", inside a variant of appearance."""
     for name in sorted(set(names)):
         material = UsdShade.Material(stage.GetPrimAtPath(f"{scope}/{name}"))
         output = UsdShade.Shader(stage.GetPrimAtPath(f"{scope}/{name}/{shader}")).GetOutput("surface")
         material.CreateSurfaceOutput().ConnectToSource(output)
 
 
-def _define_plain(stage: Usd.Stage, path: str, look: MaterialPreset) -> None:
+def _define_plain(stage: Usd.Stage, path: str, preset: MaterialPreset) -> None:
+    """Define the shader of a preset without textures."""
     surface = UsdShade.Shader.Define(stage, path)
     surface.CreateIdAttr("UsdPreviewSurface")
     surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
-    for name, color in (("diffuseColor", look.color), ("emissiveColor", look.emission)):
+    for name, color in (("diffuseColor", preset.color), ("emissiveColor", preset.emission)):
         if color is not None:
             surface.CreateInput(name, Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(look.roughness)
-    _set_numbers(surface, look)
+    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(preset.roughness)
+    _set_numbers(surface, preset)
 
 
-def _define_look(stage: Usd.Stage, path: str, look: MaterialPreset, textures: str) -> None:
+def _define_material(stage: Usd.Stage, path: str, preset: MaterialPreset, textures: str) -> None:
+    """Define a material with its textured shader."""
     UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, f"{path}/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
@@ -205,11 +226,11 @@ def _define_look(stage: Usd.Stage, path: str, look: MaterialPreset, textures: st
             reader.CreateIdAttr("UsdPrimvarReader_float2")
             reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
             reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-            if any(look.shift):
+            if any(preset.shift):
                 shifted = UsdShade.Shader.Define(stage, f"{path}/Shift")
                 shifted.CreateIdAttr("UsdTransform2d")
                 shifted.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
-                shifted.CreateInput("translation", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*look.shift))
+                shifted.CreateInput("translation", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*preset.shift))
                 shifted.CreateOutput("result", Sdf.ValueTypeNames.Float2)
                 reader = shifted
         shader = UsdShade.Shader.Define(stage, f"{path}/{node}")
@@ -235,26 +256,27 @@ def _define_look(stage: Usd.Stage, path: str, look: MaterialPreset, textures: st
         else:
             entry.Set(Gf.Vec3f(*(scale * component for component in value)))
 
-    color_input("diffuseColor", "Color", look.color)
-    if look.emission is not None:
-        color_input("emissiveColor", "Emission", look.emission, look.emission_scale)
+    color_input("diffuseColor", "Color", preset.color)
+    if preset.emission is not None:
+        color_input("emissiveColor", "Emission", preset.emission, preset.emission_scale)
     roughness = surface.CreateInput("roughness", Sdf.ValueTypeNames.Float)
-    if isinstance(look.roughness, str):
-        roughness.ConnectToSource(texture("Roughness", look.roughness, "raw").ConnectableAPI(), "r")
+    if isinstance(preset.roughness, str):
+        roughness.ConnectToSource(texture("Roughness", preset.roughness, "raw").ConnectableAPI(), "r")
     else:
-        roughness.Set(look.roughness)
-    if look.normal is not None:
+        roughness.Set(preset.roughness)
+    if preset.normal is not None:
         entry = surface.CreateInput("normal", Sdf.ValueTypeNames.Normal3f)
-        entry.ConnectToSource(texture("NormalMap", look.normal, "raw").ConnectableAPI(), "rgb")
-    _set_numbers(surface, look)
+        entry.ConnectToSource(texture("NormalMap", preset.normal, "raw").ConnectableAPI(), "rgb")
+    _set_numbers(surface, preset)
 
 
-def _set_numbers(surface: UsdShade.Shader, look: MaterialPreset) -> None:
+def _set_numbers(surface: UsdShade.Shader, preset: MaterialPreset) -> None:
+    """Author the numeric inputs that differ from their defaults."""
     for name, value, default in (
-        ("metallic", look.metallic, 0.0),
-        ("clearcoat", look.clearcoat, 0.0),
-        ("ior", look.ior, 1.5),
-        ("opacity", look.opacity, 1.0),
+        ("metallic", preset.metallic, 0.0),
+        ("clearcoat", preset.clearcoat, 0.0),
+        ("ior", preset.ior, 1.5),
+        ("opacity", preset.opacity, 1.0),
     ):
         if value != default:
             surface.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)

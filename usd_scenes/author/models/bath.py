@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.implicit import surface
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, rounded_box, sweep
 from usd_scenes.author.soft import backed, wrinkles
@@ -55,7 +55,7 @@ def towel(name: str) -> Model:
 
     whole = whole.deformed(settle)
     border = [_border(whole, z, width) for z, width in ((0.036, 0.020), (0.062, 0.005), (0.010, 0.005))]
-    return thing(name, "towel", ("Cloth", "TowelBlue", whole), ("Border", "TowelBand", border))
+    return make_model(name, "towel", ("Cloth", "TowelBlue", whole), ("Border", "TowelBand", border))
 
 
 def _folded(layers: int, pitch: float, reach: float) -> Array:
@@ -125,13 +125,13 @@ def toilet_paper(name: str) -> Model:
     points[..., 2] += 0.003 * sag * np.sin(ys * 60.0)[:, None]
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     front = grid(points, np.stack(np.broadcast_arrays(length[None], ys[:, None]), -1))
-    return thing(
+    return make_model(
         name,
         "toilet paper",
         ("Roll", "Tissue", [outer, *rings]),
         ("Sheet", "Tissue", [front, backed(front, 0.0004)]),
         ("Core", "Cardboard", tube),
-    ).simplified(Sheet=rounded_box((0.002, height, 0.062), 0.0005).moved(0.062, height / 2.0, -0.027))
+    ).with_proxies(Sheet=rounded_box((0.002, height, 0.062), 0.0005).translated(0.062, height / 2.0, -0.027))
 
 
 def soap(name: str) -> Model:
@@ -146,7 +146,7 @@ def soap(name: str) -> Model:
         return np.asarray(body + 0.0020 * groove * (points[:, 1] > 0.018))
 
     body = surface(bar, [-0.047, 0.0, -0.031], [0.047, 0.030, 0.031], 0.0013)
-    return thing(name, "soap", ("Bar", "SoapGreen", body))
+    return make_model(name, "soap", ("Bar", "SoapGreen", body))
 
 
 def _mark(x: Array, z: Array) -> Array:
@@ -197,4 +197,4 @@ def plunger(name: str) -> Model:
         circle(0.0018, 8),
         closed=True,
     )
-    return thing(name, "plunger", ("Cup", "RubberRed", cup), ("Stick", "Oak", [stick, bead]))
+    return make_model(name, "plunger", ("Cup", "RubberRed", cup), ("Stick", "Oak", [stick, bead]))

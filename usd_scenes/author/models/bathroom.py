@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.bedroom import plate
 from usd_scenes.author.models.building import ROOT
 from usd_scenes.author.models.tableware import shell
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid
 from usd_scenes.author.shapes import (
-    bars,
     circle,
     curve,
     cylinder,
@@ -21,6 +20,7 @@ from usd_scenes.author.shapes import (
     lathe,
     leg,
     molding,
+    molding_boxes,
     rectangle,
     rounded_box,
     sphere,
@@ -34,9 +34,9 @@ def rail(name: str, runs: Sequence[Sequence[Sequence[float]]], height: float) ->
     outline = [[-ROOT, -0.002], [0.013, -0.002], [0.016, 0.012], [0.010, 0.022], [-ROOT, 0.024]]
     profile = fillet(outline, 0.004, 4)
     paths = [np.insert(np.asarray(run, dtype=np.float64), 1, height, axis=1) for run in runs]
-    boxes = [box for run in runs for box in bars(run, 0.016, height - 0.002, height + 0.024)]
+    boxes = [box for run in runs for box in molding_boxes(run, 0.016, height - 0.002, height + 0.024)]
     trim = [molding(path, profile) for path in paths]
-    return thing(name, "tiles", ("Trim", "ZelligeTrim", trim)).simplified(Trim=boxes)
+    return make_model(name, "tiles", ("Trim", "ZelligeTrim", trim)).with_proxies(Trim=boxes)
 
 
 def frosted_window(name: str, width: float, height: float, thickness: float) -> Model:
@@ -46,15 +46,17 @@ def frosted_window(name: str, width: float, height: float, thickness: float) -> 
     for inset, bar, depth, shift in ((0.0, frame, 0.075, 0.0), (frame, sash, 0.052, 0.018)):
         w, h = width - 2.0 * inset, height - 2.0 * inset
         for x in (-1.0, 1.0):
-            parts.append(rounded_box((bar, h, depth), 0.004, 2).moved(x * (w - bar) / 2.0, height / 2.0, z + shift))
+            parts.append(
+                rounded_box((bar, h, depth), 0.004, 2).translated(x * (w - bar) / 2.0, height / 2.0, z + shift)
+            )
         for y in (inset + bar / 2.0, height - inset - bar / 2.0):
-            parts.append(rounded_box((w - 2.0 * bar + 0.002, bar, depth), 0.004, 2).moved(0.0, y, z + shift))
-    pane = rounded_box((width - 0.19, height - 0.19, 0.006), 0.001).moved(0.0, height / 2.0, z + 0.004)
-    sill = rounded_box((width + 0.10, 0.026, thickness * 0.62 + 0.055), 0.005, 3).moved(
+            parts.append(rounded_box((w - 2.0 * bar + 0.002, bar, depth), 0.004, 2).translated(0.0, y, z + shift))
+    pane = rounded_box((width - 0.19, height - 0.19, 0.006), 0.001).translated(0.0, height / 2.0, z + 0.004)
+    sill = rounded_box((width + 0.10, 0.026, thickness * 0.62 + 0.055), 0.005, 3).translated(
         0.0, -0.013, -thickness * 0.31 + 0.027
     )
     handle = [
-        rounded_box((0.026, 0.070, 0.008), 0.003, 2).moved(width / 2 - frame - sash / 2, height * 0.5, z + 0.048),
+        rounded_box((0.026, 0.070, 0.008), 0.003, 2).translated(width / 2 - frame - sash / 2, height * 0.5, z + 0.048),
         sweep(
             [
                 [width / 2 - frame - sash / 2, height * 0.5, z + 0.05],
@@ -72,7 +74,7 @@ def frosted_window(name: str, width: float, height: float, thickness: float) -> 
             bevel=0.004,
         ),
     ]
-    return thing(
+    return make_model(
         name,
         "window",
         ("Timber", "TrimPaint", parts),
@@ -85,12 +87,12 @@ def frosted_window(name: str, width: float, height: float, thickness: float) -> 
 def globe_lamp(name: str, radius: float = 0.10) -> Model:
     """An opal globe close below the ceiling at y = 0, its middle at -0.21; its light is the room's."""
     rose = lathe(fillet([[0.0, -0.028], [0.055, -0.028], [0.06, 0.0], [0.0, 0.0]], 0.005, 3), 40)
-    stem = cylinder(0.010, 0.09, 0.002, 20).moved(0.0, -0.07, 0.0)
+    stem = cylinder(0.010, 0.09, 0.002, 20).translated(0.0, -0.07, 0.0)
     cup = lathe(fillet([[0.0, -0.125], [0.040, -0.125], [0.034, -0.098], [0.0, -0.098]], 0.004, 2), 36)
-    return thing(
+    return make_model(
         name,
         "ceiling lamp",
-        ("Globe", "OpalGlobe", sphere(radius, 48).moved(0.0, -0.21, 0.0)),
+        ("Globe", "OpalGlobe", sphere(radius, 48).translated(0.0, -0.21, 0.0)),
         ("Fitting", "Brass", [rose, stem, cup]),
     )
 
@@ -99,8 +101,8 @@ def round_mirror(name: str, radius: float) -> Model:
     """A round mirror in a thin brass rim, facing +z from the wall at z = 0."""
     outline = circle(radius, 96)
     rim = sweep(np.insert(outline * 1.01, 2, 0.013, axis=1), rectangle(0.012, 0.026, 0.004), up=(0, 0, 1), closed=True)
-    whole = thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", plate(outline, 0.018)))
-    return whole.simplified(Rim=cylinder(radius * 1.02, 0.014).turned("x", 90.0).moved(0.0, 0.0, 0.007))
+    whole = make_model(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", plate(outline, 0.018)))
+    return whole.with_proxies(Rim=cylinder(radius * 1.02, 0.014).rotated("x", 90.0).translated(0.0, 0.0, 0.007))
 
 
 def stool(name: str) -> Model:
@@ -114,10 +116,10 @@ def stool(name: str) -> Model:
         leg([0.09 * np.sin(a), 0.425, 0.09 * np.cos(a)], [0.155 * np.sin(a), 0.0, 0.155 * np.cos(a)], section, 0.7)
         for a in np.arange(3) * 2.0 * np.pi / 3.0 + 0.4
     ]
-    return thing(name, "stool", ("Seat", "Oak", top), ("Legs", "Oak", legs))
+    return make_model(name, "stool", ("Seat", "Oak", top), ("Legs", "Oak", legs))
 
 
-def bottle(name: str, look: str, height: float) -> Model:
+def bottle(name: str, material: str, height: float) -> Model:
     """A bottle of shampoo with a cap and a paper label."""
     r = 0.19 * height + 0.003
     body = lathe(
@@ -143,7 +145,7 @@ def bottle(name: str, look: str, height: float) -> Model:
     wrap[..., 0], wrap[..., 2] = (r + 0.0004) * np.sin(angle), (r + 0.0004) * np.cos(angle)
     wrap[:, :, 1] = np.array([[0.16], [0.58]]) * height
     label = grid(wrap, wrap[..., :2])
-    return thing(name, "bottle", ("Body", look, body), ("Cap", "BlackPlastic", cap), ("Label", "Paper", label))
+    return make_model(name, "bottle", ("Body", material, body), ("Cap", "BlackPlastic", cap), ("Label", "Paper", label))
 
 
 def soap_dispenser(name: str) -> Model:
@@ -167,7 +169,7 @@ def soap_dispenser(name: str) -> Model:
             curve([[0.0, 0.171, 0.0], [0.0, 0.172, 0.030], [0.0, 0.163, 0.048]], 10), circle(0.0045, 12), up=(1, 0, 0)
         ),
     ]
-    return thing(name, "soap dispenser", ("Body", "Stoneware", body), ("Pump", "Brass", pump))
+    return make_model(name, "soap dispenser", ("Body", "Stoneware", body), ("Pump", "Brass", pump))
 
 
 def soap_dish(name: str) -> Model:
@@ -185,8 +187,8 @@ def soap_dish(name: str) -> Model:
         return worn
 
     worn = bar.deformed(wear)
-    return thing(
-        name, "soap", ("Dish", "Ceramic", dish), ("Soap", "Soap", worn.turned("y", 12.0).moved(0.0, 0.0195, 0.0))
+    return make_model(
+        name, "soap", ("Dish", "Ceramic", dish), ("Soap", "Soap", worn.rotated("y", 12.0).translated(0.0, 0.0195, 0.0))
     )
 
 
@@ -199,18 +201,18 @@ def brush_cup(name: str) -> Model:
     )
     brushes: dict[str, list[PolygonMesh]] = {}
     bristles: list[PolygonMesh] = []
-    for look, turn, lean in (("BrushTeal", 25.0, 11.0), ("BrushCoral", 170.0, 12.0)):
+    for material, turn, lean in (("BrushTeal", 25.0, 11.0), ("BrushCoral", 170.0, 12.0)):
         line = curve([[0.0, 0.0, 0.0], [0.0, 0.09, 0.0], [0.0, 0.14, 0.001], [0.0, 0.19, 0.0]], 24)
         widths = np.interp(np.linspace(0, 1, 24), [0.0, 0.45, 0.70, 0.80, 0.86, 1.0], [1.0, 1.15, 0.55, 0.6, 1.1, 1.05])
         handle = sweep(line, rectangle(0.0105, 0.0055, 0.0026, 3), widths, up=(0.0, 0.0, 1.0))
-        head = rounded_box((0.0095, 0.026, 0.010), 0.001).moved(0.0, 0.176, 0.0075)
-        for mesh, target in ((handle, brushes.setdefault(look, [])), (head, bristles)):
-            target.append(mesh.moved(0.0, 0.006, -0.014).turned("x", lean).turned("y", turn))
-    return thing(
+        head = rounded_box((0.0095, 0.026, 0.010), 0.001).translated(0.0, 0.176, 0.0075)
+        for mesh, target in ((handle, brushes.setdefault(material, [])), (head, bristles)):
+            target.append(mesh.translated(0.0, 0.006, -0.014).rotated("x", lean).rotated("y", turn))
+    return make_model(
         name,
         "toothbrush",
         ("Cup", "SandGlaze", cup),
-        *((look, look, meshes) for look, meshes in brushes.items()),
+        *((material, material, meshes) for material, meshes in brushes.items()),
         ("Bristles", "WhitePlastic", bristles),
     )
 
@@ -219,7 +221,7 @@ def brush(name: str) -> Model:
     """An oval hairbrush of oak, 0.22 m along x, lying on its back with the bristles up."""
     angle = np.arange(40) * (2.0 * np.pi / 40)
     pad = lathe(fillet([[0.0, 0.0], [0.034, 0.0], [0.037, 0.008], [0.033, 0.016], [0.0, 0.017]], 0.004, 3), 48)
-    pad = pad.scaled(1.55, 1.0, 1.0).moved(0.055, 0.0, 0.0)
+    pad = pad.scaled(1.55, 1.0, 1.0).translated(0.055, 0.0, 0.0)
     handle = sweep(
         curve([[0.005, 0.008, 0.0], [-0.04, 0.009, 0.0], [-0.085, 0.010, 0.0], [-0.115, 0.008, 0.0]], 20),
         rectangle(0.020, 0.013, 0.006, 3),
@@ -230,7 +232,7 @@ def brush(name: str) -> Model:
         for a in angle[:: max(1, 40 // count)][:count]:
             x, z = 0.055 + 0.050 * ring * np.cos(a), 0.028 * ring * np.sin(a)
             bristles.append(sweep([[x, 0.016, z], [x, 0.030, z]], circle(0.0008, 5), up=(0, 0, 1), bevel=0.0))
-    return thing(name, "brush", ("Wood", "Oak", [pad, handle]), ("Bristles", "BlackPlastic", bristles))
+    return make_model(name, "brush", ("Wood", "Oak", [pad, handle]), ("Bristles", "BlackPlastic", bristles))
 
 
 def waste_bin(name: str) -> Model:
@@ -238,13 +240,13 @@ def waste_bin(name: str) -> Model:
     body = lathe(fillet([[0.0, 0.008], [0.098, 0.008], [0.100, 0.24], [0.0, 0.24]], 0.006, 3), 56)
     lid = lathe(fillet([[0.0, 0.240], [0.103, 0.240], [0.103, 0.256], [0.06, 0.272], [0.0, 0.276]], 0.006, 4), 56)
     foot = lathe(fillet([[0.0, 0.0], [0.102, 0.0], [0.102, 0.016], [0.0, 0.016]], 0.004, 2), 56)
-    pedal = rounded_box((0.05, 0.008, 0.05), 0.003, 2).moved(0.0, 0.018, 0.115)
-    return thing(name, "bin", ("Body", "BrushedSteel", [body, lid]), ("Foot", "BlackPlastic", [foot, pedal]))
+    pedal = rounded_box((0.05, 0.008, 0.05), 0.003, 2).translated(0.0, 0.018, 0.115)
+    return make_model(name, "bin", ("Body", "BrushedSteel", [body, lid]), ("Foot", "BlackPlastic", [foot, pedal]))
 
 
 def paper_holder(name: str) -> Model:
     """A brass hook with a roll of paper, facing +z from the wall at z = 0: the roll's axis along x at z = 0.075."""
-    plate_ = cylinder(0.024, 0.008, 0.002, 32).turned("x", 90.0).moved(-0.075, 0.0, 0.004)
+    plate_ = cylinder(0.024, 0.008, 0.002, 32).rotated("x", 90.0).translated(-0.075, 0.0, 0.004)
     arm = sweep(
         curve(
             [[-0.075, 0.0, 0.005], [-0.075, 0.0, 0.055], [-0.065, 0.0, 0.075], [0.0, 0.0, 0.075], [0.062, 0.0, 0.075]],
@@ -254,11 +256,11 @@ def paper_holder(name: str) -> Model:
     )
     spiral = np.linspace(0.0, 1.0, 64)
     roll = lathe(fillet([[0.020, -0.05], [0.054, -0.05], [0.054, 0.05], [0.020, 0.05], [0.020, -0.05]], 0.002, 2), 64)
-    roll = roll.turned("z", 90.0).moved(0.0, -0.014, 0.075)
+    roll = roll.rotated("z", 90.0).translated(0.0, -0.014, 0.075)
     hang = np.stack([0.0 * spiral, -0.014 - 0.16 * spiral, 0.075 + 0.054 - 0.008 * np.sin(2.6 * spiral)], axis=-1)
     sheet = np.stack([hang - np.array([0.05, 0.0, 0.0]), hang + np.array([0.05, 0.0, 0.0])], axis=1)[::-1]
     front = grid(sheet, sheet[..., :2])
-    return thing(
+    return make_model(
         name,
         "toilet paper",
         ("Holder", "Brass", [plate_, arm]),
@@ -274,14 +276,14 @@ def toilet_brush(name: str) -> Model:
         44,
     )
     stick = sweep([[0.0, 0.05, 0.0], [0.0, 0.385, 0.0]], circle(0.006, 14), up=(0, 0, 1))
-    knob = sphere(0.013, 24).moved(0.0, 0.392, 0.0)
-    return thing(name, "toilet brush", ("Pot", "Ceramic", pot), ("Handle", "Chrome", [stick, knob]))
+    knob = sphere(0.013, 24).translated(0.0, 0.392, 0.0)
+    return make_model(name, "toilet brush", ("Pot", "Ceramic", pot), ("Handle", "Chrome", [stick, knob]))
 
 
 def hook(name: str) -> Model:
     """A brass wall hook facing +z from the wall at z = 0."""
-    plate_ = cylinder(0.018, 0.006, 0.002, 28).turned("x", 90.0).moved(0.0, 0.0, 0.003)
+    plate_ = cylinder(0.018, 0.006, 0.002, 28).rotated("x", 90.0).translated(0.0, 0.0, 0.003)
     arm = sweep(
         curve([[0.0, 0.0, 0.004], [0.0, -0.004, 0.028], [0.0, 0.016, 0.045]], 12), circle(0.006, 12), up=(1, 0, 0)
     )
-    return thing(name, "hook", ("Brass", "Brass", [plate_, arm, sphere(0.009, 16).moved(0.0, 0.018, 0.045)]))
+    return make_model(name, "hook", ("Brass", "Brass", [plate_, arm, sphere(0.009, 16).translated(0.0, 0.018, 0.045)]))

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from usd_scenes.author import cloth_simulation as cloth
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.bedroom import BED_LENGTH, BED_WIDTH, HEADBOARD, MATTRESS_TOP
 from usd_scenes.author.models.pillows import stuffed
 
@@ -42,7 +42,7 @@ def _duvet() -> cloth.Cloth:
 
 def duvet(name: str) -> Model:
     uv = cloth.pattern(2.12, 1.78, 0.026)
-    return thing(name, "duvet", ("Cover", "DuvetLinen", cloth.bag_mesh(_duvet(), uv, 2)))
+    return make_model(name, "duvet", ("Cover", "DuvetLinen", cloth.bag_mesh(_duvet(), uv, 2)))
 
 
 def _under_a_throw() -> cloth.Obstacle:
@@ -54,7 +54,7 @@ def _under_a_throw() -> cloth.Obstacle:
     return cloth.landscape(np.concatenate([cloth.refined(made.sheet(0), 3).reshape(-1, 3), bed]), 0.012, 0.021)
 
 
-def bed_throw(name: str, look: str = "ThrowWool") -> Model:
+def bed_throw(name: str, material: str = "ThrowWool") -> Model:
     """A knitted throw across the foot, sliding off one side."""
     width, length = 2.30, 0.78
     flat = cloth.pattern(width, length, 0.022)
@@ -65,16 +65,18 @@ def bed_throw(name: str, look: str = "ThrowWool") -> Model:
     made = cloth.sheet(flat, np.stack([x, np.broadcast_to(y, x.shape), z], axis=-1), shear=0.08, bend=0.03)
     made.relax(1.2, [_under_a_throw(), cloth.floor(0.012)], friction=0.45)
     mesh = cloth.blanket_mesh(cloth.refined(made.sheet()[:, ::-1], 2), cloth.refined(flat[:, ::-1], 2), 0.011)
-    return thing(name, "blanket", ("Wool", look, mesh))
+    return make_model(name, "blanket", ("Wool", material, mesh))
 
 
-def bed_pillow(name: str, look: str, width: float, height: float, thick: float, seed: int) -> Model:
+def bed_pillow(name: str, material: str, width: float, height: float, thick: float, seed: int) -> Model:
     """A stuffed pillow that lies in the xz plane, its height along z."""
-    return thing(name, "pillow", ("Cover", look, stuffed(width, thick, seed, 0.0125, height).turned("x", -90.0)))
+    return make_model(
+        name, "pillow", ("Cover", material, stuffed(width, thick, seed, 0.0125, height).rotated("x", -90.0))
+    )
 
 
 def leaning(item: Model, at: tuple[float, float, float], pitch: float, yaw: float = 0.0, roll: float = 0.0) -> Model:
     """A thing whose -z end is lifted by `pitch` degrees, turned by yaw about y; its lowest point is at y."""
-    turned = item.turned("z", roll).turned("x", pitch).turned("y", yaw)
+    turned = item.rotated("z", roll).rotated("x", pitch).rotated("y", yaw)
     low = turned.bounds[0][1]
-    return turned.moved(at[0], at[1] - float(low), at[2])
+    return turned.translated(at[0], at[1] - float(low), at[2])

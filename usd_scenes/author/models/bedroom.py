@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.tables import drum_shade
 from usd_scenes.author.models.tableware import shell
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid
@@ -43,20 +43,20 @@ def bed(name: str) -> Model:
             bent[:, 2] += 0.0014 * wrinkles(points, 300 + seed, 0.20) * (points[:, 2] > 0.0)
             return bent
 
-        channels.append(box.deformed(fill).moved((i - (count - 1) / 2.0) * pitch, 0.72, HEADBOARD / 2.0))
+        channels.append(box.deformed(fill).translated((i - (count - 1) / 2.0) * pitch, 0.72, HEADBOARD / 2.0))
     rails = [
         rounded_box((0.030, 0.155, length - HEADBOARD), 0.006, 2)
         .with_uv(0.3 * s, 0.1)
-        .moved(s * (width / 2.0 - 0.015), 0.275, (HEADBOARD + length) / 2.0)
+        .translated(s * (width / 2.0 - 0.015), 0.275, (HEADBOARD + length) / 2.0)
         for s in (-1, 1)
     ]
-    rails.append(rounded_box((width, 0.155, 0.030), 0.006, 2).with_uv(0.1, 0.5).moved(0.0, 0.275, length - 0.015))
+    rails.append(rounded_box((width, 0.155, 0.030), 0.006, 2).with_uv(0.1, 0.5).translated(0.0, 0.275, length - 0.015))
     legs = [
         leg([x * (width / 2.0 - 0.06), 0.21, z], [x * (width / 2.0 - 0.045), 0.0, z + 0.012 * s], circle(0.030, 20))
         for x in (-1.0, 1.0)
         for z, s in ((0.30, -1.0), (length - 0.09, 1.0))
     ]
-    base = rounded_box((width - 0.04, 0.10, length - HEADBOARD - 0.04), 0.01).moved(
+    base = rounded_box((width - 0.04, 0.10, length - HEADBOARD - 0.04), 0.01).translated(
         0.0, 0.265, (HEADBOARD + length) / 2
     )
     mattress = rounded_box((BED_WIDTH, MATTRESS_TOP - 0.315, BED_LENGTH), 0.055, 4, (30, 3, 36), grain=0)
@@ -70,9 +70,9 @@ def bed(name: str) -> Model:
         bent[:, 2] += np.where(~top & (np.abs(points[:, 2]) > 0.98), pull, 0.0)
         return bent
 
-    sheet = mattress.deformed(tuck).moved(0.0, (MATTRESS_TOP + 0.315) / 2.0, HEADBOARD + BED_LENGTH / 2.0)
-    back = rounded_box((width, 0.86, 0.020), 0.004).moved(0.0, 0.70, 0.010)
-    return thing(
+    sheet = mattress.deformed(tuck).translated(0.0, (MATTRESS_TOP + 0.315) / 2.0, HEADBOARD + BED_LENGTH / 2.0)
+    back = rounded_box((width, 0.86, 0.020), 0.004).translated(0.0, 0.70, 0.010)
+    return make_model(
         name,
         "bed",
         ("Headboard", "Oatmeal", [*channels, back]),
@@ -86,30 +86,32 @@ def bedside_table(name: str) -> Model:
     """An oak bedside table, 0.45 × 0.40 × 0.50 m: a drawer over an open shelf, on turned legs. Its back is at -0.20."""
     width, depth, top = 0.45, 0.40, 0.50
     boards = [
-        rounded_box((width, 0.020, depth), 0.003, 2).with_uv(0.1, 0.2).moved(0.0, top - 0.010, 0.0),
-        rounded_box((width - 0.036, 0.016, depth - 0.01), 0.002).with_uv(0.5, 0.6).moved(0.0, 0.158, 0.0),
-        rounded_box((width - 0.036, 0.016, depth - 0.01), 0.002).with_uv(0.7, 0.3).moved(0.0, 0.330, 0.0),
-        rounded_box((width - 0.036, 0.33, 0.010), 0.002).with_uv(0.2, 0.0).moved(0.0, 0.315, -depth / 2.0 + 0.010),
+        rounded_box((width, 0.020, depth), 0.003, 2).with_uv(0.1, 0.2).translated(0.0, top - 0.010, 0.0),
+        rounded_box((width - 0.036, 0.016, depth - 0.01), 0.002).with_uv(0.5, 0.6).translated(0.0, 0.158, 0.0),
+        rounded_box((width - 0.036, 0.016, depth - 0.01), 0.002).with_uv(0.7, 0.3).translated(0.0, 0.330, 0.0),
+        rounded_box((width - 0.036, 0.33, 0.010), 0.002).with_uv(0.2, 0.0).translated(0.0, 0.315, -depth / 2.0 + 0.010),
     ]
     boards += [
         rounded_box((0.018, top - 0.168, depth), 0.003, 2, grain=2)
         .with_uv(0.4 * s, 0.33)
-        .moved(s * (width / 2.0 - 0.009), (top + 0.128) / 2.0, 0.0)
+        .translated(s * (width / 2.0 - 0.009), (top + 0.128) / 2.0, 0.0)
         for s in (-1, 1)
     ]
     drawer = (
-        rounded_box((width - 0.042, 0.134, 0.018), 0.0025, 2).with_uv(0.9, 0.45).moved(0.0, 0.408, depth / 2 - 0.011)
+        rounded_box((width - 0.042, 0.134, 0.018), 0.0025, 2)
+        .with_uv(0.9, 0.45)
+        .translated(0.0, 0.408, depth / 2 - 0.011)
     )
     knob = lathe(
         fillet([[0.0, 0.0], [0.006, 0.0], [0.006, 0.012], [0.013, 0.018], [0.012, 0.026], [0.0, 0.027]], 0.003, 3), 24
     )
     legs = four_legs((0.185, 0.155, 0.155), (0.200, 0.0, 0.170), circle(0.016, 16))
-    return thing(
+    return make_model(
         name,
         "bedside table",
         ("Case", "Oak", [*boards, *legs]),
         ("Drawer", "Oak", drawer),
-        ("Knob", "Brass", knob.turned("x", 90.0).moved(0.0, 0.408, depth / 2 - 0.002)),
+        ("Knob", "Brass", knob.rotated("x", 90.0).translated(0.0, 0.408, depth / 2 - 0.002)),
     )
 
 
@@ -137,7 +139,7 @@ def table_lamp(name: str) -> Model:
         scale = 1.0 - 0.0028 * height * (0.5 + 0.5 * np.cos(24.0 * angle)) / np.maximum(radius, 1e-3)
         return np.stack([points[:, 0] * scale, points[:, 1], points[:, 2] * scale], axis=-1)
 
-    neck = cylinder(0.011, 0.05, 0.002, 24).moved(0.0, 0.24, 0.0)
+    neck = cylinder(0.011, 0.05, 0.002, 24).translated(0.0, 0.24, 0.0)
     spider = [
         sweep(
             [[0.0, 0.262, 0.0], [0.112 * np.sin(a), 0.43, 0.112 * np.cos(a)]],
@@ -147,24 +149,24 @@ def table_lamp(name: str) -> Model:
         )
         for a in np.arange(3) * 2.0 * np.pi / 3.0
     ]
-    return thing(
+    return make_model(
         name,
         "table lamp",
         ("Foot", "SandGlaze", foot.deformed(ribs)),
         ("Neck", "Brass", [neck, *spider]),
-        ("Shade", "BedsideShade", drum_shade(0.115, 0.155, 0.20).moved(0.0, 0.235, 0.0)),
+        ("Shade", "BedsideShade", drum_shade(0.115, 0.155, 0.20).translated(0.0, 0.235, 0.0)),
     )
 
 
 def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float = 0.60) -> Model:
     """A painted wardrobe of three doors with fluted fronts, its back on z = 0."""
     case = [
-        rounded_box((width, 0.025, depth), 0.003).moved(0.0, height - 0.0125, depth / 2.0),
-        rounded_box((width - 0.004, 0.08, depth - 0.06), 0.003).moved(0.0, 0.040, depth / 2.0 - 0.02),
-        rounded_box((width - 0.05, height - 0.10, 0.02), 0.002).moved(0.0, height / 2.0 + 0.03, 0.012),
+        rounded_box((width, 0.025, depth), 0.003).translated(0.0, height - 0.0125, depth / 2.0),
+        rounded_box((width - 0.004, 0.08, depth - 0.06), 0.003).translated(0.0, 0.040, depth / 2.0 - 0.02),
+        rounded_box((width - 0.05, height - 0.10, 0.02), 0.002).translated(0.0, height / 2.0 + 0.03, 0.012),
     ]
     case += [
-        rounded_box((0.025, height - 0.025, depth), 0.003).moved(
+        rounded_box((0.025, height - 0.025, depth), 0.003).translated(
             s * (width / 2 - 0.0125), (height - 0.025) / 2, depth / 2
         )
         for s in (-1, 1)
@@ -175,13 +177,13 @@ def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float 
     for i in range(3):
         x = (i - 1) * leaf
         y = 0.084 + tall / 2.0
-        doors.append(rounded_box((leaf - 0.004, tall, 0.016), 0.0025, 2, grain=1).moved(x, y, depth - 0.012))
+        doors.append(rounded_box((leaf - 0.004, tall, 0.016), 0.0025, 2, grain=1).translated(x, y, depth - 0.012))
         for side in (-1.0, 1.0):
             stile = rounded_box((0.070, tall, 0.008), 0.002, 2, grain=1)
-            doors.append(stile.moved(x + side * (leaf / 2.0 - 0.037), y, depth - 0.001))
+            doors.append(stile.translated(x + side * (leaf / 2.0 - 0.037), y, depth - 0.001))
         for level in (0.084 + 0.05, 0.084 + tall * 0.42, 0.084 + tall - 0.05):
             rail = rounded_box((leaf - 0.146, 0.090 if level > 0.2 else 0.10, 0.008), 0.002, 2, grain=0)
-            doors.append(rail.moved(x, level, depth - 0.001))
+            doors.append(rail.translated(x, level, depth - 0.001))
         grip = x + (leaf / 2.0 - 0.036) * (1.0 if i == 0 else -1.0)
         handles.append(
             sweep([[grip, 1.02, depth + 0.026], [grip, 1.18, depth + 0.026]], circle(0.006, 12), up=(0, 0, 1))
@@ -189,7 +191,7 @@ def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float 
         handles += [
             sweep([[grip, h, depth], [grip, h, depth + 0.026]], circle(0.005, 10), bevel=0.0) for h in (1.04, 1.16)
         ]
-    return thing(
+    return make_model(
         name, "wardrobe", ("Case", "SagePaint", case), ("Doors", "SagePaint", doors), ("Handles", "Brass", handles)
     )
 
@@ -197,15 +199,19 @@ def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float 
 def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth: float = 0.45) -> Model:
     """An oak chest of six drawers on short legs, its back at z = -depth / 2."""
     case = [
-        rounded_box((width, 0.024, depth), 0.003, 2).with_uv(0.2, 0.1).moved(0.0, height - 0.012, 0.0),
-        rounded_box((width - 0.044, 0.02, depth - 0.01), 0.002).moved(0.0, 0.15, -0.004),
-        rounded_box((width - 0.044, height - 0.16, 0.012), 0.002).moved(0.0, (height + 0.14) / 2.0, -depth / 2 + 0.012),
-        rounded_box((0.018, height - 0.18, depth - 0.03), 0.002, grain=1).moved(0.0, (height + 0.14) / 2.0, -0.004),
+        rounded_box((width, 0.024, depth), 0.003, 2).with_uv(0.2, 0.1).translated(0.0, height - 0.012, 0.0),
+        rounded_box((width - 0.044, 0.02, depth - 0.01), 0.002).translated(0.0, 0.15, -0.004),
+        rounded_box((width - 0.044, height - 0.16, 0.012), 0.002).translated(
+            0.0, (height + 0.14) / 2.0, -depth / 2 + 0.012
+        ),
+        rounded_box((0.018, height - 0.18, depth - 0.03), 0.002, grain=1).translated(
+            0.0, (height + 0.14) / 2.0, -0.004
+        ),
     ]
     case += [
         rounded_box((0.022, height - 0.164, depth), 0.003, 2, grain=1)
         .with_uv(0.3 * s, 0.2)
-        .moved(s * (width / 2.0 - 0.011), (height + 0.116) / 2.0, 0.0)
+        .translated(s * (width / 2.0 - 0.011), (height + 0.116) / 2.0, 0.0)
         for s in (-1, 1)
     ]
     rows = (0.235, 0.215, 0.185)
@@ -218,14 +224,15 @@ def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth
         for column in (-1.0, 1.0):
             x, y = column * (front + 0.018) / 2.0, bottom + tall / 2.0
             box = rounded_box((front - 0.005, tall - 0.005, 0.018), 0.0025, 2, grain=0)
-            fronts.append(box.with_uv(0.23 * row + 0.4 * column, 0.21 * row).moved(x, y, depth / 2.0 - 0.010))
+            fronts.append(box.with_uv(0.23 * row + 0.4 * column, 0.21 * row).translated(x, y, depth / 2.0 - 0.010))
             knobs += [
-                knob.turned("x", 90.0).moved(x + s * front * 0.26, y + 0.01, depth / 2.0 - 0.001) for s in (-1.0, 1.0)
+                knob.rotated("x", 90.0).translated(x + s * front * 0.26, y + 0.01, depth / 2.0 - 0.001)
+                for s in (-1.0, 1.0)
             ]
         bottom += tall
     top, foot = (width / 2 - 0.07, 0.145, depth / 2 - 0.06), (width / 2 - 0.05, 0.0, depth / 2 - 0.045)
     legs = four_legs(top, foot, circle(0.022, 16))
-    return thing(
+    return make_model(
         name,
         "chest of drawers",
         ("Case", "Oak", [*case, *legs]),
@@ -236,11 +243,13 @@ def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth
 
 def bench(name: str, width: float = 1.10) -> Model:
     """An upholstered bench, 0.44 m high, on splayed oak legs."""
-    seat = cushion(width, 0.10, 0.38, 320, 0.014, 0.032).moved(0.0, 0.395, 0.0)
-    frame = [rounded_box((width - 0.05, 0.045, 0.020), 0.004).moved(0.0, 0.325, z) for z in (-0.15, 0.15)]
-    frame += [rounded_box((0.020, 0.045, 0.30), 0.004).moved(x * (width / 2 - 0.035), 0.325, 0.0) for x in (-1.0, 1.0)]
+    seat = cushion(width, 0.10, 0.38, 320, 0.014, 0.032).translated(0.0, 0.395, 0.0)
+    frame = [rounded_box((width - 0.05, 0.045, 0.020), 0.004).translated(0.0, 0.325, z) for z in (-0.15, 0.15)]
+    frame += [
+        rounded_box((0.020, 0.045, 0.30), 0.004).translated(x * (width / 2 - 0.035), 0.325, 0.0) for x in (-1.0, 1.0)
+    ]
     frame += four_legs((width / 2 - 0.06, 0.345, 0.145), (width / 2 - 0.025, 0.0, 0.175), circle(0.019, 16))
-    return thing(name, "bench", ("Seat", "Oatmeal", seat), ("Frame", "Oak", frame))
+    return make_model(name, "bench", ("Seat", "Oatmeal", seat), ("Frame", "Oak", frame))
 
 
 def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Model:
@@ -249,8 +258,8 @@ def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Mod
     outline = rectangle(width, height, corner, 10)
     path = np.insert(outline, 2, 0.013, axis=1)
     rim = sweep(path, rectangle(0.018, 0.026, 0.004), up=(0.0, 0.0, 1.0), closed=True)
-    whole = thing(name, "mirror", ("Rim", "Oak", rim), ("Glass", "MirrorSilver", plate(outline * 0.985, 0.016)))
-    return whole.simplified(Rim=rounded_box((width + 0.018, height + 0.018, 0.014)).moved(0.0, 0.0, 0.007))
+    whole = make_model(name, "mirror", ("Rim", "Oak", rim), ("Glass", "MirrorSilver", plate(outline * 0.985, 0.016)))
+    return whole.with_proxies(Rim=rounded_box((width + 0.018, height + 0.018, 0.014)).translated(0.0, 0.0, 0.007))
 
 
 def plate(outline: Array, z: float) -> PolygonMesh:
@@ -265,4 +274,4 @@ def glass_of_water(name: str) -> Model:
     """A tumbler, 0.10 m, of thick glass, two thirds full."""
     outside = fillet([[0.0, 0.0], [0.030, 0.0], [0.036, 0.10]], 0.005, 3)
     glass = shell(np.concatenate([outside[:-1], np.linspace(outside[-2], outside[-1], 8)[1:]]), 0.0022, 40)
-    return thing(name, "glass", ("Glass", "ClearGlass", glass))
+    return make_model(name, "glass", ("Glass", "ClearGlass", glass))

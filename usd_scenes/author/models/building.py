@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import PolygonMesh, grid, merged
-from usd_scenes.author.shapes import bars, circle, cylinder, fillet, molding, rounded_box, sphere, sweep
+from usd_scenes.author.shapes import circle, cylinder, fillet, molding, molding_boxes, rounded_box, sphere, sweep
 from usd_scenes.author.soft import curtain
 from usd_scenes.author.textures.wood import STRIPS
 
@@ -50,7 +50,7 @@ def planks(width: float, depth: float, seed: int) -> Model:
         * (1, 2, 1),
         np.zeros((2, 2, 2)),
     )
-    return thing("Floor", "floor", ("Planks", "OakFloor", boards), ("Underlay", "FloorGap", under))
+    return make_model("Floor", "floor", ("Planks", "OakFloor", boards), ("Underlay", "FloorGap", under))
 
 
 def _plank(x0: float, x1: float, z0: float, z1: float, rng: np.random.Generator) -> PolygonMesh:
@@ -78,7 +78,7 @@ def wall(
     end: Sequence[float],
     height: float,
     thickness: float,
-    look: str,
+    material: str,
     openings: Sequence[Opening] = (),
 ) -> Model:
     """A wall from start to end (x, z), the room to the right of the way, its body to the left.
@@ -122,8 +122,8 @@ def wall(
     right = np.array([-along[1], along[0]])
     matrix = np.array([[along[0], 0.0, right[0]], [0.0, 1.0, 0.0], [along[1], 0.0, right[1]]])
     boxes = blocks(-thickness, length + thickness, height, -thickness, openings)
-    plaster, *boxes = (mesh.mapped(matrix).moved(a[0], 0.0, a[1]) for mesh in (merged(faces), *boxes))
-    return thing(name, "wall", ("Plaster", look, plaster)).simplified(Plaster=boxes)
+    plaster, *boxes = (mesh.transformed(matrix).translated(a[0], 0.0, a[1]) for mesh in (merged(faces), *boxes))
+    return make_model(name, "wall", ("Plaster", material, plaster)).with_proxies(Plaster=boxes)
 
 
 def blocks(
@@ -135,7 +135,7 @@ def blocks(
     def block(x0: float, x1: float, y0: float, y1: float) -> None:
         if x1 > x0 and y1 > y0:
             box = rounded_box((x1 - x0, y1 - y0, abs(depth)))
-            boxes.append(box.moved((x0 + x1) / 2.0, (y0 + y1) / 2.0, depth / 2.0))
+            boxes.append(box.translated((x0 + x1) / 2.0, (y0 + y1) / 2.0, depth / 2.0))
 
     x = start
     for opening in sorted(openings, key=lambda each: each.start):
@@ -155,27 +155,27 @@ def window(name: str, width: float, height: float, thickness: float) -> Model:
     z, parts = -thickness * 0.62, []
     frame, sash = 0.055, 0.050
     for x in (-1.0, 1.0):
-        parts.append(rounded_box((frame, height, 0.075), 0.004).moved(x * (width - frame) / 2.0, height / 2.0, z))
+        parts.append(rounded_box((frame, height, 0.075), 0.004).translated(x * (width - frame) / 2.0, height / 2.0, z))
     for y in (frame / 2.0, height - frame / 2.0):
-        parts.append(rounded_box((width - 2.0 * frame + 0.002, frame, 0.075), 0.004).moved(0.0, y, z))
+        parts.append(rounded_box((width - 2.0 * frame + 0.002, frame, 0.075), 0.004).translated(0.0, y, z))
     leaf_width, leaf_height = width / 2.0 - frame, height - 2.0 * frame
     for side in (-1.0, 1.0):
         center = side * leaf_width / 2.0
         for x in (-1.0, 1.0):
             parts.append(
-                rounded_box((sash, leaf_height - 0.006, 0.052), 0.005).moved(
+                rounded_box((sash, leaf_height - 0.006, 0.052), 0.005).translated(
                     center + x * (leaf_width - sash - 0.004) / 2.0, height / 2.0, z + 0.018
                 )
             )
         for y in (frame + sash / 2.0 + 0.003, height - frame - sash / 2.0 - 0.003):
-            parts.append(rounded_box((leaf_width - 2.0 * sash, sash, 0.052), 0.005).moved(center, y, z + 0.018))
+            parts.append(rounded_box((leaf_width - 2.0 * sash, sash, 0.052), 0.005).translated(center, y, z + 0.018))
         bar = frame + leaf_height * 0.70
-        parts.append(rounded_box((leaf_width - 2.0 * sash, 0.024, 0.030), 0.004).moved(center, bar, z + 0.018))
-    sill = rounded_box((width + 0.12, 0.028, thickness * 0.62 + 0.045), 0.007, 2).moved(
+        parts.append(rounded_box((leaf_width - 2.0 * sash, 0.024, 0.030), 0.004).translated(center, bar, z + 0.018))
+    sill = rounded_box((width + 0.12, 0.028, thickness * 0.62 + 0.045), 0.007, 2).translated(
         0.0, -0.013, -thickness * 0.31 + 0.0225
     )
     handle = [
-        rounded_box((0.026, 0.070, 0.008), 0.003, 2).moved(0.028, height * 0.45, z + 0.048),
+        rounded_box((0.026, 0.070, 0.008), 0.003, 2).translated(0.028, height * 0.45, z + 0.048),
         sweep([[0.028, height * 0.45, z + 0.050], [0.028, height * 0.45, z + 0.080]], circle(0.007, 12)),
         sweep(
             [[0.028, height * 0.45 + 0.010, z + 0.082], [0.028, height * 0.45 - 0.11, z + 0.082]],
@@ -184,23 +184,23 @@ def window(name: str, width: float, height: float, thickness: float) -> Model:
             bevel=0.004,
         ),
     ]
-    return thing(name, "window", ("Timber", "TrimPaint", [*parts, sill]), ("Handle", "Steel", handle))
+    return make_model(name, "window", ("Timber", "TrimPaint", [*parts, sill]), ("Handle", "Steel", handle))
 
 
 def curtain_pair(name: str, opening: float, height: float, seed: int, width: float = 0.42) -> Model:
     """Two curtains drawn aside and their rod, in the xy plane; hem at y = 0, rod at y = height."""
     cloth = [
-        curtain(width, height - 0.02, seed + i, 6).moved(side * (opening / 2.0 + width * 0.38), 0.0, 0.0)
+        curtain(width, height - 0.02, seed + i, 6).translated(side * (opening / 2.0 + width * 0.38), 0.0, 0.0)
         for i, side in enumerate((-1.0, 1.0))
     ]
     reach = opening / 2.0 + width + 0.06
     rod = sweep([[-reach, height, 0.0], [reach, height, 0.0]], circle(0.011, 16))
-    ends = [sphere(0.022, 20).moved(side * (reach + 0.012), height, 0.0) for side in (-1.0, 1.0)]
+    ends = [sphere(0.022, 20).translated(side * (reach + 0.012), height, 0.0) for side in (-1.0, 1.0)]
     brackets = [
         sweep([[side * (reach - 0.08), height, 0.0], [side * (reach - 0.08), height, -0.13]], circle(0.006, 10))
         for side in (-1.0, 1.0)
     ]
-    return thing(name, "curtain", ("Cloth", "Linen", cloth), ("Rod", "BlackMetal", [rod, *ends, *brackets]))
+    return make_model(name, "curtain", ("Cloth", "Linen", cloth), ("Rod", "BlackMetal", [rod, *ends, *brackets]))
 
 
 def skirting(name: str, runs: Sequence[Sequence[Sequence[float]]]) -> Model:
@@ -208,8 +208,8 @@ def skirting(name: str, runs: Sequence[Sequence[Sequence[float]]]) -> Model:
     outline = [[0.0165, -ROOT], [0.0165, 0.082], [0.010, 0.094], [0.008, 0.102], [-ROOT, 0.102]]
     profile = fillet(outline, 0.004, 3)
     boards = [molding(np.insert(np.asarray(run, dtype=np.float64), 1, 0.0, axis=1), profile) for run in runs]
-    boxes = [box for run in runs for box in bars(run, 0.0165, 0.0, 0.102)]
-    return thing(name, "skirting", ("Timber", "TrimPaint", boards)).simplified(Timber=boxes)
+    boxes = [box for run in runs for box in molding_boxes(run, 0.0165, 0.0, 0.102)]
+    return make_model(name, "skirting", ("Timber", "TrimPaint", boards)).with_proxies(Timber=boxes)
 
 
 def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Model:
@@ -220,18 +220,18 @@ def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Mod
     profile = np.concatenate([[[-ROOT, -0.085], [0.012, -0.085]], cove, [[0.095, ROOT]]])
     path = np.insert(np.asarray(corners, dtype=np.float64), 1, height, axis=1)
     plaster = molding(path, fillet(profile, 0.002, 2), closed=True)
-    boxes = bars([*corners, corners[0]], 0.06, height - 0.085, height)
-    return thing(name, "cornice", ("Plaster", "CeilingPaint", plaster)).simplified(Plaster=boxes)
+    boxes = molding_boxes([*corners, corners[0]], 0.06, height - 0.085, height)
+    return make_model(name, "cornice", ("Plaster", "CeilingPaint", plaster)).with_proxies(Plaster=boxes)
 
 
 def ceiling(width: float, depth: float, height: float, thickness: float = 0.25) -> Model:
-    slab = rounded_box((width + 0.6, thickness, depth + 0.6), 0.002).moved(0.0, height + thickness / 2.0, 0.0)
-    return thing("Ceiling", "ceiling", ("Paint", "CeilingPaint", slab))
+    slab = rounded_box((width + 0.6, thickness, depth + 0.6), 0.002).translated(0.0, height + thickness / 2.0, 0.0)
+    return make_model("Ceiling", "ceiling", ("Paint", "CeilingPaint", slab))
 
 
 def door(name: str, width: float = 0.90, height: float = 2.05) -> Model:
     """A panelled door in its casing, facing +z from the wall at z = 0."""
-    leaf = [rounded_box((width - 0.008, height - 0.004, 0.020), 0.003).moved(0.0, height / 2.0, 0.006)]
+    leaf = [rounded_box((width - 0.008, height - 0.004, 0.020), 0.003).translated(0.0, height / 2.0, 0.006)]
     for x in (-0.195, 0.195):
         for y, tall in ((0.50, 0.62), (1.43, 0.92)):
             corners = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) * (0.145, tall / 2.0) + (x, y)
@@ -245,31 +245,31 @@ def door(name: str, width: float = 0.90, height: float = 2.05) -> Model:
                 )
             )
     casing = [
-        rounded_box((0.075, height + 0.075, 0.034), 0.006, 2).moved(
+        rounded_box((0.075, height + 0.075, 0.034), 0.006, 2).translated(
             side * (width + 0.075) / 2.0, (height + 0.075) / 2.0, 0.016
         )
         for side in (-1, 1)
     ]
-    casing.append(rounded_box((width, 0.075, 0.034), 0.006, 2).moved(0.0, height + 0.0375, 0.016))
-    rose = cylinder(0.026, 0.008, 0.002, 32).turned("x", 90.0).moved(width / 2.0 - 0.07, 1.02, 0.019)
+    casing.append(rounded_box((width, 0.075, 0.034), 0.006, 2).translated(0.0, height + 0.0375, 0.016))
+    rose = cylinder(0.026, 0.008, 0.002, 32).rotated("x", 90.0).translated(width / 2.0 - 0.07, 1.02, 0.019)
     lever = [
         sweep([[width / 2.0 - 0.07, 1.02, 0.020], [width / 2.0 - 0.07, 1.02, 0.062]], circle(0.009, 14)),
         sweep([[width / 2.0 - 0.062, 1.02, 0.062], [width / 2.0 - 0.19, 1.02, 0.062]], circle(0.0095, 14), bevel=0.004),
     ]
-    return thing(name, "door", ("Timber", "TrimPaint", [*leaf, *casing]), ("Handle", "Steel", [rose, *lever]))
+    return make_model(name, "door", ("Timber", "TrimPaint", [*leaf, *casing]), ("Handle", "Steel", [rose, *lever]))
 
 
 def switch(name: str) -> Model:
     """A rocker switch on the wall at z = 0."""
-    plate = rounded_box((0.082, 0.082, 0.009), 0.003, 2).moved(0.0, 0.0, 0.0045)
-    rocker = rounded_box((0.044, 0.060, 0.007), 0.002, 2).turned("x", 4.0).moved(0.0, 0.0, 0.010)
-    return thing(name, "light switch", ("Plate", "WhitePlastic", [plate, rocker]))
+    plate = rounded_box((0.082, 0.082, 0.009), 0.003, 2).translated(0.0, 0.0, 0.0045)
+    rocker = rounded_box((0.044, 0.060, 0.007), 0.002, 2).rotated("x", 4.0).translated(0.0, 0.0, 0.010)
+    return make_model(name, "light switch", ("Plate", "WhitePlastic", [plate, rocker]))
 
 
-def rug(name: str, width: float = 3.2, depth: float = 2.3, look: str = "Rug") -> Model:
+def rug(name: str, width: float = 3.2, depth: float = 2.3, material: str = "Rug") -> Model:
     """A wool rug, 11 mm thick, with a fringe at its short ends."""
     rng = np.random.default_rng(3)
-    pile = rounded_box((width, 0.011, depth), 0.005, 2, (40, 1, 30), grain=0).moved(0.0, 0.0056, 0.0)
+    pile = rounded_box((width, 0.011, depth), 0.005, 2, (40, 1, 30), grain=0).translated(0.0, 0.0056, 0.0)
     pile = replace(pile, uv=pile.points[:, [0, 2]] * (1.0, -1.0) + (width / 2.0, depth / 2.0))
     strands = []
     for side in (-1.0, 1.0):
@@ -282,11 +282,11 @@ def rug(name: str, width: float = 3.2, depth: float = 2.3, look: str = "Rug") ->
                 bevel=0.0,
             )
             strands.append(tassel)
-    return thing(name, "rug", ("Pile", look, pile), ("Fringe", "Cream", strands))
+    return make_model(name, "rug", ("Pile", material, pile), ("Fringe", "Cream", strands))
 
 
 def socket(name: str) -> Model:
     """A double socket on the wall at z = 0."""
-    plate = rounded_box((0.15, 0.08, 0.009), 0.003, 2).moved(0.0, 0.0, 0.0045)
-    wells = [cylinder(0.019, 0.004, 0.001, 32).turned("x", 90.0).moved(x, 0.0, 0.0085) for x in (-0.036, 0.036)]
-    return thing(name, "socket", ("Plate", "WhitePlastic", plate), ("Wells", "GrayPlastic", wells))
+    plate = rounded_box((0.15, 0.08, 0.009), 0.003, 2).translated(0.0, 0.0, 0.0045)
+    wells = [cylinder(0.019, 0.004, 0.001, 32).rotated("x", 90.0).translated(x, 0.0, 0.0085) for x in (-0.036, 0.036)]
+    return make_model(name, "socket", ("Plate", "WhitePlastic", plate), ("Wells", "GrayPlastic", wells))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.tableware import shell
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh
 from usd_scenes.author.shapes import curve, rectangle, rounded_box, sweep
@@ -30,7 +30,7 @@ def fork(name: str) -> Model:
         x = (i - 1.5) * 0.0066
         line = curve([[x, 0.002, -0.026], [x, 0.0035, -0.052], [x, 0.0095, -0.078]], 8)
         tines.append(sweep(line, rectangle(0.0040, 0.0022, 0.0009, 2), np.linspace(1.0, 0.5, 8), bevel=0.0006))
-    return thing(name, "fork", ("Tines", "Steel", [palm, *tines]), ("Handle", "Steel", _handle(0.010, 0.120)))
+    return make_model(name, "fork", ("Tines", "Steel", [palm, *tines]), ("Handle", "Steel", _handle(0.010, 0.120)))
 
 
 def spoon(name: str) -> Model:
@@ -46,7 +46,7 @@ def spoon(name: str) -> Model:
         curve([[0.0, 0.0080, -0.006], [0.0, 0.0085, 0.002], [0.0, 0.0045, 0.014]], 6),
         rectangle(0.008, 0.003, 0.0013, 2),
     )
-    return thing(
+    return make_model(
         name, "spoon", ("Bowl", "Steel", [round_bowl.deformed(egg), neck]), ("Handle", "Steel", _handle(0.010, 0.120))
     )
 
@@ -61,9 +61,9 @@ def knife(name: str) -> Model:
         bent[:, 1] = np.where(points[:, 1] > 0.0, points[:, 1] - 0.010 * t**2, points[:, 1] + 0.002 * t)
         return bent
 
-    flat = blade.deformed(taper).turned("z", 90.0).moved(0.0, 0.0016, -0.045)
+    flat = blade.deformed(taper).rotated("z", 90.0).translated(0.0, 0.0016, -0.045)
     grip = sweep([[0.0, 0.0042, 0.004], [0.0, 0.0042, 0.110]], rectangle(0.016, 0.008, 0.003, 3), [0.8, 1.0])
-    return thing(name, "knife", ("Steel", "Steel", [flat, grip]))
+    return make_model(name, "knife", ("Steel", "Steel", [flat, grip]))
 
 
 def napkin(name: str) -> Model:
@@ -77,5 +77,5 @@ def napkin(name: str) -> Model:
             bent[:, 1] += 0.0012 * np.sin(40.0 * points[:, 0] + 1.7 * i) * np.sin(26.0 * points[:, 2] + i)
             return bent
 
-        folds.append(leaf.deformed(sag).moved(0.001 * i, 0.0024 + 0.0034 * i, -0.0015 * i))
-    return thing(name, "napkin", ("Linen", "Linen", folds))
+        folds.append(leaf.deformed(sag).translated(0.001 * i, 0.0024 + 0.0034 * i, -0.0015 * i))
+    return make_model(name, "napkin", ("Linen", "Linen", folds))

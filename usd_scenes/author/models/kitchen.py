@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import merged
 from usd_scenes.author.shapes import curve, cylinder, fillet, lathe, rectangle, sphere, sweep
 
@@ -28,7 +28,7 @@ def pot(name: str) -> Model:
         [[radius + 0.0045, 0.004], [radius - 0.004, 0.012], [0.080, 0.027], [0.030, 0.035], [0.0, 0.036]], 24
     )
     under = np.array([[0.0, 0.002], [radius - 0.004, 0.0], [radius + 0.004, 0.0015]])
-    lid = lathe(np.concatenate([under, lid_line]), 80).moved(0.0, height + 0.001)
+    lid = lathe(np.concatenate([under, lid_line]), 80).translated(0.0, height + 0.001)
     band = lathe(
         fillet(
             [[radius + 0.002, 0.0], [radius + 0.0062, 0.0005], [radius + 0.0062, 0.0045], [radius + 0.002, 0.0050]],
@@ -36,8 +36,8 @@ def pot(name: str) -> Model:
             2,
         ),
         80,
-    ).moved(0.0, height + 0.0005)
-    stem = cylinder(0.0065, 0.014, 0.001, 24).moved(0.0, height + 0.042)
+    ).translated(0.0, height + 0.0005)
+    stem = cylinder(0.0065, 0.014, 0.001, 24).translated(0.0, height + 0.042)
     knob = lathe(
         curve([[0.0, 0.0], [0.009, 0.0015], [0.0175, 0.008], [0.0195, 0.0135], [0.0150, 0.0185], [0.0, 0.0200]], 20), 40
     )
@@ -58,16 +58,16 @@ def pot(name: str) -> Model:
         for z in (-0.042, 0.042):
             plate = (
                 cylinder(0.012, 0.004, 0.0015, 24)
-                .turned("z", 90.0)
-                .moved(side * (np.hypot(radius, 0.0) - 0.0058), 0.098, z)
+                .rotated("z", 90.0)
+                .translated(side * (np.hypot(radius, 0.0) - 0.0058), 0.098, z)
             )
-            rivets.append(merged([plate, sphere(0.0035, 12).moved(side * (radius - 0.0035), 0.098, z)]))
-    return thing(
+            rivets.append(merged([plate, sphere(0.0035, 12).translated(side * (radius - 0.0035), 0.098, z)]))
+    return make_model(
         name,
         "pot",
         ("Body", "EnamelRed", body),
         ("Lid", "EnamelRed", lid),
         ("Rim", "Steel", [band, stem, *rivets]),
         ("Handles", "EnamelRed", handles),
-        ("Knob", "BlackPlastic", knob.moved(0.0, height + 0.047)),
+        ("Knob", "BlackPlastic", knob.translated(0.0, height + 0.047)),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.tables import drum_shade
 from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, sphere, sweep
@@ -23,8 +23,8 @@ def tripod_lamp(name: str) -> Model:
         fillet([[0.0, 1.150], [0.060, 1.150], [0.062, 1.178], [0.020, 1.190], [0.010, 1.215], [0.0, 1.215]], 0.003, 3),
         48,
     )
-    stem = cylinder(0.008, 0.24, 0.001, 16).moved(0.0, 1.31)
-    socket = cylinder(0.019, 0.055, 0.003, 24).moved(0.0, 1.32)
+    stem = cylinder(0.008, 0.24, 0.001, 16).translated(0.0, 1.31)
+    socket = cylinder(0.019, 0.055, 0.003, 24).translated(0.0, 1.32)
     spider = [
         sweep(
             [[0.0, 1.425, 0.0], [0.197 * np.sin(a), 1.487, 0.197 * np.cos(a)]],
@@ -34,13 +34,13 @@ def tripod_lamp(name: str) -> Model:
         )
         for a in np.arange(3) * 2.0 * np.pi / 3.0
     ]
-    finial = sphere(0.011, 16).moved(0.0, 1.432)
-    bulb = sphere(0.034, 24).scaled(1.0, 1.15, 1.0).moved(0.0, 1.375)
-    return thing(
+    finial = sphere(0.011, 16).translated(0.0, 1.432)
+    bulb = sphere(0.034, 24).scaled(1.0, 1.15, 1.0).translated(0.0, 1.375)
+    return make_model(
         name,
         "floor lamp",
         ("Legs", "Oak", legs),
         ("Fittings", "Brass", [collar, hub, stem, socket, *spider, finial]),
-        ("Shade", "LampShade", drum_shade(0.20, 0.24, 0.27).moved(0.0, 1.235, 0.0)),
+        ("Shade", "LampShade", drum_shade(0.20, 0.24, 0.27).translated(0.0, 1.235, 0.0)),
         ("Bulb", "LampGlow", bulb),
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author import cloth_simulation as cloth
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import PolygonMesh
 
 
@@ -23,10 +23,10 @@ def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105, height: 
     y = 0.002 * np.sin(11.0 * flat[..., 0] + phase[2]) + 0.002 * np.sin(13.0 * flat[..., 1] + phase[3])
     made = cloth.bag(flat, np.stack([flat[..., 0], y, -flat[..., 1]], axis=-1), gap, bend=0.05)
     made.relax(0.4, [], drag=8.0, gravity=0.0)
-    return cloth.bag_mesh(made, flat + size / 2.0).turned("x", 90.0)
+    return cloth.bag_mesh(made, flat + size / 2.0).rotated("x", 90.0)
 
 
 def painted_pillow(name: str) -> Model:
     """A cotton pillow that a child has painted, 0.45 m; the picture on either side."""
     cover = stuffed(0.475, 0.135, 3).with_uv(scale=1.0 / 0.475)
-    return thing(name, "pillow", ("Cover", "ScribbleCotton", cover))
+    return make_model(name, "pillow", ("Cover", "ScribbleCotton", cover))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.tableware import shell
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged, normalized, rotation
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, sphere, sweep
@@ -67,8 +67,10 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
                 curve([[0.0, 0.0, 0.0], [0.0, 0.006, 0.03], [0.0, 0.0, 0.065]], 5), circle(0.0028, 6), bevel=0.0
             )
             turn_matrix: Array = rotation("y", yaw) @ rotation("x", pitch)
-            (young if t > 0.8 else old).append(blade.moved(0.0, 0.0, 0.06).mapped(turn_matrix).moved(*at))
-            stems.append(stalk.mapped(turn_matrix).moved(*at))
+            (young if t > 0.8 else old).append(
+                blade.translated(0.0, 0.0, 0.06).transformed(turn_matrix).translated(*at)
+            )
+            stems.append(stalk.transformed(turn_matrix).translated(*at))
     parts: tuple[tuple[str, str, list[PolygonMesh]], ...] = (
         ("Pot", "Stoneware", [pot]),
         ("Soil", "Soil", [soil]),
@@ -76,16 +78,16 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
         ("Leaves", "Leaf", old),
         ("YoungLeaves", "LeafPale", young),
     )
-    plant = thing(name, "plant", *parts)
-    plant = plant.simplified(Stems=trunks, Leaves=_crown(old), YoungLeaves=_crown(young))
-    sized = (part.changed(lambda mesh: mesh.scaled(scale, scale, scale)) for part in plant.parts)
+    plant = make_model(name, "plant", *parts)
+    plant = plant.with_proxies(Stems=trunks, Leaves=_crown(old), YoungLeaves=_crown(young))
+    sized = (part.mapped(lambda mesh: mesh.scaled(scale, scale, scale)) for part in plant.parts)
     return replace(plant, parts=tuple(sized))
 
 
 def _crown(leaves: list[PolygonMesh]) -> PolygonMesh:
     """The ellipsoid that leaves fill."""
     bounds = merged(leaves).bounds
-    return sphere(0.5, 24).scaled(*(bounds[1] - bounds[0])).moved(*bounds.mean(axis=0))
+    return sphere(0.5, 24).scaled(*(bounds[1] - bounds[0])).translated(*bounds.mean(axis=0))
 
 
 def branches(name: str, seed: int = 9) -> Model:
@@ -110,9 +112,9 @@ def branches(name: str, seed: int = 9) -> Model:
         for n in range(8, 18):
             side = normalized(np.array([np.cos(n * 2.4), 0.35, np.sin(n * 2.4)]))
             yaw = np.degrees(np.arctan2(side[0], side[2]))
-            leaves.append(leaf(0.055, 0.026, 0.2, 0.3).turned("x", -25.0).turned("y", yaw).moved(*line[n]))
-    whole = thing(name, "plant", ("Twigs", "Bark", twigs), ("Leaves", "LeafPale", leaves))
-    return whole.simplified(Leaves=_crown(leaves))
+            leaves.append(leaf(0.055, 0.026, 0.2, 0.3).rotated("x", -25.0).rotated("y", yaw).translated(*line[n]))
+    whole = make_model(name, "plant", ("Twigs", "Bark", twigs), ("Leaves", "LeafPale", leaves))
+    return whole.with_proxies(Leaves=_crown(leaves))
 
 
 def snake_plant(name: str) -> Model:
@@ -142,8 +144,10 @@ def snake_plant(name: str) -> Model:
         blade = _sword(length, rng.uniform(0.034, 0.042), rng.uniform(-25.0, 25.0))
         yaw = np.degrees(turn)
         foot = (ring * np.sin(turn), 0.118, ring * np.cos(turn))
-        swords.append(blade.turned("y", rng.uniform(-70.0, 70.0)).turned("x", lean).turned("y", yaw).moved(*foot))
-    return thing(
+        swords.append(
+            blade.rotated("y", rng.uniform(-70.0, 70.0)).rotated("x", lean).rotated("y", yaw).translated(*foot)
+        )
+    return make_model(
         name,
         "plant",
         ("Pot", "Terracotta", [pot, saucer]),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import PolygonMesh, grid, merged
 from usd_scenes.author.shapes import circle, curve, cylinder, fillet, lathe, rounded_box, sphere, sweep
 
@@ -62,8 +62,8 @@ def bathtub(name: str) -> Model:
         smooth=4,
     )
     waste = lathe(fillet([[0.0, 0.102], [0.030, 0.104], [0.030, 0.108], [0.0, 0.110]], 0.002, 2), 28)
-    overflow = cylinder(0.030, 0.012, 0.003, 28).turned("x", 72.0).moved(0.0, 0.47, -0.325)
-    return thing(name, "bathtub", ("Tub", "Acrylic", shell), ("Waste", "Chrome", [waste, overflow]))
+    overflow = cylinder(0.030, 0.012, 0.003, 28).rotated("x", 72.0).translated(0.0, 0.47, -0.325)
+    return make_model(name, "bathtub", ("Tub", "Acrylic", shell), ("Waste", "Chrome", [waste, overflow]))
 
 
 def toilet(name: str) -> Model:
@@ -86,15 +86,15 @@ def toilet(name: str) -> Model:
     )
     seat = rings(_slab(0.183, 0.235, 0.402, 0.018, 0.465), egg=-0.10, smooth=1)
     lid = rings(_slab(0.180, 0.232, 0.422, 0.020, 0.465), egg=-0.10, smooth=1)
-    block = rounded_box((0.22, 0.08, 0.18), 0.02, 3).moved(0.0, 0.355, 0.16)
-    cistern = rounded_box((0.37, 0.36, 0.165), 0.028, 4).moved(0.0, 0.56, 0.0875)
-    top = rounded_box((0.385, 0.026, 0.180), 0.010, 3).moved(0.0, 0.745, 0.092)
-    hinges = [cylinder(0.012, 0.05, 0.003, 20).turned("z", 90.0).moved(x, 0.420, 0.215) for x in (-0.075, 0.075)]
+    block = rounded_box((0.22, 0.08, 0.18), 0.02, 3).translated(0.0, 0.355, 0.16)
+    cistern = rounded_box((0.37, 0.36, 0.165), 0.028, 4).translated(0.0, 0.56, 0.0875)
+    top = rounded_box((0.385, 0.026, 0.180), 0.010, 3).translated(0.0, 0.745, 0.092)
+    hinges = [cylinder(0.012, 0.05, 0.003, 20).rotated("z", 90.0).translated(x, 0.420, 0.215) for x in (-0.075, 0.075)]
     button = [
-        cylinder(0.030, 0.010, 0.002, 32).moved(0.0, 0.760, 0.095),
-        cylinder(0.012, 0.013, 0.002, 24).moved(0.010, 0.761, 0.095),
+        cylinder(0.030, 0.010, 0.002, 32).translated(0.0, 0.760, 0.095),
+        cylinder(0.012, 0.013, 0.002, 24).translated(0.010, 0.761, 0.095),
     ]
-    return thing(
+    return make_model(
         name,
         "toilet",
         ("Bowl", "Ceramic", [bowl, block]),
@@ -116,20 +116,21 @@ def _slab(a: float, b: float, y: float, thick: float, z: float) -> list[Ring]:
 def vanity(name: str, width: float = 1.10, depth: float = 0.48) -> Model:
     """A hung oak cabinet of two drawers under a stone slab, its top at 0.82 m, its back on z = 0."""
     case = [
-        rounded_box((width, 0.46, depth - 0.022), 0.003, grain=0).moved(0.0, 0.565, (depth - 0.022) / 2.0),
+        rounded_box((width, 0.46, depth - 0.022), 0.003, grain=0).translated(0.0, 0.565, (depth - 0.022) / 2.0),
     ]
     front = width / 2.0
     fronts = [
         rounded_box((front - 0.006, 0.452, 0.020), 0.003, 2, grain=0)
         .with_uv(0.4 * s, 0.1 + 0.2 * s)
-        .moved(s * front / 2.0, 0.565, depth - 0.012)
+        .translated(s * front / 2.0, 0.565, depth - 0.012)
         for s in (-1.0, 1.0)
     ]
     grips = [
-        rounded_box((0.18, 0.012, 0.020), 0.004, 2).moved(s * front / 2.0, 0.765, depth + 0.006) for s in (-1.0, 1.0)
+        rounded_box((0.18, 0.012, 0.020), 0.004, 2).translated(s * front / 2.0, 0.765, depth + 0.006)
+        for s in (-1.0, 1.0)
     ]
-    slab = rounded_box((width + 0.012, 0.025, depth + 0.010), 0.004, 3).moved(0.0, 0.8075, depth / 2.0 + 0.005)
-    return thing(
+    slab = rounded_box((width + 0.012, 0.025, depth + 0.010), 0.004, 3).translated(0.0, 0.8075, depth / 2.0 + 0.005)
+    return make_model(
         name,
         "vanity",
         ("Case", "Oak", case),
@@ -159,7 +160,7 @@ def basin(name: str) -> Model:
         smooth=4,
     )
     waste = lathe(fillet([[0.0, 0.020], [0.028, 0.022], [0.028, 0.027], [0.0, 0.029]], 0.002, 2), 28)
-    return thing(name, "washbasin", ("Basin", "Ceramic", shell), ("Waste", "Chrome", waste))
+    return make_model(name, "washbasin", ("Basin", "Ceramic", shell), ("Waste", "Chrome", waste))
 
 
 def basin_tap(name: str) -> Model:
@@ -175,7 +176,7 @@ def basin_tap(name: str) -> Model:
     )
     head = lathe(fillet([[0.0, 0.303], [0.022, 0.303], [0.022, 0.336], [0.012, 0.342], [0.0, 0.342]], 0.004, 3), 36)
     lever = sweep([[0.0, 0.336, 0.0], [0.0, 0.352, 0.095]], circle(0.0055, 14), up=(1.0, 0.0, 0.0), bevel=0.002)
-    return thing(name, "tap", ("Chrome", "Chrome", [body, spout, head, lever]))
+    return make_model(name, "tap", ("Chrome", "Chrome", [body, spout, head, lever]))
 
 
 def bath_tap(name: str) -> Model:
@@ -192,7 +193,7 @@ def bath_tap(name: str) -> Model:
     wheels = [
         merged(
             [
-                cylinder(0.024, 0.030, 0.005, 28).turned("z", 90.0).moved(s * 0.115, 0.80, 0.0),
+                cylinder(0.024, 0.030, 0.005, 28).rotated("z", 90.0).translated(s * 0.115, 0.80, 0.0),
                 sweep([[s * 0.118, 0.80, 0.0], [s * 0.118, 0.862, 0.0]], circle(0.005, 12), up=(0.0, 0.0, 1.0)),
             ]
         )
@@ -200,7 +201,7 @@ def bath_tap(name: str) -> Model:
     ]
     handset = [
         sweep([[0.06, 0.83, 0.03], [0.06, 1.02, 0.05]], circle(0.011, 16), up=(0.0, 0.0, 1.0), bevel=0.003),
-        cylinder(0.030, 0.020, 0.005, 32).turned("x", 62.0).moved(0.06, 1.035, 0.062),
+        cylinder(0.030, 0.020, 0.005, 32).rotated("x", 62.0).translated(0.06, 1.035, 0.062),
     ]
     hose = sweep(
         curve(
@@ -218,7 +219,7 @@ def bath_tap(name: str) -> Model:
         up=(0.0, 0.0, 1.0),
         bevel=0.0,
     )
-    return thing(name, "tap", ("Chrome", "Chrome", [post, foot, bar, spout, *wheels, *handset, hose]))
+    return make_model(name, "tap", ("Chrome", "Chrome", [post, foot, bar, spout, *wheels, *handset, hose]))
 
 
 def towel_radiator(name: str, width: float = 0.50, height: float = 1.10) -> Model:
@@ -236,7 +237,7 @@ def towel_radiator(name: str, width: float = 0.50, height: float = 1.10) -> Mode
         for x in (-width / 2.0, width / 2.0)
         for y in (0.14, height - 0.14)
     ]
-    return thing(name, "towel radiator", ("Chrome", "Chrome", [*posts, *bars, *brackets]))
+    return make_model(name, "towel radiator", ("Chrome", "Chrome", [*posts, *bars, *brackets]))
 
 
 def radiator_bars(height: float = 1.10) -> list[float]:
@@ -247,16 +248,16 @@ def radiator_bars(height: float = 1.10) -> list[float]:
 
 def wall_lamp(name: str) -> Model:
     """An opal globe, 0.14 m, on a brass arm from the wall at z = 0; the globe's middle is at z = 0.11."""
-    plate = cylinder(0.042, 0.012, 0.003, 36).turned("x", 90.0).moved(0.0, -0.09, 0.006)
+    plate = cylinder(0.042, 0.012, 0.003, 36).rotated("x", 90.0).translated(0.0, -0.09, 0.006)
     arm = sweep(
         curve([[0.0, -0.09, 0.01], [0.0, -0.092, 0.07], [0.0, -0.088, 0.105], [0.0, -0.06, 0.11]], 16),
         circle(0.007, 14),
         up=(1.0, 0.0, 0.0),
     )
-    cup = cylinder(0.026, 0.018, 0.004, 28).moved(0.0, -0.062, 0.11)
-    return thing(
+    cup = cylinder(0.026, 0.018, 0.004, 28).translated(0.0, -0.062, 0.11)
+    return make_model(
         name,
         "wall lamp",
-        ("Globe", "OpalGlobe", sphere(0.066, 40).moved(0.0, 0.0, 0.11)),
+        ("Globe", "OpalGlobe", sphere(0.066, 40).translated(0.0, 0.0, 0.11)),
         ("Arm", "Brass", [plate, arm, cup]),
     )

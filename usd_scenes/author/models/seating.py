@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.pillows import stuffed
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh
 from usd_scenes.author.shapes import circle, curve, cylinder, lathe, leg, rectangle, rounded_box, sphere, sweep
@@ -47,10 +47,10 @@ def chair(name: str) -> Model:
             )
         )
     rails = [
-        rounded_box((0.345, 0.055, 0.018), 0.004).moved(0.0, 0.398, 0.170),
-        rounded_box((0.345, 0.055, 0.018), 0.004).moved(0.0, 0.398, -0.180),
-        rounded_box((0.018, 0.055, 0.330), 0.004).moved(-0.176, 0.398, -0.005),
-        rounded_box((0.018, 0.055, 0.330), 0.004).moved(0.176, 0.398, -0.005),
+        rounded_box((0.345, 0.055, 0.018), 0.004).translated(0.0, 0.398, 0.170),
+        rounded_box((0.345, 0.055, 0.018), 0.004).translated(0.0, 0.398, -0.180),
+        rounded_box((0.018, 0.055, 0.330), 0.004).translated(-0.176, 0.398, -0.005),
+        rounded_box((0.018, 0.055, 0.330), 0.004).translated(0.176, 0.398, -0.005),
         sweep([[-0.192, 0.20, 0.178], [-0.192, 0.20, -0.205]], rectangle(0.018, 0.022, 0.006)),
         sweep([[0.192, 0.20, 0.178], [0.192, 0.20, -0.205]], rectangle(0.018, 0.022, 0.006)),
     ]
@@ -58,10 +58,10 @@ def chair(name: str) -> Model:
         _slat(height, depth, tall)
         for height, depth, tall in ((0.600, -0.196, 0.045), (0.715, -0.213, 0.050), (0.850, -0.247, 0.075))
     ]
-    return thing(
+    return make_model(
         name,
         "chair",
-        ("Seat", "Chestnut", seat.deformed(dish).moved(0.0, 0.437, 0.0)),
+        ("Seat", "Chestnut", seat.deformed(dish).translated(0.0, 0.437, 0.0)),
         ("Frame", "Chestnut", [*legs, *rails]),
         ("Back", "Chestnut", slats),
     )
@@ -77,7 +77,7 @@ def _slat(height: float, depth: float, tall: float) -> PolygonMesh:
         bent[:, 1] += 0.010 * (tall > 0.06) * (1.0 - (points[:, 0] / 0.183) ** 2) * (points[:, 1] > 0.0)
         return bent
 
-    return slat.deformed(bow).turned("x", 10.0).moved(0.0, height, depth)
+    return slat.deformed(bow).rotated("x", 10.0).translated(0.0, height, depth)
 
 
 def shell_chair(name: str) -> Model:
@@ -111,7 +111,7 @@ def shell_chair(name: str) -> Model:
         for z, back in ((1.0, 0.165), (-1.0, -0.195)):
             foot = [0.225 * x, 0.006, back + 0.045 * z]
             legs.append(leg([0.135 * x, 0.405, 0.12 * z - 0.02], foot, circle(0.0145, 16), 0.68))
-            feet.append(cylinder(0.0105, 0.010, 0.002, 16).moved(foot[0], 0.005, foot[2]))
+            feet.append(cylinder(0.0105, 0.010, 0.002, 16).translated(foot[0], 0.005, foot[2]))
     wires = []
     for z in (0.11, -0.13):
         wires.append(sweep([[-0.150, 0.398, z], [0.150, 0.398, z]], circle(0.005, 10)))
@@ -119,18 +119,18 @@ def shell_chair(name: str) -> Model:
         wires.append(sweep([[0.158, 0.330, 1.25 * z], [0.0, 0.392, z]], circle(0.0035, 8)))
     for x in (-0.140, 0.140):
         wires.append(sweep([[x, 0.398, 0.12], [x, 0.398, -0.14]], circle(0.005, 10)))
-        wires.append(cylinder(0.018, 0.026, 0.003, 20).moved(0.75 * x, 0.412, 0.06))
-        wires.append(cylinder(0.018, 0.030, 0.003, 20).moved(0.75 * x, 0.412, -0.09))
-    return thing(
+        wires.append(cylinder(0.018, 0.026, 0.003, 20).translated(0.75 * x, 0.412, 0.06))
+        wires.append(cylinder(0.018, 0.030, 0.003, 20).translated(0.75 * x, 0.412, -0.09))
+    return make_model(
         name,
         "chair",
         ("Shell", "ShellWhite", seat),
         ("Legs", "Oak", legs),
         ("Braces", "BlackMetal", [*wires, *feet]),
-    ).simplified(
+    ).with_proxies(
         Shell=[
-            rounded_box((0.45, 0.03, 0.44)).moved(0.0, 0.435, 0.02),
-            rounded_box((0.42, 0.38, 0.03)).turned("x", -9.0).moved(0.0, 0.62, -0.225),
+            rounded_box((0.45, 0.03, 0.44)).translated(0.0, 0.435, 0.02),
+            rounded_box((0.42, 0.38, 0.03)).rotated("x", -9.0).translated(0.0, 0.62, -0.225),
         ]
     )
 
@@ -140,43 +140,48 @@ def settee(name: str) -> Model:
     base = sofa(name, 1.78, 2)
     pillows = [
         stuffed(0.46, 0.13, 71 + index, 0.026)
-        .turned("x", -20.0)
-        .turned("y", -15.0 * side)
-        .moved(0.50 * side, 0.715, 0.075)
+        .rotated("x", -20.0)
+        .rotated("y", -15.0 * side)
+        .translated(0.50 * side, 0.715, 0.075)
         for index, side in enumerate((-1.0, 1.0))
     ]
-    return thing(name, "sofa", *((p.name, p.look, p.mesh) for p in base.parts), ("Pillows", "Mustard", pillows))
+    return make_model(
+        name, "sofa", *((p.name, p.material, p.mesh) for p in base.parts), ("Pillows", "Mustard", pillows)
+    )
 
 
 def sofa(name: str, width: float = 2.30, seats: int = 3) -> Model:
     """A sofa, 0.95 m deep: loose seat and back cushions between upholstered arms, on walnut legs."""
     arm, depth, seat_height = 0.19, 0.95, 0.43
     inner = width - 2.0 * arm
-    body = [_upholstered((width - 0.02, 0.20, depth - 0.04), 1).moved(0.0, 0.235, 0.0)]
+    body = [_upholstered((width - 0.02, 0.20, depth - 0.04), 1).translated(0.0, 0.235, 0.0)]
     body += [
-        _upholstered((arm, 0.47, depth), 2 + side).moved((width - arm) / 2.0 * side, 0.370, 0.0) for side in (-1, 1)
+        _upholstered((arm, 0.47, depth), 2 + side).translated((width - arm) / 2.0 * side, 0.370, 0.0)
+        for side in (-1, 1)
     ]
-    body.append(_upholstered((inner + 0.02, 0.60, 0.20), 5).turned("x", -6.0).moved(0.0, 0.47, -depth / 2.0 + 0.115))
+    body.append(
+        _upholstered((inner + 0.02, 0.60, 0.20), 5).rotated("x", -6.0).translated(0.0, 0.47, -depth / 2.0 + 0.115)
+    )
     share, middle = inner / seats, (seats - 1) / 2.0
     cushions = [
-        cushion(share - 0.008, 0.15, 0.70, 10 + i, 0.022, pitch=0.06).moved(
+        cushion(share - 0.008, 0.15, 0.70, 10 + i, 0.022, pitch=0.06).translated(
             (i - middle) * share, seat_height - 0.015, 0.115
         )
         for i in range(seats)
     ]
     backs = [
         cushion(share - 0.014, 0.17, 0.46, 20 + i, 0.040, 0.05, 0.06)
-        .turned("x", 90.0)
-        .turned("x", -13.0 + 1.5 * (i - middle))
-        .moved((i - middle) * share, 0.685, -0.185)
+        .rotated("x", 90.0)
+        .rotated("x", -13.0 + 1.5 * (i - middle))
+        .translated((i - middle) * share, 0.685, -0.185)
         for i in range(seats)
     ]
     legs = [
-        cylinder(0.022, 0.14, 0.004, 20).moved(x * (width / 2.0 - 0.10), 0.07, z * (depth / 2.0 - 0.09))
+        cylinder(0.022, 0.14, 0.004, 20).translated(x * (width / 2.0 - 0.10), 0.07, z * (depth / 2.0 - 0.09))
         for x in (-1.0, 1.0)
         for z in (-1.0, 1.0)
     ]
-    return thing(
+    return make_model(
         name,
         "sofa",
         ("Body", "SofaWool", body),
@@ -219,14 +224,16 @@ def armchair(name: str) -> Model:
             )
         )
         frame.append(sweep([[x, 0.285, 0.335], [x, 0.215, -0.345]], rectangle(0.026, 0.055, 0.006)))
-    frame += [rounded_box((0.66, 0.055, 0.026), 0.006).moved(0.0, y, z) for y, z in ((0.285, 0.325), (0.225, -0.335))]
+    frame += [
+        rounded_box((0.66, 0.055, 0.026), 0.006).translated(0.0, y, z) for y, z in ((0.285, 0.325), (0.225, -0.335))
+    ]
     tilt = -22.0
     for height in (0.06, 0.27, 0.47):
         frame.append(
             rounded_box((0.66, 0.050, 0.020), 0.005)
-            .moved(0.0, height, -0.075)
-            .turned("x", tilt)
-            .moved(0.0, 0.335, -0.285)
+            .translated(0.0, height, -0.075)
+            .rotated("x", tilt)
+            .translated(0.0, 0.335, -0.285)
         )
     for side in (-1.0, 1.0):
         post = sweep(
@@ -234,22 +241,26 @@ def armchair(name: str) -> Model:
             rectangle(0.030, 0.034, 0.007),
             up=(0.0, 0.0, 1.0),
         )
-        frame.append(post.turned("x", tilt).moved(0.0, 0.335, -0.285))
-    seat = cushion(0.62, 0.13, 0.66, 31, 0.022, 0.045).turned("x", -5.5).moved(0.0, 0.345, 0.025)
-    back = cushion(0.62, 0.13, 0.56, 32, 0.026, 0.045).turned("x", 90.0 + tilt).moved(0.0, 0.64, -0.300)
-    return thing(name, "armchair", ("Frame", "Walnut", frame), ("Seat", "Leather", seat), ("Back", "Leather", back))
+        frame.append(post.rotated("x", tilt).translated(0.0, 0.335, -0.285))
+    seat = cushion(0.62, 0.13, 0.66, 31, 0.022, 0.045).rotated("x", -5.5).translated(0.0, 0.345, 0.025)
+    back = cushion(0.62, 0.13, 0.56, 32, 0.026, 0.045).rotated("x", 90.0 + tilt).translated(0.0, 0.64, -0.300)
+    return make_model(
+        name, "armchair", ("Frame", "Walnut", frame), ("Seat", "Leather", seat), ("Back", "Leather", back)
+    )
 
 
-def scatter_pillow(name: str, look: str, size: float, seed: int) -> Model:
+def scatter_pillow(name: str, material: str, size: float, seed: int) -> Model:
     """A square pillow standing upright."""
-    return thing(
-        name, "pillow", ("Cover", look, pillow(size, size, 0.15, seed, piping=0.004).moved(0.0, size / 2.0, 0.0))
+    return make_model(
+        name,
+        "pillow",
+        ("Cover", material, pillow(size, size, 0.15, seed, piping=0.004).translated(0.0, size / 2.0, 0.0)),
     )
 
 
 def folded_throw(name: str) -> Model:
     """A throw over a sofa's arm: its ridge at y = 0."""
-    return thing(name, "blanket", ("Wool", "ThrowWool", throw(0.42, 0.9, 0.108, 0.27, 7)))
+    return make_model(name, "blanket", ("Wool", "ThrowWool", throw(0.42, 0.9, 0.108, 0.27, 7)))
 
 
 def pouf(name: str) -> Model:
@@ -279,5 +290,5 @@ def pouf(name: str) -> Model:
     turn = np.arange(72) * (2.0 * np.pi / 72)
     ring = np.stack([0.249 * np.sin(turn), np.zeros(72), 0.249 * np.cos(turn)], axis=-1)
     piping = [sweep(ring + np.array([0.0, y, 0.0]), circle(0.0055, 8), closed=True) for y in (0.016, 0.366)]
-    button = sphere(0.020, 24).scaled(1.0, 0.45, 1.0).moved(0.0, 0.376, 0.0)
-    return thing(name, "pouf", ("Cover", "ThrowWool", [body.deformed(upholster), *piping, button]))
+    button = sphere(0.020, 24).scaled(1.0, 0.45, 1.0).translated(0.0, 0.376, 0.0)
+    return make_model(name, "pouf", ("Cover", "ThrowWool", [body.deformed(upholster), *piping, button]))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import PolygonMesh, merged
 from usd_scenes.author.shapes import (
     circle,
@@ -25,10 +25,12 @@ from usd_scenes.author.shapes import (
 
 def coffee_table(name: str) -> Model:
     """An oval walnut table, 1.20 × 0.68 × 0.40 m, with a shelf below, on splayed legs."""
-    top = _oval_slab(1.20, 0.68, 0.026).moved(0.0, 0.387, 0.0)
-    shelf = _oval_slab(0.86, 0.42, 0.016).moved(0.0, 0.155, 0.0)
+    top = _oval_slab(1.20, 0.68, 0.026).translated(0.0, 0.387, 0.0)
+    shelf = _oval_slab(0.86, 0.42, 0.016).translated(0.0, 0.155, 0.0)
     legs = four_legs((0.36, 0.376, 0.17), (0.46, 0.0, 0.25), circle(0.021, 16), 0.6)
-    return thing(name, "coffee table", ("Top", "Walnut", top), ("Shelf", "Walnut", shelf), ("Legs", "Walnut", legs))
+    return make_model(
+        name, "coffee table", ("Top", "Walnut", top), ("Shelf", "Walnut", shelf), ("Legs", "Walnut", legs)
+    )
 
 
 def _oval_slab(width: float, depth: float, height: float) -> PolygonMesh:
@@ -56,7 +58,7 @@ def _oval_slab(width: float, depth: float, height: float) -> PolygonMesh:
 def dining_table(name: str) -> Model:
     """An oak table, 1.80 × 0.90 × 0.75 m: three boards on a black steel frame."""
     boards = [
-        rounded_box((1.80, 0.032, 0.2985), 0.003, 2).with_uv(0.37 * i, 0.26 * i).moved(0.0, 0.734, (i - 1) * 0.30)
+        rounded_box((1.80, 0.032, 0.2985), 0.003, 2).with_uv(0.37 * i, 0.26 * i).translated(0.0, 0.734, (i - 1) * 0.30)
         for i in range(3)
     ]
     frame: list[PolygonMesh] = []
@@ -68,7 +70,7 @@ def dining_table(name: str) -> Model:
             for z in (-0.3475, 0.3475)
         ]
     frame.append(sweep([[-0.72, 0.69, 0.0], [0.72, 0.69, 0.0]], rectangle(0.05, 0.025, 0.004)))
-    return thing(name, "dining table", ("Top", "Oak", boards), ("Frame", "BlackMetal", frame))
+    return make_model(name, "dining table", ("Top", "Oak", boards), ("Frame", "BlackMetal", frame))
 
 
 def bookcase(name: str, width: float = 1.20, height: float = 2.10, depth: float = 0.30) -> Model:
@@ -76,18 +78,18 @@ def bookcase(name: str, width: float = 1.20, height: float = 2.10, depth: float 
     sides = [
         rounded_box((0.024, height, depth), 0.002)
         .with_uv(0.3 * s, 0.1)
-        .moved(s * (width / 2.0 - 0.012), height / 2.0, 0.0)
+        .translated(s * (width / 2.0 - 0.012), height / 2.0, 0.0)
         for s in (-1, 1)
     ]
     shelves = [
-        rounded_box((width - 0.05, 0.024, depth - 0.012), 0.002).with_uv(0.21 * i, 0.3 * i).moved(0.0, y, 0.004)
+        rounded_box((width - 0.05, 0.024, depth - 0.012), 0.002).with_uv(0.21 * i, 0.3 * i).translated(0.0, y, 0.004)
         for i, y in enumerate(shelf_heights(height))
     ]
-    back = rounded_box((width - 0.04, height - 0.08, 0.008), 0.001).moved(
+    back = rounded_box((width - 0.04, height - 0.08, 0.008), 0.001).translated(
         0.0, height / 2.0 + 0.02, -depth / 2.0 + 0.006
     )
-    plinth = rounded_box((width - 0.05, 0.06, 0.02), 0.002).moved(0.0, 0.03, depth / 2.0 - 0.03)
-    return thing(name, "bookcase", ("Case", "Oak", [*sides, *shelves, plinth]), ("Panel", "Oak", back))
+    plinth = rounded_box((width - 0.05, 0.06, 0.02), 0.002).translated(0.0, 0.03, depth / 2.0 - 0.03)
+    return make_model(name, "bookcase", ("Case", "Oak", [*sides, *shelves, plinth]), ("Panel", "Oak", back))
 
 
 def shelf_heights(height: float = 2.10) -> list[float]:
@@ -98,22 +100,24 @@ def shelf_heights(height: float = 2.10) -> list[float]:
 def sideboard(name: str, width: float = 1.80) -> Model:
     """A low walnut cabinet with three fronts on black legs, for the television."""
     case = [
-        rounded_box((width, 0.022, 0.42), 0.003).moved(0.0, 0.489, 0.0),
-        rounded_box((width - 0.002, 0.022, 0.418), 0.003).moved(0.0, 0.171, 0.0),
-        rounded_box((0.022, 0.34, 0.418), 0.003).moved(-width / 2.0 + 0.011, 0.33, 0.0),
-        rounded_box((0.022, 0.34, 0.418), 0.003).moved(width / 2.0 - 0.011, 0.33, 0.0),
-        rounded_box((width - 0.04, 0.30, 0.01), 0.002).moved(0.0, 0.33, -0.19),
+        rounded_box((width, 0.022, 0.42), 0.003).translated(0.0, 0.489, 0.0),
+        rounded_box((width - 0.002, 0.022, 0.418), 0.003).translated(0.0, 0.171, 0.0),
+        rounded_box((0.022, 0.34, 0.418), 0.003).translated(-width / 2.0 + 0.011, 0.33, 0.0),
+        rounded_box((0.022, 0.34, 0.418), 0.003).translated(width / 2.0 - 0.011, 0.33, 0.0),
+        rounded_box((width - 0.04, 0.30, 0.01), 0.002).translated(0.0, 0.33, -0.19),
     ]
     front = (width - 0.05) / 3.0
     fronts = [
-        rounded_box((front - 0.004, 0.288, 0.020), 0.002).with_uv(0.6 * i, 0.0).moved((i - 1) * front, 0.33, 0.196)
+        rounded_box((front - 0.004, 0.288, 0.020), 0.002).with_uv(0.6 * i, 0.0).translated((i - 1) * front, 0.33, 0.196)
         for i in range(3)
     ]
-    knobs = [sphere(0.012, 16).scaled(1.0, 1.0, 0.8).moved((i - 1) * front, 0.43, 0.213) for i in range(3)]
+    knobs = [sphere(0.012, 16).scaled(1.0, 1.0, 0.8).translated((i - 1) * front, 0.43, 0.213) for i in range(3)]
     legs = [
-        cylinder(0.014, 0.16, 0.002, 16).moved(x * (width / 2 - 0.12), 0.08, z * 0.15) for x in (-1, 1) for z in (-1, 1)
+        cylinder(0.014, 0.16, 0.002, 16).translated(x * (width / 2 - 0.12), 0.08, z * 0.15)
+        for x in (-1, 1)
+        for z in (-1, 1)
     ]
-    return thing(
+    return make_model(
         name,
         "sideboard",
         ("Case", "Walnut", case),
@@ -125,13 +129,13 @@ def sideboard(name: str, width: float = 1.80) -> Model:
 
 def television(name: str) -> Model:
     """A 55-inch set on two feet."""
-    body = rounded_box((1.235, 0.715, 0.028), 0.006, 2).moved(0.0, 0.44, 0.0)
-    screen = rounded_box((1.215, 0.690, 0.004), 0.001).moved(0.0, 0.445, 0.0135)
+    body = rounded_box((1.235, 0.715, 0.028), 0.006, 2).translated(0.0, 0.44, 0.0)
+    screen = rounded_box((1.215, 0.690, 0.004), 0.001).translated(0.0, 0.445, 0.0135)
     feet = [sweep([[x, 0.004, -0.12], [x, 0.004, 0.12]], rectangle(0.022, 0.008, 0.002)) for x in (-0.42, 0.42)]
     feet += [
         sweep([[x, 0.0, 0.0], [x, 0.1, 0.0]], rectangle(0.02, 0.018, 0.002), up=(0.0, 0.0, 1.0)) for x in (-0.42, 0.42)
     ]
-    return thing(name, "television", ("Body", "BlackPlastic", [body, *feet]), ("Screen", "ScreenOff", screen))
+    return make_model(name, "television", ("Body", "BlackPlastic", [body, *feet]), ("Screen", "ScreenOff", screen))
 
 
 def floor_lamp(name: str) -> Model:
@@ -152,11 +156,11 @@ def floor_lamp(name: str) -> Model:
     ground = [[0.0, 0.008, -0.13], [-0.05, 0.006, -0.21], [0.03, 0.006, -0.32]]
     rising = [[0.09, 0.006, -0.41], [0.10, 0.05, -0.428], [0.10, 0.30, -0.43], [0.10, 0.305, -0.445]]
     cord = sweep(curve(ground + rising, 40), circle(0.004, 8), up=(1.0, 0.0, 0.0))
-    return thing(
+    return make_model(
         name,
         "floor lamp",
         ("Stand", "Brass", [base, stem, *spider]),
-        ("Shade", "LampShade", drum_shade(0.205, 0.235, 0.27).moved(0.0, 1.31, 0.0)),
+        ("Shade", "LampShade", drum_shade(0.205, 0.235, 0.27).translated(0.0, 1.31, 0.0)),
         ("Cord", "BlackPlastic", cord),
     )
 
@@ -175,8 +179,10 @@ def pendant(name: str, drop: float) -> Model:
     cap = lathe(fillet([[0.0, 0.195], [0.03, 0.195], [0.03, 0.25], [0.008, 0.26], [0.0, 0.26]], 0.006, 3), 32)
     cord = sweep([[0.0, 0.25 - drop, 0.0], [0.0, -0.02, 0.0]], circle(0.003, 8), up=(0.0, 0.0, 1.0), bevel=0.001)
     rose = lathe(fillet([[0.0, -0.03], [0.045, -0.03], [0.05, 0.0], [0.0, 0.0]], 0.006, 3), 40)
-    return thing(
-        name, "ceiling lamp", ("Shade", "BlackMetal", [shell.moved(0.0, -drop), cap.moved(0.0, -drop), cord, rose])
+    return make_model(
+        name,
+        "ceiling lamp",
+        ("Shade", "BlackMetal", [shell.translated(0.0, -drop), cap.translated(0.0, -drop), cord, rose]),
     )
 
 
@@ -187,15 +193,17 @@ def side_table(name: str) -> Model:
     foot = fillet([[0.0, 0.0], [0.150, 0.0], [0.150, 0.014], [0.034, 0.026], [0.0, 0.026]], 0.005, 3)
     top = lathe(fillet(outline, 0.003, 2), 64)
     top = replace(top, uv=top.points[:, [0, 2]] + (0.4, 0.3))
-    return thing(name, "side table", ("Top", "Oak", top), ("Foot", "BlackMetal", [lathe(stem, 32), lathe(foot, 48)]))
+    return make_model(
+        name, "side table", ("Top", "Oak", top), ("Foot", "BlackMetal", [lathe(stem, 32), lathe(foot, 48)])
+    )
 
 
 def mirror(name: str, radius: float = 0.38) -> Model:
     """A round mirror in a brass rim, facing +z from the wall at z = 0."""
     ring = np.insert(circle(radius + 0.004, 96), 2, 0.012, axis=1)
     rim = sweep(ring, rectangle(0.014, 0.024, 0.004), up=(0.0, 0.0, 1.0), closed=True)
-    glass = lathe([[radius, 0.0], [0.0, 0.0]], 96).turned("x", 90.0).moved(0.0, 0.0, 0.014)
-    return thing(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", glass))
+    glass = lathe([[radius, 0.0], [0.0, 0.0]], 96).rotated("x", 90.0).translated(0.0, 0.0, 0.014)
+    return make_model(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", glass))
 
 
 def basket(name: str) -> Model:
@@ -206,5 +214,5 @@ def basket(name: str) -> Model:
         radius = 0.185 + 0.028 * np.sin(np.pi * (0.15 + 0.75 * t))
         ring = np.insert(circle(radius, 48), 1, 0.012 + 0.0212 * level, axis=1)
         coils.append(sweep(ring, circle(0.0125, 9), closed=True))
-    floor = cylinder(0.18, 0.014, 0.004, 40).moved(0.0, 0.009, 0.0)
-    return thing(name, "basket", ("Rope", "Cream", [*coils, floor]))
+    floor = cylinder(0.18, 0.014, 0.004, 40).translated(0.0, 0.009, 0.0)
+    return make_model(name, "basket", ("Rope", "Cream", [*coils, floor]))

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, rectangle, sweep
 
@@ -42,10 +42,10 @@ def dish(name: str) -> Model:
     glaze = offset(profile, 0.0048)
     radii = np.linspace(0.1315, 0.119, 4)
     band = lathe(np.stack([radii, np.interp(radii, glaze[-8:, 0], glaze[-8:, 1])], axis=-1), 72)
-    return thing(name, "dish", ("Plate", "Porcelain", shell(profile, 0.0045, 72)), ("Band", "BlueGlaze", band))
+    return make_model(name, "dish", ("Plate", "Porcelain", shell(profile, 0.0045, 72)), ("Band", "BlueGlaze", band))
 
 
-def bowl(name: str, look: str = "Stoneware", radius: float = 0.14) -> Model:
+def bowl(name: str, material: str = "Stoneware", radius: float = 0.14) -> Model:
     """A wide bowl on a foot."""
     r = radius
     profile = curve(
@@ -60,7 +60,7 @@ def bowl(name: str, look: str = "Stoneware", radius: float = 0.14) -> Model:
         ],
         30,
     )
-    return thing(name, "bowl", ("Bowl", look, shell(profile, 0.006)))
+    return make_model(name, "bowl", ("Bowl", material, shell(profile, 0.006)))
 
 
 def cup(name: str) -> Model:
@@ -70,7 +70,7 @@ def cup(name: str) -> Model:
         [[0.040, 0.078, 0.0], [0.060, 0.081, 0.0], [0.072, 0.062, 0.0], [0.066, 0.038, 0.0], [0.040, 0.022, 0.0]], 24
     )
     handle = sweep(loop, rectangle(0.012, 0.008, 0.0038, 3), up=(0.0, 0.0, 1.0))
-    return thing(name, "cup", ("Cup", "BlueGlaze", [shell(_dense(profile), 0.0035, 48), handle]))
+    return make_model(name, "cup", ("Cup", "BlueGlaze", [shell(_dense(profile), 0.0035, 48), handle]))
 
 
 def _dense(profile: Array, step: float = 0.008) -> Array:
@@ -123,7 +123,7 @@ def ewer(name: str) -> Model:
         30,
     )
     handle = sweep(handle_line, rectangle(0.020, 0.013, 0.006, 3), up=(0.0, 0.0, 1.0))
-    return thing(
+    return make_model(
         name,
         "ewer",
         ("Body", "CreamGlaze", [shell(outline, 0.004), spout, handle]),
@@ -131,7 +131,7 @@ def ewer(name: str) -> Model:
     )
 
 
-def vase(name: str, look: str = "Terracotta") -> Model:
+def vase(name: str, material: str = "Terracotta") -> Model:
     profile = curve(
         [
             [0.0, 0.004],
@@ -145,4 +145,4 @@ def vase(name: str, look: str = "Terracotta") -> Model:
         ],
         40,
     )
-    return thing(name, "vase", ("Vase", look, shell(profile, 0.005)))
+    return make_model(name, "vase", ("Vase", material, shell(profile, 0.005)))

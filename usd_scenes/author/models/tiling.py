@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models.building import Opening, blocks
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 
@@ -20,7 +20,7 @@ def tiled_wall(
     name: str,
     width: float,
     height: float,
-    look: str,
+    material: str,
     tile: tuple[float, float],
     seed: int,
     openings: Sequence[Opening] = (),
@@ -54,14 +54,14 @@ def tiled_wall(
                 grout.append(_plane(x0, x1, y0, y1, THICK - RECESS))
     edge = [_plane_edge(width, height)]
     slabs = (blocks(0.0, width, height, depth, openings) for depth in (THICK, THICK - RECESS))
-    whole = thing(name, "tiles", ("Tiles", look, tiles), ("Grout", "Grout", [*grout, *edge]))
-    return whole.simplified(**dict(zip(("Tiles", "Grout"), slabs, strict=True)))
+    whole = make_model(name, "tiles", ("Tiles", material, tiles), ("Grout", "Grout", [*grout, *edge]))
+    return whole.with_proxies(**dict(zip(("Tiles", "Grout"), slabs, strict=True)))
 
 
-def tiled_floor(name: str, width: float, depth: float, look: str, tile: float, seed: int) -> Model:
+def tiled_floor(name: str, width: float, depth: float, material: str, tile: float, seed: int) -> Model:
     """Square tiles about the origin, their top at y = 0."""
-    wall = tiled_wall(name, width, depth, look, (tile, tile), seed, crooked=0.05)
-    return replace(wall.turned("x", -90.0).moved(-width / 2.0, -THICK, depth / 2.0), label="floor")
+    wall = tiled_wall(name, width, depth, material, (tile, tile), seed, crooked=0.05)
+    return replace(wall.rotated("x", -90.0).translated(-width / 2.0, -THICK, depth / 2.0), label="floor")
 
 
 def _without(piece: tuple[float, float, float, float], hole: Opening) -> list[tuple[float, float, float, float]]:

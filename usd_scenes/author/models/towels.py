@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author import cloth_simulation as cloth
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import grid, merged
 from usd_scenes.author.shapes import rounded_box
 from usd_scenes.author.soft import wrinkles
 
 
 def hanging_towel(
-    name: str, look: str, width: float, front: float, back: float, radius: float, seed: int, thick: float = 0.009
+    name: str, material: str, width: float, front: float, back: float, radius: float, seed: int, thick: float = 0.009
 ) -> Model:
     """A towel over a bar along x of `radius`, whose top is at y = 0: `front` m hang at +z, `back` m at -z."""
     length = front + back
@@ -37,10 +37,10 @@ def hanging_towel(
     made.relax(1.2, [bar, wall], friction=0.6, drag=4.0)
     fine = cloth.refined(made.sheet(), 2)
     mesh = cloth.blanket_mesh(fine[:, ::-1], cloth.refined(flat, 2)[:, ::-1], thick)
-    return thing(name, "towel", ("Terry", look, mesh))
+    return make_model(name, "towel", ("Terry", material, mesh))
 
 
-def hooked_towel(name: str, look: str, width: float, length: float, seed: int) -> Model:
+def hooked_towel(name: str, material: str, width: float, length: float, seed: int) -> Model:
     """A towel by its loop on a `bathroom.hook` at the origin, hanging before the wall at z = 0."""
     flat = cloth.pattern(width, length, 0.018)
     s = length / 2.0 - flat[..., 1]  # down from its upper edge
@@ -57,11 +57,11 @@ def hooked_towel(name: str, look: str, width: float, length: float, seed: int) -
     wall = cloth.box((-3.0, -3.0, -1.0), (3.0, 3.0, 0.016), 0.01)
     made.relax(1.6, [wall], friction=0.3, drag=5.0)
     fine = cloth.refined(made.sheet(), 2)
-    return thing(name, "towel", ("Terry", look, cloth.blanket_mesh(fine, cloth.refined(flat, 2), 0.008)))
+    return make_model(name, "towel", ("Terry", material, cloth.blanket_mesh(fine, cloth.refined(flat, 2), 0.008)))
 
 
 def folded_towel(
-    name: str, look: str, width: float = 0.34, depth: float = 0.24, layers: int = 3, seed: int = 1
+    name: str, material: str, width: float = 0.34, depth: float = 0.24, layers: int = 3, seed: int = 1
 ) -> Model:
     """A bath towel folded into a soft block that lies on y = 0, its fold towards +z."""
     parts = []
@@ -76,11 +76,11 @@ def folded_towel(
             bent[:, 1] -= 0.006 * (np.abs(points[:, 0]) / (width / 2.0)) ** 4 * (layer + 1) / layers
             return bent
 
-        parts.append(leaf.deformed(sag).moved(0.003 * np.sin(3.1 * layer + seed), 0.0135 + 0.0245 * layer, 0.0))
-    return thing(name, "towel", ("Terry", look, parts))
+        parts.append(leaf.deformed(sag).translated(0.003 * np.sin(3.1 * layer + seed), 0.0135 + 0.0245 * layer, 0.0))
+    return make_model(name, "towel", ("Terry", material, parts))
 
 
-def bath_mat(name: str, look: str, width: float = 0.80, depth: float = 0.52) -> Model:
+def bath_mat(name: str, material: str, width: float = 0.80, depth: float = 0.52) -> Model:
     """A thick tufted mat lying on y = 0 with a hemmed edge."""
     cell = 0.02
     flat = cloth.pattern(width, depth, cell)
@@ -90,12 +90,12 @@ def bath_mat(name: str, look: str, width: float = 0.80, depth: float = 0.52) -> 
     points = np.stack([flat[..., 0], level, -flat[..., 1]], axis=-1)
     points[..., 1] += 0.0015 * wrinkles(points.reshape(-1, 3), 5, 0.09).reshape(level.shape) * (inside > 0.05)
     top = grid(points, flat)
-    base = rounded_box((width, 0.010, depth), 0.0045, 2).moved(0.0, 0.0052, 0.0)
+    base = rounded_box((width, 0.010, depth), 0.0045, 2).translated(0.0, 0.0052, 0.0)
     bands = [
         rounded_box((wide, 0.007, depth - 0.085), 0.003, 2, (2, 1, 24))
-        .moved(side * (width / 2.0 - at), 0.0175, 0.0)
+        .translated(side * (width / 2.0 - at), 0.0175, 0.0)
         .deformed(lambda points: points + np.array([0.0, 0.0015, 0.0]) * wrinkles(points, 5, 0.09)[:, None])
         for side in (-1.0, 1.0)
         for at, wide in ((0.095, 0.030), (0.150, 0.014))
     ]
-    return thing(name, "bath mat", ("Terry", look, merged([top, base])), ("Bands", "TerryWhite", bands))
+    return make_model(name, "bath mat", ("Terry", material, merged([top, base])), ("Bands", "TerryWhite", bands))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from usd_scenes.author.implicit import Field, ellipsoid, limb, surface, union
-from usd_scenes.author.model import Model, thing
+from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, rotation
 from usd_scenes.author.shapes import circle, curve, sphere, sweep
 from usd_scenes.author.soft import wrinkles
@@ -49,10 +49,10 @@ def teddy_bear(name: str) -> Model:
             )
         )
     eyes = [
-        sphere(0.0098, 20).scaled(1.0, 1.0, 0.8).turned("y", 22.0 * side).moved(0.031 * side, 0.282, 0.0765)
+        sphere(0.0098, 20).scaled(1.0, 1.0, 0.8).rotated("y", 22.0 * side).translated(0.031 * side, 0.282, 0.0765)
         for side in (-1.0, 1.0)
     ]
-    nose = sphere(0.0150, 24).scaled(1.15, 0.8, 0.7).moved(0.0, 0.258, 0.0985)
+    nose = sphere(0.0150, 24).scaled(1.15, 0.8, 0.7).translated(0.0, 0.258, 0.0985)
     mouth = [
         sweep(
             curve(
@@ -68,26 +68,28 @@ def teddy_bear(name: str) -> Model:
         )
         for side in (-1.0, 1.0)
     ]
-    return thing(
+    return make_model(
         name,
         "teddy bear",
         ("Body", "PlushBrown", body),
         ("Muzzle", "PlushTan", tan),
         ("Eyes", "BlackGloss", [*eyes, nose, *mouth]),
         ("Bow", "RibbonRed", _bow()),
-    ).simplified(Body=_balls(), Muzzle=sphere(0.030, 24).scaled(1.3, 1.0, 1.0).moved(0.0, 0.242, 0.070), Bow=_bow()[:4])
+    ).with_proxies(
+        Body=_balls(), Muzzle=sphere(0.030, 24).scaled(1.3, 1.0, 1.0).translated(0.0, 0.242, 0.070), Bow=_bow()[:4]
+    )
 
 
 def _balls() -> list[PolygonMesh]:
     """The bear as a child would draw it."""
-    balls = [sphere(1.0, 24).scaled(0.086, 0.108, 0.078).moved(*BODY), sphere(0.078, 24).moved(*HEAD)]
+    balls = [sphere(1.0, 24).scaled(0.086, 0.108, 0.078).translated(*BODY), sphere(0.078, 24).translated(*HEAD)]
     for side in (-1.0, 1.0):
-        balls.append(sphere(0.032, 24).moved(0.064 * side, 0.330, -0.004))
+        balls.append(sphere(0.032, 24).translated(0.064 * side, 0.330, -0.004))
         balls.append(
-            sphere(1.0, 24).scaled(0.045, 0.075, 0.045).turned("z", 32.0 * side).moved(0.100 * side, 0.138, 0.03)
+            sphere(1.0, 24).scaled(0.045, 0.075, 0.045).rotated("z", 32.0 * side).translated(0.100 * side, 0.138, 0.03)
         )
         balls.append(
-            sphere(1.0, 24).scaled(0.045, 0.045, 0.095).turned("y", 22.0 * side).moved(0.085 * side, 0.045, 0.090)
+            sphere(1.0, 24).scaled(0.045, 0.045, 0.095).rotated("y", 22.0 * side).translated(0.085 * side, 0.045, 0.090)
         )
     return balls
 
@@ -131,8 +133,8 @@ def _bow() -> list[PolygonMesh]:
                 bevel=0.0005,
             )
         )
-    parts.append(sphere(0.0095, 20).scaled(0.9, 1.1, 0.8).moved(*(at + np.array((0.0, 0.0, 0.003)))))
-    parts = [part.moved(*-at).scaled(1.45, 1.45, 1.3).moved(*at) for part in parts]
+    parts.append(sphere(0.0095, 20).scaled(0.9, 1.1, 0.8).translated(*(at + np.array((0.0, 0.0, 0.003)))))
+    parts = [part.translated(*-at).scaled(1.45, 1.45, 1.3).translated(*at) for part in parts]
     angle = np.arange(48) * (2.0 * np.pi / 48)
     neck = np.stack([0.066 * np.sin(angle), 0.200 - 0.004 * np.cos(angle), 0.004 + 0.069 * np.cos(angle)], -1)
     parts.append(
