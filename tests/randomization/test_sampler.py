@@ -241,10 +241,10 @@ def test_ranges_may_be_numbers_of_numpy(room):
 
 def test_ranges_that_nothing_fits_are_refused_with_their_reasons(room):
     with pytest.raises(
-        ScenarioError, match=r"'pillow_01_0' \(catmull, 0\.\d\d m .* fits nowhere .*no free place in sight"
+        ScenarioError, match=r"'pillow_01_0' \(catmull, 0\.\d\d m .* fits nowhere .*no free point visible"
     ):
         Scenario.sample(room, templates=("Pillow 01",), depth=(0.05, 0.2))
-    with pytest.raises(ScenarioError, match="no free place hidden"):
+    with pytest.raises(ScenarioError, match="no free point hidden"):
         Scenario.sample(room, templates=SMALL, occlusion=(0.9, 1), depth=(1, 3))
     with pytest.raises(TemplateNotFound):
         Scenario.sample(room, templates=("Char 01",))

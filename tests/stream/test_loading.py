@@ -63,7 +63,7 @@ def slow(*args):
         yield
     print("end", flush=True)
 loading.rehearsal = slow
-loading._pays = lambda buffers: True
+loading._is_worth_a_process = lambda buffers: True
 loading.load(Path(sys.argv[1]), ("rgb",), PRESETS["fast"], None, False)
 """
 
@@ -71,7 +71,7 @@ loading.load(Path(sys.argv[1]), ("rgb",), PRESETS["fast"], None, False)
 @pytest.fixture
 def beside(monkeypatch):
     """As in a process that has not started Taichi yet."""
-    monkeypatch.setattr(loading, "_pays", lambda buffers: True)
+    monkeypatch.setattr(loading, "_is_worth_a_process", lambda buffers: True)
 
 
 def load(path):
@@ -119,15 +119,15 @@ def test_where_no_other_process_can_it_is_read_here(program, tmp_path, beside, m
 
 
 def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, monkeypatch):
-    monkeypatch.setattr(loading.device, "running", lambda: None)
+    monkeypatch.setattr(loading.runtime, "running", lambda: None)
     monkeypatch.setattr(loading.os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
     path = write(tmp_path, BOX)
-    assert loading._pays(("depth", "rgb"))
-    assert not loading._pays(("depth", "instance"))
+    assert loading._is_worth_a_process(("depth", "rgb"))
+    assert not loading._is_worth_a_process(("depth", "instance"))
     layer = Sdf.Layer.FindOrOpen(str(path))
     layer.documentation = "changed"
     assert has_unsaved_layers()
-    assert not loading._pays(("depth", "rgb"))
+    assert not loading._is_worth_a_process(("depth", "rgb"))
 
 
 @pytest.mark.parametrize("buffers", [("rgb", "depth"), tuple(BUFFERS)], ids=["few", "all"])

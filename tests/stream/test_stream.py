@@ -37,7 +37,7 @@ DIGESTS = """
 import hashlib, json, sys
 import tiscene as ts
 from tiscene.device import runtime
-from tests.test_stream import SETTINGS, moving_scenario
+from tests.stream.test_stream import SETTINGS, moving_scenario
 runtime.start(threads=int(sys.argv[1]))
 frame = ts.Stream(moving_scenario(), **SETTINGS)[7]
 print(json.dumps({name: hashlib.sha256(array.tobytes()).hexdigest() for name, array in frame.buffers.items()}))
@@ -160,7 +160,7 @@ def test_denoising_changes_rgb_and_never_hdr():
 
 
 def test_paths_until_the_error_is_small_enough():
-    settings = {**SETTINGS, "buffers": ("hdr", "depth"), "incremental": None, "spp": 48, "error": 0.1}
+    settings = {**SETTINGS, "buffers": ("hdr", "depth"), "incremental": None, "spp": 48, "relative_error": 0.1}
     stream = ts.Stream(moving_scenario(), **settings)
     assert not stream.incremental  # though it is endless
     frame = stream[4]
@@ -172,8 +172,10 @@ def test_paths_until_the_error_is_small_enough():
 
 
 def test_no_error_is_promised_while_a_shutter_is_open():
-    settings = {**SETTINGS, "buffers": ("hdr",), "incremental": None, "error": 0.1, "spp": 16}
-    with pytest.raises(ArgumentError, match=r"error=0.1: not while the camera's shutter is open; ask for spp="):
+    settings = {**SETTINGS, "buffers": ("hdr",), "incremental": None, "relative_error": 0.1, "spp": 16}
+    with pytest.raises(
+        ArgumentError, match=r"relative_error=0.1: not while the camera's shutter is open; ask for spp="
+    ):
         ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))[4]
     assert ts.Stream(moving_scenario(), **settings, shutter=(0, 0))[4].spp == 16
 
@@ -214,10 +216,15 @@ def test_clamps_and_filters_change_color_alone():
         (ArgumentError, "root=3: must be a folder", "object_view", {"root": 3}),
         (ArgumentError, "spp=0", "object_view", {"spp": 0}),
         (ArgumentError, "max_depth=1000000: must be from 1 to 1024", "object_view", {"max_depth": 1_000_000}),
-        (ArgumentError, "error=2.0: must lie between 0 and 1", "object_view", {"error": 2.0}),
+        (ArgumentError, "relative_error=2.0: must lie between 0 and 1", "object_view", {"relative_error": 2.0}),
         (ArgumentError, "clamp=-1.0: must be greater than 0", "object_view", {"clamp": -1.0}),
         (ArgumentError, "pixel_filter='sinc': must be one of box", "object_view", {"pixel_filter": "sinc"}),
-        (ArgumentError, "incremental=True: not with error=", "object_view", {"incremental": True, "error": 0.1}),
+        (
+            ArgumentError,
+            "incremental=True: not with relative_error=",
+            "object_view",
+            {"incremental": True, "relative_error": 0.1},
+        ),
         (ArgumentError, "arch='metal'", "object_view", {"arch": "metal"}),
         (CameraNotFound, "no camera 'Nobody'", "object_view", {"camera": "Nobody"}),
         (TemplateNotFound, "Did you mean 'Chair 01'", ts.Scenario("object_view", [ts.Object("c", "Chair 1")]), {}),

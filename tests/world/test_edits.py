@@ -167,7 +167,7 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
     made.spawn("Cube", (-0.5, 0.0, 0.9))
     made.state(5001)
     assert made.trajectories.stepped is not None
-    assert min(made.trajectories.stepped._checkpoints) == 4999, "what was free is not stepped again"
+    assert min(made.trajectories.stepped.checkpoint_frames) == 4999, "what was free is not stepped again"
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
         (lambda made: made.despawn("/Nothing"), ObjectNotFound, "no object '/Nothing'"),
         (lambda made: made.despawn(99), ObjectNotFound, "no object '99'"),
         (lambda made: made.despawn(True), ObjectNotFound, "no object 'True'"),
-        (lambda made: made.despawn([3]), ArgumentError, r"object=\[3\]: must be an id, a name or a prim path"),
+        (lambda made: made.despawn([3]), ArgumentError, r"object=\[3\]: must be an instance id, a name or a prim path"),
         (lambda made: made.set_frustum_walls("walls"), ScenarioError, "frustum='walls': must be a Frustum or None"),
         (
             lambda made: made.set_frustum_walls(ts.Frustum(), "Main"),
@@ -187,7 +187,7 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
         (lambda made: made.move("a", (0, float("nan"), 0)), ScenarioError, "position"),
         (lambda made: made.move(99, (0, 0, 0)), ObjectNotFound, "'99'"),
         (lambda made: made.spawn("Cub"), TemplateNotFound, "Did you mean 'Cube'"),
-        (lambda made: made.spawn("Cube", id="a"), ScenarioError, "never reused"),
+        (lambda made: made.spawn("Cube", id="a"), ScenarioError, "not reused"),
         (lambda made: made.spawn("Cube", scale=-1), ScenarioError, "scale"),
         (lambda made: made.spawn("Cube", dynamic="fast"), ScenarioError, "dynamic"),
     ],
@@ -204,9 +204,9 @@ def test_what_cannot_be_done_changes_nothing(edit, error, match):
 @pytest.mark.parametrize(
     ("edits", "match"),
     [
-        ([Despawn(3, "x")], r"edits\[0\]: no object 'x' was there before it"),
-        ([Despawn(3, "a"), Move(3, "a", (0, 0, 0))], r"edits\[1\]: the object 'a' is not there at frame 3"),
-        ([Spawn(2, ts.Object("a", "Cube", first_frame=2))], "never reused"),
+        ([Despawn(3, "x")], r"edits\[0\]: no object 'x' exists before this edit"),
+        ([Despawn(3, "a"), Move(3, "a", (0, 0, 0))], r"edits\[1\]: the object 'a' is not alive at frame 3"),
+        ([Spawn(2, ts.Object("a", "Cube", first_frame=2))], "not reused"),
         (["spawn"], "must be a Spawn, a Despawn, a Move or an SetFrustumWalls"),
         (3, "edits=3"),
     ],
@@ -284,7 +284,7 @@ def test_things_of_the_stage_are_moved_and_taken_away():
     assert not made.state(4).movers[part]
     with pytest.raises(ObjectNotFound, match=thing.prim_path):
         made.move(thing.prim_path, (0, 0, 0))
-    with pytest.raises(ScenarioError, match=r"no thing '/Pilar'.*did you mean '/Pillar'"):
+    with pytest.raises(ScenarioError, match=r"no object '/Pilar'.*did you mean '/Pillar'"):
         world(ts.Scenario("room", edits=[Despawn(0, "/Pilar")]), stage)
 
 

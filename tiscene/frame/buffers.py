@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every per-pixel buffer: its name, type, unit and background. Film, kernels, Frame, command line and README read this.
+"""BUFFERS: the registry of per-pixel buffers: name, type, unit and background.
 
-A frame's buffers are numpy arrays [height, width] or [height, width, channels], row 0 at the top. All but `rgb`,
-`hdr` and `denoised` are *labels*: what one ray through the pixel's center meets at the frame's time; never averaged
-over a pixel.
+A frame's buffers are numpy arrays [height, width] or [height, width, channels], row 0 at the top. All but `rgb`, `hdr`
+and `denoised` are *labels*: values at the first hit of one ray through the pixel's center at the frame's time, never
+averaged over a pixel. The label kernels, Frame, the command line and the documentation derive from this table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,11 +21,17 @@ from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 @dataclass(frozen=True)
 class Buffer:
-    """One per-pixel output ("arbitrary output variable" in renderers; the public word is buffer).
+    """One per-pixel output ("arbitrary output variable", AOV, in renderers).
 
-    dtype: of the numpy array. channels: () for an array [height, width], else the lengths of its further axes.
-    unit: "" where there is none.
-    background: the value where a ray meets nothing; None where that is computed. doc: one sentence for the tables.
+    Attributes:
+        name: its name.
+        dtype: of the numpy array.
+        channels: () for an array [height, width], else the lengths of its further axes.
+        unit: "" for none.
+        background: value where a ray hits nothing; None where it is computed.
+        doc: one sentence for the tables.
+        inputs: buffers that `compute` takes.
+        compute: makes the array from the arrays of `inputs`, for buffers that are not rendered themselves.
     """
 
     name: str
@@ -34,17 +40,19 @@ class Buffer:
     unit: str
     background: float | None
     doc: str
+    inputs: tuple[str, ...] = ()
+    compute: Callable[..., NDArray[Any]] | None = None
 
     def shape(self, width: int, height: int) -> tuple[int, ...]:
-        """The array's shape for a picture of that size."""
+        """Return the array's shape for an image size."""
         return (height, width, *self.channels)
 
     def empty(self, width: int, height: int) -> NDArray[Any]:
-        """A new array for a picture of that size, its values not set."""
+        """Return a new array for an image size, its values undefined."""
         return np.empty(self.shape(width, height), self.dtype)
 
 
-RANKS = 6  # objects, or materials, that are told apart in one pixel
+RANKS = 6  # objects, or materials, per pixel
 
 BUFFERS: dict[str, Buffer] = {
     aov.name: aov
@@ -96,16 +104,63 @@ BUFFERS: dict[str, Buffer] = {
 COLORS = frozenset({"rgb", "hdr", "denoised"})
 LABELS = tuple(name for name in BUFFERS if name not in COLORS)
 
+
+def register_buffer(buffer: Buffer) -> None:
+    """Add a buffer that is computed from others, so that streams, exports and the command line know it by its name.
+
+    Args:
+        buffer: with `inputs` and `compute`.
+
+    Raises:
+        ArgumentError: the name is taken, or the buffer lacks `compute` or names unknown inputs.
+    """
+    if buffer.name in BUFFERS or not buffer.name.isidentifier():
+        raise ArgumentError(f"buffer {buffer.name!r}: the name is taken or not an identifier; choose another")
+    if buffer.compute is None or not buffer.inputs:
+        raise ArgumentError(f"buffer {buffer.name!r}: give inputs= and compute=")
+    buffer_names(buffer.inputs)
+    BUFFERS[buffer.name] = buffer
+
+
+def rendered_buffers(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the buffers to render for some buffers: themselves, or the inputs of computed ones."""
+    rendered: dict[str, None] = {}
+    for name in names:
+        buffer = BUFFERS[name]
+        rendered |= dict.fromkeys((name,) if buffer.compute is None else rendered_buffers(buffer.inputs))
+    return tuple(rendered)
+
+
+def complete(names: Iterable[str], arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the named buffers, with computed ones made from rendered arrays.
+
+    Args:
+        names: buffers to return.
+        arrays: the arrays of `rendered_buffers(names)`.
+    """
+
+    def array(name: str) -> NDArray[Any]:
+        buffer = BUFFERS[name]
+        return arrays[name] if buffer.compute is None else buffer.compute(*map(array, buffer.inputs))
+
+    return {name: array(name) for name in names}
+
+
 _OCCLUSION_TIME = {"forward_occlusion": NEXT, "backward_occlusion": PREVIOUS}
 
 
 def times_needed(buffers: Iterable[str]) -> tuple[int, ...]:
-    """At which times of `tiscene.scene.placement` the scene must be placed so that those buffers can be rendered."""
+    """Return the times of `tiscene.scene.placement` at which the scene must be placed to render some buffers."""
     return tuple(sorted({CURRENT} | {_OCCLUSION_TIME[name] for name in buffers if name in _OCCLUSION_TIME}))
 
 
 def buffer_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Names of buffers, each once. Raises ArgumentError, BufferNotFound."""
+    """Return names of buffers, each once.
+
+    Raises:
+        ArgumentError: not a sequence of names, or an empty one.
+        BufferNotFound: an unknown name.
+    """
     if isinstance(names, str) or not isinstance(names, Iterable):
         raise ArgumentError(f"buffers={names!r}: must be a sequence of names, such as ('rgb', 'depth')")
     wanted = tuple(dict.fromkeys(names))
@@ -113,5 +168,5 @@ def buffer_names(names: Iterable[str]) -> tuple[str, ...]:
         if name not in BUFFERS:
             raise BufferNotFound("buffer", name, BUFFERS)
     if not wanted:
-        raise ArgumentError("buffers=(): ask for one at least")
+        raise ArgumentError("buffers=(): name at least one")
     return wanted

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events: what happened to the objects of a world between two frames."""
+"""Event: something that happened to an object between two frames."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened to an object at a frame.
+    """Something that happened to an object since the frame before.
 
-    kind: "spawn": it is there for the first time. "despawn": it is not there any more. "contact": it met something.
-    "enter", "leave": it came into the view of the frame's camera, or left it; `World.events` says what that means.
-    object: its id. other: of a contact the id of the object that it met, 0 for a wall. wall: of a frustum, such as
-    "left", or the prim path of a collider that nobody sees.
+    Attributes:
+        kind: "spawn" (its first frame), "despawn" (the frame after its last), "contact" (it collided), "enter" and
+            "leave" (it came into the view of the frame's camera, or left it; see `WorldState.events`).
+        object: its id.
+        other: of a contact, the id of the other object; 0 for a wall.
+        surface: of a contact with a wall, the wall ("left", "right", "bottom", "top", "near", "far") or the prim path
+            of an invisible collider.
     """
 
     kind: Literal["spawn", "despawn", "contact", "enter", "leave"]

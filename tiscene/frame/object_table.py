@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The objects of a frame: who they are, where they are, and how much of them is seen.
+"""Per-object annotations of a frame: identity, pose, boxes, visibility.
 
-Boxes in the picture are float (x0, y0, x1, y1) with x0 <= x < x1: pixel column i spans i .. i + 1, so that a box of
-whole numbers slices an array, ``depth[y0:y1, x0:x1]``, and is COCO's (x0, y0, x1 - x0, y1 - y0). (Same origin as
-`FrameCamera.K_at(0.5)`.) Only what a row is asked for is computed, for all rows at once.
+Boxes in the image are float (x0, y0, x1, y1), half-open: pixel column i spans i .. i + 1. So a box of whole numbers
+slices an array, ``depth[y0:y1, x0:x1]``, and is COCO's (x0, y0, x1 - x0, y1 - y0); the origin is that of
+`FrameCamera.K_at(0.5)`. A column is computed when it is first read, for all rows at once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Box = tuple[float, float, float, float]
 
 
 class ObjectState(Protocol):
-    """What a world knows of a live object at a frame."""
+    """A live object at a frame, as a world describes it."""
 
     @property
     def id(self) -> int: ...
@@ -58,14 +58,20 @@ class ObjectState(Protocol):
 
 @dataclass(frozen=True)
 class OrientedBox:
-    """A box turned with its object. center: m, world. size: m, along its axes. rotation: (w, x, y, z), to the world."""
+    """A box in the axes of its object.
+
+    Attributes:
+        center: m, world.
+        size: lengths along its axes, m.
+        rotation: unit quaternion (w, x, y, z) from its axes to the world.
+    """
 
     center: Vector3
     size: Vector3
     rotation: Quaternion
 
     def corners(self) -> NDArray[np.float64]:
-        """Its corners [8, 3], m, world; corner i is at the high end of axis a where bit a of i is set."""
+        """Return its corners: float64 [8, 3], m, world; corner i is at the high end of axis a if bit a of i is set."""
         signs = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
         axes = matrix_from_quaternion(self.rotation)
         corners: NDArray[np.float64] = np.asarray(self.center) + (signs * self.size) @ axes.T
@@ -74,10 +80,14 @@ class OrientedBox:
 
 @dataclass(frozen=True, eq=False)
 class AmodalMask:
-    """The pixels that an object would have alone: how many in the picture, how many outside of it, and which.
+    """The pixels that an object would cover without occluders.
 
-    shape: of the picture. window: the lowest x and y of those in the picture, and the size of the box around them.
-    bits: their mask, row after row of the window.
+    Attributes:
+        inside: number of them in the image.
+        outside: number of them beyond the image's edges.
+        shape: of the image.
+        window: x, y, width and height of the box around those in the image.
+        bits: their mask in the window, packed, row by row.
     """
 
     inside: int
@@ -87,7 +97,7 @@ class AmodalMask:
     bits: NDArray[np.uint8]
 
     def mask(self) -> NDArray[np.bool_]:
-        """bool [h, w]: those in the picture; a new array."""
+        """Return the pixels in the image: bool [h, w], a new array."""
         x, y, width, height = self.window
         mask = np.zeros(self.shape, bool)
         mask[y : y + height, x : x + width] = np.unpackbits(self.bits, count=width * height).reshape(height, width)
@@ -95,7 +105,7 @@ class AmodalMask:
 
 
 class ObjectMeasurements(Protocol):
-    """Numbers that take work, for all objects of a frame, in the order of its rows (tiscene.render.annotations.object_measurements)."""
+    """Measurements of all objects of a frame, by row, computed on demand (`tiscene.render.annotations`)."""
 
     @property
     def visible_pixels(self) -> NDArray[np.int64]: ...
@@ -116,7 +126,7 @@ class ObjectMeasurements(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StoredMeasurements:
-    """ObjectMeasurements that have been taken: what is in a pickle."""
+    """Measurements as plain arrays: what a pickle holds."""
 
     visible_pixels: NDArray[np.int64]
     visible_box: NDArray[np.float64]
@@ -128,7 +138,7 @@ class StoredMeasurements:
     alone: list[AmodalMask]
 
     def amodal_mask(self, row: int) -> NDArray[np.bool_]:
-        """bool [h, w]: the pixels in the picture that an object would have alone."""
+        """Return the pixels in the image that an object would cover without occluders: bool [h, w]."""
         return self.alone[row].mask()
 
 
@@ -136,13 +146,21 @@ class StoredMeasurements:
 class ObjectRow:
     """One live object at one frame.
 
-    id: its label in the `instance` buffer. template: what it was spawned from, "" for a part of the stage.
-    category, category_id: its label, "" and 0 for none; the id is that of the `semantic` buffer.
-    prim_path: on the stage, "" for what was spawned. position: m, world. rotation: unit quaternion (w, x, y, z).
-    velocity: m/s. first_frame, last_frame: its life, both inclusive; last_frame None: it has no end.
-    blocked: something has kept it from its way since the frame before.
-    parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
-    asset: what it is a copy of, "" for nothing known: USD's assetInfo, the file referred to, or its template.
+    Attributes:
+        id: value in the `instance` buffer.
+        name: id in the scenario, or the prim's name.
+        template: template that it was made from; "" for objects of the stage.
+        category: semantic label; "" for none.
+        category_id: value in the `semantic` buffer; 0 for none.
+        prim_path: on the stage; "" for objects of the scenario.
+        position: m, world.
+        rotation: unit quaternion (w, x, y, z).
+        velocity: m/s.
+        first_frame: first frame of its lifespan.
+        last_frame: last frame of its lifespan; None: no end.
+        blocked: whether an obstacle has kept it from its trajectory since the frame before.
+        parts: names of the values 1, 2, ... in the `part` buffer; () for an object of one part.
+        asset: what it is a copy of: USD's assetInfo, the file referred to, or its template; "" if unknown.
     """
 
     id: int
@@ -172,60 +190,62 @@ class ObjectRow:
 
     @property
     def visible_box(self) -> Box | None:
-        """The tight box around its visible pixels; None if there are none."""
+        """Tight box around its visible pixels; None if there are none."""
         return _box(self._measures.visible_box[self._row])
 
     @property
     def amodal_box(self) -> Box | None:
-        """The box around the projection of all its geometry, hidden or out of the picture too.
+        """Box around the projection of all its geometry, including what is hidden or beyond the image's edges.
 
-        What lies behind the camera's near plane is cut off; None if nothing is left.
+        Geometry behind the camera's near plane is clipped; None if nothing is left.
         """
         return _box(self._measures.amodal_box[self._row])
 
     @property
     def box_3d(self) -> OrientedBox:
-        """Its bounding box in its own axes."""
+        """Bounding box in its own axes."""
         return self._measures.box_3d[self._row]
 
     @property
     def world_bounds(self) -> NDArray[np.float64]:
-        """[2, 3]: the lowest and highest corner of the box along the world's axes, m."""
+        """Axis-aligned bounds in the world: float64 [2, 3], lowest and highest corner, m."""
         bounds: NDArray[np.float64] = self._measures.world_bounds[self._row].copy()
         return bounds
 
     @property
     def visible_pixels(self) -> int:
-        """How many pixels of the `instance` buffer are its."""
+        """Number of its pixels in the `instance` buffer."""
         return int(self._measures.visible_pixels[self._row])
 
     @property
     def amodal_pixels(self) -> int:
-        """How many pixels it would have alone, on a picture without edges.
+        """Number of pixels that it would cover without occluders, on an image without edges.
 
-        Outside of the picture a large object is counted at every s-th pixel in both axes, at most 16,384 of them.
+        Beyond the image's edges a large object is sampled at every s-th pixel along both axes, at most 16,384 samples.
         """
         return int(self._measures.amodal_pixels[self._row])
 
     @property
     def amodal_mask(self) -> NDArray[np.bool_]:
-        """[height, width], True at the pixels of the picture that it would have alone. (frame.instance == id has those
-        that it does have.)"""
+        """Pixels of the image that it would cover without occluders: bool [height, width].
+
+        Its visible pixels are `frame.instance == id`.
+        """
         return self._measures.amodal_mask(self._row)
 
     @property
     def fraction_in_frame(self) -> float:
-        """The part of its amodal pixels that lies in the picture, 0..1."""
+        """Fraction of its amodal pixels that lies in the image, 0..1."""
         return _ratio(self._measures.pixels_in_frame[self._row], self._measures.amodal_pixels[self._row])
 
     @property
     def visibility_in_frame(self) -> float:
-        """The part of its amodal pixels in the picture that nothing hides, 0..1."""
+        """Fraction of its amodal pixels in the image that is not occluded, 0..1."""
         return _ratio(self._measures.visible_pixels[self._row], self._measures.pixels_in_frame[self._row])
 
     @property
     def fraction_visible(self) -> float:
-        """fraction_in_frame * visibility_in_frame: the part of the object that is seen, 0..1."""
+        """Fraction of the object that is visible, 0..1: fraction_in_frame * visibility_in_frame."""
         return self.fraction_in_frame * self.visibility_in_frame
 
 
@@ -233,10 +253,14 @@ _values_of = attrgetter(*(each.name for each in fields(ObjectRow) if not each.na
 
 
 class ObjectTable(Sequence[ObjectRow]):
-    """The live objects of a frame, in the order of their ids."""
+    """The live objects of a frame, by ascending id.
+
+    Args:
+        states: the objects.
+        measures: measurements of the same objects; needed unless there are none.
+    """
 
     def __init__(self, states: Sequence[ObjectState] = (), measures: ObjectMeasurements | None = None) -> None:
-        """measures: of the same objects in the same order; needed unless there are none."""
         self._states = states
         self._measures: ObjectMeasurements = measures or _OF_NOTHING
 
@@ -263,23 +287,31 @@ class ObjectTable(Sequence[ObjectRow]):
         return f"<{len(self)} objects: {', '.join(row.name for row in self._rows)}>"
 
     def by_id(self, id: int) -> ObjectRow:
-        """The object that the `instance` buffer calls `id`. Raises ObjectNotFound."""
+        """Return the object with an instance id.
+
+        Raises:
+            ObjectNotFound: no live object has it.
+        """
         for row in self._rows:
             if row.id == id:
                 return row
         raise ObjectNotFound("object", str(id), [str(row.id) for row in self._rows], " in this frame")
 
     def by_name(self, name: str) -> ObjectRow:
-        """The object of that name. Raises ObjectNotFound."""
+        """Return the object with a name.
+
+        Raises:
+            ObjectNotFound: no live object has it.
+        """
         for row in self._rows:
             if row.name == name:
                 return row
         raise ObjectNotFound("object", name, [row.name for row in self._rows], " in this frame")
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Every column as an array with one entry for each row, computing all of them.
+        """Return all columns as arrays with one entry per row.
 
-        Text columns are str; where a row says None a float column has nan, and `last_frame` -1.
+        Text columns are str. Where a row has None, a float column has nan and `last_frame` has -1.
         """
         states, measures = self._states, self._measures
         boxes = measures.box_3d

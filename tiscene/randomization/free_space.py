@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where in a camera's view there is room: what the camera sees in front of everything, and boxes around the rest.
+"""FreeSpace: find room for objects in a camera's view of a static scene.
 
-One depth image of the scene says how far each line of sight is free; a ball nearer than all that is seen around it
-meets nothing. Elsewhere, behind things or out of view, a ball must keep clear of the box of every mesh of the scene.
+A depth image gives the free length of each line of sight: a ball nearer than everything visible around it is free.
+Elsewhere, behind objects or out of view, a ball must not intersect the bounding box of any mesh.
 """
 
 from __future__ import annotations
@@ -26,38 +26,43 @@ ROWS = 96  # of the depth image
 
 
 class FreeSpace:
-    """The room that a still scene leaves before a camera that stands still."""
+    """Free space of a static scene before a static camera. Starts Taichi.
+
+    Args:
+        stage: the scene.
+        camera: the camera.
+        aspect: width / height of its image.
+    """
 
     def __init__(self, stage: SceneDescription, camera: Camera, aspect: float) -> None:
-        """aspect: width / height of the view. Starts Taichi unless it runs."""
         self.camera = camera
         self.aspect = aspect
         self._depth = _depth_image(stage, camera, max(1, round(ROWS * aspect)), ROWS)
         self.bounds = stage.bounds()
-        # What nobody sees is in the way too.
+        # Invisible colliders are obstacles too.
         self._reach = self._depth
         if stage.colliders:
             solid = replace(stage, instances=(*stage.instances, *stage.colliders))
             self._reach = _depth_image(solid, camera, max(1, round(ROWS * aspect)), ROWS)
         boxes = _mesh_boxes(stage)
-        # A mesh around the camera, such as a room in one piece, is hollow.
+        # A mesh around the camera, such as a room modeled in one piece, is hollow.
         around = np.all((boxes[:, 0] < camera.position) & (camera.position < boxes[:, 1]), axis=1)
         self._boxes = boxes[~around]
 
     @property
     def empty(self) -> bool:
-        """Whether the scene holds nothing at all: a place for objects alone."""
+        """Whether the scene has no geometry."""
         return not np.any(self.bounds[1] > self.bounds[0])
 
     def points(self, x: Array, y: Array, depth: Array) -> Array:
-        """Points [n, 3] of the world at places of the image (0..1 from the left and from the top) and depths, m."""
+        """Return world points [n, 3] at image coordinates (0..1 from the left and from the top) and depths (m)."""
         half = self._half_height(depth)
         local = [(2.0 * x - 1.0) * self.aspect * half, (1.0 - 2.0 * y) * half, -depth]
         places: Array = np.stack(local, axis=1) @ self.camera.axes().T + self.camera.position
         return places
 
     def project(self, points: Array) -> tuple[Array, Array, Array]:
-        """x and y (0..1 in the image, from the left and from the top) and depth (m) of points [n, 3]."""
+        """Return image coordinates x and y (0..1 from the left and from the top) and depths (m) of points [n, 3]."""
         local = (points - self.camera.position) @ self.camera.axes()
         depth = -local[:, 2]
         half = self._half_height(np.where(depth > 1e-9, depth, np.nan))
@@ -66,17 +71,17 @@ class FreeSpace:
         return x, y, depth
 
     def _half_height(self, depth: Array) -> Array:
-        """Half of what is seen from below to above at some depths, m."""
+        """Return half the height of the view at some depths (m)."""
         half = self.camera.half_height(1.0)
         return half * (depth if self.camera.orthographic_height is None else np.where(np.isnan(depth), np.nan, 1.0))
 
     def in_view(self, points: Array) -> NDArray[np.bool_]:
-        """Which of the points [n, 3] lie within the four sides of the view."""
+        """Return which of the points [n, 3] lie in the view."""
         x, y, depth = self.project(points)
         return (depth > self.camera.near) & (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
 
     def hidden(self, points: Array) -> NDArray[np.bool_]:
-        """Which of the points [n, 3] are in view, but behind something of the scene."""
+        """Return which of the points [n, 3] lie in the view, but are occluded by the scene."""
         x, y, depth = self.project(points)
         seen = self.in_view(points)
         column, row = self._pixels(np.where(seen, x, 0.0), np.where(seen, y, 0.0))
@@ -84,11 +89,11 @@ class FreeSpace:
         return result
 
     def is_free(self, points: Array, radius: float) -> NDArray[np.bool_]:
-        """At which of the points [n, 3] a ball has room."""
+        """Return at which of the points [n, 3] a ball is free."""
         return self._in_front(points, radius) | self.is_clear(points, radius)
 
     def _in_front(self, points: Array, radius: float) -> NDArray[np.bool_]:
-        """Whether all that is seen in the directions of a ball lies behind it. Beyond the image nothing is known."""
+        """Return whether everything visible around each ball lies behind it; False beyond the image."""
         x, y, depth = self.project(points)
         result = np.zeros(len(points), np.bool_)
         for row in np.flatnonzero(depth > radius + self.camera.near):
@@ -101,7 +106,7 @@ class FreeSpace:
         return result
 
     def is_clear(self, points: Array, radius: float) -> NDArray[np.bool_]:
-        """At which of the points [n, 3] a ball is within the scene's bounds and meets no mesh's box."""
+        """Return at which of the points [n, 3] a ball lies within the scene's bounds and intersects no mesh's box."""
         if self.empty:
             return np.ones(len(points), np.bool_)
         inside = np.all((points > self.bounds[0] + radius) & (points < self.bounds[1] - radius), axis=1)
@@ -117,7 +122,7 @@ class FreeSpace:
 
 
 def _depth_image(stage: SceneDescription, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
-    """Depth of the scene, +inf where there is nothing."""
+    """Return the depth image of the scene, +inf where nothing is hit."""
     count = len(stage.instances)
     if not count:
         return np.full((height, width), np.inf, np.float32)
@@ -141,7 +146,7 @@ def _depth_image(stage: SceneDescription, camera: Camera, width: int, height: in
 
 
 def _mesh_boxes(stage: SceneDescription) -> Array:
-    """[n, 2, 3]: lowest and highest corner of every placed mesh."""
+    """Return the lowest and highest corner of every placed mesh: float64 [n, 2, 3]."""
     placed = (*stage.instances, *stage.colliders)
     boxes = [bounding_box(stage, [each.mesh], [each.world_from_object]) for each in placed]
     return np.array(boxes).reshape(-1, 2, 3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ranges that `Scenario.sample` draws from: the knobs of a stream's visual complexity."""
+"""ScenarioRanges: the ranges that `Scenario.sample` draws from, which control a stream's visual complexity."""
 
 from __future__ import annotations
 
@@ -17,19 +17,10 @@ DYNAMICS = ("still", "linear", "catmull", "bounce")
 
 @dataclass(frozen=True)
 class ScenarioRanges:
-    """What `Scenario.sample` draws from. Ranges are (low, high), both included; one number stands for both.
+    """Validated ranges; `Scenario.sample` documents each. One number stands for a range of one value.
 
-    objects: how many. templates: names to draw from; None: all of the catalog.
-    dynamics: kinds to draw from: "still", "linear", "catmull" (closed loops through waypoints), "bounce".
-    speed: m/s, along the whole loop. angular_speed: rad/s, about an axis of the object's own drawn at random.
-    waypoints: of a loop. scale: of the object.
-    depth: m from the camera along its axis. region: left, top, right and bottom of the part of the image (0..1) in
-    which waypoints lie.
-    in_view: share of the way during which the object's center is in view.
-    occlusion: share of the way in view during which its center is hidden by the scene.
-    frames: length of the stream. life: for how many of them an object is there, from one drawn at random on; None: all.
-    wait_time: s until all start. aspect: width / height of the view.
-    Raises ArgumentError for what is no range, or can never be met.
+    Raises:
+        ArgumentError: a value is not a range, or can never be met.
     """
 
     objects: tuple[int, int] = (1, 3)
@@ -66,12 +57,12 @@ class ScenarioRanges:
             self._set("templates", _words(self.templates, "templates"))
         moving = set(self.dynamics) - {"still"}
         if moving and self.speed[0] <= 0.0:
-            raise ArgumentError(f"speed={self.speed}: what moves must be faster than 0; use dynamics=('still',)")
+            raise ArgumentError(f"speed={self.speed}: moving objects need a speed above 0; or use dynamics=('still',)")
         left, top, right, bottom = _numbers(self.region, "region", 4)
         if not (0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0):
             raise ArgumentError(f"region={self.region}: must be left < right and top < bottom, within 0..1")
         if self.occlusion[0] > 0.0 and self.in_view[1] == 0.0:
-            raise ArgumentError("occlusion is a share of the way in view, but in_view=0 leaves none")
+            raise ArgumentError("occlusion is a fraction of the path in view, but in_view=0 leaves none; raise in_view")
         if self.life is not None and (self.frames is None or self.life[1] > self.frames):
             raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
         if self.frames is not None:
@@ -90,7 +81,7 @@ class ScenarioRanges:
 
 
 def _range(value: Any, name: str, most: float) -> tuple[float, float]:
-    """`value` as (low, high) within 0..most."""
+    """Return `value` as (low, high) within 0..most."""
     values = (value, value) if isinstance(value, Real) else value
     low, high = _numbers(values, name, 2)
     if not 0.0 <= low <= high <= most:
@@ -100,7 +91,7 @@ def _range(value: Any, name: str, most: float) -> tuple[float, float]:
 
 
 def _whole_range(value: Any, name: str, least: int, most: float) -> tuple[int, int]:
-    """`value` as whole (low, high) within least..most."""
+    """Return `value` as whole numbers (low, high) within least..most."""
     low, high = _range(value, name, math.inf)
     if low != int(low) or high != int(high) or low < least or high > most:
         limits = f"{least} or more" if most == math.inf else f"from {least} to {most:g}"
@@ -119,5 +110,5 @@ def _words(value: Any, name: str) -> tuple[str, ...]:
     if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(each, str) for each in value):
         raise ArgumentError(f"{name}={value!r}: must be a sequence of names")
     if not value:
-        raise ArgumentError(f"{name}: name one at least")
+        raise ArgumentError(f"{name}: name at least one")
     return tuple(value)

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios at random, from ranges of difficulty: what `Scenario.sample` draws.
+"""Draw random scenarios from ranges, for `Scenario.sample`.
 
-The ranges are the knobs of a stream's visual complexity: how many objects, which, how fast and how much turning, how
-long each is there, where in the view, how much of its way it can be seen and how much of that is hidden.
-
-Every number depends on (seed, object, attempt, what it is for) alone, by a counter-based generator: one more object, or
-another range of speeds, changes no other object and no other quantity. What is drawn is measured; what does not lie in
-the asked ranges is drawn again, and ranges that nothing fits are refused. Scenarios pass through here as JSON values.
+Each random number depends only on (seed, object, attempt, purpose), by the counter-based generator Philox (Salmon et
+al. 2011): one more object, or another range of speeds, changes no other object and no other quantity. Drawn objects are
+measured; those outside the ranges are rejected and drawn again. Scenarios are JSON values here.
 """
 
 from __future__ import annotations
@@ -36,19 +33,29 @@ from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.template import read_template
 
 Array = NDArray[np.float64]
-ATTEMPTS = 200  # draws of one object before its ranges are called impossible
-PLACES = 256  # draws of one waypoint in an attempt
-DECIMALS = 4  # of positions (m) and angles: tenths of a millimeter, and files that can be read
+ATTEMPTS = 200  # draws of one object before its ranges are refused
+PLACES = 256  # draws of one waypoint per attempt
+DECIMALS = 4  # of positions (m) and angles (degrees), so that files stay readable
 _TOLERANCE = 1e-9
 
 
 def sample(
     scene: str | os.PathLike[str], *, seed: int = 0, camera: Camera | str | None = None, **ranges: Any
 ) -> dict[str, Any]:
-    """Members of a scenario's JSON object, drawn from ranges: `scene`, `objects`, `timings`, `frustum`.
+    """Draw a scenario.
 
-    camera: what watches, as of a scenario; where it stands at the start counts. ranges: fields of `ScenarioRanges`.
-    Raises ArgumentError for ranges that contradict themselves, ScenarioError for ranges that nothing here fits.
+    Args:
+        scene: name or file of the scene.
+        seed: 0 to 2^64 - 1.
+        camera: the scenario's camera; its pose at the start counts.
+        **ranges: fields of `ScenarioRanges`.
+
+    Returns:
+        The members `scene`, `objects`, `timings` and `frustum` of a scenario's JSON object.
+
+    Raises:
+        ArgumentError: the ranges contradict themselves.
+        ScenarioError: nothing in the scene fits the ranges.
     """
     known = [field.name for field in fields(ScenarioRanges)]
     for name in ranges:
@@ -58,35 +65,35 @@ def sample(
             raise ArgumentError(f"{name}={ranges[name]!r}: no such range; {hint}")
     if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
         raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
-    difficulty = ScenarioRanges(**ranges)
-    names = sorted(catalog.templates()) if difficulty.templates is None else difficulty.templates
+    limits = ScenarioRanges(**ranges)
+    names = sorted(catalog.templates()) if limits.templates is None else limits.templates
     file = catalog.find_scene(scene)
-    space, up_axis = _space(file, file.stat().st_mtime_ns, camera, difficulty.aspect)
-    count = _Draws(int(seed), 2**64 - 1).whole("objects", 0, *difficulty.objects)
+    space, up_axis = _space(file, file.stat().st_mtime_ns, camera, limits.aspect)
+    count = _Draws(int(seed), 2**64 - 1).whole("objects", 0, *limits.objects)
     objects: list[dict[str, Any]] = []
     starts: list[tuple[Array, float]] = []
     for number in range(count):
-        content, start = _Sampler(difficulty, names, space, up_axis, _Draws(int(seed), number), number).draw(starts)
+        content, start = _Sampler(limits, names, space, up_axis, _Draws(int(seed), number), number).draw(starts)
         objects.append(content)
         starts.append(start)
-    # What must stay in view cannot leave it by bouncing either.
-    walled = difficulty.in_view[0] == 1.0 and "bounce" in difficulty.dynamics
+    # Bouncing objects that must stay in view need walls.
+    walled = limits.in_view[0] == 1.0 and "bounce" in limits.dynamics
     return {
         "scene": os.fspath(scene),
         "objects": objects,
-        "timings": {"type": "AllTogether", "wait_time": difficulty.wait_time},
-        "frustum": {"far": difficulty.depth[1]} if walled else None,
+        "timings": {"type": "AllTogether", "wait_time": limits.wait_time},
+        "frustum": {"far": limits.depth[1]} if walled else None,
     }
 
 
 class _Draws:
-    """Uniform numbers of one object, each a pure function of (seed, object, what for, attempt)."""
+    """Uniform random numbers of one object, each a pure function of (seed, object, purpose, attempt)."""
 
     def __init__(self, seed: int, number: int) -> None:
         self._key = np.array([seed, number], np.uint64)
 
     def uniform(self, what: str, attempt: int, count: int = 1) -> Array:
-        """`count` numbers in [0, 1)."""
+        """Return `count` numbers in [0, 1)."""
         purpose = int.from_bytes(what.encode()[:8].ljust(8), "little")
         counter = np.array([0, attempt, purpose, 0], np.uint64)
         raw = np.random.Philox(key=self._key, counter=counter).random_raw(count)
@@ -94,11 +101,11 @@ class _Draws:
         return values
 
     def between(self, what: str, attempt: int, low: float, high: float) -> float:
-        """One number from low to high."""
+        """Return one number from low to high."""
         return low + (high - low) * float(self.uniform(what, attempt)[0])
 
     def whole(self, what: str, attempt: int, low: int, high: int) -> int:
-        """One whole number from low to high, both included."""
+        """Return one whole number from low to high, both included."""
         return low + int(self.uniform(what, attempt)[0] * (high - low + 1))
 
 
@@ -107,26 +114,33 @@ class _Sampler:
 
     def __init__(
         self,
-        difficulty: ScenarioRanges,
+        limits: ScenarioRanges,
         names: Sequence[str],
         space: FreeSpace,
         up_axis: str,
         draws: _Draws,
         number: int,
     ) -> None:
-        self.difficulty = difficulty
+        self.limits = limits
         self.space = space
         self.draws = draws
         self.up_axis = up_axis
         self.template = names[draws.whole("template", 0, 0, len(names) - 1)]
-        self.kind = difficulty.dynamics[draws.whole("dynamics", 0, 0, len(difficulty.dynamics) - 1)]
-        self.scale = round(draws.between("scale", 0, *difficulty.scale), DECIMALS)
+        self.kind = limits.dynamics[draws.whole("dynamics", 0, 0, len(limits.dynamics) - 1)]
+        self.scale = round(draws.between("scale", 0, *limits.scale), DECIMALS)
         self.radius = _radius(catalog.find_template(self.template), up_axis) * self.scale
         name = Path(self.template).stem if Path(self.template).suffix else self.template
         self.id = f"{name.lower().replace(' ', '_')}_{number}"
 
     def draw(self, starts: Sequence[tuple[Array, float]]) -> tuple[dict[str, Any], tuple[Array, float]]:
-        """An object's JSON object, and the ball where it starts. starts: those of the objects before it."""
+        """Draw the object.
+
+        Args:
+            starts: center and radius of each object drawn before, at its start.
+
+        Returns:
+            The object's JSON object, and center and radius at its start.
+        """
         reasons: Counter[str] = Counter()
         for attempt in range(ATTEMPTS):
             points, wrong = self._places(attempt)
@@ -145,26 +159,26 @@ class _Sampler:
         )
 
     def _places(self, attempt: int) -> tuple[Array, str]:
-        """Waypoints [n, 3] (one for what needs no more), or why there are none."""
-        draws, ranges = self.draws, self.difficulty
+        """Return waypoints [n, 3] (one for objects without a path), or the reason why there are none."""
+        draws, ranges = self.draws, self.limits
         loop = self.kind in ("linear", "catmull")
         count = draws.whole("waypoints", attempt, *ranges.waypoints) if loop else 1
         seen = round(count * draws.between("in view", attempt, *ranges.in_view))
         hidden = round(seen * draws.between("occluded", attempt, *ranges.occlusion))
         points = []
         for row in range(count):
-            wanted = "hidden" if row < hidden else "in sight" if row < seen else "out of view"
+            wanted = "hidden" if row < hidden else "visible" if row < seen else "out of view"
             place = self._place(wanted, attempt, row)
             if place is None:
-                return np.zeros((0, 3)), f"no free place {wanted}"
+                return np.zeros((0, 3)), f"no free point {wanted}"
             points.append(place)
         order = np.argsort(draws.uniform("order", attempt, count))
         return np.array(points)[order], ""
 
     def _place(self, wanted: str, attempt: int, row: int) -> Array | None:
-        """A free point in sight, hidden, or out of view; None if none was found."""
+        """Return a free point that is visible, hidden, or out of view; None if none was found."""
         numbers = self.draws.uniform(f"place{row}", attempt, 3 * PLACES).reshape(PLACES, 3)
-        near, far = self.difficulty.depth
+        near, far = self.limits.depth
         near = max(near, self.space.camera.near + self.radius)
         if near > far:
             return None
@@ -172,7 +186,7 @@ class _Sampler:
             low, high = self.space.bounds
             points = low + numbers * (high - low)
         else:
-            left, top, right, bottom = self.difficulty.region
+            left, top, right, bottom = self.limits.region
             # Uniform in the volume of the cut pyramid.
             depth = np.cbrt(near**3 + numbers[:, 2] * (far**3 - near**3))
             x, y = left + numbers[:, 0] * (right - left), top + numbers[:, 1] * (bottom - top)
@@ -180,15 +194,15 @@ class _Sampler:
         points = np.round(points, DECIMALS)
         hidden = self.space.hidden(points)
         in_view = self.space.in_view(points)
-        fits = {"out of view": ~in_view, "hidden": hidden, "in sight": in_view & ~hidden}[wanted]
-        if wanted == "in sight":
+        fits = {"out of view": ~in_view, "hidden": hidden, "visible": in_view & ~hidden}[wanted]
+        if wanted == "visible":
             return next((point for point in points[fits] if self.space.is_free(point[None], self.radius)[0]), None)
         clear = points[fits][self.space.is_clear(points[fits], self.radius)]
         return clear[0] if len(clear) else None
 
     def _dynamic(self, points: Array, attempt: int) -> tuple[dict[str, Any], str]:
-        """The dynamic's JSON object, or why there is none."""
-        draws, ranges = self.draws, self.difficulty
+        """Return the trajectory's JSON object, and the reason why it is rejected or ""."""
+        draws, ranges = self.draws, self.limits
         speed = draws.between("speed", 0, *ranges.speed)
         spin = draws.between("spin", 0, *ranges.angular_speed)
         axis = [round(each, DECIMALS) for each in _direction(*draws.uniform("axis", 0, 2))]
@@ -200,10 +214,10 @@ class _Sampler:
         cls = LinearWaypoints if self.kind == "linear" else CatmullWaypoints
         waypoints = [Waypoint(tuple(place), self._rotation()) for place in points.tolist()]
         try:
-            lengths, way = _way(cls(waypoints, pacing="arc_length"))
+            lengths, path = _sampled(cls(waypoints, pacing="arc_length"))
         except ValueError:
             return {}, "two waypoints coincide"
-        wrong = self._fault(way, np.diff(lengths, axis=1).reshape(-1))
+        wrong = self._rejection(path, np.diff(lengths, axis=1).reshape(-1))
         loop: dict[str, Any] = {
             "type": cls.__name__,
             "waypoints": [{"position": list(each.position), "rotation": list(each.rotation)} for each in waypoints],
@@ -215,23 +229,23 @@ class _Sampler:
             loop = {"type": "Composite", "parts": [loop, turn]}
         return loop, wrong
 
-    def _fault(self, way: Array, lengths: Array) -> str:
-        """What of a way [n, 3], with a length for each point of it, is not as asked; "" if all is."""
-        if not self.space.is_free(way, self.radius).all():
-            return "its way runs into the scene"
-        seen, hidden = self.space.in_view(way), self.space.hidden(way)
+    def _rejection(self, path: Array, lengths: Array) -> str:
+        """Return the reason why a path [n, 3], with a length for each point, misses the ranges; "" if it does not."""
+        if not self.space.is_free(path, self.radius).all():
+            return "its path collides with the scene"
+        seen, hidden = self.space.in_view(path), self.space.hidden(path)
         in_view = float(lengths @ seen) / float(lengths.sum())
-        low, high = self.difficulty.in_view
+        low, high = self.limits.in_view
         if not low - _TOLERANCE <= in_view <= high + _TOLERANCE:
             return "in_view is missed"
-        low, high = self.difficulty.occlusion
+        low, high = self.limits.occlusion
         occluded = float(lengths @ hidden) / max(float(lengths @ seen), _TOLERANCE)
         if not low - _TOLERANCE <= occluded <= high + _TOLERANCE:
             return "occlusion is missed"
         return ""
 
     def _rotation(self) -> tuple[float, float, float]:
-        """Upright, turned about the vertical by an angle drawn at random."""
+        """Return a random rotation about the vertical."""
         yaw = round(self.draws.between("yaw", 0, -180.0, 180.0), DECIMALS)
         return (0.0, yaw, 0.0) if self.up_axis == "Y" else (0.0, 0.0, yaw)
 
@@ -242,18 +256,18 @@ class _Sampler:
             "position": points[0].tolist(),
             "rotation": list(self._rotation()),
             "dynamic": dict(dynamic),
-            "frustum_limited": self.difficulty.in_view[0] == 1.0,
+            "frustum_limited": self.limits.in_view[0] == 1.0,
             "scale": [self.scale] * 3,
         }
-        if self.difficulty.life is not None and self.difficulty.frames is not None:
-            length = self.draws.whole("life", 0, *self.difficulty.life)
-            first = self.draws.whole("first", 0, 0, self.difficulty.frames - length)
+        if self.limits.life is not None and self.limits.frames is not None:
+            length = self.draws.whole("life", 0, *self.limits.life)
+            first = self.draws.whole("first", 0, 0, self.limits.frames - length)
             content |= {"first_frame": first, "last_frame": first + length - 1}
         return content
 
 
-def _way(loop: LinearWaypoints | CatmullWaypoints) -> tuple[Array, Array]:
-    """Arc lengths [n, LENGTH_STEPS + 1] of a loop's segments, and the points [n * LENGTH_STEPS, 3] in their middles."""
+def _sampled(loop: LinearWaypoints | CatmullWaypoints) -> tuple[Array, Array]:
+    """Return arc lengths [n, LENGTH_STEPS + 1] along a loop's segments, and midpoints [n * LENGTH_STEPS, 3]."""
     (track,) = loop.tracks(Pose())
     cubics = track.segments[:, :12].reshape(-1, 4, 3)
     t = (np.arange(LENGTH_STEPS) + 0.5) / LENGTH_STEPS
@@ -263,7 +277,7 @@ def _way(loop: LinearWaypoints | CatmullWaypoints) -> tuple[Array, Array]:
 
 
 def _direction(a: float, b: float) -> tuple[float, float, float]:
-    """A unit vector, uniform over the sphere, from two uniform numbers."""
+    """Map two uniform numbers to a unit vector, uniform over the sphere."""
     height, angle = 1.0 - 2.0 * float(a), 2.0 * math.pi * float(b)
     radius = math.sqrt(max(0.0, 1.0 - height * height))
     return (radius * math.cos(angle), radius * math.sin(angle), height)
@@ -271,7 +285,7 @@ def _direction(a: float, b: float) -> tuple[float, float, float]:
 
 @functools.lru_cache(maxsize=4)
 def _space(file: Path, modified: int, camera: Camera | str | None, aspect: float) -> tuple[FreeSpace, str]:
-    """The free space before a camera of a scene, and which axis is up. modified: so that a new file is read."""
+    """Return the free space before a camera of a scene, and the up axis. `modified` invalidates the cache."""
     stage = read_stage(file)
     watching = camera if isinstance(camera, Camera) else stage.camera(camera)
     return FreeSpace(stage, watching, aspect), stage.up_axis
@@ -279,7 +293,7 @@ def _space(file: Path, modified: int, camera: Camera | str | None, aspect: float
 
 @functools.lru_cache(maxsize=256)
 def _radius(file: Path, up_axis: str) -> float:
-    """Of the ball about a template's origin that holds it, m."""
+    """Return the radius of the ball about a template's origin that encloses it, m."""
     description = read_template(file, up_axis="Y" if up_axis == "Y" else "Z").description
     farthest = 0.0
     for each in description.instances:

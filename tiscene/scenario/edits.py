@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Edits: what was done to a running stream, frame by frame, so that it can be done again."""
+"""Edits of a running stream: spawn, despawn, move, new frustum walls; and the log that replays them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,15 @@ from tiscene.scene.camera import Camera, Vector3
 
 @dataclass(frozen=True)
 class Spawn:
-    """An object appears at a frame. Timings do not apply to it: its clock runs from then on. Raises ScenarioError."""
+    """Spawn an object. Timings do not apply to it: its clock starts at its first frame.
+
+    Attributes:
+        frame: the frame at which it appears.
+        object: the object; its `first_frame` is `frame`.
+
+    Raises:
+        ScenarioError: a value is invalid.
+    """
 
     frame: int
     object: Object
@@ -32,9 +40,14 @@ class Spawn:
 
 @dataclass(frozen=True)
 class Despawn:
-    """Something is gone from a frame on. Raises ScenarioError.
+    """Remove an object from a frame on.
 
-    id: of an object of the scenario, or the prim path of a thing of the stage.
+    Attributes:
+        frame: the first frame without it.
+        id: id in the scenario, or prim path on the stage.
+
+    Raises:
+        ScenarioError: a value is invalid.
     """
 
     frame: int
@@ -48,10 +61,16 @@ class Despawn:
 
 @dataclass(frozen=True)
 class Move:
-    """Something is put elsewhere at a frame. What follows a path returns to it, what bounces goes on from there.
+    """Move an object at a frame. An object on a path returns to it; a bouncing one continues from there.
 
-    id: of an object of the scenario, or the prim path of a thing of the stage, which stands there from then on.
-    position: m. rotation: Euler degrees or a quaternion. Raises ScenarioError.
+    Attributes:
+        frame: the first frame at the new pose.
+        id: id in the scenario, or prim path on the stage, where the object stays from then on.
+        position: m.
+        rotation: Euler angles in degrees, or a quaternion.
+
+    Raises:
+        ScenarioError: a value is invalid.
     """
 
     frame: int
@@ -69,9 +88,16 @@ class Move:
 
 @dataclass(frozen=True)
 class SetFrustumWalls:
-    """The walls that hold objects are those of another view from a frame on; they stand still.
+    """Replace the walls that bound objects, from a frame on; they do not move.
 
-    frustum: None: there are no walls. camera: whose view it is. aspect: its width / height. Raises ScenarioError.
+    Attributes:
+        frame: the first frame with these walls.
+        frustum: the walls; None: none.
+        camera: the camera whose view they enclose.
+        aspect: width / height of that view.
+
+    Raises:
+        ScenarioError: a value is invalid.
     """
 
     frame: int
@@ -84,7 +110,7 @@ class SetFrustumWalls:
             object.__setattr__(self, "frame", _frame(self.frame))
             if not isinstance(self.camera, Camera) or self.camera.dynamic is not None:
                 raise ScenarioError(
-                    f"camera={self.camera!r}: must be a Camera without a dynamic: enclose again to move the walls"
+                    f"camera={self.camera!r}: must be a Camera without a dynamic; to move walls, set them again"
                 )
             object.__setattr__(self, "aspect", argument_checks.positive(self.aspect, "aspect"))
 
@@ -94,9 +120,13 @@ Edit = Spawn | Despawn | Move | SetFrustumWalls
 
 @dataclass(frozen=True)
 class ObjectHistory:
-    """An object with what was done to it. planned: as the scenario or its spawn has it.
+    """An object of the scenario with its edits.
 
-    spawned, despawned: the frames of the edits that did it, None if none did. moves: in the order of their frames.
+    Attributes:
+        spec: the object, as in the scenario or in its spawn.
+        spawned: frame of its spawn; None: it is part of the scenario.
+        despawned: frame of its removal; None: none.
+        moves: its moves, by frame.
     """
 
     spec: Object
@@ -106,12 +136,12 @@ class ObjectHistory:
 
     @property
     def last_frame(self) -> int | None:
-        """The last frame at which it is there; None: it stays for ever."""
+        """The last frame at which it is alive; None: for ever."""
         ends = [self.spec.last_frame, None if self.despawned is None else self.despawned - 1]
         return min((end for end in ends if end is not None), default=None)
 
     def alive(self, frame: int, as_of: int) -> bool:
-        """Whether it is there at a frame, as it was planned when frame `as_of` was made: edits are not anticipated."""
+        """Return whether it is alive at a frame, as planned when frame `as_of` was made: edits are not anticipated."""
         if self.spawned is not None and self.spawned > as_of:
             return False
         if self.despawned is not None and self.despawned <= as_of and frame >= self.despawned:
@@ -119,7 +149,7 @@ class ObjectHistory:
         return self.spec.alive(frame)
 
     def is_static(self, as_of: int) -> bool:
-        """Whether it is always there and never moves, or nobody knows of it, when frame `as_of` is made."""
+        """Return whether, as of a frame, it is alive for ever and never moves; True before its spawn."""
         if self.spawned is not None and self.spawned > as_of:
             return True
         planned = self.spec
@@ -132,7 +162,7 @@ class ObjectHistory:
         )
 
     def edited(self, edit: Move | Despawn) -> ObjectHistory:
-        """With one edit more."""
+        """Return the history with one more edit."""
         if isinstance(edit, Despawn):
             return replace(self, despawned=edit.frame)
         return replace(self, moves=_with(self.moves, edit))
@@ -140,37 +170,52 @@ class ObjectHistory:
 
 @dataclass(frozen=True)
 class StageObjectHistory:
-    """What was done to a thing of the stage. despawned: at which frame, or None. moves: in the order of frames."""
+    """An object of the stage with its edits.
+
+    Attributes:
+        despawned: frame of its removal; None: none.
+        moves: its moves, by frame.
+    """
 
     despawned: int | None = None
     moves: tuple[Move, ...] = ()
 
     def alive(self, frame: int, as_of: int) -> bool:
-        """Whether it is there at a frame, as it was known when frame `as_of` was made."""
+        """Return whether it is alive at a frame, as known when frame `as_of` was made."""
         return self.despawned is None or self.despawned > min(frame, as_of)
 
     def move(self, frame: int, as_of: int) -> Move | None:
-        """The move that put it where it is at a frame, as known at `as_of`; None: it is where it always was."""
+        """Return the last move up to a frame, as known at `as_of`; None: it has its authored pose."""
         done = bisect.bisect_right(self.moves, min(frame, as_of), key=lambda move: move.frame)
         return self.moves[done - 1] if done else None
 
     def edited(self, edit: Move | Despawn) -> StageObjectHistory:
-        """With one edit more."""
+        """Return the history with one more edit."""
         if isinstance(edit, Despawn):
             return replace(self, despawned=edit.frame)
         return replace(self, moves=_with(self.moves, edit))
 
 
 class EditLog:
-    """What the edits make of the objects of a scenario and of the things of its stage; grows by one edit at a time.
+    """The edits of a scenario and the histories that result; grows by one edit at a time.
 
-    Edits stand in the order in which they were made; their frames may go back where the stream was sought back.
-    edits: all of them. lives: all objects that ever are, the spawned ones after the others. stage: of the things that
-    something was done to, by their prim paths. enclosures: those that count, in the order of their frames.
+    Edits are in the order in which they were made. Their frames can decrease where the stream was sought back.
+
+    Args:
+        objects: the scenario's objects.
+        edits: edits so far.
+
+    Attributes:
+        edits: all edits.
+        lives: histories of all objects, spawned ones last.
+        stage: histories of edited objects of the stage, by prim path.
+        enclosures: effective replacements of the walls, by frame.
+
+    Raises:
+        ScenarioError: an edit is impossible.
     """
 
     def __init__(self, objects: Sequence[Object], edits: Sequence[Edit] = ()) -> None:
-        """Raises ScenarioError for an edit that cannot be."""
         self.edits: list[Edit] = []
         self.lives = [ObjectHistory(each) for each in objects]
         self.stage: dict[str, StageObjectHistory] = {}
@@ -180,39 +225,43 @@ class EditLog:
             self.add(edit)
 
     def row(self, id: str) -> int | None:
-        """Of an object in `lives`; None: there is none, as for things of the stage."""
+        """Return the row of an object in `lives`; None for objects of the stage."""
         return self._rows.get(id)
 
     def add(self, edit: Edit) -> None:
-        """Raises ScenarioError for an edit that cannot be, changing nothing."""
+        """Add an edit.
+
+        Raises:
+            ScenarioError: the edit is impossible; nothing has changed then.
+        """
         where = f"edits[{len(self.edits)}]"
         if isinstance(edit, SetFrustumWalls):
-            # One that stands later in the log wins from its frame on.
+            # A later entry of the log overrides earlier ones from its frame on.
             while self.enclosures and self.enclosures[-1].frame >= edit.frame:
                 self.enclosures.pop()
             self.enclosures.append(edit)
         elif isinstance(edit, Spawn):
             if edit.object.id in self._rows:
-                raise ScenarioError(f"{where}: there is an object {edit.object.id!r} already; ids are never reused")
+                raise ScenarioError(f"{where}: the id {edit.object.id!r} is taken; ids are not reused")
             self._rows[edit.object.id] = len(self.lives)
             self.lives.append(ObjectHistory(edit.object, spawned=edit.frame))
         elif edit.id in self._rows:
             row = self._rows[edit.id]
             if not self.lives[row].alive(edit.frame, edit.frame):
-                raise ScenarioError(f"{where}: the object {edit.id!r} is not there at frame {edit.frame}")
+                raise ScenarioError(f"{where}: the object {edit.id!r} is not alive at frame {edit.frame}")
             self.lives[row] = self.lives[row].edited(edit)
         elif edit.id.startswith("/"):
             life = self.stage.get(edit.id, StageObjectHistory())
             if not life.alive(edit.frame, edit.frame):
-                raise ScenarioError(f"{where}: {edit.id!r} is not there at frame {edit.frame}")
+                raise ScenarioError(f"{where}: {edit.id!r} is not alive at frame {edit.frame}")
             self.stage[edit.id] = life.edited(edit)
         else:
-            raise ScenarioError(f"{where}: no object {edit.id!r} was there before it")
+            raise ScenarioError(f"{where}: no object {edit.id!r} exists before this edit")
         self.edits.append(edit)
 
 
 def _with(moves: tuple[Move, ...], move: Move) -> tuple[Move, ...]:
-    """In the order of frames; of two at one frame the later one wins."""
+    """Insert a move by frame; of two at one frame the later edit wins."""
     if not moves or moves[-1].frame <= move.frame:
         return (*moves, move)
     return tuple(sorted((*moves, move), key=lambda each: each.frame))

@@ -280,7 +280,7 @@ class _Dynamics(Mapping[str, type]):
         classes: dict[str, type] = {}
         pending: list[type] = [Dynamic]
         while pending:
-            derived = pending.pop().__subclasses__()
+            derived: list[type] = pending.pop().__subclasses__()
             classes |= {cls.__name__: cls for cls in derived if is_dataclass(cls)}
             pending += derived
         return classes | self._LIBRARY

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Some frames of a stream: what `stream[a:b]` is."""
+"""FrameSlice: the frames of `stream[a:b]`, rendered on access."""
 
 from __future__ import annotations
 
@@ -10,13 +10,18 @@ from tiscene.frame.frame import Frame
 
 
 class Frames(Protocol):
-    """Whatever has frames by their number."""
+    """A source of frames by index."""
 
     def __getitem__(self, index: int, /) -> Frame: ...
 
 
 class FrameSlice(Sequence[Frame]):
-    """Some frames of a stream, each rendered when it is asked for."""
+    """Some frames of a stream, each rendered when it is accessed.
+
+    Args:
+        stream: the source of frames.
+        indices: their indices.
+    """
 
     def __init__(self, stream: Frames, indices: range) -> None:
         self.stream = stream

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stage is read, and Taichi started. Where kernels have to be compiled first, another process reads meanwhile."""
+"""Read a stage and start Taichi, at the same time where that saves time.
+
+Before a first frame, kernels are compiled and the stage is read. If both take long, a child process reads the stage
+while this process compiles.
+"""
 
 from __future__ import annotations
 
@@ -23,33 +27,46 @@ from tiscene.usd.read.subprocess_reader import SubprocessFailed, SubprocessReade
 def load(
     path: Path,
     buffers: Sequence[str],
-    quality: RenderSettings,
+    settings: RenderSettings,
     arch: str | None,
     untrusted: bool,
     limits: Limits | None = None,
     **options: Any,
 ) -> tuple[SceneDescription, str]:
-    """`read_stage(path, **options)`, and the architecture. buffers, quality: of the frames of the stage.
+    """Read a stage and start Taichi.
 
-    limits: bounds of reading, of trusted files too; with them a file is always read in a child process.
+    Args:
+        path: the stage.
+        buffers: of the frames to come; they decide which kernels are compiled.
+        settings: of the frames to come.
+        arch: "cpu", "cuda" or None for the default.
+        untrusted: read in a child process with limits, and with the file's folder as root.
+        limits: bounds of time and memory, for trusted files too; a file is then always read in a child process.
+        **options: further arguments of `read_stage`.
+
+    Returns:
+        The stage and the architecture.
+
+    Raises:
+        MissingFile, StageError, DeviceError: as `read_stage` and `runtime.start` do.
     """
-    if not untrusted and _pays(buffers):
+    if not untrusted and _is_worth_a_process(buffers):
         in_child = options | {"limits": limits, "isolate": False}
         with (
             contextlib.suppress(SubprocessFailed),
             SubprocessReader(read_stage, path, in_child, limits, probe_emission=True) as reading,
         ):
             arch = runtime.start(arch)
-            for _ in rehearsal(buffers, quality, reading.has_emission):
+            for _ in rehearsal(buffers, settings, reading.has_emission):
                 if reading.done():
                     break
             return reading.result(), arch
     return read_stage(path, untrusted=untrusted, limits=limits, **options), runtime.start(arch)
 
 
-def _pays(buffers: Sequence[str]) -> bool:
-    """Whether there is enough to compile, a processor for it, and another Python that reads the same."""
+def _is_worth_a_process(buffers: Sequence[str]) -> bool:
+    """Return whether kernels must be compiled, a second processor is free, and a child process reads the same stage."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     is_python = "python" in Path(sys.executable or "").name.lower() and not hasattr(sys, "frozen")
-    much = runtime.running() is None and not COLORS.isdisjoint(buffers)
-    return much and processors > 1 and is_python and not has_unsaved_layers()
+    must_compile = runtime.running() is None and not COLORS.isdisjoint(buffers)
+    return must_compile and processors > 1 and is_python and not has_unsaved_layers()

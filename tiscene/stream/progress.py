@@ -1,39 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a library says of its own accord: how far a long preparation is, on stderr where that is a terminal."""
+"""Default progress bar of streams (stderr, terminals only)."""
 
 from __future__ import annotations
 
 import sys
 import time
 
-PATIENCE = 2.0  # s; what is done by then is not worth a word
+DELAY = 2.0  # s; shorter preparations show no bar
 WIDTH = 24  # characters of a full bar
 
 
 class ProgressBar:
-    """A `report` for whoever gave none: a line with a bar, which is wiped off when the work is done."""
+    """A progress callback that draws a bar on a terminal and erases it when the work is done."""
 
     def __init__(self) -> None:
-        self._doing = ""
-        self._began = 0.0
-        self._shown = False
+        self._task = ""
+        self._start = 0.0
+        self._visible = False
 
-    def __call__(self, doing: str, done: float) -> None:
-        """doing: what is being made. done: how much of it, 0..1."""
-        if doing != self._doing or done == 0.0:
-            self._doing, self._began = doing, time.monotonic()
+    def __call__(self, task: str, done: float) -> None:
+        """Report progress.
+
+        Args:
+            task: what is being prepared.
+            done: fraction of it, 0..1.
+        """
+        if task != self._task or done == 0.0:
+            self._task, self._start = task, time.monotonic()
         if done >= 1.0:
-            self._wipe()
-        elif time.monotonic() - self._began >= PATIENCE and sys.stderr.isatty():
+            self._erase()
+        elif time.monotonic() - self._start >= DELAY and sys.stderr.isatty():
             full = round(WIDTH * done)
-            self._write(f"\rtiscene: {doing} [{'#' * full}{' ' * (WIDTH - full)}]")
-            self._shown = True
+            self._write(f"\rtiscene: {task} [{'#' * full}{' ' * (WIDTH - full)}]")
+            self._visible = True
 
-    def _wipe(self) -> None:
-        self._doing = ""
-        if self._shown:
+    def _erase(self) -> None:
+        self._task = ""
+        if self._visible:
             self._write("\r\033[K")
-            self._shown = False
+            self._visible = False
 
     def _write(self, text: str) -> None:
         sys.stderr.write(text)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shutter samples: times while the shutter is open, for motion blur.
 
-The open interval is divided into equal parts with one jittered time each (stratified sampling of time, as in *Physically
-Based Rendering*, section 8.3). A time is a fraction of a frame in whole ticks, so that poses are exact.
+The open interval is divided into equal parts with one jittered time each (stratified sampling of time, as in
+*Physically Based Rendering*). A time is a fraction of a frame in whole ticks, so that poses are exact.
 """
 
 from __future__ import annotations

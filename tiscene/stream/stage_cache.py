@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from tiscene import catalog
+from tiscene.frame.buffers import rendered_buffers
 from tiscene.render.render_settings import RenderSettings
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.stream.loading import load
 from tiscene.usd.core.layers import scene_digests
+from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.template import read_template
 
 MAX_STAGES = 3
@@ -30,6 +32,7 @@ class StageCache:
         taxonomy: of the semantic labels.
         time_code: show stages as they are then, without motion; None: they play.
         root: folder that all files must be in.
+        limits: bounds of time and memory of reading; None: the defaults for untrusted stages, else none.
     """
 
     def __init__(
@@ -42,9 +45,15 @@ class StageCache:
         taxonomy: str | None,
         time_code: float | None,
         root: str | os.PathLike[str] | None,
+        limits: Limits | None = None,
     ) -> None:
         self.arch = arch
-        self._loading: dict[str, Any] = {"buffers": buffers, "quality": settings, "untrusted": untrusted}
+        self._loading: dict[str, Any] = {
+            "buffers": rendered_buffers(buffers),
+            "settings": settings,
+            "untrusted": untrusted,
+            "limits": limits,
+        }
         self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root}
         self._stages: dict[tuple[Any, ...], SceneDescription] = {}
 

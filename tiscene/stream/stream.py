@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stream: an endless or finite sequence of labeled frames, by iteration or by index.
 
-Frame k depends only on (scenario, render settings, seed, k): not on the number of frames, on what was rendered before, or
-on the process. So `stream[k]` equals the k-th frame of iterating, byte for byte.
+Frame k depends only on (scenario, render settings, seed, k): not on the number of frames, on what was rendered before,
+or on the process. So `stream[k]` equals the k-th frame of iterating, byte for byte.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, overload
 
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
-from tiscene.frame.buffers import COLORS, buffer_names
+from tiscene.frame.buffers import COLORS, buffer_names, rendered_buffers
 from tiscene.frame.frame import Frame
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES
@@ -33,6 +33,7 @@ from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.stage_cache import StageCache, digest, file_digests
 from tiscene.stream.view_renderer import ViewRenderer, render_all_cameras
+from tiscene.usd.core.limits import Limits
 from tiscene.usd.scenario.bake import write_motion
 from tiscene.validation import integer, number, positive, shutter_times
 from tiscene.world.lights import warn_if_dark
@@ -45,9 +46,9 @@ MAX_SIZE = 16384
 class Stream(Iterator[Frame]):
     """An endless or finite, exactly repeatable sequence of labeled frames.
 
-    A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped, `seek`
-    moves the position, `state_dict` saves it. `stream[k]` and `stream[a:b]` leave it alone. A stream is also a context
-    manager; `close` frees its memory.
+    A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped,
+    `seek` moves the position, `state_dict` saves it. `stream[k]` and `stream[a:b]` leave it alone. A stream is also a
+    context manager; `close` frees its memory.
 
     `stream.world.spawn(...)`, `.despawn(...)` and `.move(...)` edit the frames to come, from the next one on. Edits
     become part of `stream.scenario`, so that they replay.
@@ -82,6 +83,8 @@ class Stream(Iterator[Frame]):
         taxonomy: taxonomy of the semantic labels; None for "class", else "category", else the first by name.
         root: folder that all of the stage's files must be in; None: anywhere.
         untrusted: read the stage in a process with limits, for files that may be damaged or hostile. Reads no motion.
+        limits: time and memory that reading a stage may take, `ts.Limits(seconds=, memory=)`; None: unlimited, unless
+            it is untrusted.
         arch: "cpu" or "cuda"; None for "cpu".
         cache_bytes: memory limit of what incremental rendering keeps.
         progress: called with what is being prepared and how much of it is done, 0..1; None: a bar on a terminal.
@@ -116,6 +119,7 @@ class Stream(Iterator[Frame]):
         taxonomy: str | None = None,
         root: str | os.PathLike[str] | None = None,
         untrusted: bool = False,
+        limits: Limits | None = None,
         arch: str | None = None,
         cache_bytes: int = CACHE_BYTES,
         progress: ProgressCallback | None = None,
@@ -150,6 +154,7 @@ class Stream(Iterator[Frame]):
             taxonomy=taxonomy,
             time_code=self.time_code,
             root=root,
+            limits=limits,
         )
         if not isinstance(source, Scenario):
             source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None)
@@ -158,7 +163,7 @@ class Stream(Iterator[Frame]):
         if camera is not None:
             source = replace(source, camera=camera)
         self.restart(source)
-        if not COLORS.isdisjoint(self.buffers):
+        if not COLORS.isdisjoint(rendered_buffers(self.buffers)):
             warn_if_dark(source.scene, self.world.descriptions)
 
     def restart(self, scenario: Scenario, *, width: int | None = None, height: int | None = None) -> None:
@@ -286,6 +291,7 @@ class Stream(Iterator[Frame]):
         return self._render(index)
 
     def _render(self, index: int) -> Frame:
+        self._renderer.check_session()  # before the simulation uses its arrays
         return render_all_cameras(self._renderer, self.world.state(index), self.buffers, self.width, self.height)
 
     def render_view(
@@ -301,6 +307,7 @@ class Stream(Iterator[Frame]):
         """
         names = self.buffers if buffers is None else buffer_names(buffers)
         size = self.width, self.height
+        self._renderer.check_session()
         state = self.world.state(index)
         return self._renderer.render(state, view, names, main_size=size, incremental=incremental)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tiscene.device import runtime
-from tiscene.frame.buffers import COLORS
+from tiscene.frame.buffers import COLORS, complete, rendered_buffers
 from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
@@ -50,9 +50,14 @@ class ViewRenderer:
         self._cache_bytes = cache_bytes
         self._progress = progress
         self._scene = DeviceScene()
+        self._session = runtime.session()
         self._measurer = Measurer(self._scene)
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._exposure: float | None = None
+
+    def check_session(self) -> None:
+        """Raise DeviceError if this process is a fork, or if the user's code has restarted Taichi."""
+        runtime.check_session(self._session)
 
     def set_world(self, world: World) -> None:
         """Render this world from now on. The scene's arrays are made anew when they are needed."""
@@ -100,7 +105,8 @@ class ViewRenderer:
         Returns:
             The frame, in the exposure of the world's main camera unless the view's camera has its own.
         """
-        runtime.check_process()
+        self.check_session()
+        names, buffers = buffers, rendered_buffers(buffers)
         colored = not COLORS.isdisjoint(buffers)
         samples = None
         if colored:
@@ -129,7 +135,7 @@ class ViewRenderer:
             index=state.frame,
             time=state.frame / self.world.fps,
             camera=FrameCamera(view.current, view.width, view.height),
-            buffers=rendered,
+            buffers=complete(names, rendered),
             objects=self._measurer.table(state.placement, view, state.objects, rendered.get("instance")),
             categories=self.world.categories,
             materials=self._scene.materials.labels,

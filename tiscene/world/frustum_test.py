@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which boxes a camera has in view: the events "enter" and "leave" are made of this."""
+"""Test oriented boxes against a camera's view frustum, by the separating axis theorem."""
 
 from __future__ import annotations
 
@@ -11,35 +11,43 @@ from numpy.typing import NDArray
 from tiscene.scene.camera import Camera
 
 Array = NDArray[np.float64]
-_AFAR = 1e6  # heights of what an orthographic camera sees
+_AFAR = 1e6  # distance of the apex that stands for an orthographic camera, in heights of its view
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
 
 
 def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArray[np.bool_]:
-    """Whether some of each box lies within the four sides of a camera's view, in front of it, whatever hides it.
+    """Return which boxes intersect a camera's view, in front of the camera; occlusion does not count.
 
-    aspect: width / height. boxes: [n, 2, 3], lowest and highest corners in the boxes' own axes, m. poses: [n, 3, 4],
-    these axes in the world. A box in view has a point in common with the endless pyramid of the view, which two convex
-    bodies have unless a plane separates them: one along a face of either, or along an edge of each.
+    A box and the infinite view pyramid are convex: they intersect unless an axis separates them, a face normal of
+    either or the cross product of an edge of each.
+
+    Args:
+        camera: the camera.
+        aspect: width / height of its image.
+        boxes: float64 [n, 2, 3], lowest and highest corners in the boxes' axes, m.
+        poses: float64 [n, 3, 4], from the boxes' axes to the world.
+
+    Returns:
+        bool [n].
     """
     if not len(boxes):
         return np.zeros(0, np.bool_)
     tangent = math.tan(0.5 * camera.vertical_fov)
     right, up, backward = camera.axes().T
     tip = np.asarray(camera.position)
-    if camera.orthographic_height is not None:  # as one that looks from very far away
+    if camera.orthographic_height is not None:  # a perspective camera very far away
         tangent = 0.5 / _AFAR
         tip = tip + backward * (_AFAR * camera.orthographic_height)
     rays = np.array(
         [x * right + y * up - backward for x in (-aspect * tangent, aspect * tangent) for y in (-tangent, tangent)]
     )
     sides = np.array([np.cross(rays[a], rays[b]) for a, b in ((0, 1), (1, 3), (3, 2), (2, 0))])
-    sides *= np.sign(sides @ rays.sum(axis=0))[:, None]  # inwards
+    sides *= np.sign(sides @ rays.sum(axis=0))[:, None]  # normals point inwards
     corners = boxes[:, None, 0] + _CORNERS * (boxes[:, None, 1] - boxes[:, None, 0])
     corners = np.einsum("nij,ncj->nci", poses[:, :, :3], corners) + poses[:, None, :, 3] - tip
     inwards = np.einsum("nci,si->ncs", corners, sides)
     result: NDArray[np.bool_] = (inwards > 0.0).all(axis=2).any(axis=1)  # a corner is in view
-    # Of most others all corners are beyond one side; the few that are left are looked at closely.
+    # Most others lie beyond one side entirely; only the rest needs the full test.
     left = np.flatnonzero(~result & (inwards >= 0.0).any(axis=1).all(axis=1))
     if len(left):
         result[left] = _not_separated(rays, sides, poses[left], corners[left])
@@ -49,7 +57,7 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
 
 
 def _not_separated(rays: Array, sides: Array, poses: Array, corners: Array) -> NDArray[np.bool_]:
-    """Whether no plane separates each of the boxes from the pyramid of the view."""
+    """Return for each box whether no axis separates it from the view pyramid."""
     edges = np.moveaxis(poses[:, :, :3], 2, 1)  # [n, 3, 3], the boxes' axes
     axes = np.concatenate(
         [
@@ -60,7 +68,7 @@ def _not_separated(rays: Array, sides: Array, poses: Array, corners: Array) -> N
         axis=1,
     )
     axes = np.concatenate([axes, -axes], axis=1)
-    # The pyramid reaches from its tip, the origin, to infinity: it lies below 0 along an axis, or has no bound there.
+    # From its apex, the origin, the pyramid extends to infinity: along an axis it lies below 0, or is unbounded.
     bounded = (axes @ rays.T <= 1e-9 * np.linalg.norm(axes, axis=2, keepdims=True)).all(axis=2)
     lowest = np.einsum("nai,nci->nac", axes, corners).min(axis=2)
     separated = bounded & (lowest > 0.0)

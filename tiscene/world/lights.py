@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""WorldLights: which lights there are at each frame, where, and how they shine."""
+"""WorldLights: poses and radiance of all lights at each frame, and their groups by intensity."""
 
 from __future__ import annotations
 
@@ -15,29 +15,35 @@ from tiscene.errors import LightNotFound, StageWarning
 from tiscene.scenario.light_motion import Color, LightMotion
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Light, SceneDescription
-from tiscene.scene.lights.light_groups import LightGroups, shine, shining
+from tiscene.scene.lights.light_groups import LightGroups, emission_of, with_emission
 
 Array = NDArray[np.float64]
-# Where the brightness of lights changes in so many ways, there are no groups: a picture of each would have to be made.
+# Each group needs a base image of its own. From this number on lights are not grouped.
 TOO_MANY_GROUPS = 8
 
 
 def warn_if_dark(scene: str, descriptions: Iterable[SceneDescription]) -> None:
-    """Tell whoever makes a stream of them that there is nothing to see by."""
+    """Warn if no description contains a light or an emissive material."""
     if all(each.is_dark for each in descriptions):
         text = (
-            f"{scene}: there is no light, and color will be black. Add a light to the stage (a DomeLight does), spawn "
-            "a lamp, or ask for buffers without color."
+            f"{scene}: there is no light, so color will be black. Add a light to the stage (such as a DomeLight), "
+            "spawn a lamp, or leave the color buffers out."
         )
         warnings.warn(StageWarning(text), stacklevel=3)
 
 
-_NOW, _BRIGHTEST = -1, -2  # instead of an object's row: of a light of the stage
+_NOW, _BRIGHTEST = -1, -2  # cache keys of the stage's lights, in place of an object's row
 
 
 @dataclass(frozen=True)
 class AttachedLight:
-    """A light that an object of the scenario carries, since its template has one. object: its row."""
+    """A light of an object's template, which moves with the object.
+
+    Attributes:
+        object: row of the object.
+        description: row of the template's description.
+        light: the light, in the object's axes.
+    """
 
     object: int
     description: int
@@ -45,10 +51,17 @@ class AttachedLight:
 
 
 class WorldLights:
-    """The stage's lights, some with motions, and those that objects carry."""
+    """The stage's lights, some of them with a LightMotion, and the lights attached to objects.
+
+    Args:
+        stage: the stage.
+        motions: motions of the stage's lights.
+
+    Raises:
+        LightNotFound: a motion names a light that the stage does not have.
+    """
 
     def __init__(self, stage: SceneDescription, motions: Sequence[LightMotion]) -> None:
-        """Raises LightNotFound for a motion of a light that the stage has not."""
         self.stage = stage
         self.motions = [_row(stage, motion.light) for motion in motions]
         self._motions = dict(zip(self.motions, motions, strict=True))
@@ -68,7 +81,7 @@ class WorldLights:
             self._known.pop(key, None)
 
     def poses(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-        """Where the lights that have motions stand on the stage: positions and quaternions."""
+        """Return the authored positions and quaternions of the lights with motions."""
         result: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
         for row in self.motions:
             matrix = self.stage.lights[row].world_from_light
@@ -79,25 +92,29 @@ class WorldLights:
         self,
         time: float,
         matrices: Array,
-        thing: Callable[[str], Array | None],
+        edited: Callable[[str], Array | None],
         carried: Sequence[AttachedLight],
         objects: Sequence[Array | None],
     ) -> tuple[tuple[int, Light], ...]:
-        """All lights at a time, s, each with the row of its description. One that has not changed is the same object.
+        """Return all lights at a time, each with the row of its description. Unchanged lights are the same objects.
 
-        matrices: [m, 4, 4], of the lights with motions. thing: by a prim path, how the thing of the stage that the prim
-        is part of has been moved since the beginning, [4, 4]; None if it is gone. objects: by row, where each object of
-        the scenario is, None if it is not there.
+        Args:
+            time: s.
+            matrices: float64 [m, 4, 4], poses of the lights with motions.
+            edited: returns by prim path the 4x4 matrix by which edits moved the object that the prim is part of; None
+                if it was removed.
+            carried: lights attached to objects.
+            objects: pose of each object of the scenario, 4x4; None where it is not alive.
         """
         result = []
         moved = dict(zip(self.motions, matrices, strict=True))
         for row, authored in enumerate(self.stage.lights):
             light = self._replaced.get(row, authored)
-            by = thing(light.prim_path)
+            by = edited(light.prim_path)
             if by is None:
                 continue
             motion = self._motions.get(row)
-            pose, shines = by @ light.world_from_light, shine(light)
+            pose, shines = by @ light.world_from_light, emission_of(light)
             if motion is not None:
                 pose = pose if motion.dynamic is None else moved[row]
                 shines = motion.radiance_at(time, shines)
@@ -107,20 +124,20 @@ class WorldLights:
             if where is not None:
                 key = each.object, each.description, number
                 pose = where @ each.light.world_from_light
-                result.append((each.description, self._settled(key, each.light, pose, shine(each.light))))
+                result.append((each.description, self._settled(key, each.light, pose, emission_of(each.light))))
         return tuple(result)
 
     def groups(self, lights: Sequence[tuple[int, Light]]) -> LightGroups:
-        """What `at` gave, in groups that change their brightness together; in one, as it is, if there are too many."""
+        """Group the result of `at` by common changes of intensity; a single group if there would be too many."""
         numbers: dict[Any, int] = {}
         steady, group, factors = [], [], []
         for description, light in lights:
             row = self._rows.get(light.prim_path, -1) if description == 0 else -1
             motion = self._motions.get(row)
-            number, now, most = 0, shine(light), shine(light)
+            number, now, most = 0, emission_of(light), emission_of(light)
             if row in self._replaced or (motion is not None and motion.times):
                 way: Any = row
-                most = shine(self.stage.lights[row])
+                most = emission_of(self.stage.lights[row])
                 if motion is not None and motion.times:
                     most = motion.max_radiance(most)
                     if row not in self._replaced:
@@ -140,13 +157,13 @@ class WorldLights:
         return LightGroups(tuple(steady), tuple(group), of_groups)
 
     def _settled(self, key: tuple[int, int, int], light: Light, pose: Array, shines: Color) -> Light:
-        """The light with a pose and a radiance: the same object as the last time if nothing is new."""
-        if np.array_equal(pose, light.world_from_light) and shines == shine(light):
+        """Return the light with a pose and a radiance; the same object as the last time if both are unchanged."""
+        if np.array_equal(pose, light.world_from_light) and shines == emission_of(light):
             return light
         state = pose.tobytes() + np.array(shines).tobytes()
         known = self._known.get(key)
         if known is None or known[0] != state:
-            known = self._known[key] = state, shining(replace(light, world_from_light=pose), shines)
+            known = self._known[key] = state, with_emission(replace(light, world_from_light=pose), shines)
         return known[1]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ObjectRegistry: what there is in a world, whether it moves or not: identities, labels, meshes and boxes."""
+"""ObjectRegistry: identities, labels, meshes and boxes of all objects of a world: everything that no frame changes."""
 
 from __future__ import annotations
 
@@ -20,22 +20,29 @@ from tiscene.world.lights import AttachedLight
 from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
 
 Array = NDArray[np.float64]
-MOST_CATEGORIES = 65535  # beside the background: the buffer has 16 bits
+MAX_CATEGORIES = 65535  # besides the background: PNG files of `semantic` have 16 bits
 
 
 @dataclass(frozen=True)
 class WorldObject:
     """A live object at one frame.
 
-    id: the instance label. name: the scenario's id, or the prim's name. template: "" for what stands on the stage.
-    prim_path: "" for objects of the scenario.
-    position: m. rotation: unit quaternion. They place the object's own axes; scale is in the box, not in them.
-    velocity: m/s, of the origin, from this frame to the next along its path.
-    box: lowest and highest corner around the object in its own axes, m.
-    first_frame, last_frame: its life span, both inclusive; None: no end.
-    blocked: something has kept it from its way since the frame before.
-    parts: what the `part` buffer's 1, 2, ... are called; () for an object of one part.
-    asset: the name of the asset that it is of, "" for none.
+    Attributes:
+        id: value in the `instance` buffer.
+        name: the scenario's id, or the prim's name.
+        template: name of its template; "" for objects of the stage.
+        category: semantic label; "" for none.
+        category_id: value in the `semantic` buffer.
+        prim_path: "" for objects of the scenario.
+        position: origin of the object's axes, m.
+        rotation: unit quaternion (w, x, y, z). Scale is part of the box, not of the axes.
+        velocity: of the origin, from this frame to the next along its trajectory, m/s.
+        box: lowest and highest corner around the object in its own axes, m.
+        first_frame: first frame of its lifespan.
+        last_frame: last frame of its lifespan; None: no end.
+        blocked: whether an obstacle kept it from its trajectory since the frame before.
+        parts: names of the values 1, 2, ... in the `part` buffer; () for an object of one part.
+        asset: name of the asset that it is a copy of; "" for none.
     """
 
     id: int
@@ -57,10 +64,15 @@ class WorldObject:
 
 @dataclass(frozen=True, eq=False)
 class PlacementColumns:
-    """All parts of a world, those of the stage first: `stage` of them.
+    """The constant columns of a placement: one row per part (placed mesh), those of the stage first.
 
-    mesh, instance_id, category_id: int32 [p]. box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole
-    object. part: int32 [p], number of the first of the object's named parts that it shows.
+    Attributes:
+        stage: number of parts of the stage.
+        mesh: int32 [p], rows of meshes.
+        instance_id: int32 [p].
+        category_id: int32 [p].
+        box_from_mesh: float64 [p, 3, 4], from the mesh's space to 0..1 in the box around the whole object.
+        part: int32 [p], number of the first named part of the object that the mesh shows.
     """
 
     stage: int
@@ -72,20 +84,32 @@ class PlacementColumns:
 
 
 class ObjectRegistry:
-    """The things of a stage and the objects of a scenario, as far as no frame changes them.
+    """The objects of a stage and of a scenario, as far as no frame changes them.
 
-    descriptions: the stage, then each template's, in the order of need; rows of meshes count on through them.
-    categories: their names by id. templates: by name. stage_rows, object_rows: who is who, posed as placed.
-    columns: what placements say of all parts that no frame changes.
-    stage_owner: of every part of the stage, its thing's row.
-    owner, matrix: of every part of an object, the object's row, and the part's place in the object's own axes.
-    stage_tracks, object_tracks: how the stage's parts, and the objects', move by themselves.
-    changing: of all parts, whether they move by themselves, or deform.
-    carried: the lights of the objects' templates.
+    It owns the numbering of meshes: rows count through `descriptions` in their order, and the device scene adds them in
+    the same order.
+
+    Args:
+        stage: the stage.
+        load_template: loads a template that the stage does not hold; raises TemplateNotFound.
+
+    Attributes:
+        descriptions: the stage, then each template's description in the order in which templates were first needed.
+        categories: names by id.
+        templates: templates by name.
+        stage_rows: the stage's objects, posed as authored.
+        object_rows: the scenario's objects, at their initial position.
+        columns: constant columns of placements.
+        stage_owner: int32 [stage parts], row of each part's object.
+        owner: int32 [object parts], row of each part's object.
+        matrix: float64 [object parts, 3, 4], each part's pose in its object's axes.
+        stage_tracks: authored animation of the stage's parts.
+        object_tracks: authored animation of the objects' parts.
+        changing: bool [p], whether a part is animated or deforms.
+        carried: lights of the objects' templates.
     """
 
     def __init__(self, stage: SceneDescription, load_template: Callable[[str], Template]) -> None:
-        """load_template: finds what the stage does not hold, or raises TemplateNotFound."""
         self.stage = stage
         self.descriptions = [stage]
         self.categories = {0: ""}
@@ -95,7 +119,7 @@ class ObjectRegistry:
             self.templates.setdefault(template.name, template)
         self._first_mesh: dict[str, int] = {}
         self._load_template = load_template
-        for category in (*(thing.category for thing in stage.objects), *(each.category for each in stage.templates)):
+        for category in (*(each.category for each in stage.objects), *(each.category for each in stage.templates)):
             self._category_id(category)
         self.stage_rows, self._stage_parts = self._settle_stage()
         self.stage_owner = self._stage_parts.owner
@@ -107,9 +131,13 @@ class ObjectRegistry:
         self.settle([])
 
     def surface(self, number: int) -> Array:
-        """The triangles [m, 3, 3] by which an object of the scenario collides, in its own axes, m.
+        """Return the collision surface of an object of the scenario: its template's colliders, else all its meshes.
 
-        Those of its template's colliders; all that is drawn of it if it has none.
+        Args:
+            number: row of the object.
+
+        Returns:
+            float64 [m, 3, 3], triangles in the object's axes, m.
         """
         planned = self._planned[number]
         description = self.template(planned).description
@@ -122,24 +150,26 @@ class ObjectRegistry:
         return np.concatenate(triangles)
 
     def _category_id(self, category: str) -> int:
-        if len(self._category_ids) > MOST_CATEGORIES and category not in self._category_ids:
-            raise ScenarioError(f"{category!r}: one category too many, `semantic` tells {MOST_CATEGORIES} apart")
+        if len(self._category_ids) > MAX_CATEGORIES and category not in self._category_ids:
+            raise ScenarioError(
+                f"category {category!r}: there are {MAX_CATEGORIES} categories already, as many as `semantic` can hold"
+            )
         number = self._category_ids.setdefault(category, len(self._category_ids))
         self.categories[number] = category
         return number
 
     def _settle_stage(self) -> tuple[list[WorldObject], ObjectParts]:
-        """Rows and parts of the stage's things. Their own axes are those of their first mesh, without its scale."""
+        """Return rows and parts of the stage's objects. An object's axes are those of its first mesh, without scale."""
         stage = self.stage
         instance_owner = np.array([instance.object for instance in stage.instances], np.int32)
-        self._stage_order = order = np.argsort(instance_owner, kind="stable")  # of the instances, as parts
+        self._stage_order = order = np.argsort(instance_owner, kind="stable")  # parts are instances grouped by object
         owner, part_of = instance_owner[order], np.argsort(order)
         placed = np.array([instance.world_from_object for instance in stage.instances]).reshape(-1, 4, 4)[order]
         meshes = np.array([instance.mesh for instance in stage.instances], np.int32)[order]
         self.stage_tracks = AnimatedInstances(
             placed[:, :3], [(part_of[track.instances], track) for track in stage.tracks]
         )
-        some, first = np.unique(owner, return_index=True)  # objects of which something is drawn
+        some, first = np.unique(owner, return_index=True)  # objects with at least one mesh
         axes = np.tile(np.eye(4), (len(stage.objects), 1, 1))
         axes[some] = rigid(placed[first])
         own = np.linalg.inv(axes)[owner] @ placed
@@ -154,31 +184,31 @@ class ObjectRegistry:
                 moments = self.stage_tracks.over_time(rows)
                 boxes[number] = box_over_time(stage, meshes[rows].tolist(), moments, own=True)
         poses = zip(axes[:, :3, 3].tolist(), quaternions(axes[:, :3, :3]).tolist(), boxes, strict=True)
-        things = [
+        objects = [
             WorldObject(
                 id=number + 1,
-                name=thing.name,
+                name=each.name,
                 template="",
-                category=thing.category,
-                category_id=self._category_id(thing.category),
-                prim_path=thing.prim_path,
+                category=each.category,
+                category_id=self._category_id(each.category),
+                prim_path=each.prim_path,
                 position=(x, y, z),
                 rotation=tuple(rotation),
                 velocity=(0.0, 0.0, 0.0),
                 box=corners(box),
                 first_frame=0,
                 last_frame=None,
-                parts=thing.parts,
-                asset=thing.asset,
+                parts=each.parts,
+                asset=each.asset,
             )
-            for number, (thing, ((x, y, z), rotation, box)) in enumerate(zip(stage.objects, poses, strict=True))
+            for number, (each, ((x, y, z), rotation, box)) in enumerate(zip(stage.objects, poses, strict=True))
         ]
         numbers = np.array([instance.part for instance in stage.instances], np.int32)[order]
-        # Not axes @ own: the stage's matrices are kept to the bit.
-        return things, ObjectParts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
+        # Not axes @ own: the authored matrices are kept to the bit.
+        return objects, ObjectParts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
 
     def settle(self, lives: Sequence[ObjectHistory]) -> None:
-        """Add the scenario's objects that are not there yet; `lives` begins with those that are."""
+        """Add the scenario's objects that are new in `lives`, which begins with those added before."""
         for number in range(len(self.object_rows), len(lives)):
             row, parts = self._settle_object(number, lives[number].spec)
             self.object_rows.append(row)
@@ -198,7 +228,7 @@ class ObjectRegistry:
         self.columns = self._columns(objects)
 
     def _settle_object(self, number: int, each: Object) -> tuple[WorldObject, ObjectParts]:
-        """Row and parts of an object of the scenario."""
+        """Return row and parts of an object of the scenario."""
         template = self.template(each)
         description = template.description
         scale = np.diag([*np.broadcast_to(each.scale, 3), 1.0])
@@ -236,7 +266,7 @@ class ObjectRegistry:
         return row, parts
 
     def _object_track_rows(self) -> Iterator[tuple[NDArray[np.int64], InstanceTrack]]:
-        """The tracks of the objects' templates, each with the parts that it moves."""
+        """Yield the animation of the objects' templates, each track with the parts that it moves."""
         first = 0
         for planned, parts in zip(self._planned, self._object_parts, strict=True):
             scale = np.diag([*np.broadcast_to(planned.scale, 3), 1.0])
@@ -245,13 +275,13 @@ class ObjectRegistry:
             first += len(parts.mesh)
 
     def template(self, each: Object) -> Template:
-        """An object's template, its meshes among the world's from now on."""
+        """Return an object's template; its description is added to `descriptions` at first use."""
         if each.template not in self.templates:
             self.templates[each.template] = self._load_template(each.template)
         template = self.templates[each.template]
         if each.template not in self._first_mesh:
             if not template.description.instances:
-                raise ScenarioError(f"object {each.id!r}: the template {each.template!r} holds no mesh")
+                raise ScenarioError(f"object {each.id!r}: the template {each.template!r} has no mesh")
             self._first_mesh[each.template] = sum(len(description.meshes) for description in self.descriptions)
             self.descriptions.append(template.description)
         return template
@@ -270,7 +300,7 @@ class ObjectRegistry:
 
 
 def _scaled(light: Light, scale: Array) -> Light:
-    """A light of a template that is stretched about its origin: it keeps its own size."""
+    """Return a light of a template that is scaled about its origin. The light keeps its size."""
     matrix = light.world_from_light.copy()
     matrix[:3, 3] *= scale
     return replace(light, world_from_light=matrix)

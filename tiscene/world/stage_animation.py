@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""AnimatedInstances: which parts of a world move, come and go by themselves, as their author animated them."""
+"""AnimatedInstances: parts that move, appear and vanish as authored, by time samples."""
 
 from __future__ import annotations
 
@@ -17,10 +17,17 @@ Array = NDArray[np.float64]
 
 
 class AnimatedInstances:
-    """Some parts, and the tracks of those that have one. rows: int64, the parts that have."""
+    """Parts of a world, some of which are animated.
+
+    Args:
+        matrices: float64 [p, 3, 4], authored matrices of the parts.
+        tracks: the animation, each track with the rows of the parts that it moves.
+
+    Attributes:
+        rows: int64, the animated parts.
+    """
 
     def __init__(self, matrices: Array, tracks: Iterable[tuple[NDArray[np.integer], InstanceTrack]] = ()) -> None:
-        """matrices: float64 [p, 3, 4], where the parts are read. tracks: each with the parts that it moves."""
         self._matrices = matrices
         self._tracks = list(tracks)
         self.rows = np.concatenate([np.zeros(0, np.int64), *(rows for rows, _ in self._tracks)])
@@ -29,7 +36,7 @@ class AnimatedInstances:
         return bool(self._tracks)
 
     def at(self, seconds: float) -> tuple[Array, NDArray[np.bool_]]:
-        """The matrices of all parts at a time, and which of them are there."""
+        """Return the matrices [p, 3, 4] and the presence [p] of all parts at a time (s)."""
         present = np.ones(len(self._matrices), np.bool_)
         if not self._tracks:
             return self._matrices, present
@@ -39,7 +46,7 @@ class AnimatedInstances:
         return matrices, present
 
     def over_time(self, rows: NDArray[np.integer]) -> list[tuple[Array, NDArray[np.bool_]]]:
-        """The same of some parts, at every time at which one of them is sampled."""
+        """Return matrices and presence of some parts at every time at which one of them has a sample."""
         tracks = [track for own, track in self._tracks if np.isin(own, rows).any()]
         times = sorted({time for track in tracks for time in track.times.tolist()})
         moments = (self.at(time) for time in times)
@@ -47,14 +54,14 @@ class AnimatedInstances:
 
 
 def changing(description: SceneDescription) -> NDArray[np.bool_]:
-    """Of every instance of a description, whether it changes by itself: it moves, or its mesh deforms."""
+    """Return for every instance of a description whether it is animated or its mesh deforms."""
     tracked = {row for track in description.tracks for row in track.instances.tolist()}
     deforms = [mesh.deformation is not None for mesh in description.meshes]
     return np.array([deforms[each.mesh] or row in tracked for row, each in enumerate(description.instances)], np.bool_)
 
 
 def scaled(track: InstanceTrack, scale: Array) -> InstanceTrack:
-    """A track of an object that is stretched about its origin by a 4x4 matrix."""
+    """Return the track of an object that is scaled about its origin by a 4x4 matrix."""
     if np.array_equal(scale, np.eye(4)):
         return track
     return replace(track, matrices=np.einsum("ij,snjk->snik", scale[:3, :3], track.matrices))
@@ -63,7 +70,14 @@ def scaled(track: InstanceTrack, scale: Array) -> InstanceTrack:
 def box_over_time(
     description: SceneDescription, meshes: Sequence[int], moments: Sequence[tuple[Array, NDArray[np.bool_]]], own: bool
 ) -> Array:
-    """The box [2, 3] around an object's parts at all moments; own: in the axes of its first part at each."""
+    """Return the box [2, 3] around an object's parts over time.
+
+    Args:
+        description: where the meshes are.
+        meshes: mesh of each part.
+        moments: matrices and presence of the parts at each time.
+        own: whether boxes are in the axes of the first part at each time.
+    """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for matrices, present in moments:
         whole = np.zeros((len(matrices), 4, 4))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The things of a stage: where they stand, once edits have moved some of them and taken others away."""
+"""StageObjects: poses and presence of the stage's own objects, by authored animation and by edits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,18 @@ Array = NDArray[np.float64]
 
 
 class StageObjects:
-    """Things of a stage, what edits did to them, and how they move by themselves."""
+    """The stage's objects, with their authored animation and the edits that moved or removed them.
+
+    Args:
+        stage: the stage.
+        rows: its objects, posed as authored.
+        owner: int32 [parts], row of each part's object.
+        tracks: authored animation of the parts.
+        fps: frame k shows time k / fps.
+
+    Attributes:
+        lives: histories of the edited objects, by row.
+    """
 
     def __init__(
         self,
@@ -32,38 +43,38 @@ class StageObjects:
         tracks: AnimatedInstances,
         fps: float,
     ) -> None:
-        """rows: the things as the stage has them. owner: of every part of the stage, its thing's row.
-
-        tracks: of these parts. fps: frame k is at k / fps.
-        """
         self._stage = stage
         self._rows = list(rows)
         self._owner = owner
         self._tracks = tracks
         self._fps = fps
         drawn, first = np.unique(owner, return_index=True)
-        self._first_part = np.zeros(len(self._rows), np.intp)  # of every thing of which something is drawn: its axes'
+        self._first_part = np.zeros(len(self._rows), np.intp)  # whose axes are the object's
         self._first_part[drawn] = first
         self._tracked = np.unique(owner[tracks.rows])
-        self._numbers = {thing.prim_path: row for row, thing in enumerate(stage.objects)}
+        self._numbers = {each.prim_path: row for row, each in enumerate(stage.objects)}
         self.lives: dict[int, StageObjectHistory] = {}
 
     def settle(self, lives: Mapping[str, StageObjectHistory]) -> None:
-        """What was done to things, by their prim paths. Raises ScenarioError for what the stage has not."""
+        """Take the histories of edited objects, by prim path.
+
+        Raises:
+            ScenarioError: the stage has no such object.
+        """
         for path in lives:
             if path not in self._numbers:
                 nearest = difflib.get_close_matches(path, list(self._numbers), n=1)
                 hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-                raise ScenarioError(f"edits: there is no thing {path!r} in scene {self._stage.name!r}{hint}")
+                raise ScenarioError(f"edits: no object {path!r} in scene {self._stage.name!r}{hint}")
         numbered = {self._numbers[path]: life for path, life in lives.items()}
         self.lives = dict(sorted(numbered.items()))
 
-    def there(self, number: int, frame: int) -> bool:
-        """Whether a thing, by its row, is there at a frame."""
+    def is_alive(self, number: int, frame: int) -> bool:
+        """Return whether an object, by its row, is alive at a frame."""
         return number not in self.lives or self.lives[number].alive(frame, as_of=frame)
 
     def moved_by(self, number: int, frame: int, known: int) -> Array | None:
-        """What has taken a thing from where the stage has it to where it is at a frame: 4x4; None if nothing has."""
+        """Return the 4x4 matrix from an object's authored pose to its pose at a frame; None if no edit moved it."""
         move = self.lives[number].move(frame, known) if number in self.lives else None
         if move is None:
             return None
@@ -74,9 +85,13 @@ class StageObjects:
         return result
 
     def place(self, frame: int, seconds: Array, world: Array, present: NDArray[np.bool_]) -> None:
-        """Set matrices [3, parts, 3, 4] and presence of the parts before, at and after a frame.
+        """Write matrices and presence of the parts before, at and after a frame.
 
-        seconds: the three times at which what moves by itself is shown, s.
+        Args:
+            frame: k.
+            seconds: the three times at which animation is evaluated, s.
+            world: float64 [3, parts or more, 3, 4], written.
+            present: bool [3, parts or more], written.
         """
         count = len(self._owner)
         for time, second in enumerate(seconds.tolist()):
@@ -91,8 +106,8 @@ class StageObjects:
                     world[time, parts] = np.einsum("ij,pjk->pik", by[:3, :3], world[time, parts])
                     world[time, parts, :, 3] += by[:3, 3]
 
-    def restless(self, frame: int) -> NDArray[np.bool_]:
-        """Of every part of the stage, whether an edit has moved it or taken it away, as far as is known at a frame."""
+    def edited_parts(self, frame: int) -> NDArray[np.bool_]:
+        """Return for every part whether an edit up to a frame has moved or removed it."""
         edited = [
             number
             for number, life in self.lives.items()
@@ -101,7 +116,7 @@ class StageObjects:
         return np.isin(self._owner, edited)
 
     def rows(self, frame: int) -> list[WorldObject]:
-        """The things that are there at a frame."""
+        """Return the objects that are alive at a frame."""
         rows: list[WorldObject | None] = list(self._rows)
         if self._tracks:
             for number, posed in self._posed(frame).items():
@@ -116,7 +131,7 @@ class StageObjects:
         return [row for row in rows if row is not None]
 
     def _posed(self, frame: int) -> dict[int, WorldObject | None]:
-        """The things that move by themselves, as they are at a frame; None for one that is not there."""
+        """Return the animated objects at a frame, by row; None for one that is absent."""
         matrices, present = self._tracks.at(frame / self._fps)
         following = self._tracks.at((frame + 1) / self._fps)[0]
         there = np.bincount(self._owner[present], minlength=len(self._rows)) > 0
@@ -131,28 +146,28 @@ class StageObjects:
         return result
 
     def carries(self, path: str, frame: int) -> Array | None:
-        """What has moved the prim at a path, as part of a thing: 4x4; None if that thing is gone."""
+        """Return the 4x4 matrix by which edits moved the object that a prim is part of; None if it was removed."""
         while path:
             number = self._numbers.get(path, -1)
             if number in self.lives:
                 by = self.moved_by(number, frame, frame)
-                return None if not self.there(number, frame) else np.eye(4) if by is None else by
+                return None if not self.is_alive(number, frame) else np.eye(4) if by is None else by
             path = path.rpartition("/")[0]
         return np.eye(4)
 
     def instances(self, frame: int) -> tuple[list[Instance], list[bool]]:
-        """The stage's instances at a frame, then its colliders, and which of them are there."""
+        """Return the stage's instances, then its colliders, at a frame, and which of them are present."""
         instances: list[Instance] = []
         for instance in (*self._stage.instances, *self._stage.colliders):
             by = self.moved_by(instance.object, frame, frame)
             if by is not None:
                 instance = replace(instance, world_from_object=by @ instance.world_from_object)
             instances.append(instance)
-        return instances, [self.there(instance.object, frame) for instance in instances]
+        return instances, [self.is_alive(instance.object, frame) for instance in instances]
 
 
 def matrix(pose: Array) -> Array:
-    """4x4 of a pose [7]: position and unit quaternion."""
+    """Return the 4x4 matrix of a pose [7]: position and unit quaternion."""
     result = np.eye(4)
     result[:3, :3] = matrix_from_quaternion(pose[3:])
     result[:3, 3] = pose[:3]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories: where a scenario's objects, cameras and lights are at each frame, and what the objects meet on the way.
+"""Trajectories: poses of a scenario's objects, cameras and lights at each frame, and the collisions of its objects.
 
-Where nothing can be met every pose is a formula of time. Otherwise the objects are stepped, frame by frame; those that
-follow paths have the same poses as by the formula, to the bit, as long as nothing is in their way.
+Where no collision is possible every pose is a closed form of time. Otherwise the objects are simulated frame by frame;
+objects on paths have the poses of the closed form, to the bit, as long as nothing is in their way.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from dynamics import (
 )
 from dynamics.clocks import exact
 from dynamics.collision_free import all_free
-from dynamics.obstacles import Obstacles, placed
+from dynamics.obstacles import Obstacles
 from dynamics.rotation import quaternion
 from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move, ObjectHistory, SetFrustumWalls, Spawn
@@ -42,16 +42,19 @@ from tiscene.scene.description import Instance, SceneDescription
 
 Array = NDArray[np.float64]
 WALLS = ("left", "right", "bottom", "top", "near", "far")
-# Poses of the frames last asked for are kept: three frames are needed for each, and the next needs two of them again.
+# A state needs the poses of three frames, two of which the next state needs again.
 KEPT_FRAMES = 8
 
 
 @dataclass(frozen=True)
 class Collision:
-    """An object of the scenario met something on the way to a frame.
+    """A collision of an object of the scenario since the frame before.
 
-    number: its row in the scenario. kind: "stage", "collider", "object" or "wall".
-    other: the row of the stage's object, of its collider that is no part of one, of the scenario's object, or of WALLS.
+    Attributes:
+        number: row of the object in the scenario.
+        kind: what it collided with.
+        other: row of the stage's object, of the stage's collider without an object, of the scenario's object, or of
+            WALLS, by `kind`.
     """
 
     number: int
@@ -63,11 +66,15 @@ class Collision:
 class TrajectoryContext:
     """What the objects of a scenario move in.
 
-    cameras: the first is the one whose view the frustum encloses. aspect: width / height of that view.
-    lights: (dynamic, position, quaternion) of those that have motions.
-    surface: an object's triangles [m, 3, 3] in its own axes, by its row.
-    trees: those over the stage's meshes. instances: the stage's at a frame, then its colliders that are not drawn, and
-    which of them are there then.
+    Attributes:
+        stage: the stage.
+        cameras: the cameras; the frustum encloses the view of the first.
+        fps: frame k shows time k / fps.
+        aspect: width / height of the first camera's view.
+        lights: (trajectory, position, quaternion) of lights with a LightMotion.
+        surface: returns an object's collision surface [m, 3, 3] by its row.
+        trees: returns the bounding volume hierarchies of the stage's meshes.
+        instances: returns the stage's instances at a frame, then its invisible colliders, and which are present.
     """
 
     stage: SceneDescription
@@ -81,34 +88,45 @@ class TrajectoryContext:
 
 
 class Trajectories:
-    """The poses of a scenario's objects, cameras and lights as float64 [n, 7]: position, m, and unit quaternion."""
+    """Poses of a scenario's objects, cameras and lights: float64 [n, 7], position (m) and unit quaternion.
+
+    Nothing is computed before a frame is requested.
+
+    Args:
+        scenario: the scenario.
+        log: its edit log; `amend` takes further edits.
+        setting: what the objects move in.
+
+    Attributes:
+        closed_form: poses without collisions.
+        stepped: the simulation of collisions; None before it is needed.
+
+    Raises:
+        ScenarioError: timings or trajectories cannot work.
+    """
 
     def __init__(self, scenario: Scenario, log: EditLog, setting: TrajectoryContext) -> None:
-        """log: what the scenario's edits make of it; `amend` says what was added to it.
-
-        Raises ScenarioError if the timings or dynamics cannot work. Nothing is computed before a frame is asked for.
-        """
         self._scenario = scenario
         self._log = log
         self._setting = setting
         self._fps = exact(setting.fps)
         self.closed_form = self._simulation()
-        # Frames from which on the stage is another one: first as it was read.
+        # Frames at which edits change the stage as an obstacle.
         moved = [move.frame for life in log.stage.values() for move in life.moves]
         gone = [life.despawned for life in log.stage.values() if life.despawned is not None]
         self._changes = sorted({*moved, *gone})
         self._shapes: dict[tuple[object, ...], Shape | None] = {}
-        # By the number of changes of the stage so far.
+        # By the number of changes so far.
         self._obstacles: dict[int, Obstacles] = {}
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
         self._movers: list[Mover] = []
         self.stepped: SteppedSimulation | None = None
-        self._free_until = 0  # before this frame nothing could be met
+        self._free_until = 0  # before this frame no collision was possible
         self._is_stepped: bool | None = None
         self._poses_by_frame: dict[int, Array] = {}
 
     def amend(self, edit: Edit) -> None:
-        """The log has one edit more. Frames before the edit's stay what they are, and are not computed again."""
+        """Take one more edit of the log. Frames before the edit keep their poses and are not computed again."""
         spawned = isinstance(edit, Spawn)
         if spawned:
             self.closed_form = self._simulation()
@@ -118,7 +136,7 @@ class Trajectories:
         if not isinstance(edit, SetFrustumWalls):
             row = self._log.row(edit.object.id if isinstance(edit, Spawn) else edit.id)
         if isinstance(edit, Move | Despawn) and row is None:
-            # What the stage was before the edit's frame stays what it was.
+            # Obstacles before the edit stay valid.
             kept = bisect.bisect_left(self._changes, edit.frame)
             self._obstacles = {epoch: each for epoch, each in self._obstacles.items() if epoch <= kept}
             if edit.frame not in self._changes[kept : kept + 1]:
@@ -138,7 +156,7 @@ class Trajectories:
             self.stepped.start_at(edit.frame)
 
     def poses(self, frame: int) -> Array:
-        """Before frame 0 everything is where it starts."""
+        """Return all poses at a frame. Before frame 0 everything stands at its start."""
         poses = self._poses_by_frame.get(frame)
         if poses is None:
             poses = self.closed_form.poses(Fraction(frame) / self._fps)
@@ -151,9 +169,13 @@ class Trajectories:
         return poses
 
     def between(self, frame: int, shift: Fraction) -> Array:
-        """The poses by so many frames, -1..1, from a frame, as they were planned when that frame was made.
+        """Return the poses at `frame + shift`, as planned when `frame` was made.
 
-        By their formulas, or between two frames of what met something on the way: straight on, and round evenly.
+        Objects in collision are interpolated between two frames: position linearly, rotation by slerp.
+
+        Args:
+            frame: the frame.
+            shift: offset in frames, -1..1.
         """
         if not shift:
             return self.poses(frame)
@@ -172,7 +194,7 @@ class Trajectories:
         return poses
 
     def arrivals(self, frame: int) -> Array:
-        """The poses at a frame before the edits of that frame: as they were planned when the frame before was made."""
+        """Return the poses at a frame before the edits of that frame, as planned when the frame before was made."""
         poses = self.poses(frame)
         stepped = self._stepping(frame)
         if stepped is not None:
@@ -181,23 +203,23 @@ class Trajectories:
         return poses
 
     def blocked(self, frame: int) -> list[bool]:
-        """Of every object of the scenario, whether something kept it from its way since the frame before."""
+        """Return for every object of the scenario whether an obstacle has held it back since the frame before."""
         stepped = self._stepping(frame)
         return [False] * len(self._log.lives) if stepped is None else stepped.frame(frame).blocked.tolist()
 
-    def meetings(self, frame: int) -> list[Collision]:
-        """What the scenario's objects met since the frame before."""
+    def collisions(self, frame: int) -> list[Collision]:
+        """Return the collisions of the scenario's objects since the frame before."""
         stepped = self._stepping(frame)
         result = []
         for contact in () if stepped is None else stepped.frame(frame).contacts:
             if contact.kind == "obstacle":
                 stage, row = self._setting.stage, int(self._obstacle_rows[contact.other])
                 hidden = row - len(stage.instances)
-                thing = stage.colliders[hidden].object if hidden >= 0 else stage.instances[row].object
-                if thing < 0:
+                owner = stage.colliders[hidden].object if hidden >= 0 else stage.instances[row].object
+                if owner < 0:
                     result.append(Collision(contact.mover, "collider", hidden))
                 else:
-                    result.append(Collision(contact.mover, "stage", thing))
+                    result.append(Collision(contact.mover, "stage", owner))
             elif contact.kind == "mover":
                 result.append(Collision(contact.mover, "object", contact.other))
             else:
@@ -205,7 +227,7 @@ class Trajectories:
         return result
 
     def _stepping(self, frame: int) -> SteppedSimulation | None:
-        """The simulation of what collides at a frame, None if nothing can."""
+        """Return the simulation of collisions at a frame; None if no collision is possible."""
         if self._is_stepped is None:
             self._is_stepped = self._must_step()
         return None if frame < self._free_until else self.stepped
@@ -215,13 +237,13 @@ class Trajectories:
         dynamics = [life.spec.dynamic for life in lives]
         moving = [not isinstance(dynamic, Still | None) for dynamic in dynamics]
         bouncing = any(isinstance(dynamic, UniformMovementRandomBounce) for dynamic in dynamics)
-        put_elsewhere = any(life.moves for life in lives) or bool(self._changes)
+        teleported = any(life.moves for life in lives) or bool(self._changes)
         walled = any(each is not None for each in (self._scenario.frustum, *(e.frustum for e in self._log.enclosures)))
         solid = any(life.spec.collide and (moves or walled) for life, moves in zip(lives, moving, strict=True))
         if not bouncing and not solid and not any(life.moves for life in lives):
             return False
         self._movers = [self._mover(row) for row in range(len(lives))]
-        if not bouncing and not put_elsewhere and all_free(self._movers, self._obstacles_at(0), walled):
+        if not bouncing and not teleported and all_free(self._movers, self._obstacles_at(0), walled):
             return False
         self.stepped = SteppedSimulation(
             self._movers, self._scenario.timings, fps=self._fps, obstacles=self._obstacles_at, walls=self.walls
@@ -233,7 +255,7 @@ class Trajectories:
         life = self._log.lives[row]
         moves = self._movers[row].moves if row < len(self._movers) else ()
         if moves and (len(moves) > len(life.moves) or moves[-1].frame > life.moves[len(moves) - 1].frame):
-            moves = ()  # one was made before the others
+            moves = ()  # an edit was inserted before the others
         return Mover(
             self._body(life, bounces=True),
             self._shape(row, life) if life.spec.collide else None,
@@ -244,7 +266,7 @@ class Trajectories:
         )
 
     def _simulation(self) -> Simulation:
-        """All paths. What bounces has no formula: here it stands, which also tells where it starts."""
+        """Return the closed forms of all bodies. A bouncing body has none: it stands at its start here."""
         bodies = [self._body(life, bounces=False) for life in self._log.lives]
         for camera in self._setting.cameras:
             dynamic = camera.dynamic or Still()
@@ -257,13 +279,15 @@ class Trajectories:
             raise ScenarioError(str(error)) from error
 
     def _obstacles_at(self, frame: int) -> Obstacles:
-        """The stage as obstacles, from one frame to the next."""
+        """Return the stage as obstacles, from a frame to the next."""
         epoch = bisect.bisect_right(self._changes, frame)
         if epoch not in self._obstacles:
             trees = self._setting.trees()
             instances, there = self._setting.instances(frame)
             tree = ObstacleTree(trees, instances, there)
-            self._obstacles[epoch] = placed(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
+            self._obstacles[epoch] = Obstacles.from_trees(
+                trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root
+            )
             self._obstacle_rows = tree.rows
         return self._obstacles[epoch]
 
@@ -276,7 +300,7 @@ class Trajectories:
         return Body(dynamic, each.position, each.rotation, name=each.id, birth=birth, timed=life.spawned is None)
 
     def _shape(self, row: int, life: ObjectHistory) -> Shape | None:
-        """The proxy spheres of an object; None without any surface. Objects of one template and scale share them."""
+        """Return the proxy spheres of an object, shared by template and scale; None without a surface."""
         key = (life.spec.template, life.spec.scale)
         if key not in self._shapes:
             surface = self._setting.surface(row)
@@ -284,7 +308,7 @@ class Trajectories:
         return self._shapes[key]
 
     def walls(self, time: Fraction) -> Array | None:
-        """The planes that hold objects on the way to a time, s; None if there are none then."""
+        """Return the planes that bound objects up to a time (s); None without walls."""
         frustum, camera, aspect = self._scenario.frustum, self._setting.cameras[0], self._setting.aspect
         made = bisect.bisect_left(self._log.enclosures, math.ceil(time * self._fps), key=lambda edit: edit.frame)
         if made:
@@ -299,7 +323,7 @@ class Trajectories:
 
 
 def _between(before: Array, after: Array, part: float) -> Array:
-    """Poses [n, 7] so far from one to the other: positions on a line, rotations by slerp."""
+    """Interpolate poses [n, 7] by 0..1: position linearly, rotation by slerp."""
     poses = before + part * (after - before)
     cosine = np.einsum("ni,ni->n", before[:, 3:], after[:, 3:])[:, None]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""World: where everything is at each frame. Bodies move, so instances move.
+"""World: evaluates a scenario on its stage, frame by frame.
 
-A pure function of (scenario with its edits, stage, fps, aspect, frame): nothing depends on which frames were asked for
-before.
+A state is a pure function of (scenario with its edits, stage, fps, aspect, frame): it does not depend on which frames
+were requested before.
 """
 
 from __future__ import annotations
@@ -42,16 +42,33 @@ NOW = Fraction(0)
 
 
 class World:
-    """The stage's things and the scenario's objects, on the clock of a stream.
+    """The objects of a stage and of a scenario, on the clock of a stream.
 
-    Ids: things of the stage have 1 to n in the stage's order, objects of the scenario the following ones in theirs.
-    Categories: 0 is the background (""); the others are numbered as they first appear among the stage's things, the
-    stage's templates and the scenario's objects, so that all scenarios in one scene agree on the scene's categories.
+    Instance ids: objects of the stage have 1 to n in the stage's order, objects of the scenario the following ones in
+    theirs. Categories: 0 is the background (""); the others are numbered as they first appear among the objects of the
+    stage, its templates and the scenario's objects, so that all scenarios in one scene agree on the scene's categories.
 
-    A stream that runs may be edited: `spawn`, `despawn`, `move` take effect at its next frame and are kept in
-    `scenario.edits`, so that a world made of that scenario does the same at the same frames.
+    A running stream can be edited: `spawn`, `despawn` and `move` take effect at its next frame and are kept in
+    `scenario.edits`, so that a world of that scenario has the same states.
 
-    next_frame: the one that the stream gives next. cameras: all that watch, as the scenario has them.
+    Args:
+        scenario: the scenario.
+        stage: its stage.
+        load_template: loads a template that the stage does not hold; raises TemplateNotFound.
+        fps: frame k shows time k / fps.
+        aspect: width / height of the main camera's view, which the frustum's walls enclose.
+        trees: returns the bounding volume hierarchies of the stage's meshes, if a renderer has them; requested if
+            objects can collide.
+
+    Attributes:
+        stage: the stage.
+        fps: frames per second.
+        cameras: the scenario's cameras, else the stage's first, else one that frames the whole stage.
+        next_frame: the frame at which edits take effect.
+        trajectories: poses of objects, cameras and lights.
+
+    Raises:
+        ScenarioError, CameraNotFound, LightNotFound, ArgumentError: the scenario does not fit the stage.
     """
 
     def __init__(
@@ -63,13 +80,6 @@ class World:
         aspect: float = 4.0 / 3.0,
         trees: Callable[[], MeshTrees] | None = None,
     ) -> None:
-        """load_template: finds what the stage does not hold, or raises TemplateNotFound. fps: frame k is at k / fps.
-
-        aspect: width / height of the view, which a frustum's walls enclose. trees: those over the stage's meshes, where
-        somebody renders them; asked for if objects collide.
-        The camera is the scenario's, else the stage's first, else one that sees the whole stage.
-        Raises ScenarioError, CameraNotFound, LightNotFound, ArgumentError, and what `load_template` raises.
-        """
         self._scenario = scenario
         self._log = scenario.log()
         self.stage = stage
@@ -77,7 +87,7 @@ class World:
         self.cameras = tuple(each if isinstance(each, Camera) else stage.camera(each) for each in scenario.cameras)
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
-            raise ScenarioError(f"camera: {', '.join(names)}: two of them have one name")
+            raise ScenarioError(f"camera: {', '.join(names)}: two cameras share a name; give each its own")
         self.next_frame = 0
         self._starting_lights: tuple[LightGroups, ...] | None = None
         self._last_state: WorldState | None = None
@@ -105,7 +115,7 @@ class World:
 
     @property
     def scenario(self) -> Scenario:
-        """What was asked for, and the edits."""
+        """The scenario with all edits so far."""
         if len(self._scenario.edits) < len(self._log.edits):
             self._scenario = replace(self._scenario, edits=tuple(self._log.edits))
         return self._scenario
@@ -117,17 +127,17 @@ class World:
 
     @property
     def templates(self) -> list[str]:
-        """Names of the templates that the stage holds or the scenario uses, sorted."""
+        """Sorted names of the templates that the stage holds or the scenario uses."""
         return sorted(self._registry.templates)
 
     @property
     def descriptions(self) -> list[SceneDescription]:
-        """The stage, then the templates in the order in which they were needed first: the meshes of placements."""
+        """The stage, then the templates in the order of first use. Mesh rows of placements count through them."""
         return self._registry.descriptions
 
     @property
     def categories(self) -> dict[int, str]:
-        """What category ids mean; 0 is the background."""
+        """Names of category ids; 0 is the background."""
         return self._registry.categories
 
     @property
@@ -173,7 +183,7 @@ class World:
             movers=self._movers(frame),
             starting_lights=lights is None or self._are_starting_lights(placement.light_groups),
             changes=detect_changes(
-                frame, self.stage, self._stage_objects.lives, self._histories, self.trajectories.meetings(frame)
+                frame, self.stage, self._stage_objects.lives, self._histories, self.trajectories.collisions(frame)
             ),
             previous_bounds=previous,
         )
@@ -310,7 +320,7 @@ class World:
         moving = np.zeros(len(self._registry.columns.mesh), bool)
         dynamic = np.array([not each.is_static(as_of=frame) for each in self._histories], bool)
         moving[count:] = dynamic[self._registry.owner]
-        moving[:count] = self._stage_objects.restless(frame)
+        moving[:count] = self._stage_objects.edited_parts(frame)
         return moving | self._registry.changing
 
     def spawn(
@@ -323,10 +333,21 @@ class World:
         id: str | None = None,
         **others: Any,
     ) -> int:
-        """Let an object appear at the next frame, `next_frame`; its clock runs from then on. Returns its instance id.
+        """Spawn an object at the next frame.
 
-        id: its name in the scenario; by default one is made. others: fields of `Object`: last_frame, frustum_limited,
-        collide, scale. Raises ScenarioError, TemplateNotFound, changing nothing.
+        Args:
+            template: name or file of its template.
+            position: m.
+            rotation: Euler angles in degrees, or a quaternion.
+            dynamic: trajectory, whose clock starts at the next frame; None: none.
+            id: name in the scenario; None: a new one is made.
+            **others: further attributes of `Object`: last_frame, frustum_limited, collide, scale.
+
+        Returns:
+            The instance id.
+
+        Raises:
+            ScenarioError, TemplateNotFound: nothing has changed then.
         """
         if id is None:
             first = len(self._histories) - len(self._scenario.objects) + 1
@@ -338,18 +359,30 @@ class World:
         return self._registry.object_rows[-1].id
 
     def despawn(self, object: int | str) -> None:
-        """Let something be gone from the next frame on: by its instance id, an object's name or a thing's prim path.
+        """Remove an object from the next frame on.
 
-        Raises ObjectNotFound if it is not there then.
+        Args:
+            object: instance id, name in the scenario, or prim path on the stage.
+
+        Raises:
+            ObjectNotFound: no such object is alive at the next frame.
         """
         self._edit(Despawn(self.next_frame, self._live_name(object)))
 
     def move(self, object: int | str, position: Sequence[float], rotation: Sequence[float] | None = None) -> None:
-        """Put something elsewhere at the next frame: by its instance id, an object's name or a thing's prim path.
+        """Move an object at the next frame.
 
-        rotation: Euler degrees or a quaternion; None: as it is now. What follows a path returns to it from there, what
-        bounces goes on in its direction, things of the stage stand. Position and rotation are those that
-        `frame.objects` tells. Raises ObjectNotFound if it is not there then, ScenarioError.
+        An object on a path returns to it from there, a bouncing one continues in its direction, objects of the stage
+        stay.
+
+        Args:
+            object: instance id, name in the scenario, or prim path on the stage.
+            position: m, as in `frame.objects`.
+            rotation: Euler angles in degrees, or a quaternion; None: unchanged.
+
+        Raises:
+            ObjectNotFound: no such object is alive at the next frame.
+            ScenarioError: the pose is invalid.
         """
         name = self._live_name(object)
         if rotation is None:
@@ -365,10 +398,15 @@ class World:
     def set_frustum_walls(
         self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None
     ) -> None:
-        """Let the walls that hold objects be those of another view from the next frame on.
+        """Replace the walls that bound objects, from the next frame on.
 
-        frustum: None: there are no walls. camera, aspect: whose view, and its width / height; by default what the main
-        camera sees then. Raises ScenarioError.
+        Args:
+            frustum: the walls; None: none.
+            camera: the camera whose view they enclose; None: the main camera as it is then.
+            aspect: width / height of that view; None: the world's.
+
+        Raises:
+            ScenarioError: an argument is of the wrong kind.
         """
         if not isinstance(frustum, Frustum | None):
             raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
@@ -378,22 +416,24 @@ class World:
         self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
 
     def _live_name(self, object: int | str) -> str:
-        """The scenario's name, or the stage's prim path, of something that is there at the next frame."""
+        """Return the scenario's name or the prim path of an object that is alive at the next frame."""
         if not isinstance(object, int | str | np.integer):
-            raise ArgumentError(f"object={object!r}: must be an id, a name or a prim path")
+            raise ArgumentError(f"object={object!r}: must be an instance id, a name or a prim path")
         frame, rows = self.next_frame, self._registry.object_rows
         alive = [life.alive(frame, as_of=frame) for life in self._histories]
         objects = {row.id: row.name for row, there in zip(rows, alive, strict=True) if there}
-        stage = enumerate(self._registry.stage_rows)
-        things = {row.id: row.prim_path for number, row in stage if self._stage_objects.there(number, frame)}
-        names = objects | things
+        rows_on_stage = enumerate(self._registry.stage_rows)
+        on_stage = {
+            row.id: row.prim_path for number, row in rows_on_stage if self._stage_objects.is_alive(number, frame)
+        }
+        names = objects | on_stage
         if object in names.values():
             return str(object)
         if isinstance(object, bool) or object not in names:
             known = list(names.values())
-            if not isinstance(object, str):  # too many things to tell are left out
-                told = names if len(things) <= 20 else objects
-                known = [f"{name} ({number})" for number, name in told.items()]
+            if not isinstance(object, str):  # of many objects only the scenario's are listed
+                listed = names if len(on_stage) <= 20 else objects
+                known = [f"{name} ({number})" for number, name in listed.items()]
             raise ObjectNotFound("object", str(object), known, f" at frame {frame}")
         return names[int(object)]
 
