@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import tiscene.usd
 from tiscene.cli import main as command_line
 from tiscene.export import EXPORTERS
 from tiscene.frame.buffers import BUFFERS
@@ -116,7 +115,6 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
     names = {
         "__name__": "__main__",
         **dict.fromkeys(("learn", "predict", "teach"), lambda *_: None),
-        "tiscene": tiscene,
     }
     blocks = BLOCK.findall(read(f"docs/{page}.md"))
     assert blocks
