@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base images on disk: found again, never mistaken for another, never in the way."""
+"""The disk cache of base images: round trip, keys, corrupt files, size limit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.render.integrators.incremental.test_incremental_pass import AT, BLUE, LAMP, QUALITY, SIZE, Box, stacked
+from tests.render.incremental_scenes import BALLS, BLUE, LAMP, QUALITY, SIZE, MovingBalls, stacked
 from tests.render.path_scenes import CORNELL, WHITE, ball, box, described, matte
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, cache_folder
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
@@ -22,7 +22,7 @@ SETTINGS = {"seed": 1, "spp": 4, "max_depth": 5}
 IMAGE = np.arange(24.0, dtype=np.float32).reshape(2, 4, 3)
 
 
-def test_an_image_is_found_again(tmp_path: Path) -> None:
+def test_saved_image_is_loaded_and_unknown_key_is_not(tmp_path: Path) -> None:
     images = BaseImageCache(tmp_path / "new" / "folder")
     images.save("a", IMAGE)
     np.testing.assert_array_equal(images.load("a", IMAGE.shape), IMAGE)
@@ -33,7 +33,7 @@ def test_an_image_is_found_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "damage", [lambda data: data[:-5], lambda data: data[:50] + b"?" + data[51:], lambda data: b""]
 )
-def test_a_damaged_file_is_no_image(tmp_path: Path, damage: object) -> None:
+def test_corrupt_file_is_not_loaded_and_can_be_replaced(tmp_path: Path, damage: object) -> None:
     images = BaseImageCache(tmp_path)
     images.save("a", IMAGE)
     path = tmp_path / "a.base"
@@ -44,20 +44,20 @@ def test_a_damaged_file_is_no_image(tmp_path: Path, damage: object) -> None:
     assert images.load("a", (2, 4, 2)) is None
 
 
-def test_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
+def test_unwritable_folder_is_ignored(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
     images = BaseImageCache(tmp_path / "file")
     images.save("a", IMAGE)
     assert images.load("a", IMAGE.shape) is None
 
 
-def test_the_folder_stays_small(tmp_path: Path) -> None:
-    """What was used longest ago goes first, and what a writer left that died; other files are not ours."""
+def test_size_limit_deletes_least_recently_used_files(tmp_path: Path) -> None:
+    """Leftovers of crashed writers are deleted too; files of other kinds are neither counted nor deleted."""
     size = IMAGE.nbytes + 32
     images = BaseImageCache(tmp_path, size_limit=3 * size)
     (tmp_path / "other.txt").write_text("x" * 10 * size)
-    (tmp_path / "died.part").write_bytes(b"x" * size)
-    os.utime(tmp_path / "died.part", (0, 0))
+    (tmp_path / "crashed.part").write_bytes(b"x" * size)
+    os.utime(tmp_path / "crashed.part", (0, 0))
     for age, name in enumerate("abc"):
         images.save(name, IMAGE)
         os.utime(tmp_path / f"{name}.base", (1000 + age, 1000 + age))
@@ -66,7 +66,7 @@ def test_the_folder_stays_small(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.base", "c.base", "d.base", "other.txt"]
 
 
-def test_the_platforms_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_cache_folder_follows_environment_and_platform(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("TISCENE_CACHE", str(tmp_path))
     assert cache_folder() == tmp_path
     monkeypatch.delenv("TISCENE_CACHE")
@@ -75,35 +75,35 @@ def test_the_platforms_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert cache_folder() == tmp_path / "tiscene"
 
 
-def key_of(scene: Box, **others: int) -> str:
-    scene.device.place(scene.at(*AT))
+def key_of(scene: MovingBalls, **others: int) -> str:
+    scene.device.place(scene.at(*BALLS))
     return BaseImageCache(Path()).key(scene.device, ~scene.moving, scene.view, SETTINGS | others)
 
 
-def test_a_key_tells_what_matters() -> None:
-    scene = Box()
+def test_key_depends_on_everything_visible() -> None:
+    scene = MovingBalls()
     key = key_of(scene)
-    assert key_of(Box()) == key
+    assert key_of(MovingBalls()) == key
     scene.placed.world_from_object[:, 0, 0, 3] += 1e-9
     different = {
         "pose": key_of(scene),
-        "seed": key_of(Box(), seed=2),
-        "lights": key_of(Box(lights="point")),
-        "camera": key_of(Box(camera=replace(Box().view.current, lens_radius=0.01))),
-        "thing": key_of(Box(wall=BLUE)),
+        "seed": key_of(MovingBalls(), seed=2),
+        "lights": key_of(MovingBalls(lights="point")),
+        "camera": key_of(MovingBalls(camera=replace(MovingBalls().view.current, lens_radius=0.01))),
+        "object": key_of(MovingBalls(wall=BLUE)),
     }
-    scene = Box()
+    scene = MovingBalls()
     scene.view = replace(scene.view, width=33)
     different["size"] = key_of(scene)
-    scene = Box()
-    scene.device.add(described([ball((0, 0, 0), 1.0)], [matte("white", WHITE)]))  # another template, not placed
+    scene = MovingBalls()
+    scene.device.add(described([ball((0, 0, 0), 1.0)], [matte("white", WHITE)]))  # a template that is not placed
     assert key_of(scene) == key
     assert len({key, *different.values()}) == 1 + len(different), different
 
 
-def test_a_key_tells_textures_and_materials() -> None:
+def test_key_depends_on_textures_and_materials() -> None:
     def keyed(description: SceneDescription) -> str:
-        scene = Box()
+        scene = MovingBalls()
         scene.device.descriptions[0] = (0, description)
         return key_of(scene)
 
@@ -119,16 +119,16 @@ def test_a_key_tells_textures_and_materials() -> None:
     assert len(set(keys)) == 4
 
 
-def test_a_kept_base_gives_the_same_picture(tmp_path: Path) -> None:
-    """And is not rendered again: of a file with other pixels, the picture shows those."""
+def test_loaded_base_gives_same_bytes_and_is_not_rendered_again(tmp_path: Path) -> None:
+    """A file with other pixels changes the image, which shows that it is loaded."""
     images = BaseImageCache(tmp_path)
-    scene = Box()
-    plain = stacked(scene.replay(*AT))
+    scene = MovingBalls()
+    plain = stacked(scene.render(*BALLS))
     for _ in range(2):
-        scene.passes = IncrementalPass(scene.device, *SIZE, images=images)
-        np.testing.assert_array_equal(stacked(scene.replay(*AT)), plain)
+        scene.incremental = IncrementalPass(scene.device, *SIZE, images=images)
+        np.testing.assert_array_equal(stacked(scene.render(*BALLS)), plain)
     (path,) = tmp_path.iterdir()
     images.save(path.stem, np.full((SIZE[1], SIZE[0], 9), 7.0, np.float32))
-    scene.passes = IncrementalPass(scene.device, *SIZE, images=images)
-    assert (scene.replay().hdr == 7.0).all()
-    assert QUALITY["spp"] == scene.passes.cached_spp
+    scene.incremental = IncrementalPass(scene.device, *SIZE, images=images)
+    assert (scene.render().hdr == 7.0).all()
+    assert QUALITY["spp"] == scene.incremental.cached_spp

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all frames of a replay are differences to: one picture of what never moves, in parts by what lights it."""
+"""The base image of incremental rendering: radiance of the static scene under each light group, at many samples.
+
+Light is linear: a frame's base is the sum of the groups' images times the groups' intensities.
+"""
 
 from __future__ import annotations
 
@@ -21,114 +24,138 @@ from tiscene.render.integrators.path.path_pass import PathPass, PathScene
 from tiscene.render.view import View
 from tiscene.scene.placement import CURRENT, Placement
 
-BASE_FRAME = -1  # what stands for the frame in the keys of random numbers
-ROUGHNESS = 0.5  # how much of the kept paths' own picture is in the base that the denoiser is shown
+BASE_FRAME = -1  # frame number of the base image's random numbers
+NOISE_WEIGHT = 0.5  # weight of the cached paths' noise in the denoiser's version of the base image
 
 FloatImage = NDArray[np.float32]
-ProgressCallback = Callable[[str, float], None]  # what is being made, and how much of it is done, 0..1
+ProgressCallback = Callable[[str, float], None]  # takes a stage's name and its completed fraction, 0..1
 
 
 @dataclass(frozen=True, eq=False)
 class IncrementalBase:
-    """What never moves. image: f32 [h, w, 6 + 3 * groups], columns as `light_column` says.
+    """Everything that the frames before one static scene, camera and set of lights share.
 
-    lights: of it, which alone are sampled: what a mover emits is met.
-
-    looks: what tells how much of each pixel movers cover. near: more paths for pixels in which a mover is seen.
-
-    kept: what others have made of it, by name, for as long as there is use for it.
+    Attributes:
+        lights: The static scene's lights. Only these are sampled; emission of movers is found by BSDF sampling.
+        image: Base image, float32 [h, w, 6 + 3 * groups], columns as `light_column` says.
+        cache: Cached paths of all pixels.
+        coverage: Measures the fraction of each pixel that movers cover.
+        extra_cache: Further cached paths, for pixels in which a mover is visible.
+        derived: Images that users of the base computed from it, by name; they live as long as the base.
     """
 
     lights: BaseLights
     image: FloatImage
     cache: PathCache
-    looks: MoverCoverage
-    near: PathCache | None = None
+    coverage: MoverCoverage
+    extra_cache: PathCache | None = None
     derived: dict[str, FloatImage] = field(default_factory=dict)
 
     @cached_property
     def mean(self) -> Any:
-        """What all kept paths show together, as of `PathCache`."""
-        if self.near is None:
+        """Mean of all cached paths of each pixel, f32 [pixels, ...] on the device, see `PathCache.mean`."""
+        if self.extra_cache is None:
             return self.cache.mean
-        few, more = self.cache.numbers[0], self.near.numbers[0]
-        total = few * self.cache.mean.to_numpy() + more * self.near.mean.to_numpy()
-        return upload(total / np.float32(few + more))
+        spp, extra_spp = self.cache.spp, self.extra_cache.spp
+        total = spp * self.cache.mean.to_numpy() + extra_spp * self.extra_cache.mean.to_numpy()
+        return upload(total / np.float32(spp + extra_spp))
 
     @property
-    def spp(self) -> int:
-        """How many kept paths go through a pixel in which a mover is seen."""
-        return self.cache.numbers[0] + (self.near.numbers[0] if self.near else 0)
+    def mover_spp(self) -> int:
+        """Cached paths per pixel in which a mover is visible."""
+        return self.cache.spp + (self.extra_cache.spp if self.extra_cache else 0)
 
     @property
     def bytes(self) -> int:
-        """What the kept paths take of memory."""
-        return self.cache.bytes + (self.near.bytes if self.near else 0)
+        """Memory of the cached paths."""
+        return self.cache.bytes + (self.extra_cache.bytes if self.extra_cache else 0)
 
     @cached_property
-    def rough(self) -> FloatImage:
-        """The light of `image` with some of the kept paths' noise, f32 [h, w, 3 * groups].
+    def noise_matched(self) -> FloatImage:
+        """Light of the base image with part of the cached paths' noise, float32 [h, w, 3 * groups].
 
-        A denoiser that is shown little noise around what moves takes the noise of that for detail.
+        Denoisers adapt to the noise around a pixel. Next to a clean base image they would keep the noise of movers as
+        detail.
         """
         columns = [light_column(group) + c for group in range(self.lights.groups) for c in range(3)]
-        fine = self.image[..., columns]
-        rough: FloatImage = fine + ROUGHNESS * (self.mean.to_numpy()[:, columns].reshape(fine.shape) - fine)
-        return np.ascontiguousarray(rough)
+        clean = self.image[..., columns]
+        noisy: FloatImage = clean + NOISE_WEIGHT * (self.mean.to_numpy()[:, columns].reshape(clean.shape) - clean)
+        return np.ascontiguousarray(noisy)
 
     def channels(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
-        """Radiance under a group of lights, albedo and normal as arrays of their own."""
+        """Return radiance under a light group, albedo and normal, as contiguous arrays [h, w, 3]."""
         radiance, albedo, normal = (
             self.image[..., first : first + 3].copy() for first in (light_column(group), AUXILIARY, AUXILIARY + 3)
         )
         return radiance, albedo, normal
 
     def noise_matched_channels(self, group: int = 0) -> tuple[FloatImage, FloatImage, FloatImage]:
-        """The same, with the radiance of `rough`."""
+        """Return the same as `channels`, with the radiance of `noise_matched`."""
         _, albedo, normal = self.channels(group)
-        return self.rough[..., 3 * group : 3 * group + 3].copy(), albedo, normal
+        return self.noise_matched[..., 3 * group : 3 * group + 3].copy(), albedo, normal
 
 
-def standing(placement: Placement, moving: NDArray[np.bool_]) -> Placement:
-    """What a base is made of: nothing that moves, and all lights at their brightest."""
+def base_placement(placement: Placement, moving: NDArray[np.bool_]) -> Placement:
+    """Return the placement of a base: without the moving instances, all lights at maximum intensity.
+
+    Args:
+        placement: Placement of a frame.
+        moving: bool [n], which instances move.
+    """
     groups = placement.light_groups
     lights = placement.lights if groups is None else groups.lights
     return replace(placement, present=placement.present & ~moving, lights=lights)
 
 
-def under_group(paths: PathPass, group: int, lights: BaseLights | None) -> PathScene:
-    """The scene where one group of lights shines; what glows by itself does so in group 0.
+def scene_under_group(paths: PathPass, group: int, lights: BaseLights | None) -> PathScene:
+    """Return the scene data under one light group. Emissive surfaces belong to group 0.
 
-    lights: all of them; None: no others are placed.
+    Args:
+        paths: Path tracer of the scene.
+        group: The light group.
+        lights: Lights of all groups; None: the lights of other groups are not placed.
     """
     if group == 0:
-        return paths.scene_arrays(lights.alone(0) if lights else None)
+        return paths.scene_arrays(lights.only(0) if lights else None)
     if lights is None:
         paths.scene.lights.place_meshes([], np.zeros((0, 3, 4)))
-    return replace(paths.scene_arrays(lights.alone(group) if lights else None), any_emission=False)
+    return replace(paths.scene_arrays(lights.only(group) if lights else None), any_emission=False)
 
 
-def base_image(
+def render_base_image(
     paths: PathPass,
     images: BaseImageCache | None,
     progress: ProgressCallback,
     view: View,
-    standing: Placement,
+    static: Placement,
     *,
     seed: int,
     spp: int,
     max_depth: int,
 ) -> FloatImage:
-    """A picture of the scene under each group of lights. A lamp that is seen has the albedo of its own picture.
+    """Render the scene under each light group, or load it from disk. Changes what the scene has placed.
 
-    Places what it needs. images: where each group's is kept between runs.
+    The albedo of a visible light is its own emission under its group; the groups' features are merged by maximum.
+
+    Args:
+        paths: Path tracer of the image size.
+        images: Disk cache of the groups' images; None: none.
+        progress: Called with "base image" and the completed fraction.
+        view: Camera and image size.
+        static: Placement without the movers, see `base_placement`.
+        seed: Seed of the random numbers.
+        spp: Samples per pixel.
+        max_depth: Largest number of segments of a path.
+
+    Returns:
+        float32 [h, w, 6 + 3 * groups], columns as `light_column` says.
     """
-    groups = standing.light_groups
+    groups = static.light_groups
     count = 1 if groups is None else len(groups.factors)
     base = np.empty((paths.height, paths.width, light_column(count)), np.float32)
     for group in range(count):
-        paths.scene.place(standing if groups is None else replace(standing, lights=groups.alone(group)))
-        scene = under_group(paths, group, None)
+        paths.scene.place(static if groups is None else replace(static, lights=groups.only_group(group)))
+        scene = scene_under_group(paths, group, None)
         settings: dict[str, int | str] = {
             "seed": seed,
             "spp": spp,
@@ -136,20 +163,20 @@ def base_image(
             "filter": paths.pixel_filter_name,
             "emission": int(scene.any_emission),
         }
-        key = images.key(paths.scene, standing.present[CURRENT], view, settings) if images else ""
+        key = images.key(paths.scene, static.present[CURRENT], view, settings) if images else ""
         image = images.load(key, (*base.shape[:2], light_column(1))) if images else None
         if image is None:
 
-            def part(done: float, group: int = group) -> None:
+            def report(done: float, group: int = group) -> None:
                 progress("base image", (group + done) / count)
 
             traced = paths.render(
-                view, frame_index=BASE_FRAME, seed=seed, spp=spp, max_depth=max_depth, progress=part, scene=scene
+                view, frame_index=BASE_FRAME, seed=seed, spp=spp, max_depth=max_depth, progress=report, scene=scene
             )
             image = np.concatenate([traced.hdr, traced.albedo, traced.normal], axis=-1)
             if images:
                 images.save(key, image)
-        column, others = light_column(group), slice(AUXILIARY, light_column(1))
+        column, features = light_column(group), slice(AUXILIARY, light_column(1))
         base[..., column : column + 3] = image[..., :3]
-        base[..., others] = np.maximum(base[..., others], image[..., others]) if group else image[..., others]
+        base[..., features] = np.maximum(base[..., features], image[..., features]) if group else image[..., features]
     return base

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base images on disk: what a scene looks like without its movers costs seconds and is the same at the next start.
+"""Disk cache of base images, which take seconds to render and are the same at the next start.
 
-One file an image in the platform's cache folder (or $TISCENE_CACHE), named by a digest of all that the image depends
-on. Files are written whole or not at all and are checked when read; whatever goes wrong, the image is rendered again.
+One file per image in the platform's cache folder (or $TISCENE_CACHE), named by a digest of everything the image depends
+on. Files are written atomically and verified when read. On any failure the image is rendered again.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
-SIZE_LIMIT = 1 << 30  # bytes of the folder; the files that were not used for longest go first
+SIZE_LIMIT = 1 << 30  # bytes; the least recently used files are deleted first
 _SUFFIX = ".base"
-_DIGEST = 32
+_DIGEST_SIZE = 32  # of SHA-256, at the start of a file
 
 
 def cache_folder() -> Path:
-    """Where this platform keeps what can be made again."""
+    """Return the folder for caches: $TISCENE_CACHE, or `tiscene` in the platform's cache folder."""
     given = os.environ.get("TISCENE_CACHE")
     if given:
         return Path(given)
@@ -47,52 +47,63 @@ def cache_folder() -> Path:
 
 
 class BaseImageCache:
-    """The images in one folder; any number of processes may use it at a time."""
+    """Base images in one folder, which several processes may share.
+
+    Args:
+        folder: The folder; None: `cache_folder()`.
+        size_limit: Limit of the folder's size, bytes.
+    """
 
     def __init__(self, folder: Path | None = None, size_limit: int = SIZE_LIMIT) -> None:
-        """folder: by default the platform's. size_limit: bytes."""
         self.folder = folder or cache_folder()
         self.size_limit = size_limit
         self._digests: dict[int, bytes] = {}
 
     def key(self, scene: DeviceScene, still: NDArray[np.bool_], view: View, settings: Mapping[str, int | str]) -> str:
-        """The name of the picture of those instances of what is placed: a digest of everything that it depends on."""
+        """Return the name of a base image: a digest of everything that it depends on.
+
+        Args:
+            scene: The scene, as placed.
+            still: bool [n], the placed instances that are in the image.
+            view: Camera and image size.
+            settings: Render settings.
+        """
         placement = scene.placement
-        digest = hashlib.sha256(_program())
+        digest = hashlib.sha256(_program_digest())
         rows = placement.mesh[still]
         for first, description in scene.descriptions:
             meshes = range(first, first + len(description.meshes))
             shown = np.flatnonzero(np.isin(rows, meshes))
             if len(shown):
-                digest.update(self._content(description))
+                digest.update(self._content_digest(description))
                 digest.update((rows[shown] - first).tobytes())
                 digest.update(placement.world_from_object[CURRENT, still][shown].tobytes())
         _add(digest, [scene.lights.lights, view.rows()[CURRENT], view.width, view.height, sorted(settings.items())])
         return digest.hexdigest()
 
     def load(self, key: str, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
-        """The image of that key, None if there is none that is whole."""
+        """Return an image, or None if there is no intact file of that key and shape."""
         path = self.folder / (key + _SUFFIX)
         try:
             content = path.read_bytes()
             os.utime(path)
         except OSError:
             return None
-        digest, pixels = content[:_DIGEST], content[_DIGEST:]
+        digest, pixels = content[:_DIGEST_SIZE], content[_DIGEST_SIZE:]
         if len(pixels) != 4 * int(np.prod(shape)) or hashlib.sha256(pixels).digest() != digest:
             return None
         return np.frombuffer(pixels, "<f4").reshape(shape).astype(np.float32)
 
     def save(self, key: str, image: NDArray[np.float32]) -> None:
-        """Keep an image, if the folder can be written to."""
+        """Store an image. Does nothing if the folder is not writable."""
         pixels = np.ascontiguousarray(image, "<f4").tobytes()
         with contextlib.suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._make_room(len(pixels) + _DIGEST)
+            self._make_room(len(pixels) + _DIGEST_SIZE)
             write_atomically(self.folder / (key + _SUFFIX), hashlib.sha256(pixels).digest() + pixels)
 
     def _make_room(self, size: int) -> None:
-        """Delete the files used longest ago, and what a process that died has left, until another one fits."""
+        """Delete the least recently used files and leftovers of crashed processes until `size` more bytes fit."""
         files = []
         for path in self.folder.iterdir():
             if path.suffix in (_SUFFIX, ".part"):
@@ -107,24 +118,24 @@ class BaseImageCache:
                 path.unlink()
                 excess -= length
 
-    def _content(self, description: Any) -> bytes:
-        """A digest of what a description adds to a scene; computed once."""
-        known = self._digests.get(id(description))
-        if known is None:
-            known = digest_of([description.meshes, description.materials, description.textures])
-            self._digests[id(description)] = known
-        return known
+    def _content_digest(self, description: Any) -> bytes:
+        """Return a digest of the meshes, materials and textures of a description; computed once."""
+        digest = self._digests.get(id(description))
+        if digest is None:
+            digest = digest_of([description.meshes, description.materials, description.textures])
+            self._digests[id(description)] = digest
+        return digest
 
 
 def digest_of(value: Any) -> bytes:
-    """A digest of a dataclass, an array, a number, a text or a sequence of such."""
+    """Return a digest of a dataclass, an array, a number, a string, or a sequence of such."""
     digest = hashlib.sha256()
     _add(digest, value)
     return digest.digest()
 
 
 def _add(digest: Any, value: Any) -> None:
-    """Feed a value to a digest, type and length included."""
+    """Update a digest with a value, its type and its length."""
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype.str}{value.shape}".encode())
         digest.update(np.ascontiguousarray(value).data)
@@ -141,8 +152,8 @@ def _add(digest: Any, value: Any) -> None:
 
 
 @cache
-def _program() -> bytes:
-    """A digest of the code that makes the pictures and of what it runs on."""
+def _program_digest() -> bytes:
+    """Return a digest of the rendering code and of the platform."""
     digest = hashlib.sha256(f"{runtime.running()} {platform.machine()} {np.__version__}".encode())
     root = Path(__file__).parents[3]  # tiscene
     for path in sorted([*root.glob("render/**/*.py"), *root.glob("scene/**/*.py")]):

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lights of a base: chosen as when all of them are at their brightest, and shining as they do in a frame."""
+"""Lights of a base image: sampled as at their maximum intensity, with the intensity of each frame applied per group.
+
+Light selection then does not depend on the frame, so cached paths stay valid while lights change their intensity.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,14 @@ from tiscene.scene.lights.light_table import RADIANCE, LightArrays
 
 
 class BaseLights:
-    """What a DeviceScene has placed: the lights of the groups, or if there are none, one group of all.
+    """The lights that a DeviceScene has placed. Emissive movers are not sampled, only hit.
 
-    Of what moves and emits there is nothing: that is met, not sampled.
+    Args:
+        scene: The scene, as placed without the movers.
+        groups: Light groups; None: one group of all lights.
+
+    Attributes:
+        groups: Number of groups.
     """
 
     def __init__(self, scene: DeviceScene, groups: LightGroups | None) -> None:
@@ -25,14 +33,18 @@ class BaseLights:
         self._group = np.zeros(len(self._rows), int) if groups is None else np.array(groups.group)
         self.groups = 1 if groups is None else len(groups.factors)
 
-    def shining(self, factors: NDArray[np.float32]) -> LightArrays:
-        """So much of each group's red, green and blue, [groups, 3]."""
+    def scaled(self, factors: NDArray[np.float32]) -> LightArrays:
+        """Return the lights with the radiance of each group multiplied.
+
+        Args:
+            factors: float32 [groups, 3], factors of red, green and blue.
+        """
         if self.groups == 1:
             return self._arrays
         values = self._values.copy()
         values[self._rows, RADIANCE : RADIANCE + 3] *= factors[self._group]
         return self._arrays._replace(values=upload(values))
 
-    def alone(self, group: int) -> LightArrays:
-        """One group; meshes that emit are of group 0."""
-        return self.shining(np.repeat(np.eye(self.groups, dtype=np.float32)[group][:, None], 3, axis=1))
+    def only(self, group: int) -> LightArrays:
+        """Return the lights with the radiance of all but one group set to zero. Emissive meshes are in group 0."""
+        return self.scaled(np.repeat(np.eye(self.groups, dtype=np.float32)[group][:, None], 3, axis=1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of a picture a difference would have to trace again: asked of a few paths that no picture is made of."""
+"""Estimate of the cost of an incremental frame: the fraction of probe paths that movers invalidate."""
 
 from __future__ import annotations
 
@@ -8,21 +8,31 @@ from typing import Any
 
 import numpy as np
 
-from tiscene.render.integrators.incremental.path_cache import PathCache, room_for
+from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_recording import SEGMENT
 from tiscene.render.integrators.path.path_pass import PathPass, PathScene
-from tiscene.render.integrators.path.path_state import PathState
+from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
 
-PROBE_FRAME = -4  # what stands for the frame in the keys of random numbers
-WIDTH = 32  # paths in a row of the picture
+PROBE_FRAME = -4  # frame number of the probe paths' random numbers
+WIDTH = 32  # probe paths per row of the image
 
 
-class Probe:
-    """Paths through a smaller picture of what a DeviceScene has placed at CURRENT, which should be all but the movers.
+class ProbePaths:
+    """Recorded paths, one per pixel, of a smaller image of a scene.
 
-    What is decided by them biases no picture, as their random numbers are their own.
+    Their random numbers are used by no image, so decisions based on them introduce no bias.
+
+    Args:
+        paths: Path tracer.
+        scene: Data of the scene as placed at CURRENT, which should be without the movers.
+        view: Camera and image size; the probe image has the same aspect ratio.
+        seed: Seed of the random numbers.
+        max_depth: Largest number of segments of a path.
+
+    Attributes:
+        cache: The paths; block: their only block.
     """
 
     def __init__(self, paths: PathPass, scene: PathScene, view: View, seed: int, max_depth: int) -> None:
@@ -32,17 +42,21 @@ class Probe:
             paths,
             [scene],
             small,
-            PathState(room_for(small.width * small.height, 1)),
-            numbers=(1, 0, frame_key(seed, PROBE_FRAME)),
-            movers_key=0,
+            PathState(state_size(small.width * small.height, 1)),
+            samples=PathSamples(1, 0, frame_key(seed, PROBE_FRAME)),
+            mover_key=0,
             max_depth=max_depth,
         )
         (self.block,) = self.cache.blocks
-        self._offsets = self.block.offsets.to_numpy()
         self._is_segment = self.block.rays.to_numpy()[: self.block.rows, SEGMENT] >= 0.0
 
-    def cut_share(self, cut: Any) -> float:
-        """How many of all paths would be traced again. cut: i32, as `IncrementalPass` has it of each of the block's rows."""
-        found = (cut.to_numpy()[: self.block.rows] > 0) & self._is_segment
-        so_far = np.concatenate([[0], np.cumsum(found)])
-        return float(np.mean(so_far[self._offsets[1:]] > so_far[self._offsets[:-1]]))
+    def invalidated_fraction(self, blocked: Any) -> float:
+        """Return the fraction of the paths that have a blocked segment.
+
+        Args:
+            blocked: i32 [rows] on the device, whether a mover blocks each recorded ray.
+        """
+        found = (blocked.to_numpy()[: self.block.rows] > 0) & self._is_segment
+        found_before = np.concatenate([[0], np.cumsum(found)])
+        offsets = self.block.host_offsets
+        return float(np.mean(found_before[offsets[1:]] > found_before[offsets[:-1]]))

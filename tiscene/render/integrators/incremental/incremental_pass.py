@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The replay pass: a frame as a base image and what its movers change of the light.
+"""The incremental pass: radiance of a frame as a base image of the static scene plus the changes by movers.
 
-One base image of all that stands still, at many samples a pixel, and a few paths a pixel through the same, kept. In a
-frame the same paths bring the same light but where a mover is in the way of a ray: only there is a path traced again,
-with the same random numbers, and the difference added. The expectation is that of path tracing, for any one frame, with
-no memory of others.
+Prepared once per static scene, camera and set of lights (`IncrementalPass.prepare`): a base image at many samples per
+pixel, and a few cached paths per pixel through the same scene. Per frame (`IncrementalPass.render`):
+
+1. All recorded rays of the cached paths are tested against the movers alone.
+2. Light on blocked rays is subtracted. Paths with a blocked segment are traced again from there, in the scene with the
+   movers and with the same random numbers; their light is added.
+3. The mean change of each pixel's paths corrects the base image, which acts as a control variate.
+
+The expectation equals that of path tracing. Every frame is a function of its own inputs, not of previous frames.
 """
 
 from __future__ import annotations
@@ -18,51 +23,56 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float8
-from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
 from tiscene.render.integrators.incremental.base_image import (
     IncrementalBase,
     ProgressCallback,
-    base_image,
-    standing,
-    under_group,
+    base_placement,
+    render_base_image,
+    scene_under_group,
 )
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.changed_regions import Region, changed_regions
-from tiscene.render.integrators.incremental.cost_estimate import Probe
+from tiscene.render.integrators.incremental.cost_estimate import ProbePaths
+from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
+from tiscene.render.integrators.incremental.mover_bounds import cluster_boxes
 from tiscene.render.integrators.incremental.mover_coverage import NO_MOVER_NEAR, SUBPIXELS, MoverCoverage
-from tiscene.render.integrators.incremental.mover_culling import find_near
+from tiscene.render.integrators.incremental.mover_culling import cull_rays
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
-from tiscene.render.integrators.incremental.path_cache import Block, PathCache, room_for
-from tiscene.render.integrators.incremental.selected_paths import Selection
+from tiscene.render.integrators.incremental.path_cache import PathBlock, PathCache, state_size
+from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
+from tiscene.render.integrators.incremental.selected_paths import PathSelection
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass, PathScene
-from tiscene.render.integrators.path.path_state import PathState, chunks_for
+from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.intersect.trace import occluded
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS, Placement
 
-# What stands for the frame in the keys of random numbers.
+# Frame numbers of the random numbers of cached paths, and of shadow rays through partially opaque movers.
 CACHED_PATHS_FRAME, MOVER_OPACITY_FRAME, EXTRA_PATHS_FRAME, EXTRA_OPACITY_FRAME = -2, -3, -5, -6
-SINGLE_PIXEL_SPP = 1 << 30  # as many samples a pixel: the row alone tells rays apart
-BOXES = 8  # rays are tested against so many boxes about the movers before they are traced
-EMPTY_BOUND = 1e30
+SINGLE_PIXEL_SPP = 1 << 30  # rays without pixels: as if all were samples of one, so that the row alone numbers them
 CACHE_BYTES = 1 << 30
 MAX_PROBES = 16
-# Where movers cut more of the paths than this, a picture from nothing is as cheap and may have less noise.
+MAX_ROW_BYTES = 80  # of a record: ray, light, restart state, rounded up
+# If movers invalidate more of the paths than this, path tracing costs no more and may have less noise.
 MAX_INVALIDATED = 0.75
 
 
 @dataclass(frozen=True, eq=False)
 class IncrementalImage(PathImage):
-    """even: for the denoiser, `hdr` without lone spikes, the edges of movers smooth, and as much noise everywhere as
-    becomes it. base: what it is a difference to.
-    factors: float32 [groups, 3], how much of its light each group of the base's lights gives.
-    unmoved: float32 [h, w, 1], 1 where no mover has come into the pixel itself, else 0. bounding_regions: rows and columns of
-    rectangles outside of which little has changed.
+    """Images of an incremental frame, and what its denoiser needs.
+
+    Attributes:
+        filtered: Radiance for the denoiser, float32 [h, w, 3]: `hdr` with smooth mover edges, without isolated
+            outliers, and with uniform noise.
+        base: The base.
+        factors: float32 [groups, 3], intensity of each light group.
+        static_mask: float32 [h, w, 1], 1 where no mover is visible, else 0.
+        changed_regions: Rectangles that contain everything that differs much from the base image.
     """
 
     filtered: NDArray[np.float32]
@@ -73,7 +83,17 @@ class IncrementalImage(PathImage):
 
 
 class IncrementalPass:
-    """Renders radiance of a DeviceScene in which only some instances move, seen by a camera that stands still."""
+    """Renders radiance of a DeviceScene in which some instances move, before a static camera.
+
+    Args:
+        scene: The scene.
+        width: Image width, px.
+        height: Image height, px.
+        memory_limit: Limit of the cached paths' memory, bytes; if necessary fewer paths per pixel are cached.
+        images: Disk cache of base images; None: none.
+        progress: Called with the name of a stage and its completed fraction, 0..1.
+        paths: Path pass of the same size to use; None: a new one.
+    """
 
     def __init__(
         self,
@@ -86,33 +106,34 @@ class IncrementalPass:
         progress: ProgressCallback | None = None,
         paths: PathPass | None = None,
     ) -> None:
-        """memory_limit: bytes that the kept paths may take; where it is tight there are fewer a pixel.
-
-        images: where base images are kept between runs; None: nowhere. progress: called with what is being made and how
-        much of it is done, 0..1. paths: the path pass to use, of the same size.
-        """
         self.scene = scene
         self.width, self.height = width, height
         self.memory_limit = memory_limit
         self._images = images
-        self._progress = progress or (lambda doing, done: None)
+        self._progress = progress or (lambda stage, done: None)
         self._paths = paths or PathPass(scene, width, height)
-        self._bases: dict[tuple[Any, ...], IncrementalBase] = {}  # the one used last at the end
-        self._probes: dict[tuple[Any, ...], tuple[Probe, _Scratch]] = {}  # the one used last at the end
-        self._scratch: _Scratch | None = None
-        self._selection = Selection()
-        self._boxes = device_array(float8, 6)
-        self._paths_on_way: PathState | None = None
+        # Least recently used first.
+        self._bases: dict[tuple[Any, ...], IncrementalBase] = {}
+        self._probes: dict[tuple[Any, ...], tuple[ProbePaths, FrameScratch]] = {}
+        self._scratch: FrameScratch | None = None
+        self._selection = PathSelection()
+        self._mover_boxes = ti.ndarray(float8, 6)
+        self._path_state: PathState | None = None
+
+    @property
+    def base_count(self) -> int:
+        """Number of bases in memory."""
+        return len(self._bases)
 
     @property
     def cached_bytes(self) -> int:
-        """What all kept paths take of memory."""
+        """Memory of all cached paths."""
         return sum(base.bytes for base in self._bases.values())
 
     @property
     def cached_spp(self) -> int:
-        """How many paths a pixel are kept of the base that was prepared last."""
-        return next(reversed(self._bases.values())).cache.numbers[0] if self._bases else 0
+        """Cached paths per pixel of the base prepared last, 0 before the first one."""
+        return next(reversed(self._bases.values())).cache.spp if self._bases else 0
 
     def prepare(
         self,
@@ -126,96 +147,134 @@ class IncrementalPass:
         base_spp: int,
         near_spp: int = 0,
     ) -> None:
-        """Make the base image and the paths of what does not move, unless they are at hand.
+        """Make the base of the static scene, unless it is in memory. Afterwards the frame must be placed again.
 
-        They depend on the arguments alone. Places what it needs: the frame's instances are to be placed afterwards.
-        moving: bool [n], which instances are not in the base. spp: paths per pixel to keep; base_spp: to make the base
-        image of. near_spp: how many more to keep for the pixels in which a mover will be seen.
+        The base is a function of the arguments alone.
+
+        Args:
+            view: Camera and image size.
+            placement: Placement of a frame.
+            moving: bool [n], the instances that are not in the base.
+            seed: Seed of the random numbers.
+            spp: Cached paths per pixel.
+            max_depth: Largest number of segments of a path.
+            base_spp: Samples per pixel of the base image.
+            near_spp: Further cached paths per pixel, for pixels in which a mover will be visible.
         """
         still = placement.present[CURRENT] & ~moving
-        key = (*self._key(view, placement, still), seed, spp, max_depth, base_spp, near_spp)
+        key = (*self._base_key(view, placement, still), seed, spp, max_depth, base_spp, near_spp)
         base = self._bases.pop(key, None)
         if base is None:
-            left = standing(placement, moving)
-            image = base_image(
-                self._paths, self._images, self._progress, view, left, seed=seed, spp=base_spp, max_depth=max_depth
+            static = base_placement(placement, moving)
+            image = render_base_image(
+                self._paths, self._images, self._progress, view, static, seed=seed, spp=base_spp, max_depth=max_depth
             )
             self._progress("paths", 0.0)
-            self.scene.place(left)
+            self.scene.place(static)
             lights = BaseLights(self.scene, placement.light_groups)
-            self._state(max(spp, near_spp))  # enough for both
+            self._state(max(spp, near_spp))  # one allocation for both caches
             keys = frame_key(seed, CACHED_PATHS_FRAME), frame_key(seed, MOVER_OPACITY_FRAME)
-            cache = self._kept_paths(view, lights, keys, spp, max_depth, self.memory_limit)
-            near, rest = None, self.memory_limit - cache.bytes
-            if near_spp and rest > cache.bytes // cache.numbers[0]:
+            cache = self._cache_paths(view, lights, keys, spp, max_depth, self.memory_limit)
+            extra_cache, remaining = None, self.memory_limit - cache.bytes
+            if near_spp and remaining > cache.bytes // cache.spp:
                 keys = frame_key(seed, EXTRA_PATHS_FRAME), frame_key(seed, EXTRA_OPACITY_FRAME)
-                near = self._kept_paths(view, lights, keys, near_spp, max_depth, rest)
-            looks = MoverCoverage(self.scene, view, cache.order, cache.pixels)
-            base = IncrementalBase(lights, image, cache, looks, near)
+                extra_cache = self._cache_paths(view, lights, keys, near_spp, max_depth, remaining)
+            coverage = MoverCoverage(self.scene, view, cache.order, cache.pixels)
+            base = IncrementalBase(lights, image, cache, coverage, extra_cache)
             self._progress("paths", 1.0)
             while self._bases and self.cached_bytes + base.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
-            for each in (cache, near):
-                if each and (self._scratch is None or not self._scratch.fits(each, looks.rows)):
-                    self._scratch = _Scratch(each, looks.rows)
+            for each in (cache, extra_cache):
+                if each and (self._scratch is None or not self._scratch.fits(each, coverage.max_rows)):
+                    self._scratch = FrameScratch(each, coverage.max_rows)
         self._bases[key] = base
 
-    def pays(self, view: View, placement: Placement, moving: NDArray[np.bool_], *, seed: int, max_depth: int) -> bool:
-        """Whether the movers leave enough paths alone for a difference to cost less than a picture from nothing.
+    def is_cheaper(
+        self, view: View, placement: Placement, moving: NDArray[np.bool_], *, seed: int, max_depth: int
+    ) -> bool:
+        """Return whether movers leave enough paths valid for an incremental frame to cost less than path tracing.
 
-        It depends on the arguments alone, and on no number that a picture is made of. Arguments as of `prepare`, which
-        is not needed before. Places the frame's instances at CURRENT.
+        A function of the arguments alone, which are those of `prepare`; it uses random numbers of no image. Places the
+        frame's instances at CURRENT. `prepare` need not be called before.
         """
         still = placement.present[CURRENT] & ~moving
-        key = (*self._key(view, placement, still), seed, max_depth)
+        key = (*self._base_key(view, placement, still), seed, max_depth)
         probe = self._probes.pop(key, None)
         if probe is None:
-            self.scene.place(standing(placement, moving))
-            cache = Probe(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
-            probe = cache, _Scratch(cache.cache)
+            self.scene.place(base_placement(placement, moving))
+            paths = ProbePaths(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
+            probe = paths, FrameScratch(paths.cache)
         self._probes[key] = probe
         if len(self._probes) > MAX_PROBES:
             del self._probes[next(iter(self._probes))]
         self.scene.place(placement)
         paths, scratch = probe
-        self._test(paths.block.rays, paths.block.rows, self._groups(moving), scratch)
-        return paths.cut_share(scratch.cut) <= MAX_INVALIDATED
+        self._place_movers(moving)
+        self._test_against_movers(paths.block.rays, paths.block.rows, scratch)
+        return paths.invalidated_fraction(scratch.blocked) <= MAX_INVALIDATED
 
     def render(self, moving: NDArray[np.bool_]) -> IncrementalImage:
-        """The picture of what the scene has placed at CURRENT, which was prepared for.
+        """Render what the scene has placed at CURRENT, over the base prepared last.
 
-        moving: bool [n], which instances are not in the base.
+        Args:
+            moving: bool [n], the instances that are not in the base, as for `prepare`.
+
+        Raises:
+            ArgumentError: If no base is prepared.
         """
-        scratch = self._scratch
-        if scratch is None:
-            raise ArgumentError("nothing is prepared; call prepare() first")
-        base = next(reversed(self._bases.values()))
-        cache = base.cache
-        groups = self._groups(moving)
-        lit = self.scene.placement.light_groups
-        factors = np.ones((1, 3), np.float32) if lit is None else lit.factors
-        scene = self._paths.scene_arrays(base.lights.shining(factors))
-        for block in cache.blocks:
-            self._replay(scene, cache, block, cache.pixels, factors, scratch, groups)
-        by_looks = base.spp < SUBPIXELS and base.looks.sharp and self._paths.pixel_filter_name == "box"
-        looks = base.looks.covered(lambda rays, count: self._test(rays, count, groups, scratch), scratch.cut, by_looks)
-        if base.near:
-            near = np.flatnonzero(looks.ravel()[cache.order] != NO_MOVER_NEAR)
-            for block, pixels in self._selection.blocks(base.near, near):
+        base, scratch = self._prepared()
+        self._place_movers(moving)
+        factors = self._light_factors()
+        scene = self._paths.scene_arrays(base.lights.scaled(factors))
+        for block in base.cache.blocks:
+            self._retrace(scene, base.cache, block, base.cache.pixels, factors)
+        use_coverage = base.mover_spp < SUBPIXELS and base.coverage.sharp and self._paths.pixel_filter_name == "box"
+        covered = self._count_covered(use_coverage)
+        if base.extra_cache:
+            near = np.flatnonzero(covered.ravel()[base.cache.order] != NO_MOVER_NEAR)
+            for block, pixels in self._selection.blocks(base.extra_cache, near):
                 with self._paths.restricted_to(pixels):
-                    self._replay(scene, base.near, block, pixels, factors, scratch, groups, cache.numbers[0])
-        hdr, drawn, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(4))
-        unmoved = np.empty((self.height, self.width, 1), np.float32)
-        kernels.combine(
-            self.width, self.height, looks, int(by_looks), scratch.change, scratch.met, factors,
-            base.mean, base.image, base.rough, hdr, drawn, albedo, normal, unmoved,
+                    self._retrace(scene, base.extra_cache, block, pixels, factors, base.cache.spp)
+        hdr, denoiser_input, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(4))
+        static_mask = np.empty((self.height, self.width, 1), np.float32)
+        kernels.compose(
+            self.width, self.height, covered, int(use_coverage), scratch.correction, scratch.mover_sums, factors,
+            base.mean, base.image, base.noise_matched, hdr, denoiser_input, albedo, normal, static_mask,
         )  # fmt: skip
-        even = filter_outliers(scratch.change, drawn)
-        bounding_regions = changed_regions(scratch.change, drawn, even, unmoved)
-        return IncrementalImage(hdr, albedo, normal, even, base, factors, unmoved, bounding_regions)
+        filtered = filter_outliers(scratch.correction, denoiser_input)
+        regions = changed_regions(scratch.correction, denoiser_input, filtered, static_mask)
+        return IncrementalImage(hdr, albedo, normal, filtered, base, factors, static_mask, regions)
 
-    def _key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
-        """What tells the bases of one scene apart."""
+    def count_covered_subpixels(self, moving: NDArray[np.bool_], all_subpixels: bool = True) -> NDArray[np.int32]:
+        """Return `MoverCoverage.count` of the base prepared last, for what the scene has placed at CURRENT."""
+        self._place_movers(moving)
+        return self._count_covered(all_subpixels)
+
+    def corrected_path_mean(self) -> PathImage:
+        """Return the frame rendered last as its cached paths show it: their mean plus the correction, without the base.
+
+        It equals path tracing with the random numbers of the cached paths.
+        """
+        base, scratch = self._prepared()
+        mean = base.mean.to_numpy()
+        for group, factor in enumerate(self._light_factors()[1:], 1):
+            mean[:, :3] += factor * mean[:, light_column(group) : light_column(group) + 3]
+        total = mean[:, : light_column(1)] + scratch.correction.to_numpy()[:, : light_column(1)]
+        image = total.reshape(self.height, self.width, light_column(1))
+        return PathImage(image[..., :3], image[..., AUXILIARY : AUXILIARY + 3], image[..., AUXILIARY + 3 :])
+
+    def _prepared(self) -> tuple[IncrementalBase, FrameScratch]:
+        if self._scratch is None:
+            raise ArgumentError("no base image is prepared: call prepare() first")
+        return next(reversed(self._bases.values())), self._scratch
+
+    def _light_factors(self) -> NDArray[np.float32]:
+        """Return the intensity of each light group in the placed frame, float32 [groups, 3]."""
+        groups = self.scene.placement.light_groups
+        return np.ones((1, 3), np.float32) if groups is None else groups.factors
+
+    def _base_key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
+        """Return what distinguishes the bases of one scene."""
         materials, groups = self.scene.materials, placement.light_groups
         lights = self.scene.lights.lights if placement.lights is None else placement.lights
         return (
@@ -228,138 +287,113 @@ class IncrementalPass:
             materials.any_emission,
         )
 
-    def _groups(self, moving: NDArray[np.bool_]) -> Any:
-        """Boxes about what moves, of what is placed at CURRENT; its tree is built."""
-        self._boxes.from_numpy(cluster_boxes(self.scene.place_movers(moving)).T.copy())
-        return self._boxes
-
-    def _test(self, rays: Any, count: int, groups: Any, scratch: _Scratch) -> int:
-        """Whether a mover is in the way of each of the rays: scratch.cut. Returns how many came near one."""
-        with self._paths.vector_mode():
-            near = find_near(rays, count, groups, scratch.cut, scratch.candidates, scratch.row_chunks)
-        if near:
-            occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.cut)
-        return int(near)
-
-    def _look_through(self, scene: PathScene, cache: PathCache, block: Block, near: int, scratch: _Scratch) -> None:
-        """Let light through movers that are only partly there.
-
-        The base let it through what stands still; the movers' own chances are drawn apart from that.
-        """
-        s = cache.state
-        count = kernels.find_cut_shadows(
-            scratch.candidates, near, block.rays, scratch.cut, scratch.shadow_rows, scratch.row_chunks
-        )
-        for begin in range(0, count, s.size):
-            rays = min(s.size, count - begin)
-            kernels.copy_rays(scratch.shadow_rows, begin, rays, block.rays, s.shadow_rays, s.shadow_queue)
-            self._paths.cast_shadows(
-                scene, s, rays, begin, block.number, (SINGLE_PIXEL_SPP, 0, cache.movers_key), tree=MOVERS
-            )
-            kernels.note_answers(scratch.shadow_rows, begin, rays, s.occluded, scratch.cut)
-
-    def _replay(
-        self,
-        scene: PathScene,
-        cache: PathCache,
-        block: Block,
-        pixels: Any,
-        factors: NDArray[np.float32],
-        scratch: _Scratch,
-        groups: Any,
-        others: int = 0,
-    ) -> None:
-        """Add what the movers change of a block's pixels to scratch.change, the mean of so many other paths."""
-        s, first = cache.state, block.first
-        steps = cache.steps
-        near = self._test(block.rays, block.rows, groups, scratch)
-        if scene.any_coverage and near:
-            self._look_through(scene, cache, block, near, scratch)
-        starts = np.zeros(steps + 1, np.int32)
-        kernels.settle(
-            block.count, steps, block.offsets, block.rays, block.light, factors, block.restore, scratch.cut,
-            s.rays, s.state, s.features, s.status,
-            scratch.difference, scratch.cut_at, scratch.path_chunks, scratch.entering, starts,
-        )  # fmt: skip
-        live = 0
-        for step in range(steps):
-            begin, end = int(starts[step]), int(starts[step + 1])
-            kernels.join(scratch.entering, begin, end, s.queue, live)
-            live += end - begin
-            if live:
-                live, casts = self._paths.advance(scene, s, live, first, step, cache.numbers, cache.max_depth, 1)
-                if casts:
-                    self._paths.cast_shadows(scene, s, casts, first, step, cache.numbers)
-        kernels.collect(
-            pixels, first, block.count, cache.numbers[0], scratch.cut_at, block.restore, block.features,
-            s.status, s.occluded, s.state, s.features, scratch.difference, others, scratch.change, scratch.met,
-        )  # fmt: skip
-
-    def _kept_paths(
+    def _cache_paths(
         self, view: View, lights: BaseLights, keys: tuple[int, int], spp: int, max_depth: int, limit: int
     ) -> PathCache:
-        """As many paths a pixel as are asked for, or half of them and so on until they fit. limit: bytes."""
-        scenes = [under_group(self._paths, group, lights) for group in range(lights.groups)]
-        key, movers_key = keys
+        """Cache `spp` paths per pixel; halve their number until they fit into `limit` bytes."""
+        scenes = [scene_under_group(self._paths, group, lights) for group in range(lights.groups)]
+        key, mover_key = keys
 
         def cache(spp: int) -> PathCache:
-            numbers = (spp, index_bits(spp), key)
+            samples = PathSamples(spp, index_bits(spp), key)
             return PathCache(
-                self._paths, scenes, view, self._state(spp), numbers=numbers, movers_key=movers_key, max_depth=max_depth
+                self._paths, scenes, view, self._state(spp), samples=samples, mover_key=mover_key, max_depth=max_depth
             )
 
         steps = scenes[0].steps(max_depth)
-        most = (1 + lights.groups) * steps * 80 * self.width * self.height  # no path can take more
-        if spp > 1 and spp * most > limit:
-            each = cache(1).bytes
-            while spp > 1 and spp * each > limit:
+        upper_bound = (1 + lights.groups) * steps * MAX_ROW_BYTES * self.width * self.height
+        if spp > 1 and spp * upper_bound > limit:
+            bytes_per_sample = cache(1).bytes
+            while spp > 1 and spp * bytes_per_sample > limit:
                 spp = -(-spp // 2)
         return cache(spp)
 
     def _state(self, spp: int) -> PathState:
-        """Room for a block of paths on their way; all caches use the same."""
-        size = room_for(self.width * self.height, spp)
-        if self._paths_on_way is None or self._paths_on_way.size < size:
-            self._paths_on_way = PathState(size)
-        return self._paths_on_way
+        """Return path state arrays for a block, shared by all caches."""
+        size = state_size(self.width * self.height, spp)
+        if self._path_state is None or self._path_state.size < size:
+            self._path_state = PathState(size)
+        return self._path_state
 
+    def _place_movers(self, moving: NDArray[np.bool_]) -> None:
+        """Build the tree MOVERS of the moving instances placed at CURRENT, and upload boxes around them."""
+        self._mover_boxes.from_numpy(cluster_boxes(self.scene.place_movers(moving)).T.copy())
 
-class _Scratch:
-    """Arrays of a frame, which all blocks use one after another."""
+    def _count_covered(self, all_subpixels: bool) -> NDArray[np.int32]:
+        base, scratch = self._prepared()
+        return base.coverage.count(
+            lambda rays, count: self._test_against_movers(rays, count, scratch), scratch.blocked, all_subpixels
+        )
 
-    def __init__(self, cache: PathCache, looks: int = 0) -> None:
-        rows = self.rows = max(cache.most_rows, looks)
-        self.steps, self.size = cache.steps, cache.state.size
-        paths = cache.state.size
-        self.cut = device_array(ti.i32, (rows,))
-        self.candidates = device_array(ti.i32, (rows,))
-        self.shadow_rows = device_array(ti.i32, (rows,))
-        self.row_chunks = device_array(ti.i32, (chunks_for(rows),))
-        self.difference = device_array(ti.f32, (paths, 3))
-        self.cut_at = device_array(ti.i32, (paths, 2))
-        self.path_chunks = device_array(ti.i32, (chunks_for(paths), cache.steps))
-        self.entering = device_array(ti.i32, (paths,))
-        pixels = int(cache.mean.shape[0])
-        self.change = upload(np.zeros((pixels, kernels.CORRECTION_COLUMNS), np.float32))
-        self.met = upload(np.zeros((pixels, kernels.MOVER_COLUMNS), np.float32))
+    def _test_against_movers(self, rays: Any, count: int, scratch: FrameScratch) -> int:
+        """Set `scratch.blocked` of each ray to whether a mover blocks it; return the number of rays near movers."""
+        with self._paths.vector_mode():
+            near = cull_rays(rays, count, self._mover_boxes, scratch.blocked, scratch.candidates, scratch.row_chunks)
+        if near:
+            occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.blocked)
+        return int(near)
 
-    def fits(self, cache: PathCache, looks: int) -> bool:
-        """Whether there is room for the blocks of another cache of pictures of this size."""
-        return self.rows >= max(cache.most_rows, looks) and self.steps >= cache.steps and self.size >= cache.state.size
+    def _pass_partially_opaque_movers(
+        self, scene: PathScene, cache: PathCache, block: PathBlock, near: int, scratch: FrameScratch
+    ) -> None:
+        """Unblock the shadow rays that alpha-rejected movers let pass.
 
+        The recorded rays passed the static surfaces. The movers' opacity is sampled with random numbers of its own.
+        """
+        state = cache.state
+        count = kernels.select_blocked_shadow_rays(
+            scratch.candidates, near, block.rays, scratch.blocked, scratch.shadow_rows, scratch.row_chunks
+        )
+        samples = PathSamples(SINGLE_PIXEL_SPP, 0, cache.mover_key)
+        for begin in range(0, count, state.size):
+            rays = min(state.size, count - begin)
+            kernels.gather_shadow_rays(
+                scratch.shadow_rows, begin, rays, block.rays, state.shadow_rays, state.shadow_queue
+            )
+            self._paths.cast_shadows(scene, state, rays, begin, block.number, samples, tree=MOVERS)
+            kernels.scatter_occlusion(scratch.shadow_rows, begin, rays, state.occluded, scratch.blocked)
 
-def cluster_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """BOXES boxes that hold all of the boxes [n, 6]: neighbors along the axis on which they are spread most.
+    def _retrace(
+        self,
+        scene: PathScene,
+        cache: PathCache,
+        block: PathBlock,
+        pixels: Any,
+        factors: NDArray[np.float32],
+        previous_paths: int = 0,
+    ) -> None:
+        """Trace the invalidated paths of a block again and add the changes of its pixels to the frame's sums.
 
-    They are a little larger than what they hold, as float32 [BOXES, 6]; those that are left over hold nothing.
-    """
-    result = np.repeat(np.array([[EMPTY_BOUND] * 3 + [-EMPTY_BOUND] * 3], np.float32), BOXES, axis=0)
-    if len(boxes):
-        centers = 0.5 * (boxes[:, :3] + boxes[:, 3:])
-        axis = int(np.argmax(np.ptp(centers, axis=0)))
-        order = np.argsort(centers[:, axis], kind="stable")
-        margin = 1e-5 * np.abs(boxes).max() + 1e-6
-        for row, group in enumerate(np.array_split(order, min(BOXES, len(boxes)))):
-            result[row, :3] = boxes[group, :3].min(axis=0) - margin
-            result[row, 3:] = boxes[group, 3:].max(axis=0) + margin
-    return result
+        Args:
+            scene: Data of the scene with the movers.
+            cache: The cache that the block belongs to.
+            block: Cached paths.
+            pixels: Their pixels.
+            factors: float32 [groups, 3], intensity of each light group.
+            previous_paths: Paths per pixel that the sums contain already.
+        """
+        _, scratch = self._prepared()
+        state, first = cache.state, block.first
+        near = self._test_against_movers(block.rays, block.rows, scratch)
+        if scene.any_coverage and near:
+            self._pass_partially_opaque_movers(scene, cache, block, near, scratch)
+        restart_offsets = np.zeros(cache.steps + 1, np.int32)
+        kernels.find_invalidated(
+            block.count, cache.steps, block.offsets, block.rays, block.light, factors, block.restart, scratch.blocked,
+            state.rays, state.state, state.features, state.status,
+            scratch.change, scratch.invalidated, scratch.path_chunks, scratch.restart_queue, restart_offsets,
+        )  # fmt: skip
+        live = 0
+        for step in range(cache.steps):
+            begin, end = int(restart_offsets[step]), int(restart_offsets[step + 1])
+            kernels.append_restarts(scratch.restart_queue, begin, end, state.queue, live)
+            live += end - begin
+            if live:
+                live, shadows = self._paths.advance(scene, state, live, first, step, cache.samples, cache.max_depth, 1)
+                if shadows:
+                    self._paths.cast_shadows(scene, state, shadows, first, step, cache.samples)
+        kernels.accumulate_corrections(
+            pixels, first, block.count, cache.spp, scratch.invalidated, block.restart, block.features,
+            state.status, state.occluded, state.state, state.features, scratch.change, previous_paths,
+            scratch.correction, scratch.mover_sums,
+        )  # fmt: skip

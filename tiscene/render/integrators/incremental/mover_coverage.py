@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of each pixel the movers cover, by rays through fixed places up to the first surface that stands still.
+"""Fraction of each pixel that movers cover, by rays through a fixed grid of 4 x 4 subpixels.
 
-Two of a pixel's places tell where movers are; all sixteen are looked through where an edge of one may be.
+Each ray ends at the first static surface, so a mover covers the subpixel if it blocks the ray. Two probe subpixels of
+each pixel find the movers. The other subpixels are tested only near the edges of movers, where the few paths of a pixel
+would hit or miss the mover by chance and the denoiser would see noisy silhouettes.
 """
 
 from collections.abc import Callable
@@ -12,134 +14,162 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats1, Floats2, Ints1, Template
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import upload
 from tiscene.render.intersect.ray_queue import ROW, Hits, Pixels, Rays, hit, hit_id, ray, write_ray
 from tiscene.render.intersect.trace import closest
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
-SIDE = 4  # places in a row of a pixel
-SUBPIXELS, FIRST = SIDE * SIDE, 2
+SIDE = 4  # subpixels per row of a pixel
+SUBPIXELS = SIDE * SIDE
+PROBES = 2  # subpixels of each pixel that are always tested
 PROBE_SUBPIXELS = SIDE, 2 * SIDE + SIDE - 1  # opposite each other
 NO_MOVER_NEAR = -1
 
-Test = Callable[[Any, int], int]  # rays and how many: what is in the way of each goes to `cut`
+MoverTest = Callable[[Any, int], int]  # takes rays and their number; sets `blocked` for each ray
 
 
 class MoverCoverage:
-    """Through a picture of what a DeviceScene has placed at CURRENT, which should be all but the movers."""
+    """Subpixel rays up to the static surfaces of a view, and which of them movers block.
+
+    Args:
+        scene: The scene, as placed at CURRENT without the movers.
+        view: Camera and image size.
+        order: i32 [pixels], pixel numbers y * width + x in the order of rows, see `tiled_order`.
+        pixels: The same on the device, see `upload_pixels`.
+
+    Attributes:
+        sharp: Whether the camera has a pinhole, so that these rays see what paths see.
+    """
 
     def __init__(self, scene: DeviceScene, view: View, order: NDArray[np.int32], pixels: Any) -> None:
-        """sharp: paths see no more than these rays do. order, pixels: as `PathCache` has them."""
         self._view, self._order, self._pixels = view, order, pixels
         self.sharp = view.current.lens_radius == 0.0
         count = len(order)
-        rays, queue = device_array(ray, count), upload(np.arange(count, dtype=np.int32))
-        hits, hit_ids = device_array(hit, count), device_array(hit_id, count)
-        self._first = device_array(ray, FIRST * count)
-        self._ends = device_array(ti.f32, ((SUBPIXELS - FIRST) * count,))
-        self._all = device_array(ray, 1)
-        for place in range(SUBPIXELS):
-            look_rays(view.array(), pixels, view.width, view.height, place, rays)
+        rays, queue = ti.ndarray(ray, count), upload(np.arange(count, dtype=np.int32))
+        hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
+        self._probe_rays = ti.ndarray(ray, PROBES * count)
+        self._other_distances = ti.ndarray(ti.f32, ((SUBPIXELS - PROBES) * count,))
+        self._other_rays = ti.ndarray(ray, 1)
+        for number in range(SUBPIXELS):
+            subpixel_rays(view.array(), pixels, view.width, view.height, number, rays)
             closest(scene, CURRENT, rays, queue, count, hits, hit_ids)
-            keep_looks(count, place, rays, hits, self._first, self._ends)
+            store_rays(count, number, rays, hits, self._probe_rays, self._other_distances)
 
     @property
-    def rows(self) -> int:
-        """How many rays are tested together."""
-        return int(self._first.shape[0])
+    def max_rows(self) -> int:
+        """Largest number of rays that are tested together."""
+        return int(self._probe_rays.shape[0])
 
-    def covered(self, test: Test, cut: Any, all_places: bool) -> NDArray[np.int32]:
-        """How many of its SUBPIXELS of each pixel have a mover in front, int32 [height, width]; NO_MOVER_NEAR where none is
-        near. all_places: where an edge may be; else what the first say."""
+    def count(self, test: MoverTest, blocked: Any, all_subpixels: bool) -> NDArray[np.int32]:
+        """Count the covered subpixels of each pixel.
+
+        Args:
+            test: Tests rays against the movers.
+            blocked: i32 [max_rows] on the device, output of `test`: whether a mover blocks each ray.
+            all_subpixels: Whether to test all subpixels near edges of movers; False extrapolates from the probes.
+
+        Returns:
+            int32 [height, width], 0 .. SUBPIXELS; NO_MOVER_NEAR in pixels that are not next to a covered probe.
+        """
         shape, count = (self._view.height, self._view.width), len(self._order)
-        test(self._first, FIRST * count)
-        looks = np.empty(count, np.int32)
-        count_first(self._pixels, count, cut, looks)
-        first = looks.reshape(shape)
-        near = widened(first > 0)
-        edges = np.flatnonzero((near & widened(first < SUBPIXELS)).ravel()[self._order]).astype(np.int32)
-        most = self.rows // (SUBPIXELS - FIRST)
-        for begin in range(0, len(edges) if all_places else 0, most):
-            here = edges[begin : begin + most]
-            rows = len(here) * (SUBPIXELS - FIRST)
-            if self._all.shape[0] < rows:
-                self._all = device_array(ray, min(2 * rows, self.rows))
-            again_rays(self._view.array(), self._pixels, *shape[::-1], here, len(here), self._ends, self._all)
-            test(self._all, rows)
-            count_again(self._pixels, here, len(here), cut, looks)
-        first[~near] = NO_MOVER_NEAR
-        return first
+        test(self._probe_rays, PROBES * count)
+        covered = np.empty(count, np.int32)
+        count_probes(self._pixels, count, blocked, covered)
+        image = covered.reshape(shape)
+        near = dilated(image > 0)
+        edges = np.flatnonzero((near & dilated(image < SUBPIXELS)).ravel()[self._order]).astype(np.int32)
+        batch = self.max_rows // (SUBPIXELS - PROBES)
+        for begin in range(0, len(edges) if all_subpixels else 0, batch):
+            ranks = edges[begin : begin + batch]
+            rows = len(ranks) * (SUBPIXELS - PROBES)
+            if self._other_rays.shape[0] < rows:
+                self._other_rays = ti.ndarray(ray, min(2 * rows, self.max_rows))
+            other_subpixel_rays(
+                self._view.array(), self._pixels, *shape[::-1], ranks, len(ranks),
+                self._other_distances, self._other_rays,
+            )  # fmt: skip
+            test(self._other_rays, rows)
+            count_all(self._pixels, ranks, len(ranks), blocked, covered)
+        image[~near] = NO_MOVER_NEAR
+        return image
 
 
-def widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """And the eight pixels around each."""
+def dilated(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the mask dilated by a 3 x 3 square."""
     padded = np.pad(mask, 1)
     rows = padded[:-2] | padded[1:-1] | padded[2:]
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
 @ti.func
-def ray_through(view: Template, pixel: ti.i32, place: ti.i32, width: ti.i32, height: ti.i32):
-    """The first places are opposite each other, the others follow row by row."""
-    square = PROBE_SUBPIXELS[0] if place == 0 else PROBE_SUBPIXELS[1]
-    if place >= FIRST:
-        square = place - FIRST
-        for first in ti.static(PROBE_SUBPIXELS):
-            if square >= first:
-                square += 1
-    x = pixel % width + (square % SIDE + 0.5) / SIDE - 0.5
-    y = pixel // width + (square // SIDE + 0.5) / SIDE - 0.5
+def subpixel_ray(view: Template, pixel: ti.i32, number: ti.i32, width: ti.i32, height: ti.i32):
+    """Return the camera ray through a subpixel's center. Numbers: the probes, then the others row by row."""
+    subpixel = PROBE_SUBPIXELS[0] if number == 0 else PROBE_SUBPIXELS[1]
+    if number >= PROBES:
+        subpixel = number - PROBES
+        for probe in ti.static(PROBE_SUBPIXELS):
+            if subpixel >= probe:
+                subpixel += 1
+    x = pixel % width + (subpixel % SIDE + 0.5) / SIDE - 0.5
+    y = pixel // width + (subpixel // SIDE + 0.5) / SIDE - 0.5
     return camera_ray(view, CURRENT, x, y, width, height)
 
 
 @ti.kernel
-def look_rays(view: Floats2, pixels: Pixels, width: ti.i32, height: ti.i32, place: ti.i32, rays: Rays):
-    """A ray through that place of every pixel."""
+def subpixel_rays(view: Floats2, pixels: Pixels, width: ti.i32, height: ti.i32, number: ti.i32, rays: Rays):
+    """Generate the rays through one subpixel of every pixel."""
     for rank in range(width * height):
-        origin, direction = ray_through(view, pixels[rank][ROW], place, width, height)
+        origin, direction = subpixel_ray(view, pixels[rank][ROW], number, width, height)
         write_ray(rays, rank, origin, direction, ti.math.inf)
 
 
 @ti.kernel
-def keep_looks(count: ti.i32, place: ti.i32, rays: Rays, hits: Hits, first: Rays, ends: Floats1):
-    """The rays through the first places, up to what they met; of the others only where they end."""
+def store_rays(count: ti.i32, number: ti.i32, rays: Rays, hits: Hits, probe_rays: Rays, other_distances: Floats1):
+    """Store probe rays up to their hits; of other subpixels only the distances of the hits, m."""
     for rank in range(count):
-        if place < FIRST:
-            first[place * count + rank] = rays[rank]
-            first[place * count + rank][7] = hits[rank][0]
+        if number < PROBES:
+            probe_rays[number * count + rank] = rays[rank]
+            probe_rays[number * count + rank][7] = hits[rank][0]
         else:
-            ends[rank * (SUBPIXELS - FIRST) + place - FIRST] = hits[rank][0]
+            other_distances[rank * (SUBPIXELS - PROBES) + number - PROBES] = hits[rank][0]
 
 
 @ti.kernel
-def count_first(pixels: Pixels, count: ti.i32, cut: Ints1, looks: Ints1):
-    """As if the other places were like the first ones."""
+def count_probes(pixels: Pixels, count: ti.i32, blocked: Ints1, covered: Ints1):
+    """Estimate covered subpixels from the probes alone."""
     for rank in range(count):
         found = 0
-        for place in ti.static(range(FIRST)):
-            found += cut[place * count + rank]
-        looks[pixels[rank][ROW]] = found * (SUBPIXELS // FIRST)
+        for number in ti.static(range(PROBES)):
+            found += blocked[number * count + rank]
+        covered[pixels[rank][ROW]] = found * (SUBPIXELS // PROBES)
 
 
 @ti.kernel
-def again_rays(
-    view: Floats2, pixels: Pixels, width: ti.i32, height: ti.i32, ranks: Ints1, count: ti.i32, ends: Floats1, rays: Rays
+def other_subpixel_rays(
+    view: Floats2,
+    pixels: Pixels,
+    width: ti.i32,
+    height: ti.i32,
+    ranks: Ints1,
+    count: ti.i32,
+    distances: Floats1,
+    rays: Rays,
 ):
-    """The rays through the other places of some pixels."""
-    for row in range(count * (SUBPIXELS - FIRST)):
-        rank, place = ranks[row // (SUBPIXELS - FIRST)], row % (SUBPIXELS - FIRST)
-        origin, direction = ray_through(view, pixels[rank][ROW], FIRST + place, width, height)
-        write_ray(rays, row, origin, direction, ends[rank * (SUBPIXELS - FIRST) + place])
+    """Generate the rays through the subpixels of some pixels that are not probes."""
+    for row in range(count * (SUBPIXELS - PROBES)):
+        rank, number = ranks[row // (SUBPIXELS - PROBES)], row % (SUBPIXELS - PROBES)
+        origin, direction = subpixel_ray(view, pixels[rank][ROW], PROBES + number, width, height)
+        write_ray(rays, row, origin, direction, distances[rank * (SUBPIXELS - PROBES) + number])
 
 
 @ti.kernel
-def count_again(pixels: Pixels, ranks: Ints1, count: ti.i32, cut: Ints1, looks: Ints1):
-    """What the first places said, and now the others."""
+def count_all(pixels: Pixels, ranks: Ints1, count: ti.i32, blocked: Ints1, covered: Ints1):
+    """Replace the estimate of some pixels by the count of all their subpixels."""
     for k in range(count):
         pixel = pixels[ranks[k]][ROW]
-        found = looks[pixel] // (SUBPIXELS // FIRST)
-        for place in range(SUBPIXELS - FIRST):
-            found += cut[k * (SUBPIXELS - FIRST) + place]
-        looks[pixel] = found
+        found = covered[pixel] // (SUBPIXELS // PROBES)
+        for number in range(SUBPIXELS - PROBES):
+            found += blocked[k * (SUBPIXELS - PROBES) + number]
+        covered[pixel] = found

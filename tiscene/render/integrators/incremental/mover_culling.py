@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which of many rays come near the movers: eight boxes at once. Compiled in vector mode (see intersect/wide.py)."""
+"""Culling of rays against the bounds of the movers, eight boxes at once.
+
+Most cached rays come near no mover; only the remaining candidates are traced. Compiled in vector mode, see
+`tiscene.device.vector_mode`.
+"""
 
 import taichi as ti
 
@@ -10,21 +14,29 @@ from tiscene.render.intersect.ray_queue import Rays
 
 
 @ti.func
-def add_up(chunks: Template, count: ti.i32):
-    """Numbers of chunks to where each chunk begins, and the sum of all behind them. For one thread."""
+def exclusive_scan(chunks: Template, count: ti.i32):
+    """Replace the counts of chunks by their exclusive prefix sums, followed by the total. Runs in one thread."""
     total = 0
     for chunk in range(count):
-        here = chunks[chunk]
+        size = chunks[chunk]
         chunks[chunk] = total
-        total += here
+        total += size
     chunks[count] = total
 
 
 @ti.kernel
-def find_near(rays: Rays, count: ti.i32, boxes: Float8s1, near: Ints1, candidates: Ints1, chunks: Ints1) -> ti.i32:
-    """Rows whose rays come near one of the boxes, in order, to `candidates`; near[row] says so too. Returns how many.
+def cull_rays(rays: Rays, count: ti.i32, boxes: Float8s1, near: Ints1, candidates: Ints1, chunks: Ints1) -> ti.i32:
+    """Find the rays that intersect one of eight boxes.
 
-    boxes: 6 vectors: least x, y, z and greatest x, y, z of eight boxes.
+    Args:
+        rays: The rays; count: their number.
+        boxes: 6 vectors of 8: minimum x, y, z and maximum x, y, z of the boxes.
+        near: Output, i32 [rows], 1 for rays that intersect a box, else 0.
+        candidates: Output, i32 [rows], the rows of those rays in increasing order.
+        chunks: Scratch, i32 [chunks_for(count)].
+
+    Returns:
+        The number of candidates.
     """
     size = chunk_size(count)
     chunk_count = (count + size - 1) // size
@@ -40,17 +52,17 @@ def find_near(rays: Rays, count: ti.i32, boxes: Float8s1, near: Ints1, candidate
                 ti.min((boxes[3 - near_x] - ox) * fx, (boxes[5 - near_y] - oy) * fy),
                 ti.min((boxes[7 - near_z] - oz) * fz, rays[row][7]),
             )
-            inside = leaves - enters
-            best = inside[0]
+            overlap = leaves - enters
+            best = overlap[0]
             for k in ti.static(range(1, 8)):
-                best = ti.max(best, inside[k])
-            answer = ti.select(best >= 0.0, 1, 0)
-            near[row] = answer
-            found += answer
+                best = ti.max(best, overlap[k])
+            is_near = ti.select(best >= 0.0, 1, 0)
+            near[row] = is_near
+            found += is_near
         chunks[chunk] = found
     ti.loop_config(serialize=True)
     for _ in range(1):
-        add_up(chunks, chunk_count)
+        exclusive_scan(chunks, chunk_count)
     for chunk in range(chunk_count):
         at = chunks[chunk]
         if chunks[chunk + 1] > at:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lone spikes of a difference, filter_outliers out for the denoiser, which takes a speck in a clean picture for a detail.
+"""Suppression of isolated outliers ("fireflies") in the correction of a base image, before denoising.
 
-A bright path that few frames have is a speck where it comes, and a dark one where the base has it and the frame not.
-What is more than its surroundings explain is spread so far that it is not seen. No light is lost, but of a spike that
-would be seen even so.
+The correction of a pixel rests on few paths. A rare bright path appears as an isolated bright pixel, a rare bright path
+of the base that a mover blocks as a dark one, and the denoiser would keep either as detail of an otherwise clean image.
+The part of a correction that its neighborhood does not explain is distributed over a wide B-spline. Energy is preserved
+except for outliers too large to be distributed invisibly.
 """
 
 from typing import Any
@@ -14,63 +15,63 @@ from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, Template, vec3
 
-SURROUNDINGS = 2  # pixels each way that a change is compared with
-CELL = 16  # pixels; a spike is spread by the quadratic B-spline of the cells of that size about it
-# A change may be so much of the radiance below it, and so many times the mean change around it.
-OF_RADIANCE, OF_SURROUNDINGS = 0.25, 3.0
-MOST = 0.1  # of a cell's mean radiance: what is spread over it at most
+NEIGHBORHOOD = 2  # radius of the window that a correction is compared with, px
+CELL = 16  # px; an outlier is distributed by the quadratic B-spline over cells of this size
+# Limit of a correction: a fraction of the uncorrected radiance plus a multiple of the mean correction around it.
+RADIANCE_FRACTION, NEIGHBOR_MULTIPLE = 0.25, 3.0
+MAX_SPREAD = 0.1  # distributed light per cell, as a fraction of the cell's mean radiance
 
 
 @ti.func
-def same_surface(change: Template, pixel: ti.i32) -> ti.i32:
-    """Whether no mover has come into the pixel itself: albedo and normal have not changed."""
+def is_static(correction: Template, pixel: ti.i32) -> ti.i32:
+    """Return 1 if no mover is visible in the pixel: the corrections of albedo and normal are zero."""
     changed = 0.0
     for c in ti.static(range(3, 9)):
-        changed += ti.abs(change[pixel, c])
+        changed += ti.abs(correction[pixel, c])
     return ti.cast(changed == 0.0, ti.i32)
 
 
 @ti.kernel
-def find_spikes(width: ti.i32, height: ti.i32, change: Floats2, hdr: Floats3, spikes: Floats3):
-    """To spikes [h, w, 3]: what of each pixel is too much."""
+def find_outliers(width: ti.i32, height: ti.i32, correction: Floats2, hdr: Floats3, outliers: Floats3):
+    """Write to outliers [h, w, 3] the part of each pixel's correction beyond its limit."""
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width
-        own = vec3(change[pixel, 0], change[pixel, 1], change[pixel, 2])
-        size = ti.abs(own).sum()
-        spike = vec3(0.0)
-        if size > 0.0 and same_surface(change, pixel):
-            around, neighbors = 0.0, 0.0
-            for dy in range(ti.max(-SURROUNDINGS, -y), ti.min(SURROUNDINGS, height - 1 - y) + 1):
-                for dx in range(ti.max(-SURROUNDINGS, -x), ti.min(SURROUNDINGS, width - 1 - x) + 1):
+        correction_here = vec3(correction[pixel, 0], correction[pixel, 1], correction[pixel, 2])
+        size = ti.abs(correction_here).sum()
+        outlier = vec3(0.0)
+        if size > 0.0 and is_static(correction, pixel):
+            neighbor_sum, neighbors = 0.0, 0.0
+            for dy in range(ti.max(-NEIGHBORHOOD, -y), ti.min(NEIGHBORHOOD, height - 1 - y) + 1):
+                for dx in range(ti.max(-NEIGHBORHOOD, -x), ti.min(NEIGHBORHOOD, width - 1 - x) + 1):
                     other = pixel + dy * width + dx
                     if other != pixel:
                         neighbors += 1.0
                         for c in ti.static(range(3)):
-                            around += ti.abs(change[other, c])
-            below = ti.max(vec3(hdr[y, x, 0], hdr[y, x, 1], hdr[y, x, 2]).sum() - own.sum(), 0.0)
-            limit = OF_RADIANCE * below + OF_SURROUNDINGS * around / ti.max(neighbors, 1.0)
+                            neighbor_sum += ti.abs(correction[other, c])
+            uncorrected = ti.max(vec3(hdr[y, x, 0], hdr[y, x, 1], hdr[y, x, 2]).sum() - correction_here.sum(), 0.0)
+            limit = RADIANCE_FRACTION * uncorrected + NEIGHBOR_MULTIPLE * neighbor_sum / ti.max(neighbors, 1.0)
             if size > limit:
-                spike = own * (1.0 - limit / size)
+                outlier = correction_here * (1.0 - limit / size)
         for c in ti.static(range(3)):
-            spikes[y, x, c] = spike[c]
+            outliers[y, x, c] = outlier[c]
 
 
 @ti.func
-def cells_about(x: ti.i32):
-    """The middle one of the three cells, along one axis, that a pixel gets light from, and their weights."""
-    place = (x + 0.5) / CELL - 0.5
-    middle = ti.round(place, ti.i32)
-    offset = place - middle
+def spline_cells(x: ti.i32):
+    """Return the middle one of the three cells along an axis whose B-splines cover a pixel, and their weights."""
+    position = (x + 0.5) / CELL - 0.5
+    middle = ti.round(position, ti.i32)
+    offset = position - middle
     return middle, vec3(0.5 * (0.5 - offset) ** 2, 0.75 - offset * offset, 0.5 * (0.5 + offset) ** 2)
 
 
 @ti.func
-def given(cell: ti.i32, size: ti.i32) -> ti.f32:
-    """The sum of the weights with which all pixels along an axis get light from a cell."""
+def cell_weight(cell: ti.i32, size: ti.i32) -> ti.f32:
+    """Return the sum of a cell's B-spline weights over all pixels along an axis of `size` pixels."""
     last = (size - 1) // CELL
     total = 0.0
     for x in range(ti.max((cell - 2) * CELL, 0), ti.min((cell + 3) * CELL, size)):
-        middle, weights = cells_about(x)
+        middle, weights = spline_cells(x)
         for k in ti.static(range(3)):
             if ti.math.clamp(middle + k - 1, 0, last) == cell:
                 total += weights[k]
@@ -78,18 +79,18 @@ def given(cell: ti.i32, size: ti.i32) -> ti.f32:
 
 
 @ti.kernel
-def pool_spikes(width: ti.i32, height: ti.i32, spikes: Floats3, hdr: Floats3, cells: Floats3):
-    """The spikes of each cell together, as what a pixel gets of them for a weight of 1."""
+def sum_outliers(width: ti.i32, height: ti.i32, outliers: Floats3, hdr: Floats3, cells: Floats3):
+    """Sum the outliers of each cell, normalized: a pixel receives its spline weights times the cells' values."""
     for row, column in ti.ndrange(cells.shape[0], cells.shape[1]):
         total, shown, pixels = vec3(0.0), 0.0, 0.0
         for y in range(row * CELL, ti.min((row + 1) * CELL, height)):
             for x in range(column * CELL, ti.min((column + 1) * CELL, width)):
                 pixels += 1.0
                 for c in ti.static(range(3)):
-                    total[c] += spikes[y, x, c]
-                    shown += hdr[y, x, c] - spikes[y, x, c]
-        total /= given(row, height) * given(column, width)
-        size, most = ti.abs(total).sum(), MOST * ti.max(shown, 0.0) / pixels
+                    total[c] += outliers[y, x, c]
+                    shown += hdr[y, x, c] - outliers[y, x, c]
+        total /= cell_weight(row, height) * cell_weight(column, width)
+        size, most = ti.abs(total).sum(), MAX_SPREAD * ti.max(shown, 0.0) / pixels
         if size > most:
             total *= most / size
         for c in ti.static(range(3)):
@@ -97,28 +98,40 @@ def pool_spikes(width: ti.i32, height: ti.i32, spikes: Floats3, hdr: Floats3, ce
 
 
 @ti.kernel
-def spread_spikes(width: ti.i32, height: ti.i32, spikes: Floats3, cells: Floats3, hdr: Floats3, even: Floats3):
-    """The radiance with its spikes spread."""
+def distribute_outliers(
+    width: ti.i32, height: ti.i32, outliers: Floats3, cells: Floats3, hdr: Floats3, filtered: Floats3
+):
+    """Subtract the outliers from the radiance and add the distributed ones."""
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width
-        middle_x, weights_x = cells_about(x)
-        middle_y, weights_y = cells_about(y)
-        value = vec3(hdr[y, x, 0] - spikes[y, x, 0], hdr[y, x, 1] - spikes[y, x, 1], hdr[y, x, 2] - spikes[y, x, 2])
+        middle_x, weights_x = spline_cells(x)
+        middle_y, weights_y = spline_cells(y)
+        value = vec3(
+            hdr[y, x, 0] - outliers[y, x, 0], hdr[y, x, 1] - outliers[y, x, 1], hdr[y, x, 2] - outliers[y, x, 2]
+        )
         for j, i in ti.static(ti.ndrange(3, 3)):
             row = ti.math.clamp(middle_y + j - 1, 0, cells.shape[0] - 1)
             column = ti.math.clamp(middle_x + i - 1, 0, cells.shape[1] - 1)
             weight = weights_y[j] * weights_x[i]
             value += weight * vec3(cells[row, column, 0], cells[row, column, 1], cells[row, column, 2])
         for c in ti.static(range(3)):
-            even[y, x, c] = value[c]
+            filtered[y, x, c] = value[c]
 
 
-def filter_outliers(change: Any, hdr: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Radiance [h, w, 3] without its spikes. change: f32 [pixels, n], as of `collect`."""
+def filter_outliers(correction: Any, hdr: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return an image with its outliers distributed over their surroundings.
+
+    Args:
+        correction: f32 [pixels, CORRECTION_COLUMNS] on the device, see `retrace_kernels.accumulate_corrections`.
+        hdr: Radiance of the corrected image, float32 [h, w, 3].
+
+    Returns:
+        Radiance without outliers, float32 [h, w, 3].
+    """
     height, width = hdr.shape[:2]
-    spikes, even = np.empty_like(hdr), np.empty_like(hdr)
+    outliers, filtered = np.empty_like(hdr), np.empty_like(hdr)
     cells = np.empty((-(-height // CELL), -(-width // CELL), 3), np.float32)
-    find_spikes(width, height, change, hdr, spikes)
-    pool_spikes(width, height, spikes, hdr, cells)
-    spread_spikes(width, height, spikes, cells, hdr, even)
-    return even
+    find_outliers(width, height, correction, hdr, outliers)
+    sum_outliers(width, height, outliers, hdr, cells)
+    distribute_outliers(width, height, outliers, cells, hdr, filtered)
+    return filtered

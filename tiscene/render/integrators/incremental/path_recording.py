@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that write paths down while they are traced, and sort what was written by path.
+"""Kernels that record paths while they are traced, and sort the records by path.
 
-A row is a ray that a mover may get in the way of, as tiscene.render.intersect wants it, and the light that is lost if
-one does. Two kinds, told apart by column 3: a *segment* from one vertex to the next (its number among the segments, by
-which its entry in `restore` is found), with what its end emits towards the path; a *shadow ray* to a light that was
-seen (-1), with the light sampled. Rows of a path stand in the order in which it was traced, a vertex's segment first.
-The light is that of the lights of group 0. What the other groups of lights bring has rows of its own, all of the second
-kind, with -1 - group in column 3: the paths are the same, and a mover that takes one's light takes the other's too.
+A record is a ray that a mover may block together with the light that the pixel loses if one does. There are two kinds,
+told apart by column 3 of the ray:
+
+- a *segment* between two path vertices, with the emission found at its end. Column 3 is the index of its restart state,
+  from which the path can be traced again.
+- a *shadow ray* that reached its light, with the light sample's contribution. Column 3 is SHADOW - g, where g is the
+  light group.
+
+The records of a path are stored in the order of tracing, the segment to a vertex before the vertex's shadow ray.
+Segments hold the light of group 0. The light of the other groups is recorded as shadow rays, also where a segment found
+it: the paths are the same, and a mover that blocks one group's light blocks that of the other groups.
 """
 
 import taichi as ti
@@ -34,26 +39,25 @@ from tiscene.render.intersect.ray_queue import ROW, Hits, Pixels, Rays, ray_dire
 from tiscene.render.lights.intersect import nearest_light
 from tiscene.render.lights.light_sample import LightTables
 
-SEGMENT = 3  # column of a row
-SHADOW = -1.0
+SEGMENT = 3  # column of a recorded ray: index of its restart state, or
+SHADOW = -1.0  # the kind of a shadow ray of light group 0
 
-# Columns of a mean or a picture: light of group 0, albedo, normal, light of the other groups.
+# Columns of mean and base images: light of group 0, albedo, normal, light of groups 1, 2, ...
 AUXILIARY = 3
 
-
-@ti.pyfunc
-def light_column(group: ti.i32) -> ti.i32:
-    """Where the light of a group begins."""
-    return FEATURE_COLUMNS + 3 * group if group > 0 else 0
-
-
-# Columns of `restore`: what a path needs to be traced again from the beginning of a segment.
+# Columns of a restart state: what `shade` needs to trace a path again from the start of a segment.
 RESTART_COLUMNS = 11
 R_THROUGHPUT, R_PDF, R_IOR2, R_VERTEX, R_STATUS, R_SPREAD, R_DIFFUSE = 0, 3, 4, 5, 8, 9, 10
 
 
+@ti.pyfunc
+def light_column(group: ti.i32) -> ti.i32:
+    """Return the first column of a light group in mean and base images."""
+    return FEATURE_COLUMNS + 3 * group if group > 0 else 0
+
+
 @ti.kernel
-def begin_segments(
+def record_segments(
     queue: Ints1,
     count: ti.i32,
     path_rays: Rays,
@@ -61,32 +65,38 @@ def begin_segments(
     status: Ints1,
     paths: Ints1,
     rays: Rays,
-    restore: Floats2,
+    restart: Floats2,
 ):
-    """Before a step: note the paths in the queue as they are, and empty their radiance so that it tells what is new."""
+    """Record the segments that the paths in the queue trace next, and reset their radiance to isolate what is added.
+
+    Args:
+        paths: Output, i32 [count], row of each record's path.
+        rays: Output, the segments.
+        restart: Output, f32 [count, RESTART_COLUMNS].
+    """
     for k in range(count):
         i = queue[k]
         paths[k] = i
         rays[k] = path_rays[i]
-        write3(restore, k, R_THROUGHPUT, get3(state, i, THROUGHPUT))
-        restore[k, R_PDF] = state[i][PDF]
-        restore[k, R_IOR2] = state[i][RELATIVE_IOR2]
-        write3(restore, k, R_VERTEX, get3(state, i, ORIGIN))
-        restore[k, R_STATUS] = ti.cast(status[i], ti.f32)
-        restore[k, R_SPREAD] = state[i][SPREAD]
-        restore[k, R_DIFFUSE] = state[i][DIFFUSE_FRACTION]
+        write3(restart, k, R_THROUGHPUT, get3(state, i, THROUGHPUT))
+        restart[k, R_PDF] = state[i][PDF]
+        restart[k, R_IOR2] = state[i][RELATIVE_IOR2]
+        write3(restart, k, R_VERTEX, get3(state, i, ORIGIN))
+        restart[k, R_STATUS] = ti.cast(status[i], ti.f32)
+        restart[k, R_SPREAD] = state[i][SPREAD]
+        restart[k, R_DIFFUSE] = state[i][DIFFUSE_FRACTION]
         set3(state, i, RADIANCE, vec3(0.0))
 
 
 @ti.func
 def group_of(rays: Template, row: ti.i32) -> ti.i32:
-    """The number of the lights whose light a row has."""
+    """Return the light group of a record."""
     return ti.max(-1 - ti.cast(rays[row][SEGMENT], ti.i32), 0)
 
 
 @ti.func
 def finite(light: vec3) -> vec3:
-    """The light, or none where it is no number."""
+    """Return the light, or zero if it is infinite or NaN."""
     result = light
     if not ti.abs(light.sum()) < ti.math.inf:
         result = vec3(0.0)
@@ -94,7 +104,7 @@ def finite(light: vec3) -> vec3:
 
 
 @ti.kernel
-def end_segments(
+def record_segment_light(
     light_values: Floats2,
     light_nodes: Float8s1,
     light_distribution: Floats1,
@@ -104,35 +114,40 @@ def end_segments(
     count: ti.i32,
     hits: Hits,
     state: States,
-    restore: Floats2,
+    restart: Floats2,
     rays: Rays,
     light: Floats2,
     rows: Ints1,
 ):
-    """After the step: where the segments ended (a little beyond, which a mover there must not be lost for), and what
-    they brought. rows: how many each path has.
+    """After the segments are shaded: record where they ended and the light that they brought.
 
-    last_depth: of what is met after so many surfaces only the emission counts, and no mover has any; what brought no
-    light is then not worth a row (t_max 0). Of groups other than 0, none is that brought no light.
+    The recorded end lies slightly beyond the hit or the light, so that a mover at that place is found. Segments that
+    brought no light are dropped (t_max 0) in groups other than 0, and in group 0 from `last_depth` on.
+
+    Args:
+        last_depth: Path depth from which segments count by the emission at their ends only. Movers have none there, so
+            they cannot change a segment without light.
+        group: Light group that was traced.
+        rows: i32 [paths], incremented by the number of records of each path.
     """
     lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
     for k in range(count):
         i = paths[k]
         _, end = nearest_light(lights, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])
-        brought = finite(get3(state, i, RADIANCE))
-        status = ti.cast(restore[k, R_STATUS], ti.i32)
+        contribution = finite(get3(state, i, RADIANCE))
+        status = ti.cast(restart[k, R_STATUS], ti.i32)
         needed = group == 0 and ((status & DEPTH_MASK) < last_depth or (status & FEATURES_WRITTEN) == 0)
-        if brought.max() == 0.0 and not needed:
+        if contribution.max() == 0.0 and not needed:
             end = 0.0
         else:
             rows[i] += 1
         rays[k][7] = end
-        write3(light, k, 0, brought)
+        write3(light, k, 0, contribution)
 
 
 @ti.kernel
-def begin_shadows(queue: Ints1, count: ti.i32, shadow_rays: Rays, paths: Ints1, rays: Rays):
-    """Note the shadow rays before they are cast, which may change them."""
+def record_shadow_rays(queue: Ints1, count: ti.i32, shadow_rays: Rays, paths: Ints1, rays: Rays):
+    """Record the shadow rays before they are cast: partially opaque surfaces change them."""
     for k in range(count):
         i = queue[k]
         paths[k] = i
@@ -140,7 +155,7 @@ def begin_shadows(queue: Ints1, count: ti.i32, shadow_rays: Rays, paths: Ints1, 
 
 
 @ti.kernel
-def end_shadows(
+def record_shadow_light(
     paths: Ints1,
     count: ti.i32,
     occluded: Ints1,
@@ -150,7 +165,11 @@ def end_shadows(
     light: Floats2,
     rows: Ints1,
 ):
-    """Note the light of those that reached it (t_max 0 for the others), and take it from the paths."""
+    """Record the contribution of unoccluded shadow rays (others get t_max 0), and clear LIGHT_PENDING of the paths.
+
+    Args:
+        rows: i32 [paths], incremented by the number of records of each path.
+    """
     for k in range(count):
         i = paths[k]
         status[i] &= ~LIGHT_PENDING
@@ -162,19 +181,24 @@ def end_shadows(
 
 
 @ti.kernel
-def sort_segments(
+def append_segments(
     paths: Ints1,
     count: ti.i32,
     rays: Rays,
     light: Floats2,
-    restore: Floats2,
+    restart: Floats2,
     next_row: Ints1,
     next_segment: Ints1,
     sorted_rays: Rays,
     sorted_light: Floats2,
-    sorted_restore: Floats2,
+    sorted_restart: Floats2,
 ):
-    """Put one step's segments behind what their paths have already."""
+    """Append the segments of one step to the records of their paths.
+
+    Args:
+        next_row: i32 [paths], row of each path's next record; incremented.
+        next_segment: i32 [paths], index of each path's next restart state; incremented.
+    """
     for k in range(count):
         if rays[k][7] > 0.0:
             i = paths[k]
@@ -185,11 +209,11 @@ def sort_segments(
             sorted_rays[row][SEGMENT] = ti.cast(segment, ti.f32)
             write3(sorted_light, row, 0, read3(light, k, 0))
             for c in ti.static(range(RESTART_COLUMNS)):
-                sorted_restore[segment, c] = restore[k, c]
+                sorted_restart[segment, c] = restart[k, c]
 
 
 @ti.kernel
-def sort_shadows(
+def append_shadow_rays(
     paths: Ints1,
     count: ti.i32,
     rays: Rays,
@@ -199,7 +223,11 @@ def sort_shadows(
     sorted_rays: Rays,
     sorted_light: Floats2,
 ):
-    """Put one step's rays that reached lights of a group behind what their paths have already."""
+    """Append the shadow rays of one step and light group to the records of their paths.
+
+    Args:
+        next_row: i32 [paths], row of each path's next record; incremented.
+    """
     for k in range(count):
         if rays[k][7] > 0.0:
             i = paths[k]
@@ -211,7 +239,7 @@ def sort_shadows(
 
 
 @ti.kernel
-def mean_of_paths(
+def average_paths(
     pixels: Pixels,
     first: ti.i32,
     count: ti.i32,
@@ -223,7 +251,13 @@ def mean_of_paths(
     features: Floats2,
     film: Floats2,
 ):
-    """The mean light, albedo and normal of the paths first .. first + count - 1, all of their pixels, to film."""
+    """Average light, albedo and normal over the paths of each pixel; first .. first + count - 1 are whole pixels.
+
+    Args:
+        groups: Number of light groups.
+        offsets: i32 [count + 1], first record of each path.
+        film: Output, f32 [pixels, light_column(groups)].
+    """
     for rank in range(first // spp, (first + count) // spp):
         begin, end, pixel = rank * spp - first, (rank + 1) * spp - first, pixels[rank][ROW]
         for group in range(groups):
@@ -241,16 +275,19 @@ def mean_of_paths(
 
 
 @ti.kernel
-def keep_features(count: ti.i32, group: ti.i32, features: Floats2, kept: Floats2):
-    """Keep what the denoiser is told about each path: under lights of other groups, a lamp itself is black."""
+def merge_features(count: ti.i32, group: ti.i32, features: Floats2, merged: Floats2):
+    """Merge the denoiser features that the paths have under each light group, by maximum.
+
+    A visible light writes its own emission as albedo, which is black while the lights of another group are traced.
+    """
     for i in range(count):
         for c in ti.static(range(FEATURE_COLUMNS)):
-            other = features[i, c] if group == 0 else kept[i, c]
-            kept[i, c] = ti.max(features[i, c], other)
+            before = features[i, c] if group == 0 else merged[i, c]
+            merged[i, c] = ti.max(features[i, c], before)
 
 
 @ti.kernel
-def gather(
+def gather_paths(
     count: ti.i32,
     paths: Ints1,
     offsets: Ints1,
@@ -262,8 +299,7 @@ def gather(
     light: Floats2,
     features: Floats2,
 ):
-    """The rows of some paths one after another, from offsets[k] on those of paths[k]; their entries in `restore` stay
-    where they are."""
+    """Copy the records of some paths; those of paths[k] begin at offsets[k]. Restart states stay where they are."""
     for k in range(count):
         begin = all_offsets[paths[k]]
         for row in range(all_offsets[paths[k] + 1] - begin):

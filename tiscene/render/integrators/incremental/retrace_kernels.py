@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of a frame that replays cached paths: find the rows that a mover gets in the way of, take off the light that
-is lost, put the paths that are cut back on their way, and add up what changed."""
+"""Kernels of an incremental frame: find invalidated paths, restart them, and add the corrections to the base image.
+
+A mover that blocks a recorded shadow ray removes that ray's light. A mover that blocks a segment *invalidates* the rest
+of its path: all light recorded from that segment on is removed, and the path is traced again from the segment's start,
+with the same random numbers, in the scene with the movers.
+"""
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, vec3
 from tiscene.render.integrators.incremental.mover_coverage import SUBPIXELS
-from tiscene.render.integrators.incremental.mover_culling import add_up
+from tiscene.render.integrators.incremental.mover_culling import exclusive_scan
 from tiscene.render.integrators.incremental.path_recording import (
     R_DIFFUSE,
     R_IOR2,
@@ -39,39 +43,50 @@ from tiscene.render.integrators.path.path_state import (
 from tiscene.render.integrators.path.shading import read3, write3
 from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
 
-PARTS = 16  # paths are taken up in so many rounds through the picture
+STRIDES = 16  # restarted paths are queued in this many passes over the image, which balances the threads
 
-# Columns of the change of a pixel, means over its paths: of light, albedo and normal; how many met a mover first.
+# Columns of a pixel's correction: change of mean light, albedo and normal; number of camera rays that hit a mover.
 CORRECTION_COLUMNS, MOVER_HITS = 10, 9
-# Of pixels in which some did, sums over those: light, albedo, normal; over the others: change of light; number of all.
+# Columns of a pixel's sums, valid where camera rays hit a mover: light, albedo and normal of those paths; change of
+# light of the other paths; number of all paths.
 MOVER_COLUMNS, MISS_LIGHT, PATH_COUNT = 13, 9, 12
 
 
 @ti.kernel
-def settle(
+def find_invalidated(
     count: ti.i32,
     steps: ti.i32,
     offsets: Ints1,
     rays: Rays,
     light: Floats2,
     factors: Floats2,
-    restore: Floats2,
-    cut: Ints1,
+    restart: Floats2,
+    blocked: Ints1,
     path_rays: Rays,
     state: States,
     features: Floats2,
     status: Ints1,
-    difference: Floats2,
-    cut_at: Ints2,
+    change: Floats2,
+    invalidated: Ints2,
     chunks: Ints2,
-    entering: Ints1,
-    starts: Ints1,
+    restart_queue: Ints1,
+    restart_offsets: Ints1,
 ):
-    """What each path loses; those that a mover cuts are put back to where the segment begins that it cuts.
+    """Subtract the light that movers block from each path, and restore the state of invalidated paths.
 
-    factors: how much of its light each group of lights gives, f32 [groups, 3].
-    cut: of every row, whether a mover is in the way. difference: f32 [count, 3]. cut_at: of every path the number of
-    the segment cut, -1 for none, and its step. entering[starts[s] .. starts[s + 1]): the paths cut at step s.
+    Args:
+        count: Number of paths.
+        steps: Largest number of segments of a path.
+        offsets, rays, light, restart: The recorded paths, see `PathBlock`.
+        factors: f32 [groups, 3], intensity of each light group relative to the recorded light.
+        blocked: i32 [rows], whether a mover blocks each recorded ray.
+        path_rays, state, features, status: Output, `PathState` arrays of the invalidated paths.
+        change: Output, f32 [count, 3], minus the blocked light.
+        invalidated: Output, i32 [count, 2], index of the restart state and step of the first blocked segment; -1, -1
+            for valid paths.
+        chunks: Scratch, i32 [chunks_for(count), steps].
+        restart_queue: Output, i32 [count], invalidated paths sorted by step.
+        restart_offsets: Output, i32 [steps + 1], first entry of each step in restart_queue.
     """
     size = chunk_size(count)
     chunk_count = (count + size - 1) // size
@@ -80,222 +95,241 @@ def settle(
             chunks[chunk, s] = 0
         for i in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             lost = vec3(0.0)
-            at, step, begins, segments = -1, -1, -1, 0
+            restart_index, step, restart_row, segments = -1, -1, -1, 0
             for row in range(offsets[i], offsets[i + 1]):
-                if at < 0 and cut[row] > 0:
+                if restart_index < 0 and blocked[row] > 0:
                     segment = ti.cast(rays[row][SEGMENT], ti.i32)
                     if segment >= 0:
-                        at, begins = segment, row
+                        restart_index, restart_row = segment, row
                         for earlier in range(offsets[i], row):
                             if rays[earlier][SEGMENT] >= 0.0:
                                 segments += 1
                         step = segments
-                if at >= 0 or cut[row] > 0:
+                if restart_index >= 0 or blocked[row] > 0:
                     lost += read3(light, row, 0) * read3(factors, group_of(rays, row), 0)
-            write3(difference, i, 0, -lost)
-            cut_at[i, 0] = at
-            cut_at[i, 1] = step
-            if at >= 0:
+            write3(change, i, 0, -lost)
+            invalidated[i, 0] = restart_index
+            invalidated[i, 1] = step
+            if restart_index >= 0:
                 chunks[chunk, step] += 1
-                write_ray(path_rays, i, ray_origin(rays, begins), ray_direction(rays, begins), ti.math.inf)
-                set3(state, i, THROUGHPUT, read3(restore, at, R_THROUGHPUT))
+                write_ray(path_rays, i, ray_origin(rays, restart_row), ray_direction(rays, restart_row), ti.math.inf)
+                set3(state, i, THROUGHPUT, read3(restart, restart_index, R_THROUGHPUT))
                 set3(state, i, RADIANCE, vec3(0.0))
-                state[i][PDF] = restore[at, R_PDF]
-                state[i][RELATIVE_IOR2] = restore[at, R_IOR2]
-                state[i][SPREAD] = restore[at, R_SPREAD]
-                state[i][DIFFUSE_FRACTION] = restore[at, R_DIFFUSE]
-                set3(state, i, ORIGIN, read3(restore, at, R_VERTEX))
-                status[i] = ti.cast(restore[at, R_STATUS], ti.i32)
+                state[i][PDF] = restart[restart_index, R_PDF]
+                state[i][RELATIVE_IOR2] = restart[restart_index, R_IOR2]
+                state[i][SPREAD] = restart[restart_index, R_SPREAD]
+                state[i][DIFFUSE_FRACTION] = restart[restart_index, R_DIFFUSE]
+                set3(state, i, ORIGIN, read3(restart, restart_index, R_VERTEX))
+                status[i] = ti.cast(restart[restart_index, R_STATUS], ti.i32)
                 for c in ti.static(range(FEATURE_COLUMNS)):
                     features[i, c] = 0.0
     ti.loop_config(serialize=True)
     for _ in range(1):
         total = 0
         for s in range(steps):
-            starts[s] = total
-            # Each thread gets what is next to each other: let that be from all over the picture.
-            for part in range(PARTS):
-                for k in range((chunk_count - part + PARTS - 1) // PARTS):
-                    chunk = k * PARTS + part
-                    here = chunks[chunk, s]
+            restart_offsets[s] = total
+            # A thread traces neighboring entries of the queue: interleave the chunks of the image to balance the load.
+            for stride in range(STRIDES):
+                for k in range((chunk_count - stride + STRIDES - 1) // STRIDES):
+                    chunk = k * STRIDES + stride
+                    found = chunks[chunk, s]
                     chunks[chunk, s] = total
-                    total += here
-        starts[steps] = total
+                    total += found
+        restart_offsets[steps] = total
     for chunk in range(chunk_count):
         for i in range(chunk * size, ti.min(count, (chunk + 1) * size)):
-            step = cut_at[i, 1]
+            step = invalidated[i, 1]
             if step >= 0:
-                entering[chunks[chunk, step]] = i
+                restart_queue[chunks[chunk, step]] = i
                 chunks[chunk, step] += 1
 
 
 @ti.kernel
-def join(entering: Ints1, begin: ti.i32, end: ti.i32, queue: Ints1, live: ti.i32):
-    """Put entering[begin .. end) behind the paths that are on their way."""
+def append_restarts(restart_queue: Ints1, begin: ti.i32, end: ti.i32, queue: Ints1, live: ti.i32):
+    """Append restart_queue[begin .. end) to the `live` paths of the queue."""
     for k in range(end - begin):
-        queue[live + k] = entering[begin + k]
+        queue[live + k] = restart_queue[begin + k]
 
 
 @ti.kernel
-def collect(
+def accumulate_corrections(
     pixels: Pixels,
     first: ti.i32,
     count: ti.i32,
     spp: ti.i32,
-    cut_at: Ints2,
-    restore: Floats2,
+    invalidated: Ints2,
+    restart: Floats2,
     base_features: Floats2,
     status: Ints1,
     occluded: Ints1,
     state: States,
     features: Floats2,
-    difference: Floats2,
-    others: ti.i32,
-    film: Floats2,
-    met: Floats2,
+    change: Floats2,
+    previous_paths: ti.i32,
+    correction: Floats2,
+    mover_sums: Floats2,
 ):
-    """What the paths of these pixels say, to film [n, CORRECTION_COLUMNS] and met [n, MOVER_COLUMNS].
+    """Average the changes of the paths of each pixel; first .. first + count - 1 are whole pixels.
 
-    others: of how many paths a pixel that is there already.
+    Args:
+        base_features: f32 [count, FEATURE_COLUMNS], denoiser features of the recorded paths.
+        change: f32 [count, 3], see `find_invalidated`; the light of the traced paths is added here.
+        previous_paths: Paths per pixel that the outputs contain already.
+        correction: Output, f32 [pixels, CORRECTION_COLUMNS].
+        mover_sums: Output, f32 [pixels, MOVER_COLUMNS]; not written where no camera ray hits a mover.
     """
     for rank in range(first // spp, (first + count) // spp):
         sums = ti.Vector.zero(ti.f32, CORRECTION_COLUMNS)
-        first_sums = ti.Vector.zero(ti.f32, PATH_COUNT)
+        hit_sums = ti.Vector.zero(ti.f32, PATH_COUNT)
         for i in range(rank * spp - first, (rank + 1) * spp - first):
-            change = read3(difference, i, 0)
-            at, brought = cut_at[i, 0], vec3(0.0)
-            if at >= 0:
-                brought = get3(state, i, RADIANCE)
+            path_change = read3(change, i, 0)
+            restart_index, added = invalidated[i, 0], vec3(0.0)
+            if restart_index >= 0:
+                added = get3(state, i, RADIANCE)
                 if (status[i] & LIGHT_PENDING) != 0 and occluded[i] == 0:
-                    brought += get3(state, i, DIRECT)
-                change += brought
-                if (ti.cast(restore[at, R_STATUS], ti.i32) & FEATURES_WRITTEN) == 0:
+                    added += get3(state, i, DIRECT)
+                path_change += added
+                if (ti.cast(restart[restart_index, R_STATUS], ti.i32) & FEATURES_WRITTEN) == 0:
                     for c in ti.static(range(FEATURE_COLUMNS)):
                         sums[3 + c] += features[i, c] - base_features[i, c]
-            is_number = ti.abs(change.sum()) < ti.math.inf  # false for nan too
-            if is_number:
+            is_finite = ti.abs(path_change.sum()) < ti.math.inf  # also false for NaN
+            if is_finite:
                 for c in ti.static(range(3)):
-                    sums[c] += change[c]
-            if cut_at[i, 1] == 0:
+                    sums[c] += path_change[c]
+            if invalidated[i, 1] == 0:
                 sums[MOVER_HITS] += 1.0
                 for c in ti.static(range(FEATURE_COLUMNS)):
-                    first_sums[3 + c] += features[i, c]
-            if is_number:
+                    hit_sums[3 + c] += features[i, c]
+            if is_finite:
                 for c in ti.static(range(3)):
-                    if cut_at[i, 1] == 0:
-                        first_sums[c] += brought[c]
+                    if invalidated[i, 1] == 0:
+                        hit_sums[c] += added[c]
                     else:
-                        first_sums[MISS_LIGHT + c] += change[c]
+                        hit_sums[MISS_LIGHT + c] += path_change[c]
         pixel = pixels[rank][ROW]
-        met_before = film[pixel, MOVER_HITS] if others > 0 else 0.0
-        if met_before + sums[MOVER_HITS] > 0.0:
+        hits_before = correction[pixel, MOVER_HITS] if previous_paths > 0 else 0.0
+        if hits_before + sums[MOVER_HITS] > 0.0:
             for c in ti.static(range(PATH_COUNT)):
                 before = 0.0
-                if met_before > 0.0:
-                    before = met[pixel, c]
+                if hits_before > 0.0:
+                    before = mover_sums[pixel, c]
                 elif ti.static(c >= MISS_LIGHT):
-                    if others > 0:
-                        before = film[pixel, c - MISS_LIGHT] * others
-                met[pixel, c] = before + first_sums[c]
-            met[pixel, PATH_COUNT] = others + spp
+                    if previous_paths > 0:
+                        before = correction[pixel, c - MISS_LIGHT] * previous_paths
+                mover_sums[pixel, c] = before + hit_sums[c]
+            mover_sums[pixel, PATH_COUNT] = previous_paths + spp
         for c in ti.static(range(MOVER_HITS)):
-            before = film[pixel, c] * others if others > 0 else 0.0
-            film[pixel, c] = (before + sums[c]) / (others + spp)
-        film[pixel, MOVER_HITS] = met_before + sums[MOVER_HITS]
+            before = correction[pixel, c] * previous_paths if previous_paths > 0 else 0.0
+            correction[pixel, c] = (before + sums[c]) / (previous_paths + spp)
+        correction[pixel, MOVER_HITS] = hits_before + sums[MOVER_HITS]
 
 
 @ti.kernel
-def combine(
+def compose(
     width: ti.i32,
     height: ti.i32,
-    looks: Ints2,
-    by_looks: ti.i32,
-    change: Floats2,
-    met: Floats2,
+    coverage: Ints2,
+    use_coverage: ti.i32,
+    correction: Floats2,
+    mover_sums: Floats2,
     factors: Floats2,
     mean: Floats2,
     base: Floats3,
-    rough: Floats3,
+    noise_matched: Floats3,
     hdr: Floats3,
-    drawn: Floats3,
+    denoiser_input: Floats3,
     albedo: Floats3,
     normal: Floats3,
-    unmoved: Floats3,
+    static_mask: Floats3,
 ):
-    """The picture: the change added to the base image, and where movers cover most of a pixel, to its own paths' mean.
+    """Compose the frame: base image plus correction, or path mean plus correction where movers cover most of a pixel.
 
-    looks: as of `MoverCoverage.covered`. change, met: as of `collect`; factors: as of `settle`;
-    mean [n, ...], base [h, w, ...]: columns as `light_column` says.
-    drawn: what the denoiser gets, with `rough` [h, w, 3 * groups] in the place of the base. If by_looks is 1, movers
-    cover as much of a pixel there, and of albedo and normal, as the looks say, not as much as a few paths meet.
-    unmoved: 1 where what is seen first has not changed, else 0.
+    Args:
+        coverage: i32 [h, w], covered subpixels, see `MoverCoverage.count`.
+        use_coverage: 1: the denoiser's input weighs movers and static surfaces by `coverage` instead of by the few
+            paths that hit each.
+        correction, mover_sums: See `accumulate_corrections`.
+        factors: f32 [groups, 3], intensity of each light group.
+        mean: f32 [pixels, ...], mean of the cached paths; columns as `light_column` says.
+        base: f32 [h, w, ...], base image; columns as `light_column` says.
+        noise_matched: f32 [h, w, 3 * groups], see `IncrementalBase.noise_matched`.
+        hdr: Output, radiance.
+        denoiser_input: Output, radiance for the denoiser, with `noise_matched` in place of `base`.
+        albedo, normal: Output, denoiser features.
+        static_mask: Output, 1 where the visible surfaces are those of the base, else 0.
     """
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width
-        seen = ti.max(looks[y, x], 0)
-        changed = ti.cast(seen, ti.f32)
+        covered = ti.max(coverage[y, x], 0)
+        changed = ti.cast(covered, ti.f32)
         for c in ti.static(range(3, 9)):
-            changed += ti.abs(change[pixel, c])
-        unmoved[y, x, 0] = ti.cast(changed == 0.0, ti.f32)
-        mixed = by_looks != 0 and looks[y, x] >= 0 and change[pixel, MOVER_HITS] > 0.0
-        for c in ti.static(range(3)):
-            below = vec3(base[y, x, c], base[y, x, 3 + c], base[y, x, 6 + c])
-            own = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
-            noisy = rough[y, x, c]
+            changed += ti.abs(correction[pixel, c])
+        static_mask[y, x, 0] = ti.cast(changed == 0.0, ti.f32)
+        is_blended = use_coverage != 0 and coverage[y, x] >= 0 and correction[pixel, MOVER_HITS] > 0.0
+        for c in ti.static(range(3)):  # each vector is one channel of light, albedo and normal
+            static_value = vec3(base[y, x, c], base[y, x, 3 + c], base[y, x, 6 + c])
+            path_mean = vec3(mean[pixel, c], mean[pixel, 3 + c], mean[pixel, 6 + c])
+            noisy_light = noise_matched[y, x, c]
             for group in range(1, factors.shape[0]):
                 column = light_column(group) + c
-                below[0] += factors[group, c] * base[y, x, column]
-                own[0] += factors[group, c] * mean[pixel, column]
-                noisy += factors[group, c] * rough[y, x, 3 * group + c]
-            all_changed = vec3(change[pixel, c], change[pixel, 3 + c], change[pixel, 6 + c])
-            hdr[y, x, c] = all_changed[0] + (below[0] if 2 * seen <= SUBPIXELS else own[0])
-            below[0] = noisy
-            shown = all_changed + (below if 2 * seen <= SUBPIXELS else own)
-            if mixed:
-                covers, meets = ti.cast(seen, ti.f32) / SUBPIXELS, change[pixel, MOVER_HITS]
-                missing = ti.max(met[pixel, PATH_COUNT] - meets, 1.0)
-                shown = covers / meets * vec3(met[pixel, c], met[pixel, 3 + c], met[pixel, 6 + c])
-                shown += (1.0 - covers) * (below + vec3(met[pixel, MISS_LIGHT + c] / missing, 0.0, 0.0))
-            drawn[y, x, c] = shown[0]
+                static_value[0] += factors[group, c] * base[y, x, column]
+                path_mean[0] += factors[group, c] * mean[pixel, column]
+                noisy_light += factors[group, c] * noise_matched[y, x, 3 * group + c]
+            change = vec3(correction[pixel, c], correction[pixel, 3 + c], correction[pixel, 6 + c])
+            hdr[y, x, c] = change[0] + (static_value[0] if 2 * covered <= SUBPIXELS else path_mean[0])
+            static_value[0] = noisy_light
+            shown = change + (static_value if 2 * covered <= SUBPIXELS else path_mean)
+            if is_blended:
+                fraction, hits = ti.cast(covered, ti.f32) / SUBPIXELS, correction[pixel, MOVER_HITS]
+                misses = ti.max(mover_sums[pixel, PATH_COUNT] - hits, 1.0)
+                shown = fraction / hits * vec3(mover_sums[pixel, c], mover_sums[pixel, 3 + c], mover_sums[pixel, 6 + c])
+                shown += (1.0 - fraction) * (static_value + vec3(mover_sums[pixel, MISS_LIGHT + c] / misses, 0.0, 0.0))
+            denoiser_input[y, x, c] = shown[0]
             albedo[y, x, c] = shown[1]
             normal[y, x, c] = shown[2]
 
 
 @ti.kernel
-def find_cut_shadows(candidates: Ints1, count: ti.i32, rays: Rays, cut: Ints1, rows: Ints1, chunks: Ints1) -> ti.i32:
-    """The rows of the shadow rays that a mover is in the way of, in order. Returns how many."""
+def select_blocked_shadow_rays(
+    candidates: Ints1, count: ti.i32, rays: Rays, blocked: Ints1, rows: Ints1, chunks: Ints1
+) -> ti.i32:
+    """Write to `rows` which candidates are blocked shadow rays, in order, and return their number.
+
+    Args:
+        chunks: Scratch, i32 [chunks_for(count)].
+    """
     size = chunk_size(count)
     chunk_count = (count + size - 1) // size
     for chunk in range(chunk_count):
         found = 0
         for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             row = candidates[k]
-            if cut[row] > 0 and rays[row][SEGMENT] < 0.0:
+            if blocked[row] > 0 and rays[row][SEGMENT] < 0.0:
                 found += 1
         chunks[chunk] = found
     ti.loop_config(serialize=True)
     for _ in range(1):
-        add_up(chunks, chunk_count)
+        exclusive_scan(chunks, chunk_count)
     for chunk in range(chunk_count):
         at = chunks[chunk]
         for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             row = candidates[k]
-            if cut[row] > 0 and rays[row][SEGMENT] < 0.0:
+            if blocked[row] > 0 and rays[row][SEGMENT] < 0.0:
                 rows[at] = row
                 at += 1
     return chunks[chunk_count]
 
 
 @ti.kernel
-def copy_rays(rows: Ints1, begin: ti.i32, count: ti.i32, rays: Rays, shadow_rays: Rays, queue: Ints1):
-    """The rays rows[begin .. begin + count) to the first rows of `shadow_rays`."""
+def gather_shadow_rays(rows: Ints1, begin: ti.i32, count: ti.i32, rays: Rays, shadow_rays: Rays, queue: Ints1):
+    """Copy the rays rows[begin .. begin + count) to the first rows of `shadow_rays`, and queue them."""
     for k in range(count):
         queue[k] = k
         shadow_rays[k] = rays[rows[begin + k]]
 
 
 @ti.kernel
-def note_answers(rows: Ints1, begin: ti.i32, count: ti.i32, occluded: Ints1, cut: Ints1):
-    """Whether the movers let the light of those rows through after all."""
+def scatter_occlusion(rows: Ints1, begin: ti.i32, count: ti.i32, occluded: Ints1, blocked: Ints1):
+    """Copy the visibility of gathered shadow rays back to blocked[rows[begin .. begin + count)]."""
     for k in range(count):
-        cut[rows[begin + k]] = occluded[k]
+        blocked[rows[begin + k]] = occluded[k]

@@ -48,7 +48,8 @@ from tiscene.render.lights.intersect import (
 from tiscene.render.lights.light_sample import lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.texture_lookup import Textures
-from tiscene.scene.lights.light_table import KIND, MESH, SHADOWLESS
+from tiscene.scene.lights.light_kinds import MESH
+from tiscene.scene.lights.light_table import KIND, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE
 from tiscene.scene.placement import CURRENT
 
