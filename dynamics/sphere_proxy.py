@@ -108,7 +108,7 @@ def _subdivided(triangles: Array, max_edge: float) -> Array:
 
 
 def _farthest_points(points: Array, max_count: int, min_distance: float) -> NDArray[np.intp]:
-    """Return rows of up to `max_count` points, each the farthest from, and at least `min_distance` from, those before."""
+    """Return rows of up to `max_count` points, each farthest from those before, and at least `min_distance`."""
     chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
     distance = np.full(len(points), np.inf)
     while len(chosen) < max_count:

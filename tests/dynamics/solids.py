@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simple solids and rooms as triangles, and obstacles made of them."""
+"""Simple solids and rooms as triangles, and obstacles and movers made of them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tiscene.device import runtime
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.description import Instance, Mesh
 
-# Shapes are made when test modules are read, before any fixture runs.
+# Test modules build shapes at import, before any fixture runs.
 runtime.start(threads=2)
 
 
 def box(size, center=(0.0, 0.0, 0.0)) -> np.ndarray:
-    """The twelve triangles [12, 3, 3] of a box, outside counter-clockwise."""
+    """Return the twelve triangles [12, 3, 3] of a box, counter-clockwise seen from outside."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     rows = [row for a, b, c, d in quads for row in ((a, b, c), (a, c, d))]
@@ -27,14 +27,20 @@ def box(size, center=(0.0, 0.0, 0.0)) -> np.ndarray:
 
 
 def quad(center, along, across) -> np.ndarray:
-    """A rectangle without thickness: two triangles. along, across: half its edges."""
+    """Return the two triangles of a rectangle; `along` and `across` are half its edges."""
     c, u, v = (np.asarray(each, np.float64) for each in (center, along, across))
     corners = np.array([c - u - v, c + u - v, c + u + v, c - u + v])
     return corners[np.array([(0, 1, 2), (0, 2, 3)])]
 
 
 def obstacles(*parts: np.ndarray, matrices=None, layout=None):
-    """What makes obstacles of triangles [n, 3, 3]: one mesh and instance of each part, placed by `matrices`."""
+    """Return a provider of obstacles, with one mesh and instance for each part.
+
+    Args:
+        *parts: Triangles [n, 3, 3].
+        matrices: 4x4 matrix of each instance; None: identities.
+        layout: Layout of the trees; None: the device's default.
+    """
     meshes = [
         Mesh("part", part.reshape(-1, 3).astype(np.float32), np.arange(3 * len(part), dtype=np.int32).reshape(-1, 3),
              np.zeros(len(part), np.int32))
@@ -52,16 +58,17 @@ def obstacles(*parts: np.ndarray, matrices=None, layout=None):
 
 
 def spheres_at(shape: Shape, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centers [n, 3] and radii [n] of a body's proxy spheres in the world."""
+    """Return centers [n, 3] and radii [n] of a body's proxy spheres in the world."""
     spheres = shape.spheres.astype(np.float64)
     return spheres[:, :3] @ matrix_from_quaternion(pose[3:]).T + pose[:3], spheres[:, 3]
 
 
 def ball(radius: float) -> Shape:
-    """A body that is one sphere about its origin."""
+    """Return the shape of a single sphere about the origin."""
     sphere = np.array([[0.0, 0.0, 0.0, radius]], np.float32)
     return Shape(sphere, sphere.copy(), np.array([0, 1], np.int32), radius)
 
 
 def cube(size: float) -> Shape:
+    """Return the proxy spheres of a cube."""
     return cover(box((size, size, size)), max_spheres=48)

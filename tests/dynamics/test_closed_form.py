@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Still, Orbit, LookAt, Keyframes, Composite."""
+"""Poses and argument errors of Still, Orbit, LookAt, Keyframes and Composite."""
 
 import math
 
@@ -17,7 +17,7 @@ def pose(body: Body, time: float) -> np.ndarray:
     return Simulation([body]).poses(time)[0]
 
 
-def test_a_still_body_stays_where_it_was_placed():
+def test_still_body_stays_where_it_is_placed():
     body = Body(position=(1, 2, 3), rotation=(10, 20, 30))
     expected = [1, 2, 3, *quaternion((10, 20, 30))]
     for time in (-1, 0, 5, 10**9):
@@ -25,7 +25,7 @@ def test_a_still_body_stays_where_it_was_placed():
     assert Still().loop_time == 0.0
 
 
-def test_an_orbit_carries_the_start_pose_round():
+def test_orbit_rotates_start_pose_about_axis():
     body = Body(Orbit(center=(1, 0, 0), period=8.0), position=(1, 1, 2), rotation=(0, 30, 0))
     np.testing.assert_allclose(pose(body, 0)[:3], (1, 1, 2), atol=1e-15)
     # A quarter turn about +y takes +z to +x.
@@ -39,7 +39,7 @@ def test_an_orbit_carries_the_start_pose_round():
 
 
 @pytest.mark.parametrize("target", [(0, 0, 0), (5, 1, -3), (-2, 4, 1), (0.1, -7, 0.2), (3, 0, 9)])
-def test_look_at_points_minus_z_to_its_target_and_stays_upright(target):
+def test_look_at_points_minus_z_at_target_and_stays_upright(target):
     body = Body(LookAt(target, LINE), position=(9, 9, 9))
     for time in (1.0, 3.3, 6.5):
         found = pose(body, time)
@@ -51,16 +51,16 @@ def test_look_at_points_minus_z_to_its_target_and_stays_upright(target):
         assert up[1] > 0
 
 
-def test_look_at_along_up_is_still_a_rotation():
+def test_look_at_parallel_to_up_gives_a_rotation():
     for target in ((0, 5, 0), (0, -5, 0)):
         found = pose(Body(LookAt(target)), 0)
         np.testing.assert_allclose(np.linalg.norm(found[3:]), 1.0)
         np.testing.assert_allclose(rotate(found[3:], (0, 0, -1)), np.sign(target), atol=1e-14)
-    # At the target itself there is no direction; the rotation stays.
+    # At the target itself the direction is undefined; the rotation stays.
     np.testing.assert_allclose(pose(Body(LookAt((1, 2, 3)), (1, 2, 3), (0, 40, 0)), 0)[3:], quaternion((0, 40, 0)))
 
 
-def test_keyframes_hold_at_both_ends_and_interpolate_between():
+def test_keyframes_hold_at_both_ends_and_interpolate_between_keys():
     keys = [Waypoint((0, 0, 0)), Waypoint((1, 0, 0), (0, 90, 0)), Waypoint((1, 3, 0), (0, 90, 90))]
     body = Body(Keyframes((0.5, 1.0, 4.0), keys))
     xs = [pose(body, time)[:2].tolist() for time in (0, 0.5, 0.75, 1.0, 2.0, 4.0, 400)]
@@ -73,8 +73,8 @@ def test_keyframes_hold_at_both_ends_and_interpolate_between():
     assert Keyframes((0.5, 1.0, 4.0), keys, repeat=True).loop_time == 4.0
 
 
-def test_a_composite_moves_in_the_frame_of_what_came_before():
-    # A quarter turn to the left, and then half a meter ahead of the moving, turning frame.
+def test_composite_part_moves_in_frame_of_previous_parts():
+    # The cart faces left; the second part is half a meter ahead in its frame.
     cart = LinearWaypoints([Waypoint((0, 0, 0), (0, 90, 0)), Waypoint((4, 0, 0), (0, 90, 0))], total_time=8.0)
     ahead = LinearWaypoints([Waypoint((0, 0, -0.5)), Waypoint((0, 0, -1.5))], total_time=4.0)
     found = pose(Body(Composite((cart, ahead))), 1.0)
@@ -85,14 +85,14 @@ def test_a_composite_moves_in_the_frame_of_what_came_before():
     np.testing.assert_allclose(placed, [7, 8, 9, *quaternion((0, 180, 0))], atol=1e-15)
 
 
-def test_the_loop_of_a_composite_is_the_common_multiple():
+def test_composite_loop_time_is_least_common_multiple():
     assert Composite((LINE, Orbit(period=3.0))).loop_time == 24.0
     assert Composite((Orbit(period=0.3), Still(), Orbit(period=0.2))).loop_time == 0.6
     assert Composite((Still(),)).loop_time == 0.0
     assert Composite((LINE, Keyframes((0, 1), LINE.waypoints))).loop_time == math.inf
 
 
-class Stepped(Dynamic):
+class NotClosedForm(Dynamic):
     loop_time = math.inf
 
 
@@ -105,7 +105,7 @@ class Stepped(Dynamic):
         (ValueError, "up=.*must have a direction", lambda: LookAt((0, 0, 0), up=(0, 0, 0))),
         (TypeError, "motion=3: must be a Dynamic", lambda: LookAt((0, 0, 0), 3)),
         (TypeError, "an instance, not the class", lambda: LookAt((0, 0, 0), Orbit)),
-        (TypeError, "motion=.*must be a dynamic in closed form", lambda: LookAt((0, 0, 0), Stepped())),
+        (TypeError, "motion=.*must be a dynamic in closed form", lambda: LookAt((0, 0, 0), NotClosedForm())),
         (ValueError, "times=.*2 numbers, not 3", lambda: Keyframes((0, 1, 2), LINE.waypoints)),
         (ValueError, "times=.*must begin at 0 or later and increase", lambda: Keyframes((1, 1), LINE.waypoints)),
         (ValueError, "times=.*must begin at 0 or later", lambda: Keyframes((-1, 1), LINE.waypoints)),
@@ -122,9 +122,9 @@ class Stepped(Dynamic):
         (ValueError, "birth=-1: must not be negative", lambda: Body(birth=-1)),
         (TypeError, "timed=1: must be True or False", lambda: Body(timed=1)),
         (TypeError, "name=3: must be a string", lambda: Body(name=3)),
-        (TypeError, r"bodies\[0\] \(''\): dynamic=.*closed form", lambda: Simulation([Body(Stepped())])),
+        (TypeError, r"bodies\[0\] \(''\): dynamic=.*closed form", lambda: Simulation([Body(NotClosedForm())])),
     ],
 )
-def test_impossible_dynamics_are_refused(error, message, make):
+def test_invalid_arguments_raise_errors_that_name_them(error, message, make):
     with pytest.raises(error, match=message):
         make()

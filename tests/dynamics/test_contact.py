@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Distances and times of contact against plain numpy, through trees of stretched, turned and sheared instances."""
+"""Distances and times of contact against plain numpy, for stretched, rotated and sheared instances."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from tiscene.device.kernel_types import Floats2, Ints1
 
 
 @ti.kernel
-def look(
+def run_queries(
     spheres: Floats2,
     chords: Floats2,
     limit: ti.f32,
@@ -64,7 +64,7 @@ def look(
 
 @pytest.fixture(scope="module", params=["bvh8", "bvh2"])
 def scene(request):
-    """Clouds of triangles, among them slivers, in instances that stretch, turn, mirror and shear them."""
+    """Return clouds of triangles, some of them slivers, in instances that stretch, rotate, mirror and shear."""
     random = np.random.default_rng(3)
     parts, matrices, world = [], [], []
     for kind in range(6):
@@ -86,26 +86,26 @@ def scene(request):
     )
 
 
-def looked(tree, spheres, chords, limit):
-    """Nearest distance, bound on the time, time of contact, speed along the normal there, instance."""
+def queried(tree, spheres, chords, limit):
+    """Return per sphere: distance, bound of the time, time of contact, speed along the normal there, instance."""
     found = np.zeros((len(spheres), 5), np.float32)
     touches = np.zeros((len(spheres) * MAX_TOUCHES, TOUCH_COLUMNS), np.float32)
-    look(spheres.astype(np.float32), chords.astype(np.float32), limit, found, touches, *tree.arguments())
+    run_queries(spheres.astype(np.float32), chords.astype(np.float32), limit, found, touches, *tree.arguments())
     return found
 
 
-def test_distance_to_the_nearest_triangle(scene):
+def test_nearest_returns_distance_to_nearest_triangle(scene):
     tree, world, _ = scene
     spheres = np.zeros((400, 4))
     spheres[:, :3] = np.random.default_rng(4).uniform(-3.0, 3.0, (400, 3))
     truth = point_triangle(spheres[:, :3], world).min(axis=1)
-    np.testing.assert_allclose(looked(tree, spheres, np.zeros((400, 3)), 1e4)[:, 0], truth, atol=2e-6)
-    # No farther than it is asked to look.
-    np.testing.assert_allclose(looked(tree, spheres, np.zeros((400, 3)), 0.3)[:, 0], np.minimum(truth, 0.3), atol=2e-6)
+    np.testing.assert_allclose(queried(tree, spheres, np.zeros((400, 3)), 1e4)[:, 0], truth, atol=2e-6)
+    # The limit bounds the distance.
+    np.testing.assert_allclose(queried(tree, spheres, np.zeros((400, 3)), 0.3)[:, 0], np.minimum(truth, 0.3), atol=2e-6)
 
 
-def test_time_of_first_contact(scene):
-    """Where the sphere stops it is a skin away from the nearest triangle, and never nearer on the way."""
+def test_contact_stops_one_skin_before_nearest_triangle(scene):
+    """At the time of contact the gap is one skin; before, it is larger."""
     tree, world, owner = scene
     random = np.random.default_rng(5)
     spheres, chords = np.zeros((300, 4)), random.normal(size=(300, 3)) * random.uniform(0.01, 3.0, (300, 1))
@@ -114,7 +114,7 @@ def test_time_of_first_contact(scene):
     spheres, chords = spheres.astype(np.float32).astype(float), chords.astype(np.float32).astype(float)
     free = point_triangle(spheres[:, :3], world).min(axis=1) > spheres[:, 3] + 2.0 * SKIN
     spheres, chords = spheres[free], chords[free]
-    found = looked(tree, spheres, chords, 1.0)
+    found = queried(tree, spheres, chords, 1.0)
     hit = found[:, 2] < 1.0
     assert 0.2 < hit.mean() < 0.95
     for part in np.linspace(0.0, 1.0, 60):
@@ -125,22 +125,22 @@ def test_time_of_first_contact(scene):
     assert (found[hit, 3] < 0.0).all(), "a contact's normal points against the motion"
     assert (owner[distance.argmin(axis=1)][hit] == found[hit, 4]).mean() > 0.99
     assert (found[~hit, 4] == -1).all()
-    # The bound on the time comes before anything is within the radius.
+    # At the bound of the time no triangle is within the radius yet.
     before = spheres[:, :3] + 0.999 * found[:, 1:2] * chords
     assert (point_triangle(before, world).min(axis=1) > spheres[:, 3] - 1e-5).all()
 
 
-def test_a_long_way_through_a_thin_plate():
-    """Nothing is jumped over, however far it is in one go."""
+def test_contact_finds_thin_plate_on_long_motion():
+    """A motion of a kilometer does not tunnel through a plate without thickness."""
     plate = np.array([[[0.0, -1, -1], [0, 1, -1], [0, 0, 1]]])
     tree = obstacles(plate)()
     spheres, chords = np.array([[-500.0, 0.0, 0.0, 0.01]]), np.array([[1000.0, 0.0, 0.0]])
-    found = looked(tree, spheres, chords, 1.0)
+    found = queried(tree, spheres, chords, 1.0)
     np.testing.assert_allclose(found[0, 2] * 1000.0, 500.0 - 0.01 - SKIN, atol=1e-3)
 
 
-def test_no_obstacles():
+def test_empty_obstacles_return_limits():
     from dynamics.obstacles import Obstacles
 
-    found = looked(Obstacles.empty(), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
+    found = queried(Obstacles.empty(), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
     assert found[0].tolist() == [5.0, 1.0, 1.0, 0.0, -1.0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random numbers against the distributions they claim, by Kolmogorov-Smirnov and chi-square tests."""
+"""Random numbers against their claimed distributions, by Kolmogorov-Smirnov and chi-square tests."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from scipy import stats
 from dynamics.random import ball, hemisphere, pcg4d, uniform4
 
 COUNT = 40_000
-SIGNIFICANCE = 1e-4  # the numbers are fixed: a test that passes once passes for ever
+SIGNIFICANCE = 1e-4  # the numbers are fixed, so that a test that passes once always passes
 
 Table = ti.types.ndarray(ti.f64, 2)
 
@@ -30,7 +30,7 @@ def draw(seed: ti.i32, number: ti.i32, uniforms: Table, directions: Table, spins
 
 
 @ti.kernel
-def words(counters: ti.types.ndarray(ti.u32, 2), result: ti.types.ndarray(ti.u32, 2)):
+def hash_words(counters: ti.types.ndarray(ti.u32, 2), result: ti.types.ndarray(ti.u32, 2)):
     for i in range(counters.shape[0]):
         hashed = pcg4d(counters[i, 0], counters[i, 1], counters[i, 2], counters[i, 3])
         for c in ti.static(range(4)):
@@ -43,11 +43,11 @@ def drawn(seed=42, number=7, normal=(0.0, 0.0, 1.0)):
     return uniforms, directions, spins
 
 
-def test_hash_is_pcg4d():
-    """The same words as an independent numpy version of the published function, overflow included."""
+def test_pcg4d_matches_numpy_version_of_published_function():
+    """Includes integer overflow."""
     counters = np.random.default_rng(1).integers(0, 2**32, (100, 4), dtype=np.uint32)
     result = np.zeros_like(counters)
-    words(counters, result)
+    hash_words(counters, result)
     v = counters * np.uint32(1664525) + np.uint32(1013904223)
     for _ in range(2):
         for target, a, b in ((0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2)):
@@ -57,7 +57,7 @@ def test_hash_is_pcg4d():
 
 
 @pytest.mark.parametrize(("seed", "number"), [(42, 7), (0, 0), (2**31 - 1, -5)])
-def test_uniform_in_every_column_and_uncorrelated(seed, number):
+def test_uniform4_is_uniform_and_uncorrelated(seed, number):
     uniforms, _, _ = drawn(seed, number)
     assert uniforms.min() > 0.0
     assert uniforms.max() < 1.0
@@ -70,7 +70,7 @@ def test_uniform_in_every_column_and_uncorrelated(seed, number):
     np.testing.assert_allclose(correlation, np.eye(4), atol=5.0 / np.sqrt(COUNT))
 
 
-def test_other_objects_and_seeds_have_other_numbers():
+def test_other_bodies_and_seeds_have_uncorrelated_numbers():
     first = drawn(42, 7)[0][:, 0]
     for seed, number in ((42, 8), (43, 7), (7, 42)):
         other = drawn(seed, number)[0][:, 0]
@@ -78,13 +78,13 @@ def test_other_objects_and_seeds_have_other_numbers():
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, -0.48, 0.64), (-0.8, 0.0, 0.6)])
-def test_directions_are_uniform_over_the_hemisphere(normal):
+def test_hemisphere_is_uniform_about_any_normal(normal):
     _, directions, _ = drawn(normal=normal)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-6)
     heights = directions @ normal
     assert heights.min() > 0.0
     assert stats.kstest(heights, "uniform").pvalue > SIGNIFICANCE
-    # The rest: of a uniform half sphere the centroid is half the normal, and the angle about the normal is uniform.
+    # The centroid of a uniform hemisphere is half the normal, and the angle about the normal is uniform.
     np.testing.assert_allclose(directions.mean(axis=0), 0.5 * np.array(normal), atol=5.0 / np.sqrt(COUNT))
     tangent = np.cross(normal, (0.3, 0.9, -0.2))
     tangent /= np.linalg.norm(tangent)
@@ -92,7 +92,7 @@ def test_directions_are_uniform_over_the_hemisphere(normal):
     assert stats.kstest(angle / (2.0 * np.pi) + 0.5, "uniform").pvalue > SIGNIFICANCE
 
 
-def test_spins_are_uniform_in_the_ball():
+def test_ball_is_uniform():
     _, _, spins = drawn()
     lengths = np.linalg.norm(spins, axis=1)
     assert lengths.max() < 1.0 + 1e-6

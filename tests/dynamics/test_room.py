@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Twenty movers in the living room, for long: nothing touches, leaves or gets stuck.
+"""Twenty movers in the living room for many frames: no penetration, no escape, no stall.
 
-Embree, over the true triangles of both sides, says whether an edge of one goes through a face of the other.
+Embree tests the actual triangles of both sides for edges that pass through faces.
 """
 
 import functools
@@ -38,7 +38,7 @@ TEMPLATES = [
 
 
 def merged(description: SceneDescription) -> trimesh.Trimesh:
-    """All triangles of a stage or template as one mesh."""
+    """Return all triangles of a stage or template as one mesh."""
     parts = [
         trimesh.Trimesh(description.meshes[each.mesh].positions, description.meshes[each.mesh].triangles, process=False)
         .apply_transform(each.world_from_object) for each in description.instances
@@ -46,16 +46,16 @@ def merged(description: SceneDescription) -> trimesh.Trimesh:
     return trimesh.util.concatenate(parts)
 
 
-def memory() -> float:
-    """Of this process, MB; 0 where it cannot be told."""
+def resident_memory() -> float:
+    """Return the resident memory of this process, MB; 0 where it is unknown."""
     statm = Path("/proc/self/statm")
     return int(statm.read_text().split()[1]) * 4096 / 1e6 if statm.exists() else 0.0
 
 
-class Arena:
+class RoomSimulation:
     def __init__(self, speed: float) -> None:
         self.stage = read_stage(catalog.find_scene("room_02"))
-        # Its open windows have panes that nobody sees.
+        # Its open windows have invisible colliders.
         self.whole = merged(replace(self.stage, instances=(*self.stage.instances, *self.stage.colliders)))
         self.rays = RayMeshIntersector(self.whole, scale_to_box=False)
         self.meshes = [merged(read_template(catalog.find_template(name)).description) for name in TEMPLATES]
@@ -68,7 +68,7 @@ class Arena:
         free = self.distances(points, 1.0)
         order = np.argsort(-free)
         points, free = points[order], free[order]
-        # The largest goes where most room is.
+        # Place the largest mover first, where the most space is.
         starts = np.zeros((COUNT, 3))
         reach = np.array([shapes[row % len(TEMPLATES)].reach for row in range(COUNT)])
         taken: list[int] = []
@@ -90,7 +90,7 @@ class Arena:
 
     @functools.cached_property
     def ends(self) -> list[np.ndarray]:
-        """Of the edges of the room."""
+        """Both ends of the edges of the room."""
         return [self.whole.vertices[self.whole.edges_unique[:, side]] for side in (0, 1)]
 
     def distances(self, points: np.ndarray, limit: float) -> np.ndarray:
@@ -100,12 +100,12 @@ class Arena:
         return table[:, 3]
 
     def is_inside(self, point: np.ndarray) -> bool:
-        """Whether there is something on all sides."""
+        """Return whether rays along all axes hit the room."""
         six = np.concatenate([np.eye(3), -np.eye(3)])
         return bool(self.rays.intersects_any(np.tile(point, (6, 1)), six).all())
 
-    def gap(self, poses: np.ndarray) -> float:
-        """Between all proxy spheres and the room, as far as 0.1 m; all of them must be within its outer walls."""
+    def room_gap(self, poses: np.ndarray) -> float:
+        """Return the gap between all proxy spheres and the room, meters; check that they are within its bounds."""
         spheres = [spheres_at(mover.shape, pose) for mover, pose in zip(self.simulation.movers, poses, strict=True)]
         low, high = self.stage.bounds()
         for centers, radii in spheres:
@@ -114,8 +114,8 @@ class Arena:
         nearest = self.distances(np.concatenate([centers for centers, _ in spheres]), 0.2)
         return float((nearest - np.concatenate([radii for _, radii in spheres])).min())
 
-    def between(self, poses: np.ndarray) -> float:
-        """Between the proxy spheres of different movers."""
+    def mover_gap(self, poses: np.ndarray) -> float:
+        """Return the gap between the proxy spheres of different movers, meters."""
         spheres = [spheres_at(mover.shape, pose) for mover, pose in zip(self.simulation.movers, poses, strict=True)]
         nearest = np.inf
         for row, (a, r) in enumerate(spheres):
@@ -126,24 +126,24 @@ class Arena:
                     nearest = min(nearest, float(gaps.min()))
         return nearest
 
-    def crossings(self, poses: np.ndarray) -> int:
-        """Edges of the room that go through a mover's faces, and the other way round."""
+    def count_crossings(self, poses: np.ndarray) -> int:
+        """Count edges of the room that pass through a mover's faces, and the reverse."""
         count = 0
         start, end = self.ends
         for row, pose in enumerate(poses):
             mesh, turn = self.meshes[row % len(TEMPLATES)], matrix_from_quaternion(pose[3:])
             corners = mesh.vertices @ turn.T + pose[:3]
-            count += crossed(self.rays, corners[mesh.edges_unique[:, 0]], corners[mesh.edges_unique[:, 1]])
+            count += count_hits(self.rays, corners[mesh.edges_unique[:, 0]], corners[mesh.edges_unique[:, 1]])
             reach = np.linalg.norm(mesh.vertices, axis=1).max() + 0.5 * np.linalg.norm(end - start, axis=1)
             near = np.linalg.norm(0.5 * (start + end) - pose[:3], axis=1) < reach
             if near.any():
                 own = [(side[near] - pose[:3]) @ turn for side in (start, end)]
-                count += crossed(self.movers[row % len(TEMPLATES)], *own)
+                count += count_hits(self.movers[row % len(TEMPLATES)], *own)
         return count
 
 
-def crossed(rays: RayMeshIntersector, start: np.ndarray, end: np.ndarray) -> int:
-    """How many of the segments hit the mesh."""
+def count_hits(rays: RayMeshIntersector, start: np.ndarray, end: np.ndarray) -> int:
+    """Count line segments that hit the mesh."""
     length = np.linalg.norm(end - start, axis=1)
     start, end, length = start[length > 1e-9], end[length > 1e-9], length[length > 1e-9]
     where, which, _ = rays.intersects_location(start, (end - start) / length[:, None], multiple_hits=False)
@@ -152,37 +152,37 @@ def crossed(rays: RayMeshIntersector, start: np.ndarray, end: np.ndarray) -> int
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("speed", "frames"), [(1.5, 10_000), (20.0, 200)])
-def test_twenty_movers_in_a_room(speed, frames):
-    arena = Arena(speed)
-    low, high = arena.stage.bounds()
+def test_twenty_movers_neither_penetrate_nor_leave_nor_stall(speed, frames):
+    room = RoomSimulation(speed)
+    low, high = room.stage.bounds()
     still = np.zeros(COUNT)
     longest, took, before = 0.0, [], None
     least, settled = np.inf, 0.0
     for frame in range(frames):
         begun = time.perf_counter()
-        moment = arena.simulation.frame(frame)
+        state = room.simulation.frame(frame)
         took.append(time.perf_counter() - begun)
-        poses = moment.poses
-        assert (poses[:, :3] > low).all(), f"frame {frame}: something has left"
-        assert (poses[:, :3] < high).all(), f"frame {frame}: something has left"
+        poses = state.poses
+        assert (poses[:, :3] > low).all(), f"frame {frame}: a mover has left the room"
+        assert (poses[:, :3] < high).all(), f"frame {frame}: a mover has left the room"
         if frame % 10 == 0:
-            least = min(least, arena.gap(poses), arena.between(poses))
+            least = min(least, room.room_gap(poses), room.mover_gap(poses))
             assert least > 0.0, f"frame {frame}"
         if frame % (frames // 10) == 0:
-            assert arena.crossings(poses) == 0, f"frame {frame}"
+            assert room.count_crossings(poses) == 0, f"frame {frame}"
         if frame == frames // 2:
-            settled = memory()
+            settled = resident_memory()
         if before is not None:
             slow = np.linalg.norm(poses[:, :3] - before[:, :3], axis=1) < 0.1 * speed / FPS
             still = np.where(slow, still + 1, 0)
             longest = max(longest, still.max() / FPS)
         before = poses
-    grown = memory() - settled
+    grown = resident_memory() - settled
     print(
-        f"{len(arena.whole.faces)} triangles, {speed} m/s: median {1e3 * np.median(took):.1f} ms a frame, 99 % below "
+        f"{len(room.whole.faces)} triangles, {speed} m/s: median {1e3 * np.median(took):.1f} ms a frame, 99 % below "
         f"{1e3 * np.quantile(took, 0.99):.1f} ms, least gap {1e3 * least:.2f} mm, still {longest:.2f} s, "
         f"{grown:+.1f} MB in the second half"
     )
     assert longest < 2.0
     assert grown < 30.0
-    assert len(arena.simulation.checkpoint_frames) <= 1024
+    assert len(room.simulation.checkpoint_frames) <= 1024

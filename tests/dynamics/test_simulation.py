@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulation as a whole: pure, the same bits in any company, thread count and process; usable alone."""
+"""Simulation: poses are a pure function of their own body, for any thread count and process, without tiscene."""
 
 import hashlib
 import math
@@ -36,7 +36,7 @@ def digest(count: int = 24) -> str:
     return hashlib.sha256(b"".join(simulation.poses(time).tobytes() for time in TIMES)).hexdigest()
 
 
-ALONE = """
+PROGRAM = """
 import sys
 import taichi as ti
 ti.init(arch=ti.cpu, fast_math=False, cpu_max_num_threads={threads}, log_level=ti.ERROR, offline_cache={cache})
@@ -48,9 +48,9 @@ assert not any(name.split(".")[0] == "tiscene" for name in sys.modules), "dynami
 
 
 @pytest.mark.parametrize(("threads", "cache"), [(1, True), (2, False)])
-def test_another_process_alone_and_any_number_of_threads_give_the_same_bits(threads, cache):
+def test_poses_are_identical_in_another_process_with_any_thread_count(threads, cache):
     done = subprocess.run(
-        [sys.executable, "-c", ALONE.format(threads=threads, cache=cache)],
+        [sys.executable, "-c", PROGRAM.format(threads=threads, cache=cache)],
         capture_output=True,
         text=True,
         check=False,
@@ -60,7 +60,7 @@ def test_another_process_alone_and_any_number_of_threads_give_the_same_bits(thre
     assert done.stdout.split()[-1] == digest()
 
 
-def test_other_bodies_change_no_bit():
+def test_poses_do_not_depend_on_other_bodies():
     everyone = bodies(24)
     together = Simulation(everyone, AllTogether(0.3))
     few = Simulation(everyone[3:9:2], AllTogether(0.3))
@@ -71,7 +71,7 @@ def test_other_bodies_change_no_bit():
         assert poses.tobytes() == np.ascontiguousarray(odd.poses(time)[23::-1]).tobytes()
 
 
-def test_the_order_of_asking_changes_no_bit():
+def test_poses_do_not_depend_on_order_of_calls():
     simulation = Simulation(bodies(8))
     forward = [simulation.poses(time) for time in TIMES]
     backward = [simulation.poses(time) for time in TIMES[::-1]][::-1]
@@ -80,14 +80,14 @@ def test_the_order_of_asking_changes_no_bit():
     assert simulation.poses(TIMES[0]).tobytes() == backward[0].tobytes()
 
 
-def test_rotations_are_unit_and_everything_is_finite():
+def test_poses_are_finite_with_unit_quaternions():
     simulation = Simulation(bodies(24))
     poses = np.array([simulation.poses(time) for time in TIMES])
     assert np.isfinite(poses).all()
     np.testing.assert_allclose(np.linalg.norm(poses[..., 3:], axis=-1), 1.0, atol=1e-15)
 
 
-def test_a_new_body_compiles_nothing():
+def test_new_bodies_compile_no_kernel():
     Simulation(bodies(1)).poses(1.0)
     compiled = len(evaluate._primal.compiled_kernels)
     for count in (2, 5, 24):
@@ -95,11 +95,11 @@ def test_a_new_body_compiles_nothing():
     assert len(evaluate._primal.compiled_kernels) == compiled == 1
 
 
-def test_no_bodies_have_no_poses():
+def test_simulation_without_bodies_returns_empty_poses():
     assert Simulation([]).poses(1.0).shape == (0, 7)
 
 
 @pytest.mark.parametrize(("error", "time"), [(ValueError, math.nan), (ValueError, math.inf), (TypeError, "1")])
-def test_a_time_must_be_a_finite_number(error, time):
+def test_non_finite_time_raises(error, time):
     with pytest.raises(error, match="time="):
         Simulation([Body()]).poses(time)

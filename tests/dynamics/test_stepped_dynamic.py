@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamics that a user writes, step by step, in plain Python."""
+"""Stepped dynamics: trajectories that users write in Python."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tests.dynamics.solids import box, cube, obstacles
 
 @dataclass(frozen=True)
 class Pendulum(Stepped):
-    """Swings in the plane x, y below where it was placed."""
+    """A pendulum in the xy plane below its start position."""
 
     length: float = 1.0
     swing: float = 0.5
@@ -37,7 +37,7 @@ class Pendulum(Stepped):
 
 @dataclass(frozen=True)
 class Walk(Stepped):
-    """Takes a step in a random direction every 0.1 s."""
+    """A random walk with a step every 0.1 s."""
 
     seed: int = 1
     step = 0.1
@@ -56,7 +56,7 @@ def bodies():
     return [Body(Pendulum(), (0.0, 2.0, 0.0), name="p"), Body(Walk(), (3.0, 0.0, 0.0), name="w")]
 
 
-def test_it_moves_by_its_own_law():
+def test_pendulum_swings_with_its_period():
     simulation = Simulation(bodies()[:1])
     poses = np.array([simulation.poses(Fraction(k, 50))[0] for k in range(500)])
     np.testing.assert_allclose(np.linalg.norm(poses[:, :3] - (0.0, 2.0, 0.0), axis=1), 1.0, atol=1e-3)
@@ -70,14 +70,14 @@ def test_it_moves_by_its_own_law():
     np.testing.assert_allclose(2.0 * np.arctan2(poses[:, 6], poses[:, 3]), angles, atol=1e-3)
 
 
-def test_any_order_of_asking_gives_the_same_bits(monkeypatch):
+def test_poses_do_not_depend_on_order_of_calls(monkeypatch):
     straight = Simulation(bodies(), AllTogether(0.5))
     expected = [straight.poses(Fraction(k, 25)).tobytes() for k in range(400)]
     monkeypatch.setattr(module, "MAX_CHECKPOINTS", 4)
     again = Simulation(bodies(), AllTogether(0.5))
     for k in (399, 3, 200, 201, 199, 0, 12, 13, 398):
         assert again.poses(Fraction(k, 25)).tobytes() == expected[k], f"frame {k}"
-    assert expected[0] == expected[12], "it waits for its timing"
+    assert expected[0] == expected[12], "the timing delays the start"
 
 
 def test_checkpoints_stay_bounded_and_do_not_change_poses(monkeypatch):
@@ -90,7 +90,7 @@ def test_checkpoints_stay_bounded_and_do_not_change_poses(monkeypatch):
         np.testing.assert_array_equal(again.pose_at(clock), poses[clock])
 
 
-def test_seeking_computes_from_the_last_state_that_was_kept():
+def test_seeking_recomputes_from_last_checkpoint():
     steps = []
 
     @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def test_seeking_computes_from_the_last_state_that_was_kept():
     assert len(steps) <= module.CHECKPOINT + 1
 
 
-def test_what_it_meets_holds_it_up_and_it_returns_to_its_path():
+def test_blocked_body_returns_to_its_path():
     wall = box((0.2, 3.0, 3.0), (-0.55, 0.0, 0.0))
     shape = cube(0.2)
     mover = Mover(Body(Pendulum(swing=0.9), (0.0, 1.0, 0.0), name="p"), shape)
@@ -120,10 +120,10 @@ def test_what_it_meets_holds_it_up_and_it_returns_to_its_path():
     same = (poses == paths).all(axis=1)
     assert not same.all()
     blocked = int(np.flatnonzero(~same)[0])
-    assert same[blocked:].any(), "it is back on its path, to the bit"
+    assert same[blocked:].any(), "back on its path, bit by bit"
 
 
-def test_what_it_does_wrong_is_said():
+def test_wrong_pose_or_step_raises_error_that_names_the_class():
     @dataclass(frozen=True)
     class Wrong(Walk):
         def pose(self, state):

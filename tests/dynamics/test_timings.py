@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Timings and clocks, worked out by hand."""
+"""Timings and clocks against values computed by hand."""
 
 from fractions import Fraction
 
@@ -25,7 +25,7 @@ from dynamics.dynamic import Track
 
 
 def there_and_back(seconds: float) -> LinearWaypoints:
-    """x goes from 0 to 1 and back; at the quarters it is 0, 0.5, 1, 0.5."""
+    """Return a path whose x goes from 0 to 1 and back; at the quarters it is 0, 0.5, 1, 0.5."""
     return LinearWaypoints([Waypoint((0, 0, 0)), Waypoint((1, 0, 0))], total_time=seconds)
 
 
@@ -41,7 +41,7 @@ def test_all_together_waits_once():
     assert AllTogether() == AllTogether(1.0) == AllTogetherTimings(wait_time=1)
 
 
-def test_wait_until_complete_takes_turns_and_starts_again():
+def test_wait_until_complete_takes_turns_and_repeats():
     bodies = Body(there_and_back(4.0)), Body(), Body(there_and_back(2.0))
     # wait 0-1, body 0 1-5, wait 5-6, body 2 6-8, wait 8-9, body 0 9-13, ...
     times = [0.5, 1.0, 3.0, 5.0, 5.5, 6.5, 7.0, 8.0, 8.5, 11.0, 15.0]
@@ -54,7 +54,7 @@ def test_wait_until_complete_takes_turns_and_starts_again():
     assert once[9:] == [[0, 0, 0], [0, 0, 0]]
 
 
-def test_dict_timings_stop_where_they_are_and_go_on_from_there():
+def test_dict_timings_pause_and_continue_bodies():
     bodies = Body(there_and_back(4.0), name="a"), Body(there_and_back(4.0), name="b"), Body(there_and_back(4.0))
     # b 0-1, a 1-2.5, b 2.5-3.5, a 3.5-5, ...
     found = x(DictTimings({"b": 1.0, 0: 1.5}), [0.0, 0.5, 1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0], *bodies)
@@ -65,7 +65,7 @@ def test_dict_timings_stop_where_they_are_and_go_on_from_there():
     assert once == [[0.75, 0.5, 0]] * 3
 
 
-def test_a_clock_runs_from_birth_on_at_the_earliest():
+def test_clock_does_not_run_before_birth():
     path = there_and_back(4.0)
     found = x(AllTogether(0.5), [0.0, 2.0, 3.0, 4.0], Body(path), Body(path, birth=2), Body(path, birth=0.25))
     assert found[1:] == [[0.75, 0, 0.75], [0.75, 0.5, 0.75], [0.25, 1, 0.25]]
@@ -79,7 +79,7 @@ def test_untimed_bodies_ignore_the_timings():
     assert x(WaitUntilComplete(5.0), [1.0, 2.0], camera, Body(there_and_back(1.0))) == [[0.5, 0], [1, 0]]
 
 
-def test_ten_million_frames_later_the_poses_are_the_same_bits():
+def test_poses_are_identical_ten_million_frames_later():
     path = LinearWaypoints([Waypoint((0.1, 0, 0)), Waypoint((1, 0.7, 0)), Waypoint((0, 1, 3))], total_time=3.3)
     simulation = Simulation([Body(path)], AllTogether(0.7))
     # 3.3 s at 30 frames a second are 99 frames; the wait is 21.
@@ -90,7 +90,7 @@ def test_ten_million_frames_later_the_poses_are_the_same_bits():
         assert early == late
 
 
-def test_times_are_the_decimals_they_are_written_as():
+def test_exact_returns_the_decimal_that_a_float_prints_as():
     assert exact(0.1) == Fraction(1, 10)
     assert exact(3) == 3
     assert exact(Fraction(1, 3)) == Fraction(1, 3)
@@ -124,7 +124,7 @@ def test_clock_parameters_are_rounded_once():
         (ValueError, r"times\['a'\]=0: must be greater than 0", lambda: DictTimings({"a": 0})),
     ],
 )
-def test_impossible_timings_are_refused(error, message, make):
+def test_invalid_arguments_raise_errors_that_name_them(error, message, make):
     with pytest.raises(error, match=message):
         make()
 
@@ -139,7 +139,7 @@ def test_impossible_timings_are_refused(error, message, make):
         (r"body 1 \('b'\) has two turns", DictTimings({"b": 1.0, 1: 2.0})),
     ],
 )
-def test_timings_that_cannot_work_for_the_bodies_are_refused(message, timing):
+def test_timings_that_do_not_fit_the_bodies_raise(message, timing):
     endless = Keyframes((0, 1), [Waypoint((0, 0, 0)), Waypoint((1, 0, 0))])
     with pytest.raises(ValueError, match=message):
         Simulation([Body(Still(), name="a"), Body(endless, name="b")], timing)

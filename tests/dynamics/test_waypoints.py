@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waypoint loops, against closed forms, scipy and the plain reference."""
+"""Waypoint loops against closed forms, scipy and the numpy reference."""
 
 import itertools
 import math
@@ -38,7 +38,7 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("path", EVERY, ids=lambda path: f"{type(path).__name__}-{path.pacing}-{path.rotation}")
-def test_every_path_is_that_of_the_reference(path):
+def test_paths_match_reference(path):
     ours = poses(path, CLOCKS)
     theirs = np.array([motion.pose(path, clock) for clock in CLOCKS])
     # The reference finds arc lengths on a polyline.
@@ -49,7 +49,7 @@ def test_every_path_is_that_of_the_reference(path):
 
 
 @pytest.mark.parametrize("kind", [LinearWaypoints, CatmullWaypoints])
-def test_with_equal_time_a_body_is_exactly_at_each_waypoint_in_turn(kind):
+def test_equal_time_pacing_reaches_each_waypoint_exactly(kind):
     path = kind(WAYPOINTS, total_time=3.3)
     found = poses(path, [0.66 * i for i in range(4)] + [2.64, 3.3, 3.96])
     assert (found[:5, :3] == POINTS).all()
@@ -60,7 +60,7 @@ def test_with_equal_time_a_body_is_exactly_at_each_waypoint_in_turn(kind):
     assert angle_between(found[:5], expected).max() < 1e-7
 
 
-def test_straight_lines_and_slerp_are_those_of_scipy():
+def test_linear_waypoints_match_scipy_interp_and_slerp():
     clocks = np.linspace(0, 5, 101)[:-1]
     found = poses(LinearWaypoints(WAYPOINTS, total_time=5.0), clocks)
     closed = np.concatenate([POINTS, POINTS[:1]])
@@ -70,7 +70,7 @@ def test_straight_lines_and_slerp_are_those_of_scipy():
     assert (rotations(found) * Slerp(range(6), keys)(clocks).inv()).magnitude().max() < 1e-7
 
 
-def test_catmull_rom_is_the_cubic_hermite_spline_with_central_differences():
+def test_catmull_waypoints_match_hermite_spline_with_central_differences():
     clocks = np.linspace(0, 5, 101)[:-1]
     found = poses(CatmullWaypoints(WAYPOINTS, total_time=5.0), clocks)
     tangents = (np.roll(POINTS, -1, axis=0) - np.roll(POINTS, 1, axis=0)) / 2
@@ -78,7 +78,7 @@ def test_catmull_rom_is_the_cubic_hermite_spline_with_central_differences():
     np.testing.assert_allclose(found[:, :3], spline(clocks), atol=1e-13)
 
 
-def test_catmull_velocity_and_angular_velocity_are_continuous_at_waypoints():
+def test_catmull_velocity_and_angular_velocity_are_continuous():
     step = 1e-4
     path = CatmullWaypoints(WAYPOINTS, total_time=5.0)
     for knot in range(5, 10):
@@ -90,7 +90,7 @@ def test_catmull_velocity_and_angular_velocity_are_continuous_at_waypoints():
         np.testing.assert_allclose(left, right, atol=40 * step * step)
 
 
-def test_squad_of_a_uniform_turn_is_that_turn():
+def test_squad_of_uniform_turn_is_that_turn():
     turn = CatmullWaypoints([Waypoint((0, 0, 0), (0, 60 * i, 0)) for i in range(6)], total_time=6.0)
     clocks = np.linspace(0, 6, 25)
     expected = Rotation.from_euler("y", 60 * clocks[:, None], degrees=True)
@@ -98,7 +98,7 @@ def test_squad_of_a_uniform_turn_is_that_turn():
 
 
 @pytest.mark.parametrize("kind", [LinearWaypoints, CatmullWaypoints])
-def test_arc_length_pacing_is_constant_speed(kind):
+def test_arc_length_pacing_has_constant_speed(kind):
     path = kind(WAYPOINTS, total_time=5.0, pacing="arc_length")
     clocks = np.linspace(0, 5, 2001)
     found = poses(path, clocks)[:, :3]
@@ -123,7 +123,7 @@ def _length(kind: type) -> float:
     return float(np.trapezoid(np.linalg.norm(derivative(u), axis=1), u))
 
 
-def test_arc_length_has_no_jump_where_the_table_or_the_segment_changes():
+def test_arc_length_pacing_is_smooth_across_table_entries_and_segments():
     path = CatmullWaypoints(WAYPOINTS, total_time=5.0, pacing="arc_length")
     clocks = np.linspace(0.0, 5.0, 6001)
     steps = np.linalg.norm(np.diff(poses(path, clocks)[:, :3], axis=0), axis=1)
@@ -131,7 +131,7 @@ def test_arc_length_has_no_jump_where_the_table_or_the_segment_changes():
     assert steps.max() / steps.min() - 1 < 2e-3
 
 
-def test_quaternions_take_the_short_way_and_ignore_their_sign():
+def test_quaternion_sign_does_not_matter():
     flipped = [Waypoint(w.position, tuple(-motion.quaternion_of_euler(w.rotation))) for w in WAYPOINTS[::2]]
     plain = [Waypoint(w.position, tuple(motion.quaternion_of_euler(w.rotation))) for w in WAYPOINTS[::2]]
     clocks = np.linspace(0, 4, 41)
@@ -143,7 +143,7 @@ def test_quaternions_take_the_short_way_and_ignore_their_sign():
 def test_euler_rotation_keeps_turns_above_180_degrees():
     path = LinearWaypoints([Waypoint((0, 0, 0), (0, 0, 0)), Waypoint((1, 0, 0), (0, 270, 0))], 2.0, rotation="euler")
     found = rotations(poses(path, [0.5, 1.5])).as_euler("yxz", degrees=True)[:, 0]
-    # 135 on the way up; the closing segment goes on from 270 to 360, the nearest equivalent of 0.
+    # 135 on the way up; the closing segment leads from 270 to 360, the nearest equivalent of 0.
     np.testing.assert_allclose(found, [135.0, -45.0], atol=1e-10)
     shortest = rotations(poses(LinearWaypoints(path.waypoints, 2.0), [0.5])).as_euler("yxz", degrees=True)[0, 0]
     assert shortest == pytest.approx(-45.0)
@@ -154,7 +154,7 @@ def test_two_waypoints_go_there_and_back():
     assert poses(path, [0.5, 1.0, 1.5])[:, 0].tolist() == [1.0, 2.0, 1.0]
 
 
-def test_values_are_kept_as_plain_floats_and_compare():
+def test_paths_store_plain_floats_and_compare():
     path = LinearWaypoints([Waypoint(np.arange(3), np.zeros(3)), Waypoint([1, 2, 3], [0, 0, 0, 2])], 4)
     assert path.waypoints[0] == Waypoint((0.0, 1.0, 2.0), (0.0, 0.0, 0.0))
     assert isinstance(path.waypoints[0].position[0], float)
@@ -199,6 +199,6 @@ TWO = (Waypoint((0, 0, 0)), Waypoint((1, 0, 0)))
         ),
     ],
 )
-def test_impossible_paths_are_refused(error, message, make):
+def test_invalid_arguments_raise_errors_that_name_them(error, message, make):
     with pytest.raises(error, match=message):
         make()
