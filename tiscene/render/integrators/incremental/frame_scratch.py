@@ -4,7 +4,7 @@
 import numpy as np
 import taichi as ti
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental.path_cache import PathCache
 from tiscene.render.integrators.incremental.retrace_kernels import CORRECTION_COLUMNS, MOVER_COLUMNS
 from tiscene.render.integrators.path.path_state import chunks_for
@@ -34,14 +34,14 @@ class FrameScratch:
     def __init__(self, cache: PathCache, coverage_rows: int = 0) -> None:
         self.rows = max(cache.max_rows, coverage_rows)
         self.paths, self.steps = cache.state.size, cache.steps
-        self.blocked = ti.ndarray(ti.i32, (self.rows,))
-        self.candidates = ti.ndarray(ti.i32, (self.rows,))
-        self.shadow_rows = ti.ndarray(ti.i32, (self.rows,))
-        self.row_chunks = ti.ndarray(ti.i32, (chunks_for(self.rows),))
-        self.change = ti.ndarray(ti.f32, (self.paths, 3))
-        self.invalidated = ti.ndarray(ti.i32, (self.paths, 2))
-        self.path_chunks = ti.ndarray(ti.i32, (chunks_for(self.paths), self.steps))
-        self.restart_queue = ti.ndarray(ti.i32, (self.paths,))
+        self.blocked = device_array(ti.i32, (self.rows,))
+        self.candidates = device_array(ti.i32, (self.rows,))
+        self.shadow_rows = device_array(ti.i32, (self.rows,))
+        self.row_chunks = device_array(ti.i32, (chunks_for(self.rows),))
+        self.change = device_array(ti.f32, (self.paths, 3))
+        self.invalidated = device_array(ti.i32, (self.paths, 2))
+        self.path_chunks = device_array(ti.i32, (chunks_for(self.paths), self.steps))
+        self.restart_queue = device_array(ti.i32, (self.paths,))
         pixels = int(cache.mean.shape[0])
         self.correction = upload(np.zeros((pixels, CORRECTION_COLUMNS), np.float32))
         self.mover_sums = upload(np.zeros((pixels, MOVER_COLUMNS), np.float32))

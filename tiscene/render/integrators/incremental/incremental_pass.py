@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float8
+from tiscene.device.memory import device_array
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
 from tiscene.render.integrators.incremental.base_image import (
@@ -117,7 +117,7 @@ class IncrementalPass:
         self._probes: dict[tuple[Any, ...], tuple[ProbePaths, FrameScratch]] = {}
         self._scratch: FrameScratch | None = None
         self._selection = PathSelection()
-        self._mover_boxes = ti.ndarray(float8, 6)
+        self._mover_boxes = device_array(float8, 6)
         self._path_state: PathState | None = None
 
     @property

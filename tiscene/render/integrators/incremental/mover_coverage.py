@@ -14,7 +14,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats1, Floats2, Ints1, Template
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.render.intersect.ray_queue import ROW, Hits, Pixels, Rays, hit, hit_id, ray, write_ray
 from tiscene.render.intersect.trace import closest
 from tiscene.render.view import View, camera_ray
@@ -47,11 +47,11 @@ class MoverCoverage:
         self._view, self._order, self._pixels = view, order, pixels
         self.sharp = view.current.lens_radius == 0.0
         count = len(order)
-        rays, queue = ti.ndarray(ray, count), upload(np.arange(count, dtype=np.int32))
-        hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
-        self._probe_rays = ti.ndarray(ray, PROBES * count)
-        self._other_distances = ti.ndarray(ti.f32, ((SUBPIXELS - PROBES) * count,))
-        self._other_rays = ti.ndarray(ray, 1)
+        rays, queue = device_array(ray, count), upload(np.arange(count, dtype=np.int32))
+        hits, hit_ids = device_array(hit, count), device_array(hit_id, count)
+        self._probe_rays = device_array(ray, PROBES * count)
+        self._other_distances = device_array(ti.f32, ((SUBPIXELS - PROBES) * count,))
+        self._other_rays = device_array(ray, 1)
         for number in range(SUBPIXELS):
             subpixel_rays(view.array(), pixels, view.width, view.height, number, rays)
             closest(scene, CURRENT, rays, queue, count, hits, hit_ids)
@@ -85,7 +85,7 @@ class MoverCoverage:
             ranks = edges[begin : begin + batch]
             rows = len(ranks) * (SUBPIXELS - PROBES)
             if self._other_rays.shape[0] < rows:
-                self._other_rays = ti.ndarray(ray, min(2 * rows, self.max_rows))
+                self._other_rays = device_array(ray, min(2 * rows, self.max_rows))
             other_subpixel_rays(
                 self._view.array(), self._pixels, *shape[::-1], ranks, len(ranks),
                 self._other_distances, self._other_rays,

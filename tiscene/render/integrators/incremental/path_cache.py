@@ -16,7 +16,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental import path_recording as record
 from tiscene.render.integrators.path.path_pass import PathPass, PathScene
 from tiscene.render.integrators.path.path_state import CHUNK, FEATURE_COLUMNS, PathSamples, PathState
@@ -115,7 +115,7 @@ class PathCache:
         self.pixels = upload_pixels(self.order, *self.size)
         self._paths, self._scenes, self._view = paths, scenes, view
         pixel_count = view.width * view.height
-        self.mean = ti.ndarray(ti.f32, (pixel_count, record.light_column(len(scenes))))
+        self.mean = device_array(ti.f32, (pixel_count, record.light_column(len(scenes))))
         self._block_size = block_size(samples.spp)
         total = pixel_count * samples.spp
         self.state = state
@@ -143,7 +143,7 @@ class PathCache:
         """Trace the paths of a block under each light group and store their records sorted by path."""
         first = number * self._block_size
         segment_counts, shadow_counts = (upload(np.zeros(count, np.int32)) for _ in range(2))
-        features = ti.ndarray(ti.f32, (count, FEATURE_COLUMNS))
+        features = device_array(ti.f32, (count, FEATURE_COLUMNS))
         recorded: list[list[_StepRecords]] = [[] for _ in range(self.steps)]
         for group, scene in enumerate(self._scenes):
             self._trace_group(group, scene, first, count, recorded, segment_counts, shadow_counts)
@@ -222,9 +222,9 @@ class PathCache:
             count,
             rows,
             upload(offsets),
-            ti.ndarray(ray, max(rows, 1)),
-            ti.ndarray(ti.f32, (max(rows, 1), 3)),
-            ti.ndarray(ti.f32, (max(restarts, 1), record.RESTART_COLUMNS)),
+            device_array(ray, max(rows, 1)),
+            device_array(ti.f32, (max(rows, 1), 3)),
+            device_array(ti.f32, (max(restarts, 1), record.RESTART_COLUMNS)),
             features,
         )
         next_row, next_segment = upload(offsets), upload(first_segments)
@@ -250,7 +250,7 @@ class _StepRecords:
 
     def __init__(self, count: int, group: int, is_segment: bool = False) -> None:
         self.count, self.group, self.is_segment = count, group, is_segment
-        self.paths = ti.ndarray(ti.i32, (count,))
-        self.rays = ti.ndarray(ray, count)
-        self.light = ti.ndarray(ti.f32, (count, 3))
-        self.restart = ti.ndarray(ti.f32, (count, record.RESTART_COLUMNS)) if is_segment else None
+        self.paths = device_array(ti.i32, (count,))
+        self.rays = device_array(ray, count)
+        self.light = device_array(ti.f32, (count, 3))
+        self.restart = device_array(ti.f32, (count, record.RESTART_COLUMNS)) if is_segment else None

@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental.path_cache import PathBlock, PathCache
 from tiscene.render.integrators.incremental.path_recording import gather_paths
 from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
@@ -73,7 +73,7 @@ class PathSelection:
         """Allocate arrays for at least this many records and paths."""
         if rows > self._rows:
             self._rows = int(_GROWTH * rows)
-            self._rays, self._light = ti.ndarray(ray, self._rows), ti.ndarray(ti.f32, (self._rows, 3))
+            self._rays, self._light = device_array(ray, self._rows), device_array(ti.f32, (self._rows, 3))
         if paths > self._paths:
             self._paths = int(_GROWTH * paths)
-            self._features = ti.ndarray(ti.f32, (self._paths, FEATURE_COLUMNS))
+            self._features = device_array(ti.f32, (self._paths, FEATURE_COLUMNS))

@@ -72,7 +72,7 @@ class CoverageLabels:
         materials = self.scene.materials.label_of_row()
         for first in range(0, count, _BATCH):
             pixels = min(_BATCH, count - first)
-            wave = self._wave.sized(pixels * SAMPLES)
+            wave = self._wave.reserved(pixels * SAMPLES)
             coverage_rays(
                 queue, first, pixels, view.array(), view.width, view.height,
                 int(still is not None), behind.distance, wave.rays,

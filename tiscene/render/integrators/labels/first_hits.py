@@ -33,11 +33,11 @@ def first_hits(
     time: or MOVERS.
     Rays that pass through something are moved on: their rows are not what they were. together: as for `closest`.
     """
-    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, together=together)
+    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, coherent=together)
     if not scene.materials.any_coverage:
         return
     for layer in range(MAX_LAYERS):
-        further = rays.further[layer % 2]
+        further = rays.next_queues[layer % 2]
         found = np.zeros(1, np.int32)
         pass_absent(
             queue,

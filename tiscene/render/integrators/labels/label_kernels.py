@@ -5,7 +5,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Bytes2, Floats1, Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_ray
-from tiscene.render.intersect.surface_interaction import INFO_MOVED, moved_by, object_point_at, transform_point
+from tiscene.render.intersect.surface_interaction import INFO_MOVED, object_point_at, transform_point, vertex_offset
 from tiscene.render.view import FORWARD, POSITION, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -84,7 +84,7 @@ def point_then(
     point = now
     if row >= 0:
         if instance_info[row, INFO_MOVED] > 0:
-            moved = moved_by(instance_info, row, time)
+            moved = vertex_offset(instance_info, row, time)
             point = object_point_at(vertex_position, triangle_vertices, triangle, b1, b2, moved)
     return point
 
@@ -129,7 +129,7 @@ def occlusion_rays(
         direction = view_vector(view, time, FORWARD)
         t_max, length = 0.0, -1.0
         if row >= 0:
-            moved = moved_by(instance_info, row, time)
+            moved = vertex_offset(instance_info, row, time)
             object_point = object_point_at(
                 vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], moved
             )

@@ -58,20 +58,20 @@ class LabelPass:
             return {}
         found = self._still.picture(view, buffers, times_needed(buffers), self._picture)
         if found is None:
-            rays = self._rays.sized(view.width, view.height)
+            rays = self._rays.resized(view.width, view.height)
             arrays = _empty(view, buffers)
             self._draw(view, rays.queue, rays.count, arrays)
         else:
             picture, changed, moving = found
             arrays = {name: picture.arrays[name].copy() for name in buffers}
-            queue, count = self._rays.sized(view.width, view.height).queue_of(changed)
+            queue, count = self._rays.resized(view.width, view.height).queue_of(changed)
             if count and not arrays.keys().isdisjoint(COVERAGES):
                 self.scene.place_movers(moving)
             self._draw(view, queue, count, arrays, still=picture.samples)
         return arrays
 
     def _picture(self, view: View, buffers: Sequence[str]) -> StaticImage:
-        rays = self._rays.sized(view.width, view.height)
+        rays = self._rays.resized(view.width, view.height)
         shape = (view.height, view.width)
         arrays = _empty(view, buffers)
         samples = None if arrays.keys().isdisjoint(COVERAGES) else CoverageSamples.empty(rays.count)
@@ -175,7 +175,7 @@ class LabelPass:
         cameras: NDArray[np.float32],
         occluded: NDArray[np.bool_],
     ) -> None:
-        rays, other = self._rays, self._other.sized(view.width, view.height)
+        rays, other = self._rays, self._other.resized(view.width, view.height)
         kernels.occlusion_rays(
             queue,
             count,

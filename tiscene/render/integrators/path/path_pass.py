@@ -257,7 +257,7 @@ class PathPass:
                     state.queue, live, state.rays, state.shadow_rays, state.occluded, state.state, state.status,
                 )  # fmt: skip
         else:
-            closest(self.scene, CURRENT, state.rays, state.queue, live, state.hits, state.hit_ids, together=step == 0)
+            closest(self.scene, CURRENT, state.rays, state.queue, live, state.hits, state.hit_ids, coherent=step == 0)
             with self.vector_mode():
                 shade(
                     *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
