@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A client of SAILenv's protocol, written from its description: little endian, texts with their length in bytes."""
+"""A client of SAILenv's protocol, written from its description and independent of `tiscene.sailenv.wire_format`."""
 
 import gzip
 import io
@@ -15,7 +15,16 @@ ALL = MAIN | CATEGORY | OBJECT | FLOW | DEPTH
 
 
 class Client:
-    """One connection. send: how bytes leave, so that a test can break them up."""
+    """One connection.
+
+    Args:
+        address: Host and port.
+        width: Image width, px.
+        height: Image height, px.
+        compress: Whether views are compressed.
+        send: Sends bytes through a socket; a test may split them.
+        timeout: s.
+    """
 
     def __init__(self, address, width=32, height=24, compress=False, send=None, timeout=300.0):
         self.socket = socket.create_connection(address, timeout=timeout)
@@ -65,7 +74,7 @@ class Client:
     def ask(self, command, payload=b""):
         self.write(bytes([command]) + payload)
 
-    def told(self, command, payload=b""):
+    def request(self, command, payload=b""):
         self.ask(command, payload)
         return self.text()
 
@@ -98,7 +107,7 @@ class Client:
         assert self.socket.recv(1) == b""
 
     def change_scene(self, name):
-        return self.told(0x02, text(name))
+        return self.request(0x02, text(name))
 
     def categories(self):
         self.ask(0x03)
@@ -109,70 +118,70 @@ class Client:
         return self.vector()
 
     def set_position(self, position):
-        return self.told(0x05, struct.pack("<3f", *position))
+        return self.request(0x05, struct.pack("<3f", *position))
 
     def rotation(self):
         self.ask(0x06)
         return self.vector()
 
     def set_rotation(self, rotation):
-        return self.told(0x07, struct.pack("<3f", *rotation))
+        return self.request(0x07, struct.pack("<3f", *rotation))
 
     def toggle_follow(self):
-        return self.told(0x08)
+        return self.request(0x08)
 
     def spawn(self, name, position=(0, 0, 0), rotation=(0, 0, 0), scale=(1, 1, 1), limited=True, dynamic=None):
         payload = text(name) + struct.pack("<6f?3f??", *position, *rotation, True, *scale, True, limited)
         if dynamic is None:
-            return self.told(0x09, payload + b"\0")
-        return self.told(0x09, payload + b"\1" + text(dynamic.get_type()) + text(json.dumps(dynamic.asdict())))
+            return self.request(0x09, payload + b"\0")
+        return self.request(0x09, payload + b"\1" + text(dynamic.get_type()) + text(json.dumps(dynamic.asdict())))
 
     def despawn(self, id):
-        return self.told(0x0A, struct.pack("<i", int(id)))
+        return self.request(0x0A, struct.pack("<i", int(id)))
 
     def spawnables(self):
         self.ask(0x0B)
         return self.texts()
 
     def send_obj_zip(self, name, data):
-        return self.told(0x0C, text(name) + struct.pack("<i", len(data)) + data)
+        return self.request(0x0C, text(name) + struct.pack("<i", len(data)) + data)
 
     def clear_flags(self, *color):
-        return self.told(0x0D, struct.pack("<3i", *color))
+        return self.request(0x0D, struct.pack("<3i", *color))
 
     def light(self, command, name, kind):
-        status = self.told(command, text(name))
+        status = self.request(command, text(name))
         return getattr(self, kind)() if status == "ok" else status
 
     def set_light(self, command, name, form, *values):
-        return self.told(command, text(name) + struct.pack(form, *values))
+        return self.request(command, text(name) + struct.pack(form, *values))
 
     def light_type(self, name):
-        return self.told(0x18, text(name))
+        return self.request(0x18, text(name))
 
     def light_names(self):
         self.ask(0x19)
         return self.texts()
 
     def ambient(self):
-        assert self.told(0x1A) == "ok"
+        assert self.request(0x1A) == "ok"
         return self.ints()
 
     def set_ambient(self, *color):
-        return self.told(0x1B, struct.pack("<3i", *color))
+        return self.request(0x1B, struct.pack("<3i", *color))
 
     def spawn_view_frustum(self):
         self.ask(0x1C)
 
     def load_scenario(self, scenario):
-        """The ids; then what SAILenv's own client asks for."""
+        """Return the ids, after the queries that SAILenv's own client sends next."""
         self.ask(0x1D, text(json.dumps(scenario.asdict())))
         ids = [self.text() for _ in scenario.objects]
         self.categories(), self.spawnables(), self.light_names()
         return ids
 
     def move(self, id, position, rotation=(0, 0, 0)):
-        return self.told(0x1E, struct.pack("<i6f", int(id), *position, *rotation))
+        return self.request(0x1E, struct.pack("<i6f", int(id), *position, *rotation))
 
 
 def text(value):

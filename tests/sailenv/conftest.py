@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small worlds in the object view, which is quick to read and to render."""
+"""Agents in the object view, which is quick to read and to render."""
 
 import pytest
 
@@ -11,7 +11,7 @@ SETTINGS = {"scene": SCENE, "spp": 1}
 
 @pytest.fixture
 def make_agent(request):
-    """Registers agents of one world, which ends with the test."""
+    """Return a function that registers an agent; all agents of a test share a world, which ends with the test."""
     agents = []
 
     def make(**others):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene serve` in a process of its own, as it is used."""
+"""`tiscene serve` in a process of its own."""
 
 import contextlib
 import os
@@ -10,7 +10,12 @@ import sys
 
 
 class Served:
-    """A running server. address: where; log: what it has said so far."""
+    """A running server.
+
+    Attributes:
+        process: The process.
+        address: Host and port.
+    """
 
     def __init__(self, folder, *arguments):
         self._log = folder / "serve.log"
@@ -24,17 +29,18 @@ class Served:
 
     @property
     def log(self):
+        """The text of its log so far."""
         return self._log.read_text()
 
     @property
     def resident(self):
-        """Bytes of memory."""
+        """Resident memory, bytes."""
         with open(f"/proc/{self.process.pid}/statm") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
-    def stop(self, how=signal.SIGTERM):
-        """End it as a person or a system would; the exit status."""
-        self.process.send_signal(how)
+    def stop(self, number=signal.SIGTERM):
+        """Send a signal; return the exit status."""
+        self.process.send_signal(number)
         try:
             return self.process.wait(30.0)
         finally:
@@ -44,7 +50,7 @@ class Served:
 
 @contextlib.contextmanager
 def served(folder, *arguments):
-    """A server that ends well."""
+    """Yield a server, and check that it stops without an error."""
     server = Served(folder, *arguments)
     try:
         yield server

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's Agent in process."""
+"""SAILenv's Agent in process: frames, poses, edits, scenarios, lights and errors."""
 
 import math
 
@@ -25,7 +25,7 @@ from tiscene.sailenv import (
 )
 from tiscene.sailenv.unity_coordinates import mirrored
 
-HOME = (0.0, 1.0, 0.0)  # where agents of the object view begin, looking along +z
+HOME = (0.0, 1.0, 0.0)  # the start position in the object view; agents look along +z
 ACTIVE = ("main", "category", "object", "flow", "depth")
 
 
@@ -44,7 +44,7 @@ def projected(x, y, z, width=64, height=48):
     return 0.5 * (width - 1) + focal * x / z, 0.5 * (height - 1) - focal * (y - 1.0) / z
 
 
-def test_what_a_frame_holds(make_agent):
+def test_frame_has_all_views_in_their_types_and_sizes(make_agent):
     agent = make_agent()
     frame = agent.get_frame()
     assert set(frame) == {*ACTIVE, "sizes", "deltaTime"}
@@ -65,7 +65,7 @@ def test_what_a_frame_holds(make_agent):
     frame["flow"][:] = 1.0  # writable
 
 
-def test_only_active_views_are_made(make_agent):
+def test_inactive_views_are_none(make_agent):
     agent = make_agent(main_frame_active=False, object_frame_active=False, depth_frame_active=False)
     assert agent.active_frames == {"main": False, "category": True, "object": False, "flow": True, "depth": False}
     assert agent.flags == FrameFlags.CATEGORY | FrameFlags.OPTICAL == 20
@@ -74,7 +74,7 @@ def test_only_active_views_are_made(make_agent):
     assert frame["sizes"] == {"main": 0, "category": 3072, "object": 0, "flow": 24576, "depth": 0}
 
 
-def test_before_and_after_a_scene(make_agent):
+def test_attributes_before_and_after_change_scene(make_agent):
     agent = make_agent()
     assert agent.id >= 0
     assert SCENE in agent.scenes
@@ -91,7 +91,7 @@ def test_before_and_after_a_scene(make_agent):
     assert agent.get_rotation() == Vector3(0, 0, 0)
 
 
-def test_an_object_is_where_unity_would_have_it(make_agent):
+def test_spawned_object_appears_at_its_unity_position(make_agent):
     agent = make_agent()
     agent.change_scene(SCENE)
     id = agent.spawn_object("Cube", (0.8, 1.4, 3.0), scale=(0.5, 0.5, 0.5))
@@ -107,7 +107,7 @@ def test_an_object_is_where_unity_would_have_it(make_agent):
     assert 2.6 < (frame["depth"][there] * 15).min() < 3.0
 
 
-def test_turning_right_moves_things_left_and_pitching_down_moves_them_up(make_agent):
+def test_turning_right_moves_the_image_left_and_pitching_down_moves_it_up(make_agent):
     agent = make_agent()
     agent.spawn_object("Sphere", (0, 1, 3), scale=(0.5, 0.5, 0.5))
     x, y = center(agent.get_frame()["object"].any(axis=-1))
@@ -121,8 +121,8 @@ def test_turning_right_moves_things_left_and_pitching_down_moves_them_up(make_ag
     assert center(agent.get_frame()["object"].any(axis=-1))[0] < x - 3
 
 
-def test_flow_points_back_in_x_and_forth_in_y(make_agent):
-    """Of a point that moves by (dx, dy) px, y down, since the frame before: (-dx, +dy)."""
+def test_flow_is_minus_dx_and_plus_dy(make_agent):
+    """(dx, dy) is the motion of a point in the image since the frame before, px, y down."""
     agent = make_agent()
     move = path((-0.4, 0.8, 3.0), (0.4, 1.6, 3.0))
     agent.load_scenario(Scenario(SCENE, [Object("s", "Sphere", HOME, HOME, move)], AllTogetherTimings(0.0)))
@@ -137,12 +137,12 @@ def test_flow_points_back_in_x_and_forth_in_y(make_agent):
     assert not frame["flow"][~there].any()
     empty = np.s_[:6, 40:]
     agent.set_position((0.1, 1.0, 0.0))
-    assert not agent.get_frame()["flow"][empty].any()  # nothing, at infinity
-    agent.set_rotation((0, 1, 0))  # the picture goes left
+    assert not agent.get_frame()["flow"][empty].any()  # the background is at infinity
+    agent.set_rotation((0, 1, 0))  # the image moves left
     assert (agent.get_frame()["flow"][empty][..., 0] > 0.1).all()
 
 
-def test_spawned_things_can_be_moved_and_taken_away(make_agent):
+def test_spawned_objects_can_be_moved_and_despawned(make_agent):
     agent = make_agent(main_frame_active=False)
     first = agent.spawn_object("Cube", (-0.8, 1, 3))
     other = agent.spawn_object("Cube Trail", Vector3(0.8, 1, 3), dynamic=path((0.8, 1, 3), (0.8, 2, 3)))
@@ -158,8 +158,8 @@ def test_spawned_things_can_be_moved_and_taken_away(make_agent):
     assert not agent.get_frame()["object"][:, :32].any()
 
 
-def test_spawning_as_clients_of_all_ages_do(make_agent):
-    """(dynamic, remove, limited, scale, parent) today; without `limited` in 2021, without `dynamic` in 2020."""
+def test_spawn_object_accepts_the_signatures_of_all_versions(make_agent):
+    """(dynamic, remove, limited, scale, parent); in 2021 without `limited`, in 2020 also without `dynamic`."""
     agent = make_agent(main_frame_active=False, category_frame_active=False, flow_frame_active=False)
     calls = (
         ((None, True, True, (2, 2, 2), True), {}),
@@ -179,15 +179,15 @@ def test_spawning_as_clients_of_all_ages_do(make_agent):
 
 
 @pytest.mark.parametrize(("walls", "frustum"), [(True, ts.Frustum()), (False, None)])
-def test_walls_as_early_clients_ask_for_them(make_agent, walls, frustum):
+def test_load_scenario_accepts_the_frustum_key_of_early_clients(make_agent, walls, frustum):
     agent = make_agent()
-    with agent._world() as (world, viewer):
-        world.load(viewer, {"scene_name": SCENE, "objects": [], "spawn_frustum": walls})
-        assert world._world().scenario.frustum == frustum
+    environment = agent.environment
+    content = {"scene_name": SCENE, "objects": [], "spawn_frustum": walls}
+    environment.load_scenario(environment.agents[agent.id], content)
+    assert environment.stream.scenario.frustum == frustum
 
 
-def test_a_scenario_is_the_same_natively(make_agent):
-    """The views are the buffers of tiscene's own stream of the same scenario, seed and settings."""
+def test_views_are_the_buffers_of_a_stream_of_the_same_scenario(make_agent):
     agent = make_agent(seed=3)
     bounce = UniformMovementRandomBounce((1, 0.5, 0), 0.5, 1.0, 9)
     objects = [
@@ -226,7 +226,7 @@ def test_a_scenario_is_the_same_natively(make_agent):
     assert {row.id for row in frame.objects} == {int(id) for id, _ in ids}
 
 
-def test_a_run_repeats_itself(make_agent):
+def test_same_calls_give_the_same_bytes(make_agent):
     def run(port):
         agent = make_agent(port=port)
         agent.load_scenario(Scenario(SCENE, [Object("a", "Cube", (0, 1, 3), HOME, UniformMovementRandomBounce())]))
@@ -240,7 +240,7 @@ def test_a_run_repeats_itself(make_agent):
             assert here[name].tobytes() == there[name].tobytes()
 
 
-def test_an_agent_that_was_put_somewhere_stays_there_when_a_scenario_begins(make_agent):
+def test_load_scenario_keeps_the_pose_of_an_agent_and_change_scene_resets_it(make_agent):
     agent = make_agent()
     agent.set_position((0.25, 1.5, 0.125))
     agent.load_scenario(Scenario(SCENE, []))
@@ -249,23 +249,23 @@ def test_an_agent_that_was_put_somewhere_stays_there_when_a_scenario_begins(make
     assert agent.get_position() == Vector3(*HOME)
 
 
-def test_following_the_track(make_agent):
+def test_agent_follows_the_camera_track_at_constant_speed(make_agent):
     agent = make_agent(main_frame_active=False)
     agent.set_position((0, 1, 0.5))
     agent.toggle_follow()
-    places = []
+    positions = []
     for _ in range(26):
         agent.get_frame()
-        places.append(np.array(tuple(agent.get_position())))
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        positions.append(np.array(tuple(agent.get_position())))
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     np.testing.assert_allclose(steps, 0.5 / 25, rtol=0.02)  # half a meter a second
     assert agent.get_rotation() != Vector3(0, 0, 0)
     agent.toggle_follow()
     agent.get_frame()
-    np.testing.assert_array_equal(tuple(agent.get_position()), places[-1])
+    np.testing.assert_array_equal(tuple(agent.get_position()), positions[-1])
 
 
-def test_agents_share_one_world_and_one_clock(make_agent):
+def test_agents_of_one_world_share_objects_and_the_frame_clock(make_agent):
     one, two = make_agent(main_frame_active=False), make_agent(main_frame_active=False, width=32, height=24)
     assert one.id != two.id
     one.spawn_object("Cube", (0, 1, 3))
@@ -278,7 +278,7 @@ def test_agents_share_one_world_and_one_clock(make_agent):
         np.testing.assert_array_equal(np.unique(first["object"]), np.unique(second["object"]))
     for _ in range(5):
         one.get_frame()
-    late = two.get_frame()  # the current frame, not one that is over
+    late = two.get_frame()  # the current frame, not the next of those it has missed
     assert late["deltaTime"] == pytest.approx(5 * 0.04)
     two.spawn_object("Sphere", (0, 1, 2))
     assert len(np.unique(two.get_frame()["object"].reshape(-1, 3), axis=0)) == 3
@@ -287,7 +287,7 @@ def test_agents_share_one_world_and_one_clock(make_agent):
     assert one.get_position() == Vector3(*HOME)
 
 
-def test_failures_are_printed_and_raised_if_strict(make_agent, capsys):
+def test_errors_are_printed_or_raised_if_strict(make_agent, capsys):
     agent = make_agent()
     agent.change_scene(SCENE)
     agent.change_scene("object_veiw/scene")
@@ -327,7 +327,7 @@ def test_failures_are_printed_and_raised_if_strict(make_agent, capsys):
         Agent().get_frame()
 
 
-def test_of_a_scenario_what_can_be_is_made(make_agent, capsys):
+def test_load_scenario_skips_invalid_objects_and_rejects_invalid_scenarios(make_agent, capsys):
     agent = make_agent(main_frame_active=False)
     objects = [
         Object("a", "Nothing", (0, 1, 3), HOME),
@@ -344,10 +344,10 @@ def test_of_a_scenario_what_can_be_is_made(make_agent, capsys):
     )
     assert agent.load_scenario(endless) == [("", "d")]
     assert "never returns" in capsys.readouterr().out
-    np.testing.assert_array_equal(agent.get_frame()["object"].any(), before.any())  # the old one goes on
+    np.testing.assert_array_equal(agent.get_frame()["object"].any(), before.any())  # the old scenario continues
 
 
-def test_clear_flags_color_what_is_empty_and_nothing_else(make_agent):
+def test_clear_flags_change_only_the_background(make_agent):
     agent = make_agent(spp=4)
     agent.spawn_object("Cube", (0, 1, 2), (20, 30, 0))
     before = agent.get_frame()
@@ -361,7 +361,7 @@ def test_clear_flags_color_what_is_empty_and_nothing_else(make_agent):
     assert not after[~near].any()
     assert inner.sum() > 50
     np.testing.assert_allclose(after[inner].mean(axis=0), before["main"][inner].mean(axis=0), atol=0.05)
-    # At the edges black and the cube are mixed: no light of the sky is left.
+    # Edge pixels mix black and the cube, without light of the sky.
     assert after[near & ~there].mean() < 0.6 * before["main"][near & ~there].mean()
     agent.change_main_camera_clear_flags(127, 0, 255)
     assert (np.rint(agent.get_frame()["main"][~near] * 255) == (127, 0, 255)).all()
@@ -369,7 +369,7 @@ def test_clear_flags_color_what_is_empty_and_nothing_else(make_agent):
     np.testing.assert_allclose(agent.get_frame()["main"][0, 0], before["main"][0, 0], atol=3 / 255)
 
 
-def test_lights_change_the_picture(make_agent):
+def test_light_setters_change_the_image(make_agent):
     agent = make_agent(width=48, height=36, spp=4)
     agent.change_scene(SCENE)
     agent.spawn_object("Sphere", (0, 1, 1.2))
@@ -393,7 +393,7 @@ def test_lights_change_the_picture(make_agent):
     np.testing.assert_allclose(mean(), plain, atol=0.02)
     direction = agent.get_light_direction(name)
     assert np.linalg.norm(direction) == pytest.approx(1.0)
-    agent.set_light_direction(name, (0, 0, -1))  # towards the camera: what is seen of the sphere is in its own shadow
+    agent.set_light_direction(name, (0, 0, -1))  # towards the camera: the visible side of the sphere is in shadow
     np.testing.assert_allclose(agent.get_light_direction(name), (0, 0, -1), atol=1e-6)
     assert (mean() < plain - 0.03).all()
     agent.set_light_direction(name, (0, 0, 1))
@@ -402,7 +402,7 @@ def test_lights_change_the_picture(make_agent):
     assert agent.get_light_position(name) == (1, 2, 3)
 
 
-def test_the_indirect_multiplier_is_for_light_that_was_reflected(make_agent):
+def test_indirect_multiplier_scales_indirect_light(make_agent):
     agent = make_agent(width=32, height=24, scene="solid_benchmark/scene")
     means = {}
     for multiplier in (0.0, 1.0, 5.0):
@@ -412,7 +412,7 @@ def test_the_indirect_multiplier_is_for_light_that_was_reflected(make_agent):
     assert means[0.0] + 0.03 < means[1.0] < means[5.0] - 0.03
 
 
-def test_ambient_light_reaches_everything(make_agent):
+def test_ambient_light_brightens_surfaces_and_not_the_background(make_agent):
     agent = make_agent(width=48, height=36)
     agent.spawn_object("Sphere", (0, 1, 1.2))
     before = agent.get_frame()
@@ -427,9 +427,9 @@ def test_ambient_light_reaches_everything(make_agent):
     np.testing.assert_allclose(after[0, 0], before["main"][0, 0], atol=2 / 255)
 
 
-def test_the_space_of_the_world_is_tiscenes(make_agent):
+def test_world_has_positions_in_tiscenes_space(make_agent):
     agent = make_agent()
     agent.spawn_object("Cube", (1, 2, 3), (10, 20, 30))
-    world = agent._environment._stream.world
-    (row,) = [row for row in world.objects(0) if row.template]
+    world = agent.environment.stream.world
+    (row,) = [row for row in world.state(0).objects if row.template]
     assert row.position == mirrored((1, 2, 3))

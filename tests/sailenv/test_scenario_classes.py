@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's classes and their JSON, and what tiscene makes of it."""
+"""SAILenv's scenario classes, their JSON, and its conversion to tiscene's objects."""
 
 import json
 
@@ -28,7 +28,7 @@ from tiscene.sailenv import (
 ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 
-def test_vectors():
+def test_vector3_arithmetic_and_indexing():
     v = Vector3(1, 2, 3)
     assert [v[0], v[1], v[2]] == [1, 2, 3]
     assert v + Vector3(1, 1, 1) == Vector3(2, 3, 4)
@@ -42,14 +42,14 @@ def test_vectors():
         v[3]
 
 
-def test_every_public_name_is_there():
+def test_every_public_name_exists_and_is_documented():
     for name in sailenv.__all__:
         assert getattr(sailenv, name).__doc__
     with pytest.raises(AttributeError, match="Agnet"):
         sailenv.Agnet  # noqa: B018
 
 
-def test_defaults_and_order_of_arguments():
+def test_defaults_and_order_of_arguments_are_those_of_sailenv():
     assert UniformMovementRandomBounce((1, 0, 0), 0.5, 1.0, 7) == UniformMovementRandomBounce(
         start_direction=(1, 0, 0), speed=0.5, angular_speed=1.0, seed=7
     )
@@ -65,7 +65,7 @@ def test_defaults_and_order_of_arguments():
     assert scenario.frustum == Frustum.default_frustum() == Frustum(False, -1)
 
 
-def test_the_json_of_a_scenario():
+def test_asdict_of_a_scenario_is_sailenvs_json():
     scenario = Scenario(
         "room_02/scene",
         [
@@ -115,7 +115,7 @@ def test_the_json_of_a_scenario():
     }
 
 
-def test_objects_in_tiscenes_space():
+def test_objects_are_converted_to_tiscenes_space():
     waypoints = [Waypoint(Vector3(1, 2, 3), Vector3(10, 20, 30)), Waypoint((0, 0, 0))]
     made = json_messages.object_of(
         Object("a", "Cube", Vector3(1, 2, 3), Vector3(10, 20, 30), CatmullWaypoints(waypoints)).asdict(), "a"
@@ -126,15 +126,15 @@ def test_objects_in_tiscenes_space():
     )
     bounce = json_messages.dynamic_of("uniform_movement_random_bounce", {"start_direction": [0, 5, 2], "speed": 0.5})
     assert bounce == dynamics.UniformMovementRandomBounce(0.5, 2.0, (0.0, 5.0, -2.0), 42)
-    lone = json_messages.dynamic_of("linear_waypoints", {"waypoints": [{"position": [1, 2, 3]}]})
-    assert len(lone.waypoints) == 2
+    single = json_messages.dynamic_of("linear_waypoints", {"waypoints": [{"position": [1, 2, 3]}]})
+    assert len(single.waypoints) == 2
 
 
-def test_timings_and_walls():
+def test_timings_and_frustum_are_converted():
     ids = ["a", "b", "c"]
     assert json_messages.timings_of(AllTogetherTimings(0.75).todict(), ids, ids) == tiscene.AllTogether(0.75)
     assert json_messages.timings_of(WaitUntilCompleteTimings(1.5).todict(), ids, ids) == tiscene.WaitUntilComplete(1.5)
-    # As JSON has them; c could not be made, and there is neither an eighth nor a z.
+    # Keys are text, as in JSON. Object c is invalid, and 7, z and -1 name no object.
     times = {"1": 5.0, "a": 2.0, "2": 1.0, "7": 1.0, "z": 1.0, "-1": 1.0}
     made = json_messages.timings_of({"type": "dict", "description": {"times": times}}, ids, {"a", "b"})
     assert made == tiscene.DictTimings({"b": 5.0, "a": 2.0})
@@ -162,7 +162,7 @@ def test_timings_and_walls():
         {"dynamic": {"type": "linear_waypoints", "description": 5}},
     ],
 )
-def test_what_is_wrong_with_an_object_is_said(content):
+def test_invalid_object_raises_scenario_error(content):
     with pytest.raises(ScenarioError):
         json_messages.object_of({"prefab": "Cube"} | content, "a")
 
@@ -178,10 +178,10 @@ def test_what_is_wrong_with_an_object_is_said(content):
         {"type": "dict", "description": {"times": 5}},
     ],
 )
-def test_what_is_wrong_with_timings_is_said(content):
+def test_invalid_timings_raise_scenario_error(content):
     with pytest.raises(ScenarioError):
         json_messages.timings_of(content, ["a"], ["a"])
 
 
-def test_names_are_made_unique():
-    assert json_messages.object_ids([{"id": "a"}, {"id": "a"}, {"id": 3}, {}]) == ["a", "a (2)", "3", "object_3"]
+def test_object_names_are_unique():
+    assert json_messages.object_names([{"id": "a"}, {"id": "a"}, {"id": 3}, {}]) == ["a", "a (2)", "3", "object_3"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where agents begin in a scene, and the track that they can follow."""
+"""Start cameras and camera tracks of scenes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.world.test_world import UNIT_CUBE
-from tiscene.sailenv.scene_profile import CameraTrack, _start
+from tiscene.sailenv.scene_profile import CameraTrack, start_camera
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, SceneDescription, SceneObject
 
@@ -23,22 +23,21 @@ def stage(*cameras: Camera, up_axis: str = "Y") -> SceneDescription:
     return SceneDescription("s", meshes, instances=instances, objects=objects, cameras=cameras, up_axis=up_axis)
 
 
-def test_where_agents_begin():
+def test_start_camera_is_the_one_named_agent_or_the_first():
     first, own = Camera(name="First"), Camera(name="Agent")
-    assert _start(stage(first, own)) is own
-    assert _start(stage(first)) is first
+    assert start_camera(stage(first, own)) is own
+    assert start_camera(stage(first)) is first
 
 
 @pytest.mark.parametrize(("up_axis", "up"), [("Y", (0, 1, 0)), ("Z", (0, 0, 1))])
-def test_without_a_camera_they_see_everything_upright(up_axis, up):
-    start = _start(stage(up_axis=up_axis))
+def test_start_camera_of_a_stage_without_cameras_is_upright(up_axis, up):
+    start = start_camera(stage(up_axis=up_axis))
     assert start.axes()[:, 1] @ up > 0.8
     assert abs(start.axes()[:, 0] @ up) < 1e-9
 
 
 @pytest.mark.parametrize("camera", [DOWN, Camera((0.0, 1.0, 3.0), focus_distance=3.0)])
-def test_the_track_about_an_only_camera_looks_at_what_it_looks_at(camera):
-    """Whatever its direction, without a jump."""
+def test_track_of_a_single_camera_keeps_its_point_of_focus_without_jumps(camera):
     track = CameraTrack(stage(camera), None)
     target = camera.position - 3.0 * camera.axes()[:, 2]
     views = [camera.with_pose(*track.pose(Fraction(k, 10))) for k in range(60)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m tiscene.sailenv`: scripts that import sailenv, as they are written for it."""
+"""`python -m tiscene.sailenv` runs scripts that were written for SAILenv."""
 
 import importlib
 import os
@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from tiscene.sailenv import module_aliases
+from tiscene.sailenv import module_aliases, scenario_classes
 from tiscene.sailenv.utilities import draw_flow_map
 
 SCRIPT = """
@@ -60,7 +60,7 @@ def run(tmp_path, script, *arguments):
     return subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), stdin=subprocess.DEVNULL)
 
 
-def test_a_script_runs_unchanged(tmp_path):
+def test_script_runs_unchanged_until_the_frame_limit(tmp_path):
     done = run(tmp_path, SCRIPT, "--headless", "--frames", "3", "SCRIPT", "an", "--argument")
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
@@ -69,8 +69,8 @@ def test_a_script_runs_unchanged(tmp_path):
     assert lines[-2:] == ["frames 3", "script.py: stopped after 3 frames"]
 
 
-def test_windows_do_nothing_without_a_display(tmp_path):
-    """OpenCV need not be here: a module of that name stands for it."""
+def test_headless_disables_windows_and_key_presses(tmp_path):
+    """A fake module `cv2` takes the place of OpenCV."""
     (tmp_path / "cv2.py").write_text("def imshow(*_):\n    raise SystemExit('no display')\nwaitKey = imshow\n")
     script = "import cv2\ncv2.imshow('a', None)\nprint(cv2.waitKey(1), cv2.destroyAllWindows())\n"
     path = tmp_path / "script.py"
@@ -89,39 +89,39 @@ def test_windows_do_nothing_without_a_display(tmp_path):
     [
         ("from sailenv.agent import Agnet\n", "cannot import name 'Agnet'"),
         ("import sailenv.nothing\n", "No module named 'sailenv.nothing'"),
-        ("raise SystemExit('as it likes')\n", "as it likes"),
+        ("raise SystemExit('status text')\n", "status text"),
     ],
 )
-def test_mistakes_of_a_script_are_its_own(tmp_path, script, message):
+def test_errors_of_a_script_are_passed_on(tmp_path, script, message):
     done = run(tmp_path, script, "SCRIPT")
     assert done.returncode == 1
     assert message in done.stderr
 
 
-def test_a_script_that_is_not_there():
+def test_missing_script_is_a_usage_error():
     done = subprocess.run([sys.executable, "-m", "tiscene.sailenv", "nowhere.py"], capture_output=True, text=True)
     assert done.returncode == 2
     assert "no file 'nowhere.py'" in done.stderr
 
 
-def test_the_modules_are_those_of_sailenv(monkeypatch):
+def test_install_makes_every_module_of_sailenv_importable(monkeypatch):
     for name in module_aliases.CONTENTS:
         monkeypatch.delitem(sys.modules, name, raising=False)
     module_aliases.install()
     try:
-        for name, (home, contents) in module_aliases.CONTENTS.items():
+        for name, (source, contents) in module_aliases.CONTENTS.items():
             module = importlib.import_module(name)
             for content in contents:
-                assert getattr(module, content) is getattr(home, content)
-        assert sys.modules["sailenv"].generators.scenario.Scenario is module_aliases.scenario.Scenario
+                assert getattr(module, content) is getattr(source, content)
+        assert sys.modules["sailenv"].generators.scenario.Scenario is scenario_classes.Scenario
     finally:
         for name in module_aliases.CONTENTS:
             sys.modules.pop(name, None)
 
 
-def test_the_picture_of_flow():
+def test_draw_flow_map_has_hue_by_direction_and_value_by_length():
     flow = np.array([[[2.0, 0.0], [-2.0, 0.0], [0.0, 0.0], [0.0, 1.0]]])
-    picture = draw_flow_map(flow)
-    np.testing.assert_array_equal(picture[0, :3], [(0, 0, 255), (255, 255, 0), (0, 0, 0)])  # BGR: red, cyan, black
-    np.testing.assert_allclose(picture[0, 3], (0, 127.5, 63.75), atol=0.6)  # a quarter turn: between yellow and green
+    image = draw_flow_map(flow)
+    np.testing.assert_array_equal(image[0, :3], [(0, 0, 255), (255, 255, 0), (0, 0, 0)])  # BGR: red, cyan, black
+    np.testing.assert_allclose(image[0, 3], (0, 127.5, 63.75), atol=0.6)  # a quarter turn: between yellow and green
     assert not draw_flow_map(np.zeros((2, 2, 2), np.float32)).any()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol over real sockets, by a client of our own."""
+"""The TCP server: every command, several clients, old and faulty clients, and garbage."""
 
 import contextlib
 import io
@@ -49,7 +49,7 @@ def server(tmp_path_factory):
 
 @pytest.fixture
 def connect(server):
-    """Clients of a scene without anything in it."""
+    """Return a function that connects a client to an empty scene."""
     with contextlib.ExitStack() as stack:
 
         def connect(**others):
@@ -72,17 +72,17 @@ def zipped(**members):
     return data.getvalue()
 
 
-def alive(server):
-    """A new client is served."""
+def serves(server):
+    """Return whether a new client is served."""
     with Client(server.address) as client:
         return client.frame(OBJECT)["object"].shape == (24, 32, 3)
 
 
-def test_every_command(connect):
+def test_every_command_of_the_protocol(connect):
     c = connect(width=48, height=36)
     used = set()
-    told = c.write
-    c.write = lambda data: (used.add(data[0]), told(data))[1]
+    write = c.write
+    c.write = lambda data: (used.add(data[0]), write(data))[1]
 
     assert SCENE in c.scenes
     assert c.change_scene(SCENE) == "ok"
@@ -146,8 +146,8 @@ def test_every_command(connect):
     assert c.toggle_follow() == "ok"
     path = c.send_obj_zip("cube.zip", zipped(cube__obj=CUBE))
     assert path.endswith("cube.zip")
-    sent = c.spawn("file:" + path, (-0.5, 0.5, 3.0))
-    assert int(sent) > 0
+    uploaded = c.spawn("file:" + path, (-0.5, 0.5, 3.0))
+    assert int(uploaded) > 0
     assert c.spawn("file:/etc/passwd") == ""
     assert c.toggle_follow() == "ok"
     ids = c.load_scenario(Scenario(SCENE, [circling()]))
@@ -159,7 +159,7 @@ def test_every_command(connect):
 
 
 @pytest.mark.parametrize("compress", [False, True])
-def test_frames_over_the_wire_are_those_in_process(server, connect, make_agent, compress):
+def test_frames_over_the_network_are_those_in_process(server, connect, make_agent, compress):
     scenario = Scenario(SCENE, [circling()], AllTogetherTimings(0.0))
     c = connect(compress=compress)
     agent = make_agent(width=32, height=24)
@@ -175,12 +175,12 @@ def test_frames_over_the_wire_are_those_in_process(server, connect, make_agent, 
         assert remote["deltaTime"] == pytest.approx(local["deltaTime"])
 
 
-def test_messages_in_single_bytes(connect):
-    def drip(connection, data):
+def test_messages_may_arrive_byte_by_byte(connect):
+    def send_bytewise(connection, data):
         for byte in data:
             connection.sendall(bytes([byte]))
 
-    slow, plain = connect(send=drip), connect()
+    slow, plain = connect(send=send_bytewise), connect()
     scenario = Scenario(SCENE, [circling()], AllTogetherTimings(0.0))
     assert len(slow.load_scenario(scenario)) == 1
     spawned = slow.spawn("Cube", (0.4, 1.0, 3.0), dynamic=LinearWaypoints([Waypoint((0, 1, 3)), Waypoint((1, 1, 3))]))
@@ -193,7 +193,7 @@ def test_messages_in_single_bytes(connect):
         np.testing.assert_array_equal(one[name], two[name])
 
 
-def test_clients_of_older_versions_can_spawn(connect):
+def test_spawn_accepts_messages_of_older_clients(connect):
     bounce = UniformMovementRandomBounce(speed=0.5)
     dynamic = text(bounce.get_type()) + text(json.dumps(bounce.asdict()))
     for ends in ([b"", b""], [b"\0", b"\1" + dynamic, b"\0"], [b"\1" + dynamic, b"\0"]):
@@ -201,11 +201,11 @@ def test_clients_of_older_versions_can_spawn(connect):
         assert c.change_scene(SCENE) == "ok"
         for x, end in enumerate(ends):
             start = text("Cube") + struct.pack("<6f?3f?", 2 * x - 1, 1, 3, 0, 0, 0, True, 1, 1, 1, True)
-            assert int(c.told(0x09, start + end)) > 0
+            assert int(c.request(0x09, start + end)) > 0
         assert c.frame(OBJECT)["object"].any()
 
 
-def test_four_clients_at_once_see_the_same_frames(connect):
+def test_four_concurrent_clients_see_the_same_frames(connect):
     scenario = Scenario(SCENE, [circling()], AllTogetherTimings(0.0))
     clients = [connect() for _ in range(4)]
     clients[0].load_scenario(scenario)
@@ -213,12 +213,12 @@ def test_four_clients_at_once_see_the_same_frames(connect):
         c.frame(FLOW)
     seen = [[] for _ in clients]
 
-    def look(row):
+    def request_frames(row):
         for _ in range(6):
             seen[row].append(clients[row].frame(MAIN | OBJECT | FLOW))
             time.sleep(0.01 * row)
 
-    threads = [threading.Thread(target=look, args=(row,)) for row in range(4)]
+    threads = [threading.Thread(target=request_frames, args=(row,)) for row in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -232,7 +232,7 @@ def test_four_clients_at_once_see_the_same_frames(connect):
     assert len({frame["flow"].tobytes() for frame in seen[0]}) == 6
 
 
-def test_the_clock_waits_for_a_slow_client_once(connect):
+def test_clock_waits_for_a_slow_client_once(connect):
     quick, slow = connect(), connect()
     quick.frame(OBJECT), slow.frame(OBJECT)
     quick.frame(OBJECT)
@@ -247,7 +247,7 @@ def test_the_clock_waits_for_a_slow_client_once(connect):
 
 
 @pytest.mark.parametrize(
-    "said",
+    "message",
     [
         b"",
         b"\x10",
@@ -257,16 +257,16 @@ def test_the_clock_waits_for_a_slow_client_once(connect):
         b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n",
     ],
 )
-def test_who_does_not_register_properly_is_dropped(server, said):
+def test_client_with_an_invalid_registration_is_dropped(server, message):
     with socket.create_connection(server.address, timeout=20.0) as connection:
-        connection.sendall(said)
+        connection.sendall(message)
         connection.shutdown(socket.SHUT_WR)
         assert connection.recv(1) == b""
-    assert alive(server)
+    assert serves(server)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "message",
     [
         b"\xff",
         b"\x1f",
@@ -286,35 +286,35 @@ def test_who_does_not_register_properly_is_dropped(server, said):
         + text("]"),
     ],
 )
-def test_who_breaks_the_protocol_is_dropped_alone(server, connect, said):
+def test_client_that_violates_the_protocol_is_dropped_and_others_are_served(server, connect, message):
     other = connect()
     with Client(server.address, timeout=20.0) as c, contextlib.suppress(ConnectionError):
-        c.write(said)
+        c.write(message)
         assert c.socket.recv(1) == b""
     assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "message",
     [b"\x00", b"\x02\x05\x00\x00\x00ab", b"\x09" + text("Cube") + b"\0" * 7, b"\x0c" + text("a") + b"\x00\x01\0\0abc"],
 )
-def test_half_a_message_is_nobody_elses_business(server, connect, said):
+def test_incomplete_message_of_one_client_does_not_block_others(server, connect, message):
     other, silent = connect(), connect()
-    silent.write(said)
+    silent.write(message)
     assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
     silent.socket.close()
     assert other.spawn("Cube", (0, 1, 3)) != ""
 
 
-def test_a_client_that_never_reads_stops_nobody(server, connect):
-    deaf, other = connect(width=640, height=480), connect()
+def test_client_that_never_reads_does_not_block_others(server, connect):
+    unread, other = connect(width=640, height=480), connect()
     for _ in range(40):
-        deaf.ask(0x00, bytes([OBJECT]))
+        unread.ask(0x00, bytes([OBJECT]))
     assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
-    deaf.socket.close()
+    unread.socket.close()
 
 
-def test_a_client_that_is_killed_in_the_middle_of_a_frame(server, connect):
+def test_client_killed_in_the_middle_of_a_frame_does_not_block_others(server, connect):
     other = connect()
     script = (
         "import sys, time\nfrom tests.sailenv.client import Client\n"
@@ -334,7 +334,7 @@ def test_a_client_that_is_killed_in_the_middle_of_a_frame(server, connect):
 
 
 def fuzz(server, rounds, seed):
-    """Clients that say what a client might, with everything that can be wrong with it."""
+    """Connect clients that send random valid and invalid messages."""
     random_bytes = random.Random(seed)
 
     def garbage(count):
@@ -367,27 +367,27 @@ def fuzz(server, rounds, seed):
                     pass
 
 
-def test_garbage_is_survived(server):
+def test_server_survives_random_messages(server):
     fuzz(server, 40, seed=1)
-    assert alive(server)
+    assert serves(server)
 
 
 @pytest.mark.slow
-def test_much_garbage_leaves_no_trace(server):
+def test_memory_does_not_grow_with_random_messages(server):
     fuzz(server, 300, seed=2)
     before = server.resident
     for seed in range(3, 8):
         fuzz(server, 300, seed=seed)
     assert server.resident - before < 40 << 20
-    assert alive(server)
+    assert serves(server)
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_the_command_ends_cleanly(tmp_path, how):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_stops_the_server_cleanly(tmp_path, number):
     server = Served(tmp_path, "object_view")
     with Client(server.address) as c:
         assert server.address[0] == "127.0.0.1"
-        assert server.stop(how) == 0
+        assert server.stop(number) == 0
         assert c.socket.recv(1) == b""
     assert re.search(r"agent 0 \(127.0.0.1:\d+\) registered, 32x24\n", server.log)
     assert server.log.rstrip().endswith("stopped")
@@ -407,6 +407,6 @@ def test_the_command_ends_cleanly(tmp_path, how):
         (["nowhere"], "no scene 'nowhere'"),
     ],
 )
-def test_mistakes_of_the_command_line(capsys, arguments, message):
+def test_invalid_arguments_of_serve_are_errors(capsys, arguments, message):
     assert main(["serve", *arguments]) == 2
     assert message in capsys.readouterr().err

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unity's space against the definition: left-handed matrices, mirrored."""
+"""Conversions between Unity's space and tiscene's, against left-handed rotation matrices."""
 
 import numpy as np
 import pytest
@@ -12,8 +12,10 @@ MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
 def unity_matrix(degrees):
-    """Unity's rotation in its own space: z, then x, then y. A positive angle turns y to z, z to x, x to y, by the
-    same formulas as in a right-handed space."""
+    """Return Unity's rotation matrix in its own space: about z, then x, then y.
+
+    A positive angle turns y to z, z to x and x to y, by the same formulas as in a right-handed space.
+    """
     (a, b, c), one = np.radians(degrees), np.eye(3)
 
     def turn(axis, angle):
@@ -27,22 +29,22 @@ def unity_matrix(degrees):
 
 
 @pytest.mark.parametrize("degrees", ANGLES)
-def test_rotations_are_unitys_seen_in_a_mirror(degrees):
+def test_rotations_are_unitys_mirrored(degrees):
     axes = Camera(rotation=quaternion_of(degrees)).axes()
     np.testing.assert_allclose(axes, MIRROR @ unity_matrix(degrees) @ MIRROR, atol=1e-12)
 
 
 def test_positive_pitch_looks_down_and_positive_yaw_turns_right():
-    def ahead(*degrees):
+    def forward(*degrees):
         return mirrored(tuple(-Camera(rotation=quaternion_of(degrees)).axes()[:, 2]))
 
-    np.testing.assert_allclose(ahead(0, 0, 0), (0, 0, 1), atol=1e-15)
-    assert ahead(20, 0, 0)[1] < 0.0
-    assert ahead(0, 20, 0)[0] > 0.0
+    np.testing.assert_allclose(forward(0, 0, 0), (0, 0, 1), atol=1e-15)
+    assert forward(20, 0, 0)[1] < 0.0
+    assert forward(0, 20, 0)[0] > 0.0
 
 
-def test_a_quaternion_is_mirrored_component_by_component():
-    """The rule as SAILenv's documents have it: (x, y, z, w) to (-x, -y, z, w), of Unity's q_y q_x q_z."""
+def test_quaternion_follows_the_rule_of_sailenvs_documentation():
+    """Unity's q_y q_x q_z = (x, y, z, w) becomes (-x, -y, z, w)."""
     pitch, yaw = np.radians((18.0, -12.0)) / 2
     x, y, z, w = np.sin(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch) * np.sin(yaw), 0.0
     w = np.cos(pitch) * np.cos(yaw)
@@ -50,7 +52,7 @@ def test_a_quaternion_is_mirrored_component_by_component():
 
 
 @pytest.mark.parametrize("degrees", [*ANGLES, (90, 40, 0), (-90, 40, 0)])
-def test_euler_angles_of_a_rotation_give_it_back(degrees):
+def test_euler_angles_reproduce_the_rotation(degrees):
     again = euler_of(quaternion_of(degrees))
     assert all(0.0 <= angle < 360.0 for angle in again)
     np.testing.assert_allclose(
@@ -58,14 +60,14 @@ def test_euler_angles_of_a_rotation_give_it_back(degrees):
     )
 
 
-def test_mirroring_twice_changes_nothing_and_makes_no_negative_zero():
+def test_mirroring_twice_is_the_identity_without_negative_zeros():
     assert mirrored(mirrored((1.0, 2.0, 3.0))) == (1.0, 2.0, 3.0)
     assert mirrored_euler(mirrored_euler((10.0, 20.0, 30.0))) == (10.0, 20.0, 30.0)
     assert str(mirrored((0.0, 0.0, 0.0))) == "(0.0, 0.0, 0.0)"
     assert str(mirrored_euler((0.0, 0.0, 0.0))) == "(0.0, 0.0, 0.0)"
 
 
-def test_flow_is_backward_in_x_and_forward_in_y_with_y_down():
+def test_flow_of_has_sailenvs_signs_and_no_negative_zeros():
     motion = np.array([[[3.0, 2.0]]], np.float32)  # p(k) - p(k-1): to the right and down
     flow = flow_of(-motion)
     np.testing.assert_array_equal(flow, [[[-3.0, 2.0]]])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models that clients send: what is taken, what is refused, and that nothing leaves its folder."""
+"""Uploaded models: import, limits, and unsafe zip files."""
 
 import contextlib
 import io
@@ -14,7 +14,7 @@ from PIL import Image
 
 from tiscene.errors import ArgumentError, MissingFile
 from tiscene.sailenv import uploaded_models
-from tiscene.sailenv.uploaded_models import Uploads
+from tiscene.sailenv.uploaded_models import UploadedModels
 
 SQUARE = (
     "mtllib s.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl red\nf 1/1 2/2 3/3 4/4\n"
@@ -22,10 +22,10 @@ SQUARE = (
 
 
 @pytest.fixture
-def world():
-    world = Uploads()
-    yield world
-    world.close()
+def uploads():
+    uploads = UploadedModels()
+    yield uploads
+    uploads.close()
 
 
 def zipped(members):
@@ -36,17 +36,17 @@ def zipped(members):
     return data.getvalue()
 
 
-def picture(color):
+def png(color):
     data = io.BytesIO()
     Image.new("RGB", (4, 4), color).save(data, "png")
     return data.getvalue()
 
 
-def test_a_model_with_its_texture_becomes_a_thing_to_spawn(make_agent, tmp_path):
+def test_uploaded_model_with_a_texture_can_be_spawned(make_agent, tmp_path):
     members = {
-        "thing/sign.obj": SQUARE,
-        "thing/s.mtl": "newmtl red\nKd 1 1 1\nmap_Kd red.png\n",
-        "thing/red.png": picture((220, 20, 20)),
+        "model/sign.obj": SQUARE,
+        "model/s.mtl": "newmtl red\nKd 1 1 1\nmap_Kd red.png\n",
+        "model/red.png": png((220, 20, 20)),
     }
     (tmp_path / "sign.zip").write_bytes(zipped(members))
     agent = make_agent(spp=4)
@@ -68,28 +68,28 @@ def test_a_model_with_its_texture_becomes_a_thing_to_spawn(make_agent, tmp_path)
         agent.send_obj_zip(io.BytesIO(b""))
 
 
-def test_what_was_not_sent_cannot_be_spawned(world, tmp_path):
+def test_template_raises_for_paths_that_were_not_uploaded_and_files_without_a_model(uploads, tmp_path):
     (tmp_path / "a.obj").write_text(SQUARE)
     for path in (str(tmp_path / "a.obj"), "/etc/passwd", "", "../../a.obj"):
         with pytest.raises(MissingFile):
-            world.template(path)
-    empty = world.store("empty.zip", zipped({"readme.txt": "nothing"}))
-    with pytest.raises(ArgumentError, match=r"holds no \.obj file"):
-        world.template(empty)
-    script = world.store("run.py", b"print('kept, as SAILenv did, and of no use')")
-    with pytest.raises(ArgumentError, match=r"holds no \.obj file"):
-        world.template(script)
+            uploads.template(path)
+    empty = uploads.store("empty.zip", zipped({"readme.txt": "nothing"}))
+    with pytest.raises(ArgumentError, match=r"contains no \.obj file"):
+        uploads.template(empty)
+    script = uploads.store("run.py", b"print('stored, as in SAILenv, but not usable')")
+    with pytest.raises(ArgumentError, match=r"contains no \.obj file"):
+        uploads.template(script)
     with pytest.raises(Exception, match="broken"):
-        world.template(world.store("broken.obj", b"\xff\xfe nothing that is a model"))
+        uploads.template(uploads.store("broken.obj", b"\xff\xfe not a model"))
 
 
 @pytest.mark.parametrize(
     "name", ["../../evil.zip", "/tmp/evil.zip", "C:\\x\\evil.zip", "..", "", "a" * 500, "x\0y.zip"]
 )
-def test_names_stay_in_the_folder(world, name):
-    path = Path(world.store(name, b"data"))
+def test_file_names_cannot_leave_the_folder(uploads, name):
+    path = Path(uploads.store(name, b"data"))
     assert path.read_bytes() == b"data"
-    assert path.parent.parent == world._folder
+    assert path.parent.parent == uploads.folder
     assert ".." not in path.name
     assert len(path.name) <= 100
 
@@ -97,90 +97,92 @@ def test_names_stay_in_the_folder(world, name):
 @pytest.mark.parametrize(
     "name", ["../up.obj", "/abs.obj", "a/../../up.obj", "C:/x.obj", "..\\up.obj", "a\\..\\..\\up.obj"]
 )
-def test_zips_that_lead_outside_are_refused(world, name):
+def test_zip_members_outside_of_the_folder_are_refused(uploads, name):
     before = set(Path("/tmp").rglob("up.obj"))
     with pytest.raises(ArgumentError, match="outside of its folder"):
-        world.store("slip.zip", zipped({"ok.obj": SQUARE, name: SQUARE}))
+        uploads.store("slip.zip", zipped({"ok.obj": SQUARE, name: SQUARE}))
     assert set(Path("/tmp").rglob("up.obj")) == before
-    assert world._folder is None  # nothing was written
+    assert uploads.folder is None  # nothing was written
 
 
-def test_links_are_refused(world):
+def test_zip_members_that_are_links_are_refused(uploads):
     member = zipfile.ZipInfo("link.obj")
     member.create_system = 3
     member.external_attr = (stat.S_IFLNK | 0o777) << 16
     with pytest.raises(ArgumentError, match="the link"):
-        world.store("link.zip", zipped({member: "/etc/passwd"}))
+        uploads.store("link.zip", zipped({member: "/etc/passwd"}))
 
 
-def test_bombs_are_refused(world, monkeypatch):
+def test_zip_bombs_are_refused(uploads, monkeypatch):
     monkeypatch.setattr(uploaded_models, "MAX_UNPACKED", 1 << 20)
     bomb = zipped({"big.obj": b"v 0 0 0\n" * (1 << 18)})
     assert len(bomb) < 1 << 16
-    with pytest.raises(ArgumentError, match="bytes unpacked"):
-        world.store("bomb.zip", bomb)
-    # The same, with a header that says otherwise: first the local one, then the central one.
+    with pytest.raises(ArgumentError, match="unpacks to more than"):
+        uploads.store("bomb.zip", bomb)
+    # The same with a false size in its header: first the local one, then the central one.
     for signature, offset in ((b"PK\x03\x04", 22), (b"PK\x01\x02", 24)):
         at = bomb.rindex(signature) + offset
         bomb = bomb[:at] + struct.pack("<I", 10) + bomb[at + 4 :]
     with pytest.raises(ArgumentError):
-        world.store("liar.zip", bomb)
+        uploads.store("false_size.zip", bomb)
     monkeypatch.setattr(uploaded_models, "MAX_MEMBERS", 10)
     with pytest.raises(ArgumentError, match="11 files"):
-        world.store("many.zip", zipped({f"{number}.txt": "" for number in range(11)}))
+        uploads.store("many.zip", zipped({f"{number}.txt": "" for number in range(11)}))
 
 
-def test_sizes_and_numbers_are_bounded(world, monkeypatch):
+def test_sizes_and_number_of_uploads_are_limited(uploads, monkeypatch):
     monkeypatch.setattr(uploaded_models, "MAX_BYTES", 100)
     with pytest.raises(ArgumentError, match="101 bytes"):
-        world.store("large.zip", b"x" * 101)
+        uploads.store("large.zip", b"x" * 101)
     monkeypatch.setattr(uploaded_models, "MAX_MODEL", 10)
-    with pytest.raises(ArgumentError, match=r"'a\.obj' has \d+ bytes; at most 10"):
-        world.template(world.store("a.obj", b"v 0 0 0\n" * 3))
-    world.close()
+    with pytest.raises(ArgumentError, match=r"'a\.obj' has \d+ bytes; the limit is 10"):
+        uploads.template(uploads.store("a.obj", b"v 0 0 0\n" * 3))
+    uploads.close()
     monkeypatch.setattr(uploaded_models, "MAX_FILES", 2)
-    world.store("a", b""), world.store("b", b"")
-    with pytest.raises(ArgumentError, match="at most 2 files"):
-        world.store("c", b"")
-    world.close()
+    uploads.store("a", b""), uploads.store("b", b"")
+    with pytest.raises(ArgumentError, match="environment are 2 files"):
+        uploads.store("c", b"")
+    uploads.close()
     monkeypatch.setattr(uploaded_models, "MAX_STORED", 3)
-    world.store("a", b"xx")
-    with pytest.raises(ArgumentError, match="3 bytes are kept in a world"):
-        world.store("b", b"yy")
+    uploads.store("a", b"xx")
+    with pytest.raises(ArgumentError, match="and 3 bytes"):
+        uploads.store("b", b"yy")
 
 
-def test_what_is_sent_again_is_kept_once(world):
-    path = world.store("a.zip", zipped({"a.obj": SQUARE}))
-    assert world.store("a.zip", zipped({"a.obj": SQUARE})) == path
-    assert world.store("b.zip", zipped({"a.obj": SQUARE})) != path != world.store("a.zip", zipped({"b.obj": SQUARE}))
+def test_same_upload_is_stored_once(uploads):
+    path = uploads.store("a.zip", zipped({"a.obj": SQUARE}))
+    assert uploads.store("a.zip", zipped({"a.obj": SQUARE})) == path
+    assert (
+        uploads.store("b.zip", zipped({"a.obj": SQUARE})) != path != uploads.store("a.zip", zipped({"b.obj": SQUARE}))
+    )
 
 
-def test_what_cannot_be_kept_is_nobody_elses_business(world):
-    """A file that is a folder too, a name too long for any disk: refused, and the next one is kept."""
+def test_upload_that_cannot_be_written_is_refused_and_the_next_is_stored(uploads):
+    """One member is a file and a folder, another has a name that is too long."""
     for members in ({"a": "", "a/b.obj": SQUARE}, {"x" * 300 + ".obj": SQUARE}):
-        with pytest.raises(ArgumentError, match="cannot be kept"):
-            world.store("a.zip", zipped(members))
-    path = world.store("a.zip", zipped({"a.obj": SQUARE}))
+        with pytest.raises(ArgumentError, match="cannot be stored"):
+            uploads.store("a.zip", zipped(members))
+    path = uploads.store("a.zip", zipped({"a.obj": SQUARE}))
     assert len(list(Path(path).parent.parent.iterdir())) == 1
 
 
 @pytest.mark.parametrize("cut", [10, 40, -10, -30])
-def test_damaged_zips_are_no_trap(world, cut):
+def test_damaged_zip_is_refused_or_unpacked(uploads, cut):
     data = zipped({"a.obj": "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n" * 20})
     damaged = data[:cut] if cut < 0 else data[:cut] + b"\xff" * 8 + data[cut + 8 :]
     with contextlib.suppress(ArgumentError):
-        path = world.store("damaged.zip", damaged)
+        path = uploads.store("damaged.zip", damaged)
         if zipfile.is_zipfile(io.BytesIO(damaged)):
-            assert world.template(path)
+            assert uploads.template(path)
         else:
             with pytest.raises(ArgumentError):
-                world.template(path)
+                uploads.template(path)
 
 
-def test_everything_goes_when_the_world_ends(world):
-    path = Path(world.store("a.zip", zipped({"a.obj": SQUARE})))
+def test_close_deletes_all_uploads(uploads):
+    path = Path(uploads.store("a.zip", zipped({"a.obj": SQUARE})))
     folder = path.parent.parent
-    world.close()
+    uploads.close()
     assert not folder.exists()
     with pytest.raises(MissingFile):
-        world.template(str(path))
+        uploads.template(str(path))

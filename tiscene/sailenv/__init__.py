@@ -1,26 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv on tiscene: its Agent and scenario classes in process, its protocol by `tiscene serve`.
+"""SAILenv's Python API and network protocol, implemented on tiscene.
 
 ::
 
     from tiscene.sailenv import Agent, CatmullWaypoints, Object, Scenario, Vector3, Waypoint
 
-`python -m tiscene.sailenv SCRIPT` runs a script that imports `sailenv`. docs/sailenv.md says what is the same, what is
-better, and what differs.
+`Agent` works in process, without a server. `tiscene serve` serves unmodified SAILenv clients.
+`python -m tiscene.sailenv SCRIPT` runs a script that imports `sailenv`. docs/sailenv.md lists the differences.
 
 ::
 
-    agent               Agent
+    agent, agent_lights  Agent
     scenario_classes    Scenario, Object, waypoints, timings
     manager             SAILenvManager
     utilities           draw_flow_map
     module_aliases      `import sailenv`
     server, connection  TCP server
     wire_format         bytes of the protocol
-    environment         the world that agents share
-    agent_camera        one agent's camera and state
+    environment         the world and the frame clock that agents share
+    agent_camera        state of one agent
+    agent_renderer      rendering of agents' views
     frame_views         views of a frame in SAILenv's types
-    scene_profile       start poses, camera track, category numbers
+    scene_profile       start pose, camera track, category numbers
     light_controls      lights by SAILenv's names
     uploaded_models     models sent by agents
     json_messages       SAILenv's JSON to scenarios
@@ -33,7 +34,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-_HOME = {
+_MODULES = {
     "Agent": "agent",
     "AllTogetherTimings": "scenario_classes",
     "CatmullWaypoints": "scenario_classes",
@@ -50,16 +51,16 @@ _HOME = {
     "WaitUntilCompleteTimings": "scenario_classes",
     "Waypoint": "scenario_classes",
 }
-__all__ = sorted(_HOME)
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted(set(globals()) | set(__all__))
+    return sorted(__all__)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m tiscene.sailenv SCRIPT [arguments]`: run a script that was written for SAILenv, without its server."""
+"""`python -m tiscene.sailenv SCRIPT [arguments]`: run a SAILenv script without a SAILenv server.
+
+The script's `import sailenv` gets the classes of `tiscene.sailenv`. With --headless, windows and key presses do
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from typing import Any
 from tiscene.sailenv.agent import Agent
 from tiscene.sailenv.module_aliases import install
 
-WINDOWS = (
+OPENCV_WINDOW_FUNCTIONS = (
     "imshow",
     "namedWindow",
     "destroyWindow",
@@ -27,12 +31,19 @@ WINDOWS = (
 )
 
 
-class EnoughFrames(SystemExit):
-    """The script has had as many frames as it was to have."""
+class FrameLimitReached(SystemExit):
+    """The script has received the number of frames given by --frames."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line (default: this process's). Leaves as the script does."""
+    """Run a script.
+
+    Args:
+        arguments: Command-line arguments; None for those of this process.
+
+    Raises:
+        SystemExit: As the script raises it, or for invalid arguments.
+    """
     args = _parser().parse_args(arguments)
     script = Path(args.script)
     if not script.is_file():
@@ -44,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.path.insert(0, str(script.resolve().parent))
     try:
         runpy.run_path(args.script, run_name="__main__")
-    except EnoughFrames:
+    except FrameLimitReached:
         print(f"{script.name}: stopped after {args.frames} frames")
     except ModuleNotFoundError as error:
         if error.name == "cv2":
@@ -53,34 +64,34 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def make_headless() -> None:
-    """Let what would open a window or wait for a key do nothing: OpenCV, matplotlib, `input`."""
+    """Disable windows and waiting for keys: of OpenCV, Matplotlib and `input`."""
     os.environ["MPLBACKEND"] = "Agg"
     builtins.input = lambda prompt="": print(prompt) or ""
     try:
         cv2: Any = importlib.import_module("cv2")
     except ModuleNotFoundError:
-        return  # said when the script asks for it
-    for name in WINDOWS:
+        return  # the script gets the error when it imports cv2
+    for name in OPENCV_WINDOW_FUNCTIONS:
         setattr(cv2, name, lambda *_, **__: None)
     for name in ("waitKey", "waitKeyEx", "pollKey"):
         setattr(cv2, name, lambda *_, **__: -1)
 
 
 def _agent_class(args: argparse.Namespace) -> type[Agent]:
-    """Agent, with the command line's settings and its limit of frames for all agents together."""
-    given = {"strict": args.strict or None, "quality": args.quality, "spp": args.spp, "seed": args.seed}
-    settings = {name: value for name, value in given.items() if value is not None}
+    """Return Agent with the settings of the command line, and with a limit of frames for all agents together."""
+    options = {"strict": args.strict or None, "quality": args.quality, "spp": args.spp, "seed": args.seed}
+    settings = {name: value for name, value in options.items() if value is not None}
 
     class ScriptAgent(Agent):
-        taken = 0
+        frame_count = 0
 
         def __init__(self, *positional: Any, **named: Any) -> None:
             super().__init__(*positional, **{**settings, **named})
 
         def get_frame(self) -> dict[str, Any]:
-            if args.frames is not None and ScriptAgent.taken >= args.frames:
-                raise EnoughFrames(0)
-            ScriptAgent.taken += 1
+            if args.frames is not None and ScriptAgent.frame_count >= args.frames:
+                raise FrameLimitReached(0)
+            ScriptAgent.frame_count += 1
             return super().get_frame()
 
     ScriptAgent.__name__ = ScriptAgent.__qualname__ = "Agent"
@@ -89,14 +100,14 @@ def _agent_class(args: argparse.Namespace) -> type[Agent]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tiscene.sailenv", description=__doc__)
-    parser.add_argument("--headless", action="store_true", help="windows and waiting for keys do nothing")
-    parser.add_argument("--frames", type=int, metavar="N", help="end the script when it asks for frame N + 1")
-    parser.add_argument("--quality", help="fast, preview, standard or photo (default: preview)")
-    parser.add_argument("--spp", type=int, help="samples per pixel, instead of the quality's")
-    parser.add_argument("--seed", type=int, help="of the rendering's random numbers (default: 0)")
-    parser.add_argument("--strict", action="store_true", help="raise errors that SAILenv prints")
+    parser.add_argument("--headless", action="store_true", help="windows and key presses do nothing")
+    parser.add_argument("--frames", type=int, metavar="N", help="end the script when it requests frame N + 1")
+    parser.add_argument("--quality", help="preset: fast, preview, standard or photo (default: preview)")
+    parser.add_argument("--spp", type=int, help="samples per pixel (default: by --quality)")
+    parser.add_argument("--seed", type=int, help="seed of the rendering (default: 0)")
+    parser.add_argument("--strict", action="store_true", help="raise the errors that SAILenv prints")
     parser.add_argument("script", metavar="SCRIPT", help="a Python file that imports sailenv")
-    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="what the script is given")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")
     return parser
 
 

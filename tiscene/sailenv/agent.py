@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's Agent, in process: the same names, arguments, results and printed errors, without a server or a display."""
+"""SAILenv's Agent in process: the same names, arguments, results and printed errors, without a server or a display.
+
+Agents with the same host and port share an `Environment`, as agents of one SAILenv server do. Positions are in Unity's
+space, m; rotations are its Euler angles, degrees.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +14,26 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntFlag
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError, TisceneError
 from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.agent_lights import AgentLights
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
-from tiscene.sailenv.json_messages import vector
-from tiscene.sailenv.light_controls import LightControls
+from tiscene.sailenv.json_messages import single_precision
 from tiscene.sailenv.scenario_classes import Dynamic, Scenario, Vector3
 
-# Agents that name the same host and port share a world, as they did; it ends with its last agent.
-_worlds: weakref.WeakValueDictionary[tuple[str, int], Environment] = weakref.WeakValueDictionary()
+# By host and port. An environment ends with its last agent.
+_environments: weakref.WeakValueDictionary[tuple[str, int], Environment] = weakref.WeakValueDictionary()
 _lock = threading.RLock()
-Result = TypeVar("Result")
 
 
 class FrameFlags(IntFlag):
-    """The views that an agent asks for, as bits."""
+    """Bits of the views that an agent requests."""
 
     NONE = 0
     MAIN = 1
@@ -40,18 +43,18 @@ class FrameFlags(IntFlag):
     DEPTH = 32
 
 
-class Agent:
-    """An eye in a world that `register` puts there.
+class Agent(AgentLights):
+    """A camera in a world, which it can edit. `register` adds it to the world.
 
-    main_frame_active and the others: which views `get_frame` gives. host, port: agents that name the same share a
-    world; no connection is made. width, height: px. use_gzip: of no effect in process.
-    strict: raise a TisceneError for what SAILenv prints.
-    settings: of the world, for the agent that is first in it: scene, fps, quality, spp, max_depth, denoise, seed, arch
-    as of `tiscene.sailenv.environment.Environment`.
-
-    id: -1 before `register`. scenes, spawnable_objects_names, lights_names: lists of names. categories: names by the
-    numbers of `category` views. cat_colors: a random 8-bit color for each. spawned_objects_idstr_names_table: names of
-    what was spawned, by id. Positions are in Unity's space, m; rotations are its Euler angles, degrees.
+    Attributes:
+        id: The agent's number; -1 before `register`.
+        scenes: Names of the scenes; None before `register`.
+        categories: Category names by the numbers in `category` views; None before the first `change_scene`,
+            `load_scenario` or `get_categories`.
+        cat_colors: A random 8-bit color of each category.
+        spawnable_objects_names: Names of templates; None before the first scene.
+        lights_names: Names of lights; None before the first scene.
+        spawned_objects_idstr_names_table: Names of spawned objects by id.
     """
 
     def __init__(
@@ -70,6 +73,23 @@ class Agent:
         strict: bool = False,
         **settings: Any,
     ) -> None:
+        """Make an agent; nothing is read or connected before `register`.
+
+        Args:
+            main_frame_active: Whether `get_frame` returns the color view.
+            object_frame_active: Whether it returns the object view.
+            category_frame_active: Whether it returns the category view.
+            flow_frame_active: Whether it returns the optical flow.
+            depth_frame_active: Whether it returns the depth view.
+            host: With `port`, identifies the world: agents with the same two share one. No connection is made.
+            port: See `host`.
+            width: Image width, px.
+            height: Image height, px.
+            use_gzip: Has no effect in process.
+            strict: Raise a TisceneError where SAILenv prints a message.
+            settings: Arguments of `tiscene.sailenv.environment.Environment` for the first agent of a world: scene, fps,
+                quality, spp, max_depth, denoise, seed, arch.
+        """
         self.main_frame_active = main_frame_active
         self.object_frame_active = object_frame_active
         self.category_frame_active = category_frame_active
@@ -86,89 +106,104 @@ class Agent:
         self.spawned_objects_idstr_names_table: dict[str, str] = {}
         self._settings = settings
         self._environment: Environment | None = None
-        self._viewer: AgentCamera | None = None
+        self._camera: AgentCamera | None = None
 
     @property
     def active_frames(self) -> dict[str, bool]:
-        """Which views there are."""
+        """Whether each view is active, by name."""
         return {name: bool(getattr(self, f"{name}_frame_active")) for name in VIEWS}
 
     @property
     def flags(self) -> int:
-        """The same as the bits of `FrameFlags`."""
+        """The active views as bits of `FrameFlags`."""
         return sum(view.flag for name, view in VIEWS.items() if self.active_frames[name])
 
+    @property
+    def environment(self) -> Environment:
+        """The world of this agent. Raises ArgumentError before `register`."""
+        return self._registered()[0]
+
     def register(self) -> None:
-        """Enter the world. Raises a TisceneError for settings that cannot be."""
+        """Add the agent to its world. Raises a TisceneError for invalid settings."""
         with _lock:
             key = (self.host, int(self.port))
-            environment = _worlds.get(key) or Environment(**self._settings)
-            self._viewer = environment.register(int(self.width), int(self.height))
-            self._environment = _worlds[key] = environment
-            self.id = self._viewer.id
+            environment = _environments.get(key) or Environment(**self._settings)
+            self._camera = environment.register(int(self.width), int(self.height))
+            self._environment = _environments[key] = environment
+            self.id = self._camera.id
             self.scenes = environment.scenes()
 
     def delete(self) -> None:
-        """Leave the world."""
+        """Remove the agent from its world."""
         with _lock:
-            if self._environment is not None and self._viewer is not None:
-                self._environment.delete(self._viewer)
-            self._environment = self._viewer = None
+            if self._environment is not None and self._camera is not None:
+                self._environment.delete(self._camera)
+            self._environment = self._camera = None
 
     def get_frame(self) -> dict[str, Any]:
-        """The next frame: a dict with
+        """Render the next frame.
 
-        main: float32 [h, w, 3], RGB, 0..1. category: uint8 [h, w], keys of `categories`, 255 where there is none.
-        object: float32 [h, w, 3], one color for each object, 0..1, black where there is none.
-        flow: float32 [h, w, 2], (-dx, +dy) px from the frame before to this one (dx right, dy down).
-        depth: float32 [h, w], 0 at the camera to 1 at 15 m along the axis and beyond, in steps of 1/255.
-        sizes: of each view, bytes. deltaTime: s since the agent's frame before.
+        Returns:
+            A dict with
 
-        Views that are not active are None.
+            - main: float32 [h, w, 3], RGB, 0..1,
+            - category: uint8 [h, w], keys of `categories`; 255 for no category,
+            - object: float32 [h, w, 3], 0..1, a distinct color for each object; black for no object,
+            - flow: float32 [h, w, 2], (-dx, +dy) px from the previous frame to this one (dx right, dy down),
+            - depth: float32 [h, w], 0 at the camera, 1 at 15 m along the optical axis and beyond, in steps of 1/255,
+            - sizes: bytes of each view,
+            - deltaTime: s since the agent's previous frame.
+
+            Views that are not active are None.
         """
-        active = [name for name, wanted in self.active_frames.items() if wanted]
-        with self._world() as (environment, viewer):
-            shown, seconds = environment.frame(viewer, active)
+        active = [name for name, is_active in self.active_frames.items() if is_active]
+        with self._locked() as (environment, camera):
+            views, seconds = environment.frame(camera, active)
         frame: dict[str, Any] = {"sizes": dict.fromkeys(VIEWS, 0), **dict.fromkeys(VIEWS)}
-        for name, array in shown.items():
+        for name, array in views.items():
             frame["sizes"][name] = array.nbytes
-            frame[name] = as_numbers(name, array)
+            frame[name] = to_client_dtype(name, array)
         frame["deltaTime"] = seconds
         return frame
 
     def change_scene(self, scene_name: str) -> None:
-        """Begin anew in one of `scenes`."""
+        """Start one of `scenes`."""
         if self._try("Cannot change scene! error = {}", lambda world, _: world.change_scene(scene_name), self) is self:
             return
-        self._ask_about_scene()
+        self._update_names()
 
     def get_categories(self) -> dict[int, str] | None:
-        """The categories of what there is and what can be spawned."""
-        with self._world() as (environment, _):
+        """Return the categories of the scene and of all templates, by their numbers in `category` views."""
+        with self._locked() as (environment, _):
             self.categories = environment.categories()
         self.cat_colors = {number: [random.randint(0, 255) for _ in range(3)] for number in self.categories}
         return self.categories
 
     def get_position(self) -> Vector3:
-        """m."""
-        with self._world() as (environment, viewer):
-            return Vector3(*environment.position(viewer))
+        """Return the agent's position, m."""
+        with self._locked() as (environment, camera):
+            return Vector3(*environment.position(camera))
 
     def set_position(self, position: Any) -> None:
-        """m; from the next frame on."""
-        self._try("Error setting position: {}", lambda world, viewer: world.place(viewer, position=single(position)))
+        """Set the agent's position, m, from the next frame on."""
+        self._try(
+            "Error setting position: {}", lambda world, camera: world.set_pose(camera, single_precision(position))
+        )
 
     def get_rotation(self) -> Vector3:
-        """Euler degrees."""
-        with self._world() as (environment, viewer):
-            return Vector3(*environment.rotation(viewer))
+        """Return the agent's Euler angles, degrees."""
+        with self._locked() as (environment, camera):
+            return Vector3(*environment.rotation(camera))
 
     def set_rotation(self, rotation: Any) -> None:
-        """Euler degrees; from the next frame on."""
-        self._try("Error setting rotation: {}", lambda world, viewer: world.place(viewer, rotation=single(rotation)))
+        """Set the agent's Euler angles, degrees, from the next frame on."""
+        self._try(
+            "Error setting rotation: {}",
+            lambda world, camera: world.set_pose(camera, rotation=single_precision(rotation)),
+        )
 
     def toggle_follow(self) -> None:
-        """Follow the scene's camera track, or stop."""
+        """Follow the camera track of the scene, or stop."""
         self._try("Error toggling follow: {}", Environment.toggle_follow)
 
     def spawn_object(
@@ -183,13 +218,23 @@ class Agent:
         use_parent: bool = True,
         remove_dynamics: bool = True,
     ) -> str:
-        """Let an object appear in the next frame; its id, "" if it cannot be.
+        """Spawn an object in the next frame.
 
-        name: one of `spawnable_objects_names`, or "file:" and what `send_obj_zip` gave. remove_default_dynamics,
-        `remove_dynamics` as it was called in 2020, and use_parent are of no effect: nothing falls here, and places are
-        those of the world.
+        Args:
+            name: One of `spawnable_objects_names`, or "file:" and the path returned by `send_obj_zip`.
+            position: m.
+            rotation: Euler angles, degrees.
+            dynamic: Its trajectory; None for a static object.
+            remove_default_dynamics: Has no effect: objects have no physics of their own.
+            frustum_limited: Whether the walls of the view frustum stop it.
+            scale: Factors along its axes.
+            use_parent: Has no effect: poses are always those of the world.
+            remove_dynamics: Name of `remove_default_dynamics` in 2020.
+
+        Returns:
+            The id of the object; "" if it cannot be spawned.
         """
-        # Before there were dynamics, and before there were limits, scale was that much earlier in the row.
+        # Signatures of 2020 and 2021 lack `dynamic` or `frustum_limited`, so that `scale` comes earlier.
         if isinstance(dynamic, bool):
             dynamic, scale = None, scale if isinstance(remove_default_dynamics, bool) else remove_default_dynamics
             frustum_limited = True
@@ -197,12 +242,12 @@ class Agent:
             frustum_limited, scale = True, frustum_limited
         id: str = self._try(
             f"Error object {name} not spawned: {{}}",
-            lambda world, viewer: world.spawn(
-                viewer,
+            lambda world, camera: world.spawn(
+                camera,
                 name,
-                single(position),
-                single(rotation),
-                scale=single(scale),
+                single_precision(position),
+                single_precision(rotation),
+                scale=single_precision(scale),
                 frustum_limited=bool(frustum_limited),
                 dynamic=None if dynamic is None else (dynamic.get_type(), dynamic.asdict()),
             ),
@@ -213,41 +258,55 @@ class Agent:
         return id
 
     def despawn_object(self, idstr: str) -> None:
-        """Let an object be gone from the next frame on."""
+        """Remove an object from the next frame on."""
         failed = self._try(
             f"Error despawning object with id {idstr}: {{}}",
-            lambda world, viewer: world.despawn(viewer, _number(idstr)),
+            lambda world, camera: world.despawn(camera, _object_id(idstr)),
             self,
         )
         if failed is not self:
             self.spawned_objects_idstr_names_table.pop(str(idstr), None)
 
     def move_object(self, idstr: str, position: Any, rotation: Any) -> None:
-        """Put an object elsewhere in the next frame."""
+        """Move an object in the next frame; position in m, Euler angles in degrees."""
         self._try(
             f"Error moving object with id {idstr}: {{}}",
-            lambda world, viewer: world.move(viewer, _number(idstr), single(position), single(rotation)),
+            lambda world, camera: world.move(
+                camera, _object_id(idstr), single_precision(position), single_precision(rotation)
+            ),
         )
 
     def load_scenario(self, scenario: Scenario) -> list[tuple[str, str]]:
-        """Begin anew with a scenario; for each of its objects (id, the object's `id`), the first "" if it cannot be."""
+        """Start a scenario.
+
+        Returns:
+            For each object the id that it was spawned with, "" if it is invalid, and the `id` of the object itself.
+        """
         failure: tuple[list[str], list[str]] = ([""] * scenario.n_objects, [])
         spawned, problems = self._try(
-            "Error loading scenario: {}", lambda world, viewer: world.load(viewer, scenario.asdict()), failure
+            "Error loading scenario: {}", lambda world, camera: world.load_scenario(camera, scenario.asdict()), failure
         )
         for problem in problems:
-            self._complain("Error loading scenario: {}", ArgumentError(problem))
+            self._report("Error loading scenario: {}", ArgumentError(problem))
         ids = [(id, each.id) for id, each in zip(spawned, scenario.objects, strict=True)]
         self.spawned_objects_idstr_names_table.update((id, name) for id, name in ids if id)
-        self._ask_about_scene()
+        self._update_names()
         return ids
 
     def spawn_collidable_view_frustum(self) -> None:
-        """Put walls at the sides of the agent's view."""
+        """Put walls at the sides of the agent's view; they follow the agent."""
         self._try("Error spawning view frustum: {}", Environment.set_frustum_walls)
 
     def send_obj_zip(self, file: str | os.PathLike[str] | BinaryIO, filename: str | None = None) -> str:
-        """Bring in a model, an OBJ file in a zip; the path to spawn it by ("file:" + path), "" if it cannot be."""
+        """Upload a model.
+
+        Args:
+            file: A zip file with an OBJ file, by path or open for reading.
+            filename: Its name; required for an open file.
+
+        Returns:
+            The path by which it is spawned ("file:" + path); "" if it cannot be read.
+        """
         if isinstance(file, str | os.PathLike):
             name = filename or os.path.basename(file)
             with open(file, "rb") as opened:
@@ -262,109 +321,62 @@ class Agent:
         return path
 
     def change_main_camera_clear_flags(self, r: int, g: int, b: int) -> None:
-        """The 8-bit color of what shows nothing; negative: the sky."""
-        self._try("Error sending clear flags: {}", lambda world, viewer: world.clear(viewer, (r, g, b)))
-
-    def get_light_color(self, light_name: str) -> tuple[int, int, int] | None:
-        """8-bit sRGB; None for no such light. So are the following."""
-        return self._light("getting light color", lambda lights: lights.color(light_name))
-
-    def set_light_color(self, light_name: str, r: int, g: int, b: int) -> None:
-        self._light("setting light color", lambda lights: lights.set_color(light_name, (r, g, b)))
-
-    def get_light_position(self, light_name: str) -> tuple[float, float, float] | None:
-        """m."""
-        return self._light("getting light position", lambda lights: lights.position(light_name))
-
-    def set_light_position(self, light_name: str, position: Any) -> None:
-        self._light("setting light position", lambda lights: lights.set_position(light_name, single(position)))
-
-    def get_light_direction(self, light_name: str) -> tuple[float, float, float] | None:
-        """Where its light goes."""
-        return self._light("getting light direction", lambda lights: lights.direction(light_name))
-
-    def set_light_direction(self, light_name: str, direction: Any) -> None:
-        self._light("setting light direction", lambda lights: lights.set_direction(light_name, single(direction)))
-
-    def get_light_intensity(self, light_name: str) -> float | None:
-        """1: as the scene has it."""
-        return self._light("getting light intensity", lambda lights: lights.intensity(light_name))
-
-    def set_light_intensity(self, light_name: str, intensity: float) -> None:
-        self._light(
-            "setting light intensity", lambda lights: lights.set_intensity(light_name, float(np.float32(intensity)))
-        )
-
-    def get_light_indirect_multiplier(self, light_name: str) -> float | None:
-        """1: as the scene has it. Of what the light gives to surfaces that are seen by way of others."""
-        return self._light("getting light indirect multiplier", lambda lights: lights.indirect_multiplier(light_name))
-
-    def set_light_indirect_multiplier(self, light_name: str, indirect_multiplier: float) -> None:
-        self._light(
-            "setting light indirect multiplier",
-            lambda lights: lights.set_indirect_multiplier(light_name, float(indirect_multiplier)),
-        )
-
-    def get_light_type(self, light_name: str) -> str | None:
-        """ "Directional", "Point", "Rectangle", "Disc" or "Area"."""
-        return self._light("getting light type", lambda lights: lights.type(light_name))
+        """Set the 8-bit color of pixels that show no object; with a negative component, the sky."""
+        self._try("Error sending clear flags: {}", lambda world, camera: world.set_background(camera, (r, g, b)))
 
     def get_ambient_light_color(self) -> tuple[int, int, int]:
-        """8-bit sRGB."""
-        with self._world() as (environment, _):
+        """Return the color of the ambient light, 8-bit sRGB."""
+        with self._locked() as (environment, _):
             return environment.ambient
 
     def set_ambient_light_color(self, r: int, g: int, b: int) -> None:
-        """Light that reaches every surface alike."""
+        """Set the color of the ambient light, which reaches every surface equally, 8-bit sRGB."""
         self._try("Error setting ambient light color: {}", lambda world, _: world.set_ambient((r, g, b)))
 
-    def _light(self, doing: str, act: Callable[[LightControls], Result]) -> Result | None:
-        result: Result | None = self._try(f"Error {doing}: {{}}", lambda world, _: act(world.lights))
-        return result
-
-    def _ask_about_scene(self) -> None:
+    def _update_names(self) -> None:
+        """Update the names of categories, templates and lights for a new scene."""
         self.get_categories()
-        with self._world() as (environment, _):
+        with self._locked() as (environment, _):
             self.spawnable_objects_names = environment.spawnable()
             self.lights_names = list(environment.lights.names)
 
-    @contextmanager
-    def _world(self) -> Iterator[tuple[Environment, AgentCamera]]:
-        if self._environment is None or self._viewer is None:
+    def _registered(self) -> tuple[Environment, AgentCamera]:
+        if self._environment is None or self._camera is None:
             raise ArgumentError("this agent is in no world: call register() first")
+        return self._environment, self._camera
+
+    @contextmanager
+    def _locked(self) -> Iterator[tuple[Environment, AgentCamera]]:
+        """Yield the environment and this agent's state, with the lock that keeps other threads out."""
+        environment, camera = self._registered()
         with _lock:
-            yield self._environment, self._viewer
+            yield environment, camera
 
-    def _try(self, message: str, act: Callable[[Environment, AgentCamera], Any], otherwise: Any = None) -> Any:
-        """What `act` gives; where it fails, `otherwise`, and the message is printed."""
+    def _try(self, message: str, call: Callable[[Environment, AgentCamera], Any], default: Any = None) -> Any:
+        """Return the result of a call; if it raises a TisceneError, print the message and return the default."""
         try:
-            with self._world() as (environment, viewer):
-                return act(environment, viewer)
+            with self._locked() as (environment, camera):
+                return call(environment, camera)
         except TisceneError as error:
-            self._complain(message, error)
-            return otherwise
+            self._report(message, error)
+            return default
 
-    def _complain(self, message: str, error: TisceneError) -> None:
+    def _report(self, message: str, error: TisceneError) -> None:
+        """Print an error as SAILenv does; raise it if `strict`."""
         if self.strict:
             raise error
         print(message.format(error))
 
 
-def single(value: Any) -> tuple[float, float, float]:
-    """Three numbers in single precision, as they are over the wire and in Unity. Raises ScenarioError."""
-    x, y, z = np.array(vector(value), np.float32).tolist()
-    return (x, y, z)
-
-
-def as_numbers(name: str, view: NDArray[Any]) -> NDArray[Any]:
-    """A view as `Agent.get_frame` gives it: pictures as float32 in 0..1."""
+def to_client_dtype(name: str, view: NDArray[Any]) -> NDArray[Any]:
+    """Return a view as `Agent.get_frame` does: color, object and depth views as float32 in 0..1."""
     if name in ("main", "object", "depth"):
         return view.astype(np.float32) / np.float32(255.0)
     return view
 
 
-def _number(id: Any) -> int:
+def _object_id(id: Any) -> int:
     try:
         return int(id)
     except (TypeError, ValueError, OverflowError):
-        raise ArgumentError(f"{id!r}: must be the id of an object") from None
+        raise ArgumentError(f"object id {id!r}: must be an integer, as spawn_object returns it") from None

@@ -1,23 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An agent as the world knows it."""
+"""One agent in an environment: its pose and camera, image size, background, and place on the frame clock."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tiscene.sailenv.json_messages import bounded
 from tiscene.sailenv.light_controls import Color8
+from tiscene.sailenv.scene_profile import SceneProfile
+from tiscene.sailenv.unity_coordinates import euler_of, mirrored, quaternion_of
 from tiscene.scene.camera import Camera, Vector3
 
 
 @dataclass(eq=False)
 class AgentCamera:
-    """An agent in the world.
+    """The camera of an agent and its state in an environment.
 
-    position: m, rotation: Euler degrees, both Unity's. placed: it was put there, not just begun there.
-    background: the 8-bit color of what shows nothing, None: the sky. follows_since: the frame at which it joined the
-    camera track, None: it stands. taken: the last frame it has had, -1: none. acted: it did something to the world
-    since. stepping: it takes frames, so that others may wait for it. last_camera: that of its last frame;
-    still_since: the frame since which that is the same.
+    Attributes:
+        id: The agent's number in its environment.
+        width: Image width, px.
+        height: Image height, px.
+        position: In Unity's space, m.
+        rotation: Unity's Euler angles, degrees.
+        has_own_pose: Whether the agent was moved away from the start pose of the scene.
+        background: 8-bit sRGB color of pixels that show no object; None for the sky.
+        track_start: The frame at which the agent joined the camera track; None if it does not follow the track.
+        last_frame: The last frame that the agent has received; -1 for none.
+        has_edited: Whether the agent has edited the world since its last frame.
+        is_stepping: Whether the agent requests frames, so that the clock waits for it.
+        last_camera: The camera of its last frame.
+        static_since: The frame since which that camera is the same.
     """
 
     id: int
@@ -25,11 +37,44 @@ class AgentCamera:
     height: int
     position: Vector3 = (0.0, 0.0, 0.0)
     rotation: Vector3 = (0.0, 0.0, 0.0)
-    placed: bool = False
+    has_own_pose: bool = False
     background: Color8 | None = None
-    follows_since: int | None = None
-    taken: int = -1
-    acted: bool = False
-    stepping: bool = False
+    track_start: int | None = None
+    last_frame: int = -1
+    has_edited: bool = False
+    is_stepping: bool = False
     last_camera: Camera | None = None
-    still_since: int = 0
+    static_since: int = 0
+
+    def reset(self, profile: SceneProfile) -> None:
+        """Move to the start pose of a scene."""
+        self.position, self.rotation = mirrored(profile.start.position), euler_of(profile.start.rotation)
+        self.has_own_pose, self.track_start = False, None
+
+    def camera(self, profile: SceneProfile, frame: int) -> Camera:
+        """Return the camera at a frame, in tiscene's space."""
+        if self.track_start is None:
+            return profile.start.with_pose(mirrored(self.position), quaternion_of(self.rotation))
+        return profile.start.with_pose(*profile.track_pose(frame - self.track_start))
+
+    def pose(self, profile: SceneProfile, frame: int) -> tuple[Vector3, Vector3]:
+        """Return position (m) and Euler angles (degrees) at a frame: as they were set, or those of the camera track."""
+        if self.track_start is None:
+            return self.position, self.rotation
+        camera = self.camera(profile, max(frame, self.track_start))
+        return mirrored(camera.position), euler_of(camera.rotation)
+
+    def set_pose(self, profile: SceneProfile, frame: int, position: Vector3 | None, rotation: Vector3 | None) -> None:
+        """Leave the camera track, and set position (m) and Euler angles (degrees); None leaves either as it is."""
+        old_position, old_rotation = self.pose(profile, frame)
+        self.position = old_position if position is None else bounded(position)
+        self.rotation = old_rotation if rotation is None else bounded(rotation)
+        self.has_own_pose, self.track_start = True, None
+
+    def toggle_follow(self, profile: SceneProfile, frame: int) -> None:
+        """Join the camera track at its start after a frame, or leave it and stay at the pose of that frame."""
+        if self.track_start is None:
+            self.track_start = frame + 1
+        else:
+            self.position, self.rotation = self.pose(profile, frame)
+            self.track_start, self.has_own_pose = None, True

@@ -1,55 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's names for scenes and templates. `scenes.json` holds what its scripts rely on."""
+"""SAILenv's names of scenes and templates.
+
+SAILenv calls the scene `object_view` "object_view/scene". Its scripts also rely on names and on an order of scenes that
+are recorded in `scenes.json`.
+"""
 
 from __future__ import annotations
 
 import functools
 import json
-import warnings
 from importlib import resources
 from typing import Any
 
 from tiscene import catalog
-from tiscene.errors import SceneNotFound, StageWarning, TemplateNotFound
-from tiscene.scene.description import Template
-from tiscene.usd.read.template import read_template
+from tiscene.errors import SceneNotFound, TemplateNotFound
 
 _SUFFIX = "/scene"
-_TRAIL = " Trail"
+_TRAIL = " Trail"  # ends the names of SAILenv's templates that leave a trail on the screen
 
 
 @functools.cache
-def relied_on() -> dict[str, Any]:
-    """The contents of `scenes.json`: names by which scripts ask for what may not be there yet."""
+def sailenv_names() -> dict[str, Any]:
+    """Return the contents of `scenes.json`.
+
+    Keys: `first`, the default scene; `order`, SAILenv's scenes in its order; `trails`, templates that also exist with a
+    trail; `lights`, SAILenv's names of the lights of each scene.
+    """
     content: dict[str, Any] = json.loads(resources.files(__package__).joinpath("scenes.json").read_text("utf-8"))
     return content
 
 
 def scenes() -> list[str]:
-    """The scenes there are, "object_view/scene" and so on; those that SAILenv has come first, in its order."""
+    """Return the names of all scenes ("object_view/scene"), SAILenv's own first and in its order."""
     known = list(catalog.scenes())
-    first = [name for name in relied_on()["order"] if name in known]
+    first = [name for name in sailenv_names()["order"] if name in known]
     return [name + _SUFFIX for name in first + [name for name in known if name not in first]]
 
 
-def first_scene() -> str:
-    """Where a world begins."""
-    preferred = relied_on()["first"] + _SUFFIX
+def default_scene() -> str:
+    """Return the name of the scene that an environment begins with."""
+    preferred: str = sailenv_names()["first"] + _SUFFIX
     return preferred if preferred in scenes() else scenes()[0]
 
 
-def scene_of(name: str) -> str:
-    """tiscene's name of a scene, with or without "/scene". Raises SceneNotFound."""
+def catalog_scene(name: str) -> str:
+    """Return the name in tiscene's catalog of a scene, given with or without "/scene". Raises SceneNotFound."""
     plain = str(name).strip().removesuffix(_SUFFIX)
     if plain not in catalog.scenes():
         raise SceneNotFound("scene", str(name), scenes())
     return plain
 
 
-def template_of(name: str) -> str:
-    """tiscene's name of a template. "Cube Trail" is a cube, for its trail is a matter of display.
+def catalog_template(name: str) -> str:
+    """Return the name in tiscene's catalog of a template; "Cube Trail" is a cube, since trails are not rendered.
 
-    Raises TemplateNotFound.
+    Raises:
+        TemplateNotFound: No template has that name.
     """
     plain = name.strip()
     known = catalog.templates()
@@ -61,18 +67,11 @@ def template_of(name: str) -> str:
 
 
 def spawnable() -> list[str]:
-    """What can be spawned, by name."""
+    """Return the names of all templates that can be spawned."""
     known = list(catalog.templates())
-    return known + [name + _TRAIL for name in relied_on()["trails"] if name in known]
+    return known + [name + _TRAIL for name in sailenv_names()["trails"] if name in known]
 
 
-@functools.cache
 def template_categories() -> dict[str, str]:
-    """The category of every template by its name."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StageWarning)  # said again when it is spawned
-        return {name: _read(path).category for name, path in catalog.templates().items()}
-
-
-def _read(path: Any) -> Template:
-    return read_template(path)
+    """Return the category of each template of the catalog by name."""
+    return {name: template.category for name, template in catalog.templates().items()}

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One client of the server: what it says, what it is answered."""
+"""One client's connection to the server: reads its commands, carries them out, and sends the replies.
+
+Each command of the protocol has a handler, a method of `Connection`, in the table HANDLERS.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import asyncio
 import json
 import logging
 from collections.abc import Awaitable, Callable
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from tiscene.errors import TisceneError
 from tiscene.sailenv import wire_format
@@ -17,106 +20,109 @@ from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.uploaded_models import MAX_BYTES
 from tiscene.sailenv.wire_format import Command, ProtocolError, Reader, float_bytes, int_bytes, text_bytes, texts_bytes
 
-log = logging.getLogger("tiscene.sailenv")
-# Clients of before 2021 end a spawn two bytes earlier or one: when those are this late, they will not come.
-OLD_CLIENT_AFTER = 2.0
+logger = logging.getLogger("tiscene.sailenv")
+OLD_CLIENT_TIMEOUT = 2.0  # s, for the last two flags of a spawn, of which clients before 2021 send one or none
 Result = TypeVar("Result")
 
 
 class FrameServer(Protocol):
-    """What a connection needs of its server."""
+    """The part of the server that a connection uses."""
 
     environment: Environment
 
-    async def do(self, act: Callable[..., Result], *arguments: Any) -> Result:
-        """Run `act` on the thread that owns the environment and return its result."""
+    async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Call a function on the thread that owns the environment, and return its result."""
 
-    async def frame(self, viewer: AgentCamera, wanted: list[str]) -> tuple[dict[str, Any], float]:
-        """Render an agent's next frame: its views by name, and its time (s)."""
+    async def frame(self, agent: AgentCamera, views: list[str]) -> tuple[dict[str, Any], float]:
+        """Return views of an agent's next frame by name, and the time since its last frame, s."""
 
 
 class Connection:
-    """One connection."""
+    """The connection of one client.
+
+    Attributes:
+        agent: The client's agent; None before it has registered.
+    """
 
     def __init__(self, server: FrameServer, reader: Reader, writer: asyncio.StreamWriter) -> None:
-        self.viewer: AgentCamera | None = None
+        self.agent: AgentCamera | None = None
         self._server = server
         self._environment = server.environment
         self._read = reader
         self._writer = writer
         self._gzip = False
-        self._spawn_ends: int | None = None  # how many of the two last bytes of a spawn this client sends
+        self._spawn_flags: int | None = None  # how many of the last two flags of a spawn this client sends
         peer = writer.get_extra_info("peername") or ("?", 0)
         self._name = f"{peer[0]}:{peer[1]}"
 
     def __str__(self) -> str:
-        return self._name if self.viewer is None else f"agent {self.viewer.id} ({self._name})"
+        return self._name if self.agent is None else f"agent {self.agent.id} ({self._name})"
 
-    def note(self, text: str) -> None:
-        """A line in the log."""
-        log.info("%s %s", self, text)
+    def log(self, text: str) -> None:
+        """Write a line about this client to the log."""
+        logger.info("%s %s", self, text)
 
-    async def talk(self) -> None:
-        """Register, then do as told until DELETE."""
+    async def run(self) -> None:
+        """Register the agent, then handle commands until DELETE."""
         width, height, self._gzip = await self._read.int32(), await self._read.int32(), await self._read.flag()
         try:
-            self.viewer = await self._do(self._environment.register, width, height)
+            self.agent = await self._call(self._environment.register, width, height)
         except TisceneError as error:
             raise ProtocolError(str(error)) from None
-        self.note(f"registered, {width}x{height}{', gzip' if self._gzip else ''}")
-        await self._send(int_bytes(self.viewer.id) + texts_bytes(self._environment.scenes()))
+        self.log(f"registered, {width}x{height}{', gzip' if self._gzip else ''}")
+        await self._send(int_bytes(self.agent.id) + texts_bytes(self._environment.scenes()))
         while (command := await self._read.command()) is not Command.DELETE:
-            await ANSWERS[command](self, self.viewer)
-        self.note("deleted")
+            await HANDLERS[command](self, self.agent)
+        self.log("deleted")
 
-    # Each of these reads what follows a command, and answers.
+    # Handlers: each reads the arguments of a command and sends the reply.
 
-    async def frame(self, viewer: AgentCamera) -> None:
+    async def frame(self, agent: AgentCamera) -> None:
         flags = (await self._read.exactly(1))[0]
-        wanted = [name for name, view in VIEWS.items() if flags & view.flag]
-        shown, seconds = await self._server.frame(viewer, wanted)
+        names = [name for name, view in VIEWS.items() if flags & view.flag]
+        views, seconds = await self._server.frame(agent, names)
         parts = await asyncio.to_thread(
-            lambda: [wire_format.view_bytes(name, view, self._gzip) for name, view in shown.items()]
+            lambda: [wire_format.view_bytes(name, view, self._gzip) for name, view in views.items()]
         )
-        log.debug("%s frame %d", self, viewer.taken)
+        logger.debug("%s frame %d", self, agent.last_frame)
         await self._send(b"".join(parts) + float_bytes(seconds))
 
-    async def change_scene(self, viewer: AgentCamera) -> None:
+    async def change_scene(self, agent: AgentCamera) -> None:
         name = await self._read.text()
-        await self._told(f"change_scene {name}", self._environment.change_scene, name)
+        await self._acknowledge(f"change_scene {name}", self._environment.change_scene, name)
 
-    async def categories(self, viewer: AgentCamera) -> None:
-        categories = await self._do(self._environment.categories)
+    async def categories(self, agent: AgentCamera) -> None:
+        categories = await self._call(self._environment.categories)
         pairs = b"".join(int_bytes(number) + text_bytes(name) for number, name in categories.items())
         await self._send(int_bytes(len(categories)) + pairs)
 
-    async def position(self, viewer: AgentCamera) -> None:
-        await self._send(float_bytes(*await self._do(self._environment.position, viewer)))
+    async def position(self, agent: AgentCamera) -> None:
+        await self._send(float_bytes(*await self._call(self._environment.position, agent)))
 
-    async def set_position(self, viewer: AgentCamera) -> None:
+    async def set_position(self, agent: AgentCamera) -> None:
         position = await self._read.vector()
-        await self._told(f"set_position {position}", self._environment.place, viewer, position, None)
+        await self._acknowledge(f"set_position {position}", self._environment.set_pose, agent, position, None)
 
-    async def rotation(self, viewer: AgentCamera) -> None:
-        await self._send(float_bytes(*await self._do(self._environment.rotation, viewer)))
+    async def rotation(self, agent: AgentCamera) -> None:
+        await self._send(float_bytes(*await self._call(self._environment.rotation, agent)))
 
-    async def set_rotation(self, viewer: AgentCamera) -> None:
+    async def set_rotation(self, agent: AgentCamera) -> None:
         rotation = await self._read.vector()
-        await self._told(f"set_rotation {rotation}", self._environment.place, viewer, None, rotation)
+        await self._acknowledge(f"set_rotation {rotation}", self._environment.set_pose, agent, None, rotation)
 
-    async def toggle_follow(self, viewer: AgentCamera) -> None:
-        await self._told("toggle_follow", self._environment.toggle_follow, viewer)
+    async def toggle_follow(self, agent: AgentCamera) -> None:
+        await self._acknowledge("toggle_follow", self._environment.toggle_follow, agent)
 
-    async def spawn(self, viewer: AgentCamera) -> None:
+    async def spawn(self, agent: AgentCamera) -> None:
         name, position, rotation = await self._read.text(), await self._read.vector(), await self._read.vector()
-        await self._read.flag()  # whether to remove default dynamics; there are none
+        await self._read.flag()  # remove_default_dynamics: has no effect
         scale = await self._read.vector()
-        await self._read.flag()  # whether to use the parent; places are the world's
-        frustum_limited, dynamic = await self._end_of_spawn()
+        await self._read.flag()  # use_parent: has no effect
+        frustum_limited, dynamic = await self._read_spawn_flags()
 
-        def act() -> str:
+        def spawn() -> str:
             return self._environment.spawn(
-                viewer,
+                agent,
                 name,
                 position,
                 rotation,
@@ -125,126 +131,129 @@ class Connection:
                 dynamic=None if dynamic is None else (dynamic[0], _json(dynamic[1])),
             )
 
-        await self._send(text_bytes(await self._tried(f"spawn {name}", act) or ""))
+        await self._send(text_bytes(await self._try(f"spawn {name}", spawn) or ""))
 
-    async def _end_of_spawn(self) -> tuple[bool, tuple[str, str] | None]:
-        """Whether the frustum limits it, and type and JSON of its dynamic, from clients of any age."""
+    async def _read_spawn_flags(self) -> tuple[bool, tuple[str, str] | None]:
+        """Read `frustum_limited`, and type and JSON of the dynamic, from clients of any version."""
         flags: list[int] = []
-        while len(flags) < 2 and self._spawn_ends != len(flags):
-            flag = await self._read.byte(OLD_CLIENT_AFTER if self._spawn_ends is None else wire_format.PATIENCE)
+        while len(flags) < 2 and self._spawn_flags != len(flags):
+            flag = await self._read.byte(OLD_CLIENT_TIMEOUT if self._spawn_flags is None else wire_format.TIMEOUT)
             if flag is None:
                 break
             flags.append(flag)
         length = None
         if len(flags) == 2 and flags[1] > 1:
-            # Not a flag, but the first byte of a text's length: the flag before it was the last.
+            # This is not a flag but the first byte of the length of a text: the client sends one flag.
             length = int.from_bytes(bytes(flags[1:]) + await self._read.exactly(3), "little", signed=True)
             flags.pop()
-        self._spawn_ends = len(flags)
+        self._spawn_flags = len(flags)
         if not flags or not flags[-1]:
             return len(flags) < 2 or bool(flags[0]), None
         kind = await (self._read.text() if length is None else self._read.text_of(length))
         return len(flags) < 2 or bool(flags[0]), (kind, await self._read.text(wire_format.MAX_JSON))
 
-    async def despawn(self, viewer: AgentCamera) -> None:
+    async def despawn(self, agent: AgentCamera) -> None:
         number = await self._read.int32()
-        await self._told(f"despawn {number}", self._environment.despawn, viewer, number)
+        await self._acknowledge(f"despawn {number}", self._environment.despawn, agent, number)
 
-    async def spawnables(self, viewer: AgentCamera) -> None:
+    async def spawnables(self, agent: AgentCamera) -> None:
         await self._send(texts_bytes(self._environment.spawnable()))
 
-    async def send_obj_zip(self, viewer: AgentCamera) -> None:
+    async def send_obj_zip(self, agent: AgentCamera) -> None:
         name, size = await self._read.text(), await self._read.int32()
         if not 0 <= size <= MAX_BYTES:
-            raise ProtocolError(f"a file of {size} bytes; at most {MAX_BYTES} are taken")
+            raise ProtocolError(f"a file of {size} bytes; the limit is {MAX_BYTES}")
         data = bytearray()
         while len(data) < size:
             data += await self._read.chunk(min(size - len(data), 1 << 16))
-        path = await self._tried(f"send_obj_zip {name}, {size} bytes", self._environment.uploads.store, name, data)
+        path = await self._try(f"send_obj_zip {name}, {size} bytes", self._environment.uploads.store, name, data)
         await self._send(text_bytes(path or ""))
 
-    async def clear_flags(self, viewer: AgentCamera) -> None:
+    async def clear_flags(self, agent: AgentCamera) -> None:
         color = await self._read.ints()
-        await self._told(f"clear_flags {color}", self._environment.clear, viewer, color)
+        await self._acknowledge(f"clear_flags {color}", self._environment.set_background, agent, color)
 
-    async def light_names(self, viewer: AgentCamera) -> None:
-        await self._send(texts_bytes(list((await self._do(lambda: self._environment.lights)).names)))
+    async def light_names(self, agent: AgentCamera) -> None:
+        await self._send(texts_bytes(list((await self._call(lambda: self._environment.lights)).names)))
 
-    async def ambient(self, viewer: AgentCamera) -> None:
-        await self._send(text_bytes("ok") + int_bytes(*await self._do(lambda: self._environment.ambient)))
+    async def ambient(self, agent: AgentCamera) -> None:
+        await self._send(text_bytes("ok") + int_bytes(*await self._call(lambda: self._environment.ambient)))
 
-    async def set_ambient(self, viewer: AgentCamera) -> None:
+    async def set_ambient(self, agent: AgentCamera) -> None:
         color = await self._read.ints()
-        await self._told(f"set_ambient_light_color {color}", self._environment.set_ambient, color)
+        await self._acknowledge(f"set_ambient_light_color {color}", self._environment.set_ambient, color)
 
-    async def spawn_view_frustum(self, viewer: AgentCamera) -> None:
-        await self._tried("spawn_view_frustum", self._environment.set_frustum_walls, viewer)
+    async def spawn_view_frustum(self, agent: AgentCamera) -> None:
+        await self._try("spawn_view_frustum", self._environment.set_frustum_walls, agent)
 
-    async def load_scenario(self, viewer: AgentCamera) -> None:
+    async def load_scenario(self, agent: AgentCamera) -> None:
         content = _json(await self._read.text(wire_format.MAX_JSON))
         objects = content.get("objects")
         count = len(objects) if isinstance(objects, list) else 0
-        ids, problems = await self._tried(
-            f"load_scenario {content.get('scene_name')}, {count} objects", self._environment.load, viewer, content
+        ids, problems = await self._try(
+            f"load_scenario {content.get('scene_name')}, {count} objects",
+            self._environment.load_scenario,
+            agent,
+            content,
         ) or ([""] * count, [])
         for problem in problems:
-            log.warning("%s %s", self, problem)
+            logger.warning("%s %s", self, problem)
         await self._send(b"".join(text_bytes(id) for id in ids))
 
-    async def move_object(self, viewer: AgentCamera) -> None:
+    async def move_object(self, agent: AgentCamera) -> None:
         number, position, rotation = await self._read.int32(), await self._read.vector(), await self._read.vector()
-        await self._told(f"move {number}", self._environment.move, viewer, number, position, rotation)
+        await self._acknowledge(f"move {number}", self._environment.move, agent, number, position, rotation)
 
-    async def get_light(self, what: str, as_bytes: Callable[..., bytes]) -> None:
+    async def get_light(self, quantity: str, as_bytes: Callable[..., bytes]) -> None:
         name = await self._read.text()
         try:
-            value = await self._do(lambda: getattr(self._environment.lights, what)(name))
+            value = await self._call(lambda: getattr(self._environment.lights, quantity)(name))
         except TisceneError as error:
             await self._send(text_bytes(str(error)))
             return
         await self._send(text_bytes("ok") + (as_bytes(*value) if isinstance(value, tuple) else as_bytes(value)))
 
-    async def set_light(self, what: str, read: Callable[[Reader], Awaitable[Any]]) -> None:
+    async def set_light(self, quantity: str, read: Callable[[Reader], Awaitable[Any]]) -> None:
         name = await self._read.text()
         value = await read(self._read)
-        await self._told(
-            f"set_{what} {name} {value}", lambda: getattr(self._environment.lights, f"set_{what}")(name, value)
+        await self._acknowledge(
+            f"set_{quantity} {name} {value}", lambda: getattr(self._environment.lights, f"set_{quantity}")(name, value)
         )
 
-    async def light_type(self, viewer: AgentCamera) -> None:
+    async def light_type(self, agent: AgentCamera) -> None:
         name = await self._read.text()
-        kind = await self._tried(f"get_light_type {name}", lambda: self._environment.lights.type(name))
+        kind = await self._try(f"get_light_type {name}", lambda: self._environment.lights.type(name))
         await self._send(text_bytes(kind or "light_not_found"))
 
-    # How.
+    # Implementation
 
-    async def _do(self, act: Callable[..., Result], *arguments: Any) -> Result:
-        return await self._server.do(act, *arguments)
+    async def _call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        return await self._server.call(function, *arguments)
 
-    async def _tried(self, what: str, act: Callable[..., Result], *arguments: Any) -> Result | None:
-        """What `act` gives, None where it fails; a line in the log either way."""
+    async def _try(self, description: str, function: Callable[..., Result], *arguments: Any) -> Result | None:
+        """Return the result of a call; None if it raises a TisceneError. Log either."""
         try:
-            result = await self._do(act, *arguments)
+            result = await self._call(function, *arguments)
         except TisceneError as error:
-            log.warning("%s %s: %s", self, what, error)
+            logger.warning("%s %s: %s", self, description, error)
             return None
-        self.note(what)
+        self.log(description)
         return result
 
-    async def _told(self, what: str, act: Callable[..., Any], *arguments: Any) -> None:
-        """Do something, and answer "ok" or what is wrong."""
+    async def _acknowledge(self, description: str, function: Callable[..., Any], *arguments: Any) -> None:
+        """Call a function and send "ok", or the message of the TisceneError that it raises. Log either."""
         try:
-            await self._do(act, *arguments)
+            await self._call(function, *arguments)
         except TisceneError as error:
-            log.warning("%s %s: %s", self, what, error)
+            logger.warning("%s %s: %s", self, description, error)
             await self._send(text_bytes(str(error)))
         else:
-            self.note(what)
+            self.log(description)
             await self._send(text_bytes("ok"))
 
     async def _send(self, data: bytes) -> None:
         self._writer.write(data)
-        async with asyncio.timeout(wire_format.PATIENCE):
+        async with asyncio.timeout(wire_format.TIMEOUT):
             await self._writer.drain()
 
 
@@ -252,21 +261,24 @@ def _json(text: str) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ProtocolError(f"a description that is no JSON: {error}") from None
+        raise ProtocolError(f"invalid JSON: {error}") from None
     if not isinstance(content, dict):
-        raise ProtocolError("a description that is no JSON object")
+        raise ProtocolError("JSON that is not an object")
     return content
 
 
-def _get(what: str, as_bytes: Callable[..., bytes]) -> Callable[[Connection, AgentCamera], Awaitable[None]]:
-    return lambda client, _: client.get_light(what, as_bytes)
+Handler: TypeAlias = Callable[[Connection, AgentCamera], Awaitable[None]]
 
 
-def _set(what: str, read: Callable[[Reader], Awaitable[Any]]) -> Callable[[Connection, AgentCamera], Awaitable[None]]:
-    return lambda client, _: client.set_light(what, read)
+def _get(quantity: str, as_bytes: Callable[..., bytes]) -> Handler:
+    return lambda client, _: client.get_light(quantity, as_bytes)
 
 
-ANSWERS: dict[Command, Callable[[Connection, AgentCamera], Awaitable[None]]] = {
+def _set(quantity: str, read: Callable[[Reader], Awaitable[Any]]) -> Handler:
+    return lambda client, _: client.set_light(quantity, read)
+
+
+HANDLERS: dict[Command, Handler] = {
     Command.FRAME: Connection.frame,
     Command.CHANGE_SCENE: Connection.change_scene,
     Command.GET_CATEGORIES: Connection.categories,

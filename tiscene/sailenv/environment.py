@@ -1,54 +1,54 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environment: one world, one clock, and the agents that look at it. All that SAILenv's Unity program did.
+"""The environment: one world and one frame clock that agents share, in place of SAILenv's Unity program.
 
-Agents share the scene, its objects and lights; each has its own place, size, background and views. The clock is in
-lock step: it goes on by one frame, 1 / fps seconds, when an agent asks for a frame and has had the current one; an
-agent that has not is shown the current one. So a lone agent sees every frame, several agents that ask in turn see the
-same frames, and one that is slow misses some, as it did when SAILenv ran in real time. What an agent does to the world
-shows in the frame after the current one, which is then its next.
+Agents share the scene, its objects and its lights. Each has its own pose, image size, background and views. The clock
+advances in lock step: by one frame (1 / fps s) when an agent that has had the current frame requests another. An agent
+that has not had the current frame receives that one. So a single agent sees every frame, several agents that take turns
+see the same frames, and a slow agent misses some, as in SAILenv, which ran in real time. An agent's edit of the world
+shows in the frame after the current one, which is then the agent's next frame.
 
-Everything here is in Unity's space, as `tiscene.sailenv.unity_coordinates` explains. Nothing here waits, or knows of threads.
+Poses are in Unity's space (`tiscene.sailenv.unity_coordinates`). No method blocks, and none may be called from two
+threads at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 import tiscene.scenario.objects as native_objects
 import tiscene.scenario.scenario as native
 from tiscene.device import runtime
-from tiscene.errors import ArgumentError, ScenarioError, TisceneError
-from tiscene.render.film.tone_map import radiance_shown_as
-from tiscene.render.renderer import quality_named
-from tiscene.render.view import SKY, View
+from tiscene.errors import ArgumentError
+from tiscene.render.render_settings import preset
 from tiscene.sailenv import asset_names, frame_views, json_messages
 from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.agent_renderer import AgentRenderer
 from tiscene.sailenv.json_messages import bounded
-from tiscene.sailenv.light_controls import Color8, LightControls, clipped, linear, whole
+from tiscene.sailenv.light_controls import Color8, LightControls, clipped, integer_color
 from tiscene.sailenv.scene_profile import SceneProfile
-from tiscene.sailenv.unity_coordinates import euler_of, mirrored, mirrored_euler, quaternion_of
-from tiscene.sailenv.uploaded_models import Uploads
+from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
+from tiscene.sailenv.uploaded_models import UploadedModels
 from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.description import Light
 from tiscene.stream.stream import Stream
 from tiscene.validation import integer, positive
 
 MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
-STILL_FRAMES = 25
-_SENT = "file:"
+_UPLOAD_PREFIX = "file:"
 
 
 class Environment:
     """A world that agents share.
 
-    scene: its first scene, SAILenv's name or tiscene's. The others as of `Stream`.
-    clock: the number of the current frame, -1 before the first.
+    Attributes:
+        fps: Frames per second.
+        clock: The index of the current frame; -1 before the first.
+        agents: The registered agents by id.
+        uploads: Models that agents have sent.
     """
 
     def __init__(
@@ -63,186 +63,206 @@ class Environment:
         seed: int = 0,
         arch: str | None = None,
     ) -> None:
+        """Check the arguments; the scene is read when it is first needed.
+
+        Args:
+            scene: SAILenv's or tiscene's name of the first scene; None for SAILenv's default.
+            fps: Frames per second.
+            quality: Preset of the render settings, as of `Stream`; the next three arguments override its parts.
+            spp: Samples per pixel.
+            max_depth: Maximum path depth in segments.
+            denoise: Whether color is denoised.
+            seed: Seed of the rendering.
+            arch: "cpu" or "cuda"; None for "cpu".
+
+        Raises:
+            TisceneError: An argument is invalid.
+        """
         self.fps = positive("fps", fps)
-        # The world is made when it is needed; what cannot be is said now, before clients come.
-        parts = {"spp": spp, "max_depth": max_depth, "denoise": denoise}
-        quality_named(quality, **parts)
+        overrides = {"spp": spp, "max_depth": max_depth, "denoise": denoise}
+        preset(quality, **overrides)  # raises errors before clients connect
         integer("seed", seed, 0, 2**32 - 1)
         runtime.start(arch)
         self.clock = -1
-        self.viewers: dict[int, AgentCamera] = {}
-        self._first_scene = scene or asset_names.first_scene()
-        asset_names.scene_of(self._first_scene)
-        self._settings: dict[str, Any] = {"fps": self.fps, "quality": quality, **parts, "seed": seed, "arch": arch}
-        self.uploads = Uploads()
+        self.agents: dict[int, AgentCamera] = {}
+        self.uploads = UploadedModels()
+        self._first_scene = scene or asset_names.default_scene()
+        asset_names.catalog_scene(self._first_scene)
+        self._settings: dict[str, Any] = {"fps": self.fps, "quality": quality, **overrides, "seed": seed, "arch": arch}
         self._stream: Stream | None = None
-        self._ambient: Color8 = (0, 0, 0)
-        self._changed = 0  # the frame since which nothing was done to the world
-        self._seen: dict[Any, dict[str, NDArray[Any]]] = {}  # what was rendered of the current frame, by view
-        self._walls: tuple[AgentCamera, native_objects.Frustum] | None = None  # whose view has walls, and what kind
-        self._walls_camera: Camera | None = None  # where they are
+        self._renderer = AgentRenderer()
+        self._walls: tuple[AgentCamera, native_objects.Frustum] | None = None  # the agent whose view has walls
+        self._walls_camera: Camera | None = None  # the camera at which the walls are
         self._next_id = 0
 
-    # Agents.
+    @property
+    def stream(self) -> Stream:
+        """The stream that simulates and renders the scene; made at first use."""
+        self._ensure_scene()
+        assert self._stream is not None
+        return self._stream
+
+    # Agents
 
     def register(self, width: int, height: int) -> AgentCamera:
-        """A new agent, where those of the scene begin. Raises ArgumentError for a size out of bounds."""
+        """Add an agent at the start pose of the scene.
+
+        Args:
+            width: Image width, px.
+            height: Image height, px.
+
+        Raises:
+            ArgumentError: The image is too large or empty.
+        """
         if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
             raise ArgumentError(
-                f"{width}x{height} px: a side must be from 1 to {MAX_SIDE}, and all at most {MAX_PIXELS} pixels"
+                f"{width}x{height} px: a side must be from 1 to {MAX_SIDE}, all pixels at most {MAX_PIXELS}"
             )
-        viewer = AgentCamera(self._next_id, width, height)
+        agent = AgentCamera(self._next_id, width, height)
         self._next_id += 1
-        self.viewers[viewer.id] = viewer
+        self.agents[agent.id] = agent
         if self._stream is not None:
-            self._put_at_start(viewer)
-        return viewer
+            agent.reset(self._profile)
+        return agent
 
-    def delete(self, viewer: AgentCamera) -> None:
-        """The agent is gone. What it spawned stays."""
-        self.viewers.pop(viewer.id, None)
+    def delete(self, agent: AgentCamera) -> None:
+        """Remove an agent. Objects that it has spawned stay."""
+        self.agents.pop(agent.id, None)
 
-    def behind(self, viewer: AgentCamera) -> list[AgentCamera]:
-        """The other agents that take frames and have not had the current one, if this one's next is not that."""
-        if not self._next_is_new(viewer):
+    def agents_to_wait_for(self, agent: AgentCamera) -> list[AgentCamera]:
+        """Return the other agents that would miss the current frame if this agent were given its next frame now."""
+        if not self._advances_clock(agent):
             return []
-        others = (each for each in self.viewers.values() if each is not viewer and each.stepping)
-        return [each for each in others if not self._next_is_new(each)]
+        others = (each for each in self.agents.values() if each is not agent and each.is_stepping)
+        return [each for each in others if not self._advances_clock(each)]
 
-    def frame(self, viewer: AgentCamera, wanted: Sequence[str]) -> tuple[dict[str, NDArray[Any]], float]:
-        """The views named (keys of `views.VIEWS`), and the seconds since the agent's last frame."""
-        stream = self._world()
-        if self._next_is_new(viewer):
+    def frame(self, agent: AgentCamera, views: Sequence[str]) -> tuple[dict[str, NDArray[Any]], float]:
+        """Render an agent's next frame.
+
+        Args:
+            agent: The agent.
+            views: Keys of `frame_views.VIEWS`.
+
+        Returns:
+            The views by name, and the time since the agent's last frame, s.
+        """
+        stream = self.stream
+        if self._advances_clock(agent):
             self.clock += 1
-            self._carry_walls(stream)
+            self._move_walls(stream)
             stream.seek(self.clock + 1)
-            self._seen.clear()
-        steps = self.clock - viewer.taken if viewer.taken >= 0 else 1
-        camera = self._camera(viewer, self.clock)
-        background = SKY if viewer.background is None else radiance_shown_as(viewer.background, stream.exposure)
-        view = View(
-            viewer.last_camera or camera,
-            camera,
-            camera,
-            viewer.width,
-            viewer.height,
-            self._ambient_radiance(),
-            background,
-        )
-        if camera != viewer.last_camera:
-            viewer.still_since = self.clock
-        buffers = self._buffers(stream, view, viewer, wanted)
-        viewer.taken, viewer.acted, viewer.stepping, viewer.last_camera = self.clock, False, True, camera
-        numbers = np.array([self._place.number(name) for _, name in sorted(stream.categories.items())], np.uint8)
-        result = {name: frame_views.VIEWS[name].of(buffers, numbers) for name in wanted}
-        if viewer.background is not None and "main" in result:
-            frame_views.clear(result["main"], buffers["instance"], viewer.background)
+            self._renderer.discard_buffers()
+        steps = self.clock - agent.last_frame if agent.last_frame >= 0 else 1
+        camera = agent.camera(self._profile, self.clock)
+        if camera != agent.last_camera:
+            agent.static_since = self.clock
+        result = self._renderer.render(stream, self._profile, agent, camera, self.clock, views)
+        agent.last_frame, agent.has_edited, agent.is_stepping, agent.last_camera = self.clock, False, True, camera
         return result, steps / self.fps
 
-    def position(self, viewer: AgentCamera) -> Vector3:
-        """m."""
-        self._world()
-        return self._pose(viewer)[0]
+    def position(self, agent: AgentCamera) -> Vector3:
+        """Return an agent's position, m."""
+        self._ensure_scene()
+        return agent.pose(self._profile, self.clock)[0]
 
-    def rotation(self, viewer: AgentCamera) -> Vector3:
-        """Euler degrees: as they were set, or in 0..360."""
-        self._world()
-        return self._pose(viewer)[1]
+    def rotation(self, agent: AgentCamera) -> Vector3:
+        """Return an agent's Euler angles, degrees: as they were set, or 0..360 on the camera track."""
+        self._ensure_scene()
+        return agent.pose(self._profile, self.clock)[1]
 
-    def place(self, viewer: AgentCamera, position: Vector3 | None = None, rotation: Vector3 | None = None) -> None:
-        """Put an agent somewhere or turn it, from its next frame on. Raises ArgumentError."""
-        self._world()
-        here, turned = self._pose(viewer)
-        viewer.position = here if position is None else bounded(position)
-        viewer.rotation = turned if rotation is None else bounded(rotation)
-        viewer.placed = True
-        viewer.follows_since = None
+    def set_pose(self, agent: AgentCamera, position: Vector3 | None = None, rotation: Vector3 | None = None) -> None:
+        """Move an agent, from its next frame on; it leaves the camera track.
 
-    def toggle_follow(self, viewer: AgentCamera) -> None:
-        """Join the scene's camera track at its beginning, or leave it and stay there."""
-        self._world()
-        if viewer.follows_since is None:
-            viewer.follows_since = self.clock + 1
-        else:
-            viewer.position, viewer.rotation = self._pose(viewer)
-            viewer.follows_since, viewer.placed = None, True
+        Args:
+            agent: The agent.
+            position: m; None leaves it.
+            rotation: Euler angles, degrees; None leaves them.
 
-    def clear(self, viewer: AgentCamera, color: Sequence[int]) -> None:
-        """What an agent sees where nothing is: an 8-bit color; with a negative part, the sky."""
-        color = whole(color)
-        viewer.background = None if min(color) < 0 else clipped(color)
+        Raises:
+            ArgumentError: A number is not finite or too large.
+        """
+        self._ensure_scene()
+        agent.set_pose(self._profile, self.clock, position, rotation)
 
-    # The world.
+    def toggle_follow(self, agent: AgentCamera) -> None:
+        """Make an agent follow the camera track from its start, or stop where it is."""
+        self._ensure_scene()
+        agent.toggle_follow(self._profile, self.clock)
+
+    def set_background(self, agent: AgentCamera, color: Sequence[int]) -> None:
+        """Set the color of an agent's pixels that show no object.
+
+        Args:
+            agent: The agent.
+            color: 8-bit sRGB; with a negative component, the sky.
+        """
+        color = integer_color(color)
+        agent.background = None if min(color) < 0 else clipped(color)
+
+    # The world
 
     def scenes(self) -> list[str]:
-        """The scenes there are."""
+        """Return SAILenv's names of all scenes."""
         return asset_names.scenes()
 
     def spawnable(self) -> list[str]:
-        """What can be spawned."""
+        """Return the names of all templates that can be spawned."""
         return asset_names.spawnable()
 
     def categories(self) -> dict[int, str]:
-        """Names by the numbers that `category` views hold: the scene's, then those of all else that can be spawned."""
-        for category in self._world().categories.values():
-            self._place.number(category)
-        return {number: name for name, number in self._place.numbers.items() if number != frame_views.NO_CATEGORY}
+        """Return the names of the numbers in `category` views: of the scene, and of all templates."""
+        for category in self.stream.categories.values():
+            self._profile.category_number(category)
+        numbers = self._profile.category_numbers
+        return {number: name for name, number in numbers.items() if number != frame_views.NO_CATEGORY}
 
     @property
     def lights(self) -> LightControls:
-        """The scene's lights; changes show from the next frame on."""
-        self._world()
+        """The lights of the scene; changes show from the next frame on."""
+        self._ensure_scene()
         return self._lights
 
     @property
     def ambient(self) -> Color8:
-        """Light that comes from nowhere and reaches every surface alike, 8-bit sRGB; none at first."""
-        return self._ambient
+        """The color of the ambient light, which reaches every surface equally, 8-bit sRGB; black by default."""
+        return self._renderer.ambient
 
     def set_ambient(self, color: Sequence[int]) -> None:
-        """Values beyond 0..255 count as those."""
-        self._ambient = clipped(color)
-        self._seen.clear()
+        """Set the color of the ambient light, 8-bit sRGB; values outside 0..255 are clipped."""
+        self._renderer.ambient = clipped(color)
+        self._renderer.discard_buffers()
 
     def change_scene(self, name: str) -> None:
-        """Begin anew in a scene; agents begin where those of the scene do. Raises SceneNotFound, StageError."""
-        self._enter(asset_names.scene_of(name))
-        for viewer in self.viewers.values():
-            self._put_at_start(viewer)
+        """Start a scene, with all agents at its start pose. Raises SceneNotFound, StageError."""
+        self._start_scene(asset_names.catalog_scene(name))
+        for agent in self.agents.values():
+            agent.reset(self._profile)
 
-    def load(self, viewer: AgentCamera, content: Mapping[str, Any]) -> tuple[list[str], list[str]]:
-        """Begin anew with a scenario: for each of its objects the id, "" if it cannot be; and what is wrong with those.
+    def load_scenario(self, agent: AgentCamera, content: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+        """Start a scenario. Agents that have moved keep their poses.
 
-        Agents that were put somewhere stay there. Raises a TisceneError, changing nothing, if all of it is wrong.
+        Args:
+            agent: The agent whose view gets the scenario's walls, if it has any.
+            content: SAILenv's JSON.
+
+        Returns:
+            The id of each object of the scenario, "" for an object that is invalid; and the messages about those.
+
+        Raises:
+            TisceneError: The scenario as a whole is invalid; nothing has changed then.
         """
-        scene = asset_names.scene_of(str(content.get("scene_name")))
-        contents = content.get("objects") or []
-        if not isinstance(contents, list) or not all(isinstance(each, dict) for each in contents):
-            raise ScenarioError("objects: must be a list of objects")
-        ids = json_messages.object_ids(contents)
-        objects, problems = [], []
-        for id, each in zip(ids, contents, strict=True):
-            try:
-                made = json_messages.object_of(each, id)
-                objects.append(replace(made, template=self._template(made.template)))
-            except TisceneError as error:
-                problems.append(str(error))
-        timings = json_messages.timings_of(content.get("timings"), ids, {each.id for each in objects})
-        # Early clients that load scenarios call it otherwise.
-        frustum = json_messages.frustum_of(content.get("frustum", content.get("spawn_frustum")))
-        scenario = native.Scenario(
-            scene, objects, timings, frustum
-        )  # finds what contradicts itself, before anything changes
-        self._enter(scene, scenario, viewer)
-        for each in self.viewers.values():
-            if not each.placed:
-                self._put_at_start(each)
-        numbers = {row.name: str(row.id) for row in self._world().world.objects(0) if row.template}
-        return [numbers.get(id, "") for id in ids], problems
+        scene = asset_names.catalog_scene(str(content.get("scene_name")))
+        scenario, names, problems = json_messages.scenario_of(content, scene, self._template)
+        self._start_scene(scene, scenario, agent)
+        for each in self.agents.values():
+            if not each.has_own_pose:
+                each.reset(self._profile)
+        ids = {row.name: str(row.id) for row in self.stream.world.state(0).objects if row.template}
+        return [ids.get(name, "") for name in names], problems
 
     def spawn(
         self,
-        viewer: AgentCamera,
+        agent: AgentCamera,
         name: str,
         position: Vector3,
         rotation: Vector3,
@@ -251,10 +271,26 @@ class Environment:
         frustum_limited: bool = True,
         dynamic: tuple[str, Mapping[str, Any]] | None = None,
     ) -> str:
-        """Let an object appear; its id. dynamic: type and description. Raises ScenarioError, TemplateNotFound."""
-        self._acted(viewer)
+        """Spawn an object in the next frame.
+
+        Args:
+            agent: The agent that spawns it.
+            name: SAILenv's name of a template, or "file:" and the path of an uploaded model.
+            position: m.
+            rotation: Euler angles, degrees.
+            scale: Factors along the axes of the object.
+            frustum_limited: Whether the walls of the view frustum stop the object.
+            dynamic: SAILenv's type and description of the object's motion; None for a static object.
+
+        Returns:
+            The id of the object.
+
+        Raises:
+            TisceneError: The template does not exist, or an argument is invalid.
+        """
+        self._mark_edited(agent)
         return str(
-            self._world().world.spawn(
+            self.stream.world.spawn(
                 self._template(name),
                 mirrored(bounded(position)),
                 mirrored_euler(bounded(rotation)),
@@ -264,129 +300,101 @@ class Environment:
             )
         )
 
-    def despawn(self, viewer: AgentCamera, number: int) -> None:
-        """Let an object be gone. Raises ObjectNotFound."""
-        self._world().world.despawn(number)
-        self._acted(viewer)
+    def despawn(self, agent: AgentCamera, object_id: int) -> None:
+        """Remove an object from the next frame on. Raises ObjectNotFound."""
+        self.stream.world.despawn(object_id)
+        self._mark_edited(agent)
 
-    def move(self, viewer: AgentCamera, number: int, position: Vector3, rotation: Vector3) -> None:
-        """Put an object elsewhere. Raises ObjectNotFound, ScenarioError."""
-        self._world().world.move(number, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
-        self._acted(viewer)
+    def move(self, agent: AgentCamera, object_id: int, position: Vector3, rotation: Vector3) -> None:
+        """Move an object, from the next frame on.
 
-    def set_frustum_walls(self, viewer: AgentCamera) -> None:
-        """Walls at the sides of an agent's view, up to its far plane; they go where it goes."""
-        self._world()
-        self._walls, self._walls_camera = (viewer, native_objects.Frustum()), None
-        self._acted(viewer)
+        Args:
+            agent: The agent that moves it.
+            object_id: The id of the object.
+            position: m.
+            rotation: Euler angles, degrees.
+
+        Raises ObjectNotFound, and ScenarioError for invalid numbers.
+        """
+        self.stream.world.move(object_id, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
+        self._mark_edited(agent)
+
+    def set_frustum_walls(self, agent: AgentCamera) -> None:
+        """Put walls at the sides of an agent's view, up to its far plane; they follow the agent."""
+        self._ensure_scene()
+        self._walls, self._walls_camera = (agent, native_objects.Frustum()), None
+        self._mark_edited(agent)
 
     def close(self) -> None:
-        """Forget what was sent."""
+        """Delete the uploaded models."""
         self.uploads.close()
 
-    # How.
+    # Implementation
 
-    def _acted(self, viewer: AgentCamera) -> None:
-        """An agent has done something to the world: its next frame is a new one, which shows that."""
-        viewer.acted, self._changed = True, self.clock + 1
+    def _ensure_scene(self) -> None:
+        """Start the first scene, unless a scene has been started."""
+        if self._stream is None:
+            self.change_scene(self._first_scene)
 
-    def _carry_walls(self, stream: Stream) -> None:
-        """Put the walls where their agent is in the current frame, if that is elsewhere than before."""
+    def _mark_edited(self, agent: AgentCamera) -> None:
+        """Record that an agent has edited the world, so that its next frame is a new one."""
+        agent.has_edited = True
+        self._renderer.world_edited(self.clock + 1)
+
+    def _move_walls(self, stream: Stream) -> None:
+        """Move the walls to the current camera of their agent."""
         if self._walls is None:
             return
-        viewer, frustum = self._walls
-        camera = self._camera(viewer, self.clock)
+        agent, frustum = self._walls
+        camera = agent.camera(self._profile, self.clock)
         if camera != self._walls_camera:
-            stream.world.set_frustum_walls(frustum, camera, viewer.width / viewer.height)
+            stream.world.set_frustum_walls(frustum, camera, agent.width / agent.height)
             self._walls_camera = camera
 
-    def _next_is_new(self, viewer: AgentCamera) -> bool:
-        return self.clock < 0 or viewer.acted or viewer.taken == self.clock
+    def _advances_clock(self, agent: AgentCamera) -> bool:
+        """Return whether the agent's next frame is later than the current one."""
+        return self.clock < 0 or agent.has_edited or agent.last_frame == self.clock
 
-    def _world(self) -> Stream:
-        """The stream, which is made when it is needed first."""
-        if self._stream is None:
-            self._enter(asset_names.scene_of(self._first_scene))
-            for viewer in self.viewers.values():
-                self._put_at_start(viewer)
-        assert self._stream is not None
-        return self._stream
+    def _start_scene(
+        self, scene: str, scenario: native.Scenario | None = None, agent: AgentCamera | None = None
+    ) -> None:
+        """Start a scene at frame 0.
 
-    def _enter(self, scene: str, scenario: native.Scenario | None = None, viewer: AgentCamera | None = None) -> None:
-        """Begin anew in a scene, with what its author lets happen or with a scenario that an agent has loaded."""
+        Args:
+            scene: Its name in the catalog.
+            scenario: A scenario of that scene; None for the motion that the author of the stage has defined.
+            agent: The agent that has loaded the scenario.
+        """
         stream = self._stream
         if stream is None or stream.scenario.scene != scene:
             stream = Stream(native.Scenario.load(scene), width=64, height=48, **self._settings)
-            self._place = SceneProfile.of(stream)
+            self._profile = SceneProfile.of(stream)
         self._walls = self._walls_camera = None
-        if scenario is None or viewer is None:
-            stream.restart(self._place.authored)
+        if scenario is None or agent is None:
+            stream.restart(self._profile.scenario)
         else:
-            camera = self._camera(viewer, 0) if viewer.placed else self._place.start
-            stream.restart(replace(scenario, camera=camera), width=viewer.width, height=viewer.height)
+            camera = agent.camera(self._profile, 0) if agent.has_own_pose else self._profile.start
+            stream.restart(replace(scenario, camera=camera), width=agent.width, height=agent.height)
             if scenario.frustum is not None:
-                self._walls, self._walls_camera = (viewer, scenario.frustum), camera
+                self._walls, self._walls_camera = (agent, scenario.frustum), camera
         stream.seek(0)
-        listed = asset_names.relied_on()["lights"].get(scene, ["Directional Light"])
-        self._lights = LightControls(stream.world.stage.lights, listed, self._relight)
+        light_names = asset_names.sailenv_names()["lights"].get(scene, ["Directional Light"])
+        self._lights = LightControls(stream.world.stage.lights, light_names, self._set_light)
         self._stream = stream
-        self._ambient = (0, 0, 0)
-        self._seen.clear()
-        self.clock, self._changed = -1, 0
-        for each in self.viewers.values():
-            each.taken, each.acted, each.last_camera, each.still_since = -1, False, None, 0
-            each.follows_since = None if each.follows_since is None else 0
-
-    def _put_at_start(self, viewer: AgentCamera) -> None:
-        start = self._place.start
-        viewer.position, viewer.rotation = mirrored(start.position), euler_of(start.rotation)
-        viewer.placed, viewer.follows_since = False, None
-
-    def _pose(self, viewer: AgentCamera) -> tuple[Vector3, Vector3]:
-        """Position and Euler angles at the agent's frame."""
-        if viewer.follows_since is None:
-            return viewer.position, viewer.rotation
-        camera = self._camera(viewer, max(self.clock, viewer.follows_since))
-        return mirrored(camera.position), euler_of(camera.rotation)
-
-    def _camera(self, viewer: AgentCamera, frame: int) -> Camera:
-        """What an agent sees by, at a frame."""
-        if viewer.follows_since is None:
-            return self._place.start.with_pose(mirrored(viewer.position), quaternion_of(viewer.rotation))
-        since = (frame - viewer.follows_since) / Fraction(str(self.fps))
-        return self._place.start.with_pose(*self._place.track.pose(since))
-
-    def _buffers(
-        self, stream: Stream, view: View, viewer: AgentCamera, wanted: Sequence[str]
-    ) -> dict[str, NDArray[Any]]:
-        """The frame's buffers that views are made of; those of an equal view are not rendered again."""
-        needed = {buffer for name in wanted for buffer in frame_views.VIEWS[name].buffers}
-        if viewer.background is not None and "main" in wanted:
-            needed.add("instance")
-        # What stands still before a camera that does is worth a picture of its own; later frames differ little from it.
-        still = self.clock - max(viewer.still_since, self._changed) >= STILL_FRAMES
-        key = (view.cameras, view.width, view.height, viewer.background, still)
-        seen = self._seen.setdefault(key, {})
-        missing = sorted(needed - set(seen))
-        if missing:
-            seen.update(stream.render_view(self.clock, view, missing, incremental=still).buffers)
-        return seen
+        self._renderer.start_scene()
+        self.clock = -1
+        for each in self.agents.values():
+            each.last_frame, each.has_edited, each.last_camera, each.static_since = -1, False, None, 0
+            each.track_start = None if each.track_start is None else 0
 
     def _template(self, name: str) -> str:
-        """tiscene's name of what SAILenv calls `name`, or the file of what was sent to this world."""
-        name = str(name)  # what agents in process ask for may be anything
-        if name.startswith(_SENT):
-            return self.uploads.template(name.removeprefix(_SENT))
-        return asset_names.template_of(name)
+        """Return the catalog name of SAILenv's template `name`, or the file of an uploaded model."""
+        name = str(name)  # agents in process may pass anything
+        if name.startswith(_UPLOAD_PREFIX):
+            return self.uploads.template(name.removeprefix(_UPLOAD_PREFIX))
+        return asset_names.catalog_template(name)
 
-    def _relight(self, row: int, light: Light) -> None:
-        self._world().relight(row, light)
-        self._seen.clear()
-        self._changed = self.clock + 1
-
-    def _ambient_radiance(self) -> tuple[float, float, float]:
-        """What makes a white surface as bright as the ambient color, at the world's exposure."""
-        if not any(self._ambient):
-            return (0.0, 0.0, 0.0)
-        r, g, b = (part * 2.0 ** -self._world().exposure for part in linear(self._ambient))
-        return (r, g, b)
+    def _set_light(self, row: int, light: Light) -> None:
+        self.stream.set_light(row, light)
+        self._renderer.discard_buffers()
+        self._renderer.world_edited(self.clock + 1)

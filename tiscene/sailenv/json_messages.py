@@ -1,39 +1,58 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's JSON as tiscene's objects. Vectors may be {"x", "y", "z"} or three numbers in a row."""
+"""Convert SAILenv's JSON to tiscene's scenario objects: objects, trajectories, timings, frustum walls.
+
+A vector is {"x": 1, "y": 2, "z": 3} or a list of three numbers, in Unity's space (m, degrees). Every function raises
+ScenarioError for content that cannot be converted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 import dynamics
 import tiscene.scenario.objects as native_objects
-from tiscene.errors import ArgumentError, ScenarioError
+import tiscene.scenario.scenario as native
+from tiscene.errors import ArgumentError, ScenarioError, TisceneError
 from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
 from tiscene.scene.camera import Vector3
 
-FARTHEST = 1e6  # m, and degrees
+MAX_COORDINATE = 1e6  # m, or degrees
 ALL_TOGETHER = {"type": "all_together", "description": {"wait_time": 0.0}}
 
 
 def vector(value: Any) -> Vector3:
-    """Three numbers, whatever holds them. Raises ScenarioError."""
-    with _said(f"{value!r}: must be three numbers x, y, z"):
+    """Return the three numbers of a mapping with the keys x, y, z, or of a sequence."""
+    with _error_context(f"{value!r}: must be three numbers x, y, z"):
         x, y, z = (value[axis] for axis in "xyz") if isinstance(value, Mapping) else (value[axis] for axis in range(3))
         return (float(x), float(y), float(z))
 
 
+def single_precision(value: Any) -> Vector3:
+    """Return a vector rounded to single precision, as the protocol and Unity have it."""
+    x, y, z = np.array(vector(value), np.float32).tolist()
+    return (x, y, z)
+
+
 def bounded(numbers: Vector3) -> Vector3:
-    """A place, or angles. Raises ArgumentError for numbers that are none, or farther than anything here."""
-    if not all(abs(component) <= FARTHEST for component in numbers):
-        raise ArgumentError(f"{numbers}: must be three numbers from -{FARTHEST:g} to {FARTHEST:g}")
+    """Return a position or angles unchanged. Raises ArgumentError for a number that is nan or beyond MAX_COORDINATE."""
+    if not all(abs(component) <= MAX_COORDINATE for component in numbers):
+        raise ArgumentError(f"{numbers}: must be three numbers from -{MAX_COORDINATE:g} to {MAX_COORDINATE:g}")
     return numbers
 
 
 def dynamic_of(kind: str, description: Mapping[str, Any]) -> dynamics.Dynamic:
-    """What moves an object, from its type and description. Raises ScenarioError."""
-    with _said(f"dynamic of type {kind}"):
+    """Return the trajectory of an object.
+
+    Args:
+        kind: SAILenv's type: linear_waypoints, catmull_waypoints or uniform_movement_random_bounce.
+        description: SAILenv's parameters of that type; missing ones have SAILenv's defaults.
+    """
+    with _error_context(f"dynamic of type {kind}"):
         given = {key: value for key, value in description.items() if value is not None}
         match kind:
             case "linear_waypoints" | "catmull_waypoints":
@@ -50,9 +69,15 @@ def dynamic_of(kind: str, description: Mapping[str, Any]) -> dynamics.Dynamic:
         raise ScenarioError("must be linear_waypoints, catmull_waypoints or uniform_movement_random_bounce")
 
 
-def timings_of(content: Any, ids: Sequence[str], there: Collection[str]) -> dynamics.Timing:
-    """When objects move. ids: of the scenario's objects; there: those that could be made. Raises ScenarioError."""
-    with _said("timings"):
+def timings_of(content: Any, names: Sequence[str], valid: Collection[str]) -> dynamics.Timing:
+    """Return the timing of a scenario.
+
+    Args:
+        content: SAILenv's timings; None for all objects together without delay.
+        names: The names of the scenario's objects in order.
+        valid: The names of those objects that are valid; times of others are ignored.
+    """
+    with _error_context("timings"):
         content = content or ALL_TOGETHER
         description = content.get("description") or {}
         match content.get("type"):
@@ -61,28 +86,33 @@ def timings_of(content: Any, ids: Sequence[str], there: Collection[str]) -> dyna
             case "wait_until_complete":
                 return dynamics.WaitUntilComplete(float(description.get("wait_time", 0.0)))
             case "dict":
-                turns = {_id(key, ids): float(seconds) for key, seconds in (description.get("times") or {}).items()}
-                return dynamics.DictTimings([(id, seconds) for id, seconds in turns.items() if id in there])
+                times = {_object_name(key, names): float(s) for key, s in (description.get("times") or {}).items()}
+                return dynamics.DictTimings([(name, seconds) for name, seconds in times.items() if name in valid])
         raise ScenarioError(f"type {content.get('type')!r}: must be all_together, wait_until_complete or dict")
 
 
 def frustum_of(content: Any) -> native_objects.Frustum | None:
-    """The walls of a view, None for none. Raises ScenarioError."""
+    """Return the walls of a view; None for none. Content: SAILenv's frustum, or a bool from early clients."""
     if not isinstance(content, Mapping):
         return native_objects.Frustum() if content else None
     if not content.get("spawn", True):
         return None
-    with _said("frustum"):
+    with _error_context("frustum"):
         far = float(content.get("far_clip_plane", -1.0))
         return native_objects.Frustum(far if far > 0.0 else -1.0)
 
 
-def object_of(content: Mapping[str, Any], id: str) -> native_objects.Object:
-    """One object. id: its name, unique in the scenario. Raises ScenarioError."""
-    with _said(f"object {id!r}"):
+def object_of(content: Mapping[str, Any], name: str) -> native_objects.Object:
+    """Return an object of a scenario.
+
+    Args:
+        content: SAILenv's object; its template is still SAILenv's name of it.
+        name: Its name, unique in the scenario.
+    """
+    with _error_context(f"object {name!r}"):
         dynamic = content.get("dynamic")
         return native_objects.Object(
-            id,
+            name,
             str(content.get("prefab")),
             mirrored(bounded(vector(content.get("position", (0.0, 0.0, 0.0))))),
             mirrored_euler(bounded(vector(content.get("rotation", (0.0, 0.0, 0.0))))),
@@ -91,15 +121,44 @@ def object_of(content: Mapping[str, Any], id: str) -> native_objects.Object:
         )
 
 
-def object_ids(contents: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Names of a scenario's objects; one that was there already gets a number."""
+def scenario_of(
+    content: Mapping[str, Any], scene: str, find_template: Callable[[str], str]
+) -> tuple[native.Scenario, list[str], list[str]]:
+    """Return a scenario without its invalid objects.
+
+    Args:
+        content: SAILenv's scenario.
+        scene: The name of the scene in tiscene's catalog.
+        find_template: Returns tiscene's name of a template, given SAILenv's.
+
+    Returns:
+        The scenario, the name of each object of the content, and a message for each invalid one.
+    """
+    contents = content.get("objects") or []
+    if not isinstance(contents, list) or not all(isinstance(each, dict) for each in contents):
+        raise ScenarioError("objects: must be a list of objects")
+    names = object_names(contents)
+    objects, problems = [], []
+    for name, each in zip(names, contents, strict=True):
+        try:
+            made = object_of(each, name)
+            objects.append(replace(made, template=find_template(made.template)))
+        except TisceneError as error:
+            problems.append(str(error))
+    timings = timings_of(content.get("timings"), names, {each.id for each in objects})
+    frustum = frustum_of(content.get("frustum", content.get("spawn_frustum")))  # early clients send the second key
+    return native.Scenario(scene, objects, timings, frustum), names, problems
+
+
+def object_names(contents: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return unique names of a scenario's objects: their ids, with a number where an id is repeated."""
     names: list[str] = []
     for row, content in enumerate(contents):
-        wanted = str(content.get("id") or f"object_{row}")
-        number, name = 1, wanted
+        id = str(content.get("id") or f"object_{row}")
+        number, name = 1, id
         while name in names:
             number += 1
-            name = f"{wanted} ({number})"
+            name = f"{id} ({number})"
         names.append(name)
     return names
 
@@ -109,18 +168,18 @@ def _waypoint(content: Mapping[str, Any]) -> dynamics.Waypoint:
     return dynamics.Waypoint(mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
 
 
-def _id(key: Any, ids: Sequence[str]) -> str:
-    """Of the object that a key of timings means, by its name or index, of which JSON has made a text; "" for none."""
-    name = str(key)
-    if name in ids:
-        return name
-    return ids[int(name)] if name.isdecimal() and int(name) < len(ids) else ""
+def _object_name(key: Any, names: Sequence[str]) -> str:
+    """Return the name of the object that a key of timings refers to, by name or index; "" for none."""
+    text = str(key)  # JSON turns an index into text
+    if text in names:
+        return text
+    return names[int(text)] if text.isdecimal() and int(text) < len(names) else ""
 
 
 @contextmanager
-def _said(what: str) -> Iterator[None]:
-    """Whatever goes wrong with values of the wrong kind, as a ScenarioError that says what they were for."""
+def _error_context(context: str) -> Iterator[None]:
+    """Convert errors of invalid values to a ScenarioError whose message begins with the context."""
     try:
         yield
     except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as error:
-        raise ScenarioError(f"{what}: {error}") from error
+        raise ScenarioError(f"{context}: {error}") from error

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lights of a scene by SAILenv's names, in its terms: 8-bit sRGB colors, 1 for the intensity the scene has."""
+"""Lights by SAILenv's names and in its terms: 8-bit sRGB colors, and intensities relative to what the scene has.
+
+Positions and directions are in Unity's space.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +19,29 @@ from tiscene.sailenv.unity_coordinates import mirrored
 from tiscene.scene.camera import Vector3
 from tiscene.scene.color import decode_srgb, encode_srgb
 from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light, RectLight, SphereLight
-from tiscene.scene.lights.light_groups import shine, shining
+from tiscene.scene.lights.light_groups import emission_of, with_emission
 
-BRIGHTEST = 1e9  # times what the scene has
+MAX_FACTOR = 1e9  # of an intensity or an indirect multiplier
 Color8 = tuple[int, int, int]
-TYPES: dict[type, str] = {DistantLight: "Directional", DiskLight: "Disc", RectLight: "Rectangle", SphereLight: "Point"}
+UNITY_TYPES: dict[type, str] = {
+    DistantLight: "Directional",
+    DiskLight: "Disc",
+    RectLight: "Rectangle",
+    SphereLight: "Point",
+}
 
 
 @dataclass
 class NamedLight:
-    """A light and what was done to it.
+    """A light and its edits.
 
-    row: its place among the stage's lights. peak: the greatest part of its radiance that is intensity 1.
+    Attributes:
+        row: Its row in `stage.lights`.
+        light: The light as it was authored, but for its pose.
+        peak: The largest component of its authored emission; an intensity of 1 has this emission.
+        color: 8-bit sRGB, relative to `peak`.
+        intensity: Factor of the emission.
+        indirect: Factor of its indirect light.
     """
 
     row: int
@@ -37,90 +51,106 @@ class NamedLight:
     intensity: float = 1.0
     indirect: float = 1.0
 
-    def described(self) -> Light:
-        """The light as it is now."""
+    def edited(self) -> Light:
+        """Return the light with all edits."""
         r, g, b = (component * self.peak * self.intensity for component in linear(self.color))
-        return replace(shining(self.light, (r, g, b)), indirect=self.indirect)
+        return replace(with_emission(self.light, (r, g, b)), indirect=self.indirect)
 
 
 class LightControls:
-    """Get and set, by name. Names: SAILenv's for the first two that are no sky, then the stage's own for the others.
+    """The lights of a scene by name, to read and to edit. Every method that takes a name raises LightNotFound.
 
-    Every scene understands "Main Light", "Rim Light" and "Directional Light", whichever it lists.
+    The first lights that are no domes have SAILenv's names, the others their own. Whatever names a scene lists, "Main
+    Light" and "Directional Light" are its first light and "Rim Light" its second.
+
+    Attributes:
+        names: The names of all lights.
     """
 
     def __init__(
-        self, stage_lights: Sequence[Light], listed: Sequence[str], change: Callable[[int, Light], None]
+        self, stage_lights: Sequence[Light], sailenv_names: Sequence[str], change: Callable[[int, Light], None]
     ) -> None:
-        """listed: SAILenv's names in this scene. change: is told the row of a light and what it is from now on."""
+        """Name the lights.
+
+        Args:
+            stage_lights: The lights of the stage.
+            sailenv_names: SAILenv's names of the first lights of this scene.
+            change: Called for each edit with the light's row and the edited light.
+        """
         self._change = change
         rows = [row for row, light in enumerate(stage_lights) if not isinstance(light, DomeLight)]
         rows = rows or list(range(len(stage_lights)))
-        self._lights = [_named(row, stage_lights[row]) for row in rows]
-        own = [each.light.name for each in self._lights]
-        self.names = [*listed[: len(own)], *own[len(listed) :]]
-        self._by_name = {name.casefold(): light for name, light in zip(own, self._lights, strict=True)}
+        self._lights = [_named_light(row, stage_lights[row]) for row in rows]
+        own_names = [each.light.name for each in self._lights]
+        self.names = [*sailenv_names[: len(own_names)], *own_names[len(sailenv_names) :]]
+        self._by_name = {name.casefold(): light for name, light in zip(own_names, self._lights, strict=True)}
         for name, number in (("Main Light", 0), ("Directional Light", 0), ("Rim Light", 1)):
             if self._lights:
                 self._by_name[name.casefold()] = self._lights[min(number, len(self._lights) - 1)]
 
     def find(self, name: str) -> NamedLight:
-        """Raises LightNotFound."""
+        """Return the light of a name; case does not matter."""
         light = self._by_name.get(str(name).strip().casefold())
         if light is None:
             raise LightNotFound("light", name, self.names)
         return light
 
     def color(self, name: str) -> Color8:
-        """8-bit sRGB."""
+        """Return the color, 8-bit sRGB."""
         return self.find(name).color
 
     def set_color(self, name: str, color: Sequence[int]) -> None:
-        """Values beyond 0..255 count as those."""
+        """Set the color, 8-bit sRGB; values outside 0..255 are clipped."""
         light = self.find(name)
         light.color = clipped(color)
-        self._changed(light)
+        self._apply(light)
 
     def intensity(self, name: str) -> float:
-        """1: as the scene has it."""
+        """Return the intensity; 1 is that of the scene."""
         return self.find(name).intensity
 
     def set_intensity(self, name: str, intensity: float) -> None:
-        """Less than 0 counts as 0. Raises ArgumentError too for a number out of bounds, as the following do."""
+        """Set the intensity, 1 is that of the scene; negative values count as 0. Raises ArgumentError above 1e9."""
         light = self.find(name)
         light.intensity = _factor(intensity)
-        self._changed(light)
+        self._apply(light)
 
     def indirect_multiplier(self, name: str) -> float:
-        """1: as the scene has it."""
+        """Return the factor of the indirect light; 1 is that of the scene."""
         return self.find(name).indirect
 
     def set_indirect_multiplier(self, name: str, multiplier: float) -> None:
-        """Of what the light gives to surfaces that are seen by way of others. Less than 0 counts as 0."""
+        """Set the factor of the light that arrives by way of other surfaces.
+
+        Negative values count as 0. Raises ArgumentError above 1e9.
+        """
         light = self.find(name)
         light.indirect = _factor(multiplier)
-        self._changed(light)
+        self._apply(light)
 
     def position(self, name: str) -> Vector3:
-        """Unity's space, m."""
+        """Return the position, m."""
         x, y, z = self.find(name).light.world_from_light[:3, 3].tolist()
         return mirrored((x, y, z))
 
     def set_position(self, name: str, position: Vector3) -> None:
-        """Of no effect on what shines from infinity."""
+        """Set the position, m. It has no effect on lights at infinity."""
         light = self.find(name)
         matrix = light.light.world_from_light.copy()
         matrix[:3, 3] = mirrored(bounded(position))
         light.light = replace(light.light, world_from_light=matrix)
-        self._changed(light)
+        self._apply(light)
 
     def direction(self, name: str) -> Vector3:
-        """Where its light goes, Unity's space, a unit vector."""
+        """Return the unit vector in which the light is emitted."""
         x, y, z = (-self.find(name).light.world_from_light[:3, 2]).tolist()
         return mirrored((x, y, z))
 
     def set_direction(self, name: str, direction: Vector3) -> None:
-        """Of no effect on what shines in all directions, and on the sky. A direction of no length changes nothing."""
+        """Set the direction of emission. It has no effect on domes and on lights that emit equally in all directions.
+
+        A vector of length 0 changes nothing.
+        """
         light = self.find(name)
         bounded(direction)
         if math.hypot(*direction) < 1e-9 or isinstance(light.light, DomeLight):
@@ -128,46 +158,46 @@ class LightControls:
         matrix = light.light.world_from_light.copy()
         matrix[:3, :3] = _axes_towards(np.array(mirrored(direction)))
         light.light = replace(light.light, world_from_light=matrix)
-        self._changed(light)
+        self._apply(light)
 
     def type(self, name: str) -> str:
-        """Unity's name for the kind of light."""
-        return TYPES.get(type(self.find(name).light), "Area")
+        """Return Unity's name of the type of light."""
+        return UNITY_TYPES.get(type(self.find(name).light), "Area")
 
-    def _changed(self, light: NamedLight) -> None:
-        self._change(light.row, light.described())
+    def _apply(self, light: NamedLight) -> None:
+        self._change(light.row, light.edited())
 
 
 def linear(color: Sequence[int]) -> tuple[float, float, float]:
-    """Scene-linear values of 8-bit sRGB."""
+    """Return the scene-linear values 0..1 of 8-bit sRGB."""
     r, g, b = decode_srgb(np.asarray(color, np.float64) / 255.0).tolist()
     return (r, g, b)
 
 
-def whole(color: Sequence[int]) -> Color8:
-    """Three whole numbers. Raises ArgumentError."""
+def integer_color(color: Sequence[int]) -> Color8:
+    """Return three integers. Raises ArgumentError."""
     try:
         r, g, b = map(int, color)
     except (TypeError, ValueError, OverflowError):
-        raise ArgumentError(f"{color!r}: must be three numbers of a color, 0 to 255") from None
+        raise ArgumentError(f"color {color!r}: must be three integers from 0 to 255") from None
     return (r, g, b)
 
 
 def clipped(color: Sequence[int]) -> Color8:
-    """A color in 0..255. Raises ArgumentError for what is none."""
-    r, g, b = (min(max(component, 0), 255) for component in whole(color))
+    """Return a color clipped to 0..255. Raises ArgumentError."""
+    r, g, b = (min(max(component, 0), 255) for component in integer_color(color))
     return (r, g, b)
 
 
-def _named(row: int, light: Light) -> NamedLight:
-    values = shine(light)
-    peak = max(values)
-    encoded = encode_srgb(np.asarray(values) / (peak or 1.0))
+def _named_light(row: int, light: Light) -> NamedLight:
+    emission = emission_of(light)
+    peak = max(emission)
+    encoded = encode_srgb(np.asarray(emission) / (peak or 1.0))
     return NamedLight(row, light, peak, clipped(np.rint(encoded * 255.0).tolist()), indirect=light.indirect)
 
 
 def _axes_towards(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A rotation matrix whose -z column is the direction, its y column as near to upwards as can be."""
+    """Return a rotation matrix whose -z column is the direction and whose y column is as close to up as possible."""
     backward = -direction / np.linalg.norm(direction)
     up = np.array([0.0, 1.0, 0.0]) if abs(backward[1]) < 0.999 else np.array([0.0, 0.0, 1.0])
     right = np.cross(up, backward)
@@ -176,7 +206,7 @@ def _axes_towards(direction: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _factor(value: float) -> float:
-    """A factor of light, 0 for less. Raises ArgumentError."""
-    if not abs(value) <= BRIGHTEST:
-        raise ArgumentError(f"{value}: must be a number of at most {BRIGHTEST:g}")
+    """Return a factor of light, at least 0. Raises ArgumentError."""
+    if not abs(value) <= MAX_FACTOR:
+        raise ArgumentError(f"{value}: must be a number of at most {MAX_FACTOR:g}")
     return max(float(value), 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's manager started its Unity program. Here there is none to start."""
+"""SAILenv's manager, which starts and stops its Unity program. Here it does nothing: agents are in process."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from collections.abc import Sequence
 
 
 class SAILenvException(Exception):
-    """What the Unity program said when it ended too early."""
+    """Raised by SAILenv when its Unity program ends too early; never raised here.
+
+    Attributes:
+        stdout: Lines of its standard output.
+        stderr: Lines of its standard error.
+    """
 
     def __init__(self, stdout: Sequence[str], stderr: Sequence[str], *args: object) -> None:
         super().__init__(*args)
@@ -15,19 +20,17 @@ class SAILenvException(Exception):
 
 
 class SAILenvManager:
-    """The arguments are taken and of no effect: agents are in process."""
+    """A manager without a program to manage; its arguments have no effect."""
 
     def __init__(self, port: str = "8085", prefix: str | None = None, sailenv_home: str = "./") -> None:
         self.port, self.prefix, self.sailenv_home = port, prefix, sailenv_home
 
     def start(self) -> bool:
-        """True: agents can be registered."""
+        """Return True: agents can be registered."""
         return True
 
     def stop(self) -> None:
-        """Nothing runs."""
+        """Do nothing."""
 
     def restart(self) -> None:
-        """Stop and start."""
-        self.stop()
-        self.start()
+        """Do nothing."""

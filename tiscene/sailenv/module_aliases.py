@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The package `sailenv` as its scripts import it, made of what is here."""
+"""The package `sailenv` as scripts import it, made of the classes of `tiscene.sailenv`.
+
+`install` puts the modules of CONTENTS into `sys.modules`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from types import ModuleType
 
 from tiscene.sailenv import agent, manager, scenario_classes, utilities
 
-# Module by module, what it defines and where that is. `sailenv` itself also has its parts as attributes.
+# For each module of SAILenv, the module here that defines its names, and the names.
 CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
     "sailenv": (scenario_classes, ("Vector3",)),
     "sailenv.agent": (agent, ("Agent", "FrameFlags")),
@@ -34,12 +37,16 @@ CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
 
 
 def install(agent_class: type[agent.Agent] = agent.Agent) -> None:
-    """Let `import sailenv...` find these. agent_class: what scripts get as Agent."""
-    for name, (home, contents) in CONTENTS.items():
+    """Make `import sailenv` and its submodules import these classes.
+
+    Args:
+        agent_class: The class that scripts import as `Agent`.
+    """
+    for name, (source, contents) in CONTENTS.items():
         module = ModuleType(name, f"{name} on tiscene")
-        module.__path__ = []  # packages too, so that what they do not have is said to be missing, not to be no package
+        module.__path__ = []  # makes it a package, so that importing a missing submodule gives the usual error
         for content in contents:
-            setattr(module, content, getattr(home, content))
+            setattr(module, content, getattr(source, content))
         for shared in ("BaseDataclass", "Vector3"):
             setattr(module, shared, getattr(scenario_classes, shared))
         sys.modules[name] = module

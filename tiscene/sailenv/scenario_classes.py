@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's classes that say what happens: its names, its argument order, its JSON."""
+"""SAILenv's scenario classes: the same names, argument order and JSON as in the package `sailenv`.
+
+Positions are in Unity's space, m; rotations are its Euler angles, degrees.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Any
 
 @dataclass
 class Vector3:
-    """Three numbers. Whatever has [0], [1] and [2] is accepted wherever one is asked for."""
+    """Three numbers. Wherever a vector is expected, any object with [0], [1] and [2] is accepted."""
 
     x: float
     y: float
@@ -18,7 +21,7 @@ class Vector3:
 
     @staticmethod
     def from_tuple(tuple: Sequence[float]) -> Vector3:
-        """The vector of three numbers in a row."""
+        """Return the vector of a sequence of three numbers."""
         return Vector3(tuple[0], tuple[1], tuple[2])
 
     def __getitem__(self, index: int) -> float:
@@ -39,7 +42,7 @@ class Vector3:
         return Vector3(self.x - a, self.y - b, self.z - c)
 
     def __mul__(self, other: float | Vector3) -> Any:
-        """By a number: the scaled vector. By a vector: the dot product, a number."""
+        """Return the vector scaled by a number, or the dot product with a vector."""
         if isinstance(other, Vector3):
             return self.x * other.x + self.y * other.y + self.z * other.z
         return Vector3(self.x * other, self.y * other, self.z * other)
@@ -48,34 +51,34 @@ class Vector3:
 
 
 class BaseDataclass:
-    """What can be written as JSON values."""
+    """Base of dataclasses that can be written as JSON."""
 
     def asdict(self) -> dict[str, Any]:
-        """The fields by name."""
-        return {each.name: _plain(getattr(self, each.name)) for each in fields(self)}  # type: ignore[arg-type]
+        """Return the fields by name, as JSON values."""
+        return {each.name: _json_value(getattr(self, each.name)) for each in fields(self)}  # type: ignore[arg-type]
 
 
-class Described(BaseDataclass):
-    """What SAILenv writes as {"type": ..., "description": {...}}."""
+class TypedDataclass(BaseDataclass):
+    """Base of dataclasses that SAILenv writes as {"type": ..., "description": {...}}."""
 
     type_name = ""
 
     @classmethod
     def get_type(cls) -> str:
-        """SAILenv's name for the class."""
+        """Return SAILenv's name of the class."""
         return cls.type_name
 
     def todict(self) -> dict[str, Any]:
-        """Type and description."""
+        """Return type and description as JSON values."""
         return {"type": self.get_type(), "description": self.asdict()}
 
 
-class Dynamic(Described):
-    """What moves an object."""
+class Dynamic(TypedDataclass):
+    """Base of trajectories."""
 
 
-class Timings(Described):
-    """When objects move."""
+class Timings(TypedDataclass):
+    """Base of timings, which decide when objects move."""
 
 
 def _zero() -> Vector3:
@@ -84,7 +87,7 @@ def _zero() -> Vector3:
 
 @dataclass
 class Waypoint(BaseDataclass):
-    """A pose to pass through: m, Euler degrees."""
+    """A pose on a path: m, Euler angles in degrees."""
 
     position: Any = field(default_factory=_zero)
     rotation: Any = field(default_factory=_zero)
@@ -92,7 +95,12 @@ class Waypoint(BaseDataclass):
 
 @dataclass
 class WaypointsDynamic(Dynamic):
-    """A closed loop through waypoints; total_time: s for all of it."""
+    """A closed path through waypoints.
+
+    Attributes:
+        waypoints: The poses on the path.
+        total_time: The duration of one loop, s.
+    """
 
     waypoints: list[Waypoint] = field(default_factory=list)
     total_time: float = 10.0
@@ -100,21 +108,28 @@ class WaypointsDynamic(Dynamic):
 
 @dataclass
 class LinearWaypoints(WaypointsDynamic):
-    """Straight from each to the next."""
+    """A closed path of straight segments."""
 
     type_name = "linear_waypoints"
 
 
 @dataclass
 class CatmullWaypoints(WaypointsDynamic):
-    """Along a Catmull-Rom curve."""
+    """A closed Catmull-Rom curve."""
 
     type_name = "catmull_waypoints"
 
 
 @dataclass
 class UniformMovementRandomBounce(Dynamic):
-    """Straight on at `speed` m/s; at each hit in a random direction, with a spin of at most `angular_speed` rad/s."""
+    """Uniform motion that continues in a random direction, with a random spin, after each collision.
+
+    Attributes:
+        start_direction: The first direction.
+        speed: m/s.
+        angular_speed: The maximum spin, rad/s.
+        seed: The seed of the random directions.
+    """
 
     start_direction: Any = field(default_factory=lambda: Vector3(0.0, 0.0, 1.0))
     speed: float = 5.0
@@ -125,7 +140,7 @@ class UniformMovementRandomBounce(Dynamic):
 
 @dataclass
 class AllTogetherTimings(Timings):
-    """Everything starts after `wait_time` seconds."""
+    """All objects start after `wait_time` seconds."""
 
     wait_time: float = 1.0
     type_name = "all_together"
@@ -133,7 +148,7 @@ class AllTogetherTimings(Timings):
 
 @dataclass
 class WaitUntilCompleteTimings(Timings):
-    """One after another, each for one loop, with `wait_time` seconds before it."""
+    """Objects move one after another, each for one loop, with `wait_time` seconds before each."""
 
     wait_time: float
     type_name = "wait_until_complete"
@@ -141,7 +156,11 @@ class WaitUntilCompleteTimings(Timings):
 
 @dataclass
 class DictTimings(Timings):
-    """One after another, each for so many seconds. times: object (its index, or its id) to seconds."""
+    """Objects move one after another.
+
+    Attributes:
+        times: The duration of each object's motion, s, by its index or id.
+    """
 
     times: dict[Any, float] = field(default_factory=dict)
     type_name = "dict"
@@ -149,7 +168,16 @@ class DictTimings(Timings):
 
 @dataclass
 class Object(BaseDataclass):
-    """An object of a scenario. prefab: what `Agent.spawnable_objects_names` lists."""
+    """An object of a scenario.
+
+    Attributes:
+        id: Its name.
+        prefab: The name of its template, one of `Agent.spawnable_objects_names`.
+        position: m.
+        rotation: Euler angles, degrees.
+        dynamic: Its trajectory; None for a static object.
+        frustum_limited: Whether the walls of the view frustum stop it.
+    """
 
     id: str
     prefab: str
@@ -161,20 +189,32 @@ class Object(BaseDataclass):
 
 @dataclass
 class Frustum(BaseDataclass):
-    """Walls at the sides of the agent's view. spawn: whether there are any; far_clip_plane: m, -1: the agent's own."""
+    """Walls at the sides of the agent's view.
+
+    Attributes:
+        spawn: Whether there are walls.
+        far_clip_plane: The distance of the far wall, m; -1 for the agent's far plane.
+    """
 
     spawn: bool = True
     far_clip_plane: float = 15.0
 
     @staticmethod
     def default_frustum() -> Frustum:
-        """No walls."""
+        """Return a frustum without walls."""
         return Frustum(False, -1.0)
 
 
 @dataclass
 class Scenario(BaseDataclass):
-    """What happens in a scene. frustum: True and False are understood as well."""
+    """A scenario.
+
+    Attributes:
+        scene_name: One of `Agent.scenes`.
+        objects: The objects.
+        timings: When they move.
+        frustum: Walls of the agent's view; True for default walls, False for none.
+    """
 
     scene_name: str
     objects: list[Object]
@@ -183,14 +223,14 @@ class Scenario(BaseDataclass):
 
     @property
     def n_objects(self) -> int:
-        """How many objects there are."""
+        """The number of objects."""
         return len(self.objects)
 
 
-def _plain(value: Any) -> Any:
-    """A value as JSON holds it."""
+def _json_value(value: Any) -> Any:
+    """Return a value as JSON."""
     match value:
-        case Described():
+        case TypedDataclass():
             return value.todict()
         case BaseDataclass():
             return value.asdict()
@@ -199,7 +239,7 @@ def _plain(value: Any) -> Any:
         case str() | bool() | int() | float() | None:
             return value
         case Mapping():
-            return {str(key): _plain(item) for key, item in value.items()}
+            return {str(key): _json_value(item) for key, item in value.items()}
     if hasattr(value, "item") and not getattr(value, "shape", None):
-        return value.item()  # a scalar of numpy
-    return [_plain(item) for item in value]
+        return value.item()  # a NumPy scalar
+    return [_json_value(item) for item in value]

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene is to agents: where they begin, the track that they can follow, and the numbers of its categories."""
+"""What SAILenv's agents need to know about a scene: start pose, camera track, and category numbers.
+
+SAILenv's camera track is a path that an agent can follow (`toggle_follow`). Its category numbers fit 8 bits; 255 stands
+for no category.
+"""
 
 from __future__ import annotations
 
@@ -14,88 +18,111 @@ from tiscene.scene.camera import Camera, Quaternion, Vector3
 from tiscene.scene.description import SceneDescription
 from tiscene.stream.stream import Stream
 
-SPEED = 0.5  # m/s
-NEAR = 0.05  # m; stations closer than this to the one before are left out
+TRACK_SPEED = 0.5  # m/s
+MIN_WAYPOINT_DISTANCE = 0.05  # m; cameras closer than this to the one before add no waypoint
+CIRCLE_RADIUS = 0.3  # m; of the track about a single camera's position
 
 
 @dataclass(frozen=True)
 class SceneProfile:
-    """A scene.
+    """Start pose, camera track and category numbers of a scene.
 
-    authored: what its author lets happen, seen from `start`. start: where agents begin, and what they see by.
-    track: of the camera, for `toggle_follow`. numbers: of categories; those beyond the last are shown as none.
+    Attributes:
+        scenario: The motion that the author of the stage has defined, seen by `start`.
+        start: The camera of an agent that has not moved.
+        track: The camera track.
+        fps: Frames per second.
+        category_numbers: Numbers by category name. Categories beyond the 255th get NO_CATEGORY.
     """
 
-    authored: Scenario
+    scenario: Scenario
     start: Camera
     track: CameraTrack
-    numbers: dict[str, int] = field(default_factory=lambda: {"": frame_views.NO_CATEGORY})
+    fps: float
+    category_numbers: dict[str, int] = field(default_factory=lambda: {"": frame_views.NO_CATEGORY})
 
     @classmethod
     def of(cls, stream: Stream) -> SceneProfile:
-        """The scene of a stream that plays it as its author made it. The stream may begin anew by this."""
+        """Return the profile of the scene of a stream.
+
+        Args:
+            stream: A stream of the scene as its author made it. It is restarted if the start camera's exposure must be
+                metered.
+        """
         authored, stage = stream.scenario, stream.world.stage
-        start = replace(_start(stage), vertical_fov=Camera.vertical_fov, far=frame_views.FAR, lens_radius=0.0)
+        start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, far=frame_views.FAR, lens_radius=0.0)
         if start.exposure is None:
             stream.restart(replace(authored, camera=start))
             start = replace(start, exposure=stream.exposure)
         camera = authored.camera if isinstance(authored.camera, Camera) and authored.camera.dynamic else None
-        place = cls(replace(authored, camera=start), start, CameraTrack(stage, camera))
+        profile = cls(replace(authored, camera=start), start, CameraTrack(stage, camera), stream.fps)
         for category in (*(each.category for each in stage.objects), *asset_names.template_categories().values()):
-            place.number(category)
-        return place
+            profile.category_number(category)
+        return profile
 
-    def number(self, category: str) -> int:
-        """The number by which views show a category; a new one gets the next."""
-        return self.numbers.setdefault(category, min(len(self.numbers), frame_views.NO_CATEGORY))
+    def track_pose(self, frames: int) -> tuple[Vector3, Quaternion]:
+        """Return the pose on the camera track a number of frames after its start."""
+        return self.track.pose(frames / Fraction(str(self.fps)))
+
+    def category_number(self, category: str) -> int:
+        """Return the number of a category in `category` views; a new category gets the next number."""
+        return self.category_numbers.setdefault(category, min(len(self.category_numbers), frame_views.NO_CATEGORY))
 
 
 class CameraTrack:
-    """Where a camera on the track is at a time: on that of the stage's author, else round and round all cameras."""
+    """The camera track of a scene: the author's moving camera, else a closed curve through the cameras of the stage."""
 
     def __init__(self, stage: SceneDescription, authored: Camera | None) -> None:
-        """authored: a camera with a dynamic, None if the author of the stage made none move."""
-        camera = authored or _start(stage)
-        self._simulation = Simulation([Body(camera.dynamic or _round(stage), camera.position, camera.rotation)])
+        """Prepare the track.
+
+        Args:
+            stage: The scene.
+            authored: The camera that the author of the stage has animated; None if there is none.
+        """
+        camera = authored or start_camera(stage)
+        self._simulation = Simulation([Body(camera.dynamic or _track(stage), camera.position, camera.rotation)])
 
     def pose(self, seconds: Fraction) -> tuple[Vector3, Quaternion]:
-        """Position, m, and unit quaternion (w, x, y, z) so long after the start."""
+        """Return position (m) and unit quaternion (w, x, y, z) at a time after the start, in tiscene's space."""
         x, y, z, *rotation = self._simulation.poses(seconds)[0].tolist()
         a, b, c, d = rotation
         return (x, y, z), (a, b, c, d)
 
 
-def _start(stage: SceneDescription) -> Camera:
-    """The camera "Agent", else the stage's first, else one that sees the whole stage."""
+def start_camera(stage: SceneDescription) -> Camera:
+    """Return the camera named "Agent", else the first of the stage, else one that sees the whole stage."""
     return next((camera for camera in stage.cameras if camera.name == "Agent"), None) or stage.camera()
 
 
-def _round(stage: SceneDescription) -> Dynamic:
-    """A closed curve through all cameras of the stage; about the only one's point of focus if there is no other."""
-    stations: list[Waypoint] = []
+def _track(stage: SceneDescription) -> Dynamic:
+    """Return a closed curve through all cameras of the stage; for a single camera a circle (`_circle`)."""
+    waypoints: list[Waypoint] = []
     for camera in stage.cameras:
-        if not stations or math.dist(stations[-1].position, camera.position) > NEAR:
-            stations.append(Waypoint(camera.position, camera.rotation))
-    if len(stations) < 2:
-        stations = _circle(_start(stage), stage.up)
+        if not waypoints or math.dist(waypoints[-1].position, camera.position) > MIN_WAYPOINT_DISTANCE:
+            waypoints.append(Waypoint(camera.position, camera.rotation))
+    if len(waypoints) < 2:
+        waypoints = _circle(start_camera(stage), stage.up)
     length = sum(
         math.dist(here.position, there.position)
-        for here, there in zip(stations, stations[1:] + stations[:1], strict=True)
+        for here, there in zip(waypoints, waypoints[1:] + waypoints[:1], strict=True)
     )
-    return CatmullWaypoints(stations, total_time=length / SPEED, pacing="arc_length")
+    return CatmullWaypoints(waypoints, total_time=length / TRACK_SPEED, pacing="arc_length")
 
 
 def _circle(camera: Camera, up: Vector3) -> list[Waypoint]:
-    right, own_up, backward = camera.axes().T
+    """Return a small circle through the camera's position, all poses of which look at the camera's point of focus."""
+    right, camera_up, backward = camera.axes().T
     if abs(backward @ up) > 0.9:  # it looks up or down
-        up = tuple(own_up.tolist())
+        up = tuple(camera_up.tolist())
     target = camera.position - backward * camera.focus_distance
-    stations = []
+    waypoints = []
     for step in range(8):
         angle = 2.0 * math.pi * step / 8
         x, y, z = (
-            camera.position + right * (0.3 * math.sin(angle)) + backward * (0.3 - 0.3 * math.cos(angle))
+            camera.position
+            + right * (CIRCLE_RADIUS * math.sin(angle))
+            + backward * (CIRCLE_RADIUS - CIRCLE_RADIUS * math.cos(angle))
         ).tolist()
         turned = Camera.look_at((x, y, z), tuple(target.tolist()), up)
-        stations.append(Waypoint(turned.position, turned.rotation))
-    return stations
+        waypoints.append(Waypoint(turned.position, turned.rotation))
+    return waypoints

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's protocol over TCP: several clients, one environment.
+"""TCP server for SAILenv clients: several clients, one environment.
 
-One task a client reads and writes; one thread does all that touches the world. A client that breaks the protocol,
-stalls or vanishes is dropped, and nothing else happens. Before the clock goes on it waits a little for clients that
-take frames and have not had the current one; one that lets it wait in vain is not waited for again until it asks for
-a frame.
+One asyncio task per client reads and writes; one thread makes all calls of the environment. A client that violates the
+protocol, stalls or disconnects is dropped, without effect on the others. Before the frame clock advances, the server
+waits for clients that request frames and have not had the current one. A client that exceeds that time is not waited
+for again until it requests a frame.
 """
 
 from __future__ import annotations
@@ -22,45 +22,61 @@ from tiscene.sailenv.connection import Connection
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.wire_format import ProtocolError, Reader
 
-log = logging.getLogger("tiscene.sailenv")
+logger = logging.getLogger("tiscene.sailenv")
 MAX_CLIENTS = 64
 Result = TypeVar("Result")
 
 
 class Server:
-    """Serves an environment. wait: s that the clock waits for a client that is behind."""
+    """A TCP server of an environment.
+
+    Attributes:
+        environment: The environment.
+        host: The address to listen on.
+        port: The port; 0 for any free one.
+        wait: How long the clock waits for a slow client, s.
+    """
 
     def __init__(self, environment: Environment, host: str = "127.0.0.1", port: int = 8085, wait: float = 1.0) -> None:
         self.environment = environment
         self.host, self.port, self.wait = host, port, wait
-        self._world = ThreadPoolExecutor(1, "world")
+        self._thread = ThreadPoolExecutor(1, "environment")
         self._clients: set[asyncio.Task[None]] = set()
-        self._progress = asyncio.Event()  # set, and replaced, when the clock or those who wait for it have gone on
+        self._progress = asyncio.Event()  # set, then replaced, after each frame and each disconnection
         self._stop = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def run(self, started: Callable[[str, int], None] = lambda host, port: None) -> None:
-        """Serve until SIGINT or SIGTERM. started: is told the address. Raises OSError if it cannot be had."""
+        """Serve until SIGINT or SIGTERM.
+
+        Args:
+            started: Called with host and port once clients can connect.
+
+        Raises:
+            OSError: The address cannot be listened on.
+        """
         self._loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
-            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):  # not everywhere, not in threads
+            with contextlib.suppress(
+                NotImplementedError, RuntimeError, ValueError
+            ):  # on Windows, and outside the main thread
                 self._loop.add_signal_handler(number, self._stop.set)
         server = await asyncio.start_server(self._serve, self.host, self.port)
         try:
             host, port = server.sockets[0].getsockname()[:2]
             started(host, port)
             await self._stop.wait()
-            log.info("stopping")
+            logger.info("stopping")
         finally:
             server.close()
             for task in self._clients:
                 task.cancel()
             await asyncio.gather(*self._clients, return_exceptions=True)
-            self._world.shutdown()
+            self._thread.shutdown()
             self.environment.close()
 
     def stop(self) -> None:
-        """End `run`, from any thread."""
+        """Make `run` return; may be called from any thread."""
         assert self._loop is not None
         self._loop.call_soon_threadsafe(self._stop.set)
 
@@ -71,50 +87,53 @@ class Server:
         client = Connection(self, Reader(stream), writer)
         try:
             if len(self._clients) > MAX_CLIENTS:
-                raise ProtocolError(f"there are {MAX_CLIENTS} clients already")
-            await client.talk()
+                raise ProtocolError(f"too many clients; the limit is {MAX_CLIENTS}")
+            await client.run()
         except (asyncio.IncompleteReadError, ConnectionError):
-            client.note("gone")
+            client.log("disconnected")
         except TimeoutError:
-            client.note("dropped: silent in the middle of a message")
+            client.log("dropped: timeout in the middle of a message")
         except ProtocolError as error:
-            client.note(f"dropped: {error}")
+            client.log(f"dropped: {error}")
         except asyncio.CancelledError:
-            client.note("dropped: the server stops")
+            client.log("dropped: the server stops")
         except Exception:
-            log.exception("%s dropped: this is a mistake in tiscene", client)
+            logger.exception("%s dropped after an error in tiscene", client)
         finally:
             self._clients.discard(task)
-            if client.viewer is not None:
-                with contextlib.suppress(RuntimeError, asyncio.CancelledError):  # the server stops meanwhile
-                    await asyncio.shield(self.do(self.environment.delete, client.viewer))
-                self.went_on()
+            if client.agent is not None:
+                with contextlib.suppress(RuntimeError, asyncio.CancelledError):  # the server is stopping
+                    await asyncio.shield(self.call(self.environment.delete, client.agent))
+                self._wake_waiting()
             writer.close()
 
-    async def do(self, act: Callable[..., Result], *arguments: Any) -> Result:
-        """What `act` gives, in the thread of the world."""
-        return await asyncio.get_running_loop().run_in_executor(self._world, act, *arguments)
+    async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Call a function on the thread that owns the environment, and return its result."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)
 
-    async def frame(self, viewer: AgentCamera, wanted: list[str]) -> tuple[dict[str, Any], float]:
-        """An agent's next frame, when those that take frames have had the current one, or were given time for it."""
+    async def frame(self, agent: AgentCamera, views: list[str]) -> tuple[dict[str, Any], float]:
+        """Return an agent's next frame, as of `Environment.frame`.
+
+        Waits until the other clients that request frames have had the current one, for at most `wait` seconds.
+        """
         loop = asyncio.get_running_loop()
         deadline = loop.time() + self.wait
         while True:
-            progress = self._progress  # before looking who is behind, so that nothing is missed in between
-            behind = await self.do(self.environment.behind, viewer)
-            if not behind:
+            progress = self._progress  # before the query, so that no progress in between is missed
+            slow = await self.call(self.environment.agents_to_wait_for, agent)
+            if not slow:
                 break
             try:
                 async with asyncio.timeout_at(deadline):
                     await progress.wait()
             except TimeoutError:
-                for each in behind:
-                    each.stepping = False
-        result = await self.do(self.environment.frame, viewer, wanted)
-        self.went_on()
+                for each in slow:
+                    each.is_stepping = False
+        result = await self.call(self.environment.frame, agent, views)
+        self._wake_waiting()
         return result
 
-    def went_on(self) -> None:
-        """Wake those who wait for others."""
+    def _wake_waiting(self) -> None:
+        """Wake the tasks that wait for other clients."""
         self._progress.set()
         self._progress = asyncio.Event()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models that agents send: zip files with an OBJ inside, kept in a folder of their own until the world ends.
+"""Models that agents upload: zip files with an OBJ file, kept in a temporary folder until the environment is closed.
 
-What they hold is not trusted: nothing is written outside of the folder, and nothing of a zip before all of it is read,
-within bounds.
+Uploads are not trusted. Nothing is written outside of the folder. A zip file is read completely, within limits on count
+and size, before any of its members is written.
 """
 
 from __future__ import annotations
@@ -19,73 +19,93 @@ from pathlib import Path, PurePosixPath
 from tiscene.errors import ArgumentError, MissingFile
 from tiscene.usd.importers.import_template import import_asset
 
-MAX_BYTES = 128 << 20  # of one file as it is sent
-MAX_UNPACKED = 512 << 20  # of all that one zip holds
-MAX_MEMBERS = 1000
-MAX_MODEL = 64 << 20  # of an OBJ file, which all others wait for while it is read
-MAX_FILES, MAX_STORED = 1024, 8 << 30  # of one world; bytes
+MAX_BYTES = 128 << 20  # of an uploaded file
+MAX_UNPACKED = 512 << 20  # bytes, of all members of a zip file
+MAX_MEMBERS = 1000  # of a zip file
+MAX_MODEL = 64 << 20  # bytes, of an OBJ file; other agents wait while it is read
+MAX_FILES, MAX_STORED = 1024, 8 << 30  # files and bytes in one environment
 _CHUNK = 1 << 16
 
 
-class Uploads:
-    """The models of one world, by the path that the sender was told."""
+class UploadedModels:
+    """The uploaded models of one environment, by the paths that were returned to the clients."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None
-        self._delete: weakref.finalize[..., Uploads] | None = None
+        self._delete: weakref.finalize[..., UploadedModels] | None = None
         self._files: dict[str, Path] = {}
         self._templates: dict[str, Path] = {}
-        self._paths: dict[bytes, str] = {}  # by the digest of what was sent
+        self._paths: dict[bytes, str] = {}  # by the digest of name and contents
         self._stored = 0  # bytes
 
-    def store(self, name: str, data: bytes) -> str:
-        """Keep a file; the path to spawn it by, that of before if it was sent already.
+    @property
+    def folder(self) -> Path | None:
+        """The temporary folder of all models; None before the first upload."""
+        return self._folder
 
-        Raises ArgumentError for what is too large, cannot be kept, or is a trap.
+    def store(self, name: str, data: bytes) -> str:
+        """Store an uploaded file.
+
+        Args:
+            name: The file name that the client has sent.
+            data: The contents.
+
+        Returns:
+            The path by which the model is spawned; the same path for the same file.
+
+        Raises:
+            ArgumentError: The file is too large, is a zip file with unsafe members, or cannot be written.
         """
         if len(data) > MAX_BYTES:
-            raise ArgumentError(f"{name!r} has {len(data)} bytes; at most {MAX_BYTES} are taken")
+            raise ArgumentError(f"{name!r} has {len(data)} bytes; the limit is {MAX_BYTES}")
         key = hashlib.sha256(name.encode(errors="replace") + b"\0" + data).digest()
         if key not in self._paths:
-            self._paths[key] = self._keep(name, data)
+            self._paths[key] = self._write(name, data)
         return self._paths[key]
 
-    def _keep(self, name: str, data: bytes) -> str:
-        members = _members(name, data)
+    def _write(self, name: str, data: bytes) -> str:
+        """Write a file and the members of a zip file into a new folder; return the path of the file."""
+        members = _read_members(name, data)
         size = len(data) + sum(map(len, members.values()))
         if len(self._files) >= MAX_FILES or self._stored + size > MAX_STORED:
-            raise ArgumentError(f"{name!r}: at most {MAX_FILES} files and {MAX_STORED} bytes are kept in a world")
+            raise ArgumentError(f"{name!r}: the limits of an environment are {MAX_FILES} files and {MAX_STORED} bytes")
         if self._folder is None:
             self._folder = Path(tempfile.mkdtemp(prefix="tiscene-uploads-"))
-            # Scripts forget to delete their agents: then this goes with its world.
+            # Scripts often do not delete their agents: the folder is then deleted with this object.
             self._delete = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         folder = Path(tempfile.mkdtemp(prefix=f"{len(self._files):04d}-", dir=self._folder))
-        path = folder / _plain_name(name)
+        path = folder / _safe_file_name(name)
         try:
             path.write_bytes(data)
-            for inside, content in members.items():
-                target = folder / "unpacked" / inside
+            for member, content in members.items():
+                target = folder / "unpacked" / member
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(content)
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
-            raise ArgumentError(f"{name!r} cannot be kept: {error}") from error
+            raise ArgumentError(f"{name!r} cannot be stored: {error}") from error
         self._stored += size
         self._files[str(path)] = folder
         return str(path)
 
     def template(self, path: str) -> str:
-        """The template's file of what was stored. Raises MissingFile, ArgumentError, or says what is wrong with it."""
+        """Return the template file of a stored model, which is imported at first use.
+
+        Raises:
+            MissingFile: No model was stored under that path.
+            ArgumentError: The upload has no OBJ file, or too large a one.
+            TisceneError: The model cannot be imported.
+        """
         folder = self._files.get(path)
         if folder is None:
-            raise MissingFile(f"{path!r} was not sent to this world")
+            raise MissingFile(f"{path!r} was not uploaded to this environment; send it with send_obj_zip first")
         if path not in self._templates:
             candidates = [file for file in folder.rglob("*") if file.suffix.lower() == ".obj" and file.is_file()]
             if not candidates:
-                raise ArgumentError(f"{path!r} holds no .obj file")
+                raise ArgumentError(f"{path!r} contains no .obj file")
             model = min(candidates, key=lambda file: (len(file.parts), str(file)))
             if model.stat().st_size > MAX_MODEL:
-                raise ArgumentError(f"{model.name!r} has {model.stat().st_size} bytes; at most {MAX_MODEL} are read")
+                raise ArgumentError(f"{model.name!r} has {model.stat().st_size} bytes; the limit is {MAX_MODEL}")
             name = model.stem.replace("_", " ")
             self._templates[path] = import_asset(
                 model, folder / "template", name=name, label=name.lower(), unit=1.0, up_axis="Y", centered=False
@@ -93,17 +113,17 @@ class Uploads:
         return str(self._templates[path])
 
     def close(self) -> None:
-        """Delete everything."""
+        """Delete all models and their folder."""
         if self._delete is not None:
             self._delete()
         self._folder = self._delete = None
         self._stored = 0
-        for kept in (self._files, self._templates, self._paths):
-            kept.clear()
+        for table in (self._files, self._templates, self._paths):
+            table.clear()
 
 
-def _members(name: str, data: bytes) -> dict[str, bytes]:
-    """What a zip holds, by safe relative names; nothing for what is no zip."""
+def _read_members(name: str, data: bytes) -> dict[str, bytes]:
+    """Return the members of a zip file by safe relative paths; an empty dict if it is no zip file."""
     if not zipfile.is_zipfile(io.BytesIO(data)):
         return {}
     members: dict[str, bytes] = {}
@@ -111,43 +131,43 @@ def _members(name: str, data: bytes) -> dict[str, bytes]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             listed = archive.infolist()
             if len(listed) > MAX_MEMBERS:
-                raise ArgumentError(f"{name!r} holds {len(listed)} files; at most {MAX_MEMBERS} are unpacked")
-            room = MAX_UNPACKED
+                raise ArgumentError(f"{name!r} contains {len(listed)} files; the limit is {MAX_MEMBERS}")
+            remaining = MAX_UNPACKED
             for member in listed:
-                inside = _safe(name, member)
+                path = _safe_path(name, member)
                 if member.is_dir():
                     continue
-                members[inside] = _read(name, archive, member, room)
-                room -= len(members[inside])
+                members[path] = _read_member(name, archive, member, remaining)
+                remaining -= len(members[path])
     except ArgumentError:
         raise
-    except Exception as error:  # its decompressors fail in many ways on damaged data
+    except Exception as error:  # decompressors raise many types of exceptions for damaged data
         raise ArgumentError(f"{name!r} cannot be unpacked: {error}") from error
     return members
 
 
-def _safe(name: str, member: zipfile.ZipInfo) -> str:
-    """The relative path of a member. Raises ArgumentError if it leads outside, or is a link."""
+def _safe_path(name: str, member: zipfile.ZipInfo) -> str:
+    """Return the relative path of a member. Raises ArgumentError if it is outside of the folder or a link."""
     path = PurePosixPath(member.filename.replace("\\", "/"))
     if path.is_absolute() or ".." in path.parts or ":" in member.filename or "\0" in member.filename:
-        raise ArgumentError(f"{name!r} holds {member.filename!r}, which leads outside of its folder")
+        raise ArgumentError(f"{name!r} contains {member.filename!r}, which is outside of its folder")
     if stat.S_ISLNK(member.external_attr >> 16):
-        raise ArgumentError(f"{name!r} holds the link {member.filename!r}")
+        raise ArgumentError(f"{name!r} contains the link {member.filename!r}; links are not allowed")
     return str(path)
 
 
-def _read(name: str, archive: zipfile.ZipFile, member: zipfile.ZipInfo, room: int) -> bytes:
-    """A member's contents, as long as there is room: what the zip says of its size is not believed."""
+def _read_member(name: str, archive: zipfile.ZipFile, member: zipfile.ZipInfo, limit: int) -> bytes:
+    """Return the contents of a member. Raises ArgumentError beyond `limit` bytes; the declared size is not trusted."""
     content = bytearray()
     with archive.open(member) as opened:
         while chunk := opened.read(_CHUNK):
             content += chunk
-            if len(content) > room:
-                raise ArgumentError(f"{name!r} holds more than {MAX_UNPACKED} bytes unpacked")
+            if len(content) > limit:
+                raise ArgumentError(f"{name!r} unpacks to more than {MAX_UNPACKED} bytes")
     return bytes(content)
 
 
-def _plain_name(name: str) -> str:
-    """A file name without folders or anything odd."""
+def _safe_file_name(name: str) -> str:
+    """Return a file name without folders and special characters."""
     plain = "".join(c if c.isalnum() or c in "-_. " else "_" for c in name.replace("\\", "/").split("/")[-1])
     return plain.strip(". ")[:100] or "model.zip"

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's bytes: little endian; a text is its length in bytes (int32) and UTF-8."""
+"""SAILenv's network protocol: command bytes, and encoding of values.
+
+Numbers are little endian. A text is its length in bytes (int32) and its UTF-8 bytes. A view is its length and its
+bytes.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +20,11 @@ from numpy.typing import NDArray
 from tiscene.scene.camera import Vector3
 
 MAX_TEXT, MAX_JSON = 4096, 16 << 20  # bytes
-PATIENCE = 60.0  # s for the rest of a message that has begun
+TIMEOUT = 60.0  # s, for the rest of a message that has begun
 
 
 class Command(IntEnum):
-    """The first byte of what an agent says."""
+    """The first byte of a client's message."""
 
     FRAME = 0x00
     DELETE = 0x01
@@ -56,98 +60,114 @@ class Command(IntEnum):
 
 
 class ProtocolError(Exception):
-    """What arrived is not what the protocol allows."""
+    """A client violates the protocol."""
 
 
 class Reader:
-    """What one client sends."""
+    """Reads values that a client sends.
+
+    Methods raise IncompleteReadError if the client disconnects, TimeoutError after TIMEOUT seconds without data, and
+    ProtocolError for invalid data.
+    """
 
     def __init__(self, stream: asyncio.StreamReader) -> None:
         self._stream = stream
 
     async def exactly(self, count: int) -> bytes:
-        """Raises IncompleteReadError when the client is gone, TimeoutError when it is silent for too long."""
-        async with asyncio.timeout(PATIENCE):
+        """Read a number of bytes."""
+        async with asyncio.timeout(TIMEOUT):
             return await self._stream.readexactly(count)
 
-    async def chunk(self, most: int) -> bytes:
-        """What there is, up to so many bytes."""
-        async with asyncio.timeout(PATIENCE):
-            data = await self._stream.read(most)
+    async def chunk(self, limit: int) -> bytes:
+        """Read the bytes that have arrived, at least one and at most `limit`."""
+        async with asyncio.timeout(TIMEOUT):
+            data = await self._stream.read(limit)
         if not data:
-            raise asyncio.IncompleteReadError(b"", most)
+            raise asyncio.IncompleteReadError(b"", limit)
         return data
 
     async def command(self) -> Command:
-        """The next command, however long the client thinks about it."""
+        """Read the next command, without a timeout."""
         (byte,) = await self._stream.readexactly(1)
         try:
             return Command(byte)
         except ValueError:
-            raise ProtocolError(f"there is no command 0x{byte:02X}") from None
+            raise ProtocolError(f"unknown command 0x{byte:02X}") from None
 
-    async def byte(self, patience: float) -> int | None:
-        """The next byte, None if none comes in so many seconds."""
+    async def byte(self, timeout: float) -> int | None:
+        """Read a byte; return None if none arrives within `timeout` seconds."""
         try:
-            async with asyncio.timeout(patience):
+            async with asyncio.timeout(timeout):
                 return (await self._stream.readexactly(1))[0]
         except TimeoutError:
             return None
 
     async def flag(self) -> bool:
+        """Read a byte as a bool."""
         return (await self.exactly(1))[0] != 0
 
     async def int32(self) -> int:
+        """Read an integer."""
         return int.from_bytes(await self.exactly(4), "little", signed=True)
 
     async def float32(self) -> float:
+        """Read a number in single precision."""
         (number,) = struct.unpack("<f", await self.exactly(4))
         return float(number)
 
     async def ints(self) -> tuple[int, int, int]:
+        """Read three integers (int32)."""
         r, g, b = struct.unpack("<3i", await self.exactly(12))
         return (r, g, b)
 
     async def vector(self) -> Vector3:
+        """Read three numbers in single precision."""
         x, y, z = struct.unpack("<3f", await self.exactly(12))
         return (x, y, z)
 
-    async def text(self, most: int = MAX_TEXT) -> str:
-        return await self.text_of(await self.int32(), most)
+    async def text(self, limit: int = MAX_TEXT) -> str:
+        """Read a text of at most `limit` bytes."""
+        return await self.text_of(await self.int32(), limit)
 
-    async def text_of(self, length: int, most: int = MAX_TEXT) -> str:
-        """A text whose length is known already."""
-        if not 0 <= length <= most:
-            raise ProtocolError(f"a text of {length} bytes; at most {most} are read")
+    async def text_of(self, length: int, limit: int = MAX_TEXT) -> str:
+        """Read a text whose length has been read."""
+        if not 0 <= length <= limit:
+            raise ProtocolError(f"a text of {length} bytes; the limit is {limit}")
         try:
             return (await self.exactly(length)).decode("utf-8")
         except UnicodeDecodeError as error:
-            raise ProtocolError(f"a text that is not UTF-8: {error}") from None
+            raise ProtocolError(f"text that is not UTF-8: {error}") from None
 
 
 def int_bytes(*numbers: int) -> bytes:
-    """int32."""
+    """Encode integers as int32."""
     return struct.pack(f"<{len(numbers)}i", *numbers)
 
 
 def float_bytes(*numbers: float) -> bytes:
-    """float32."""
+    """Encode numbers in single precision."""
     return struct.pack(f"<{len(numbers)}f", *numbers)
 
 
 def text_bytes(text: str) -> bytes:
-    """A text with its length."""
+    """Encode a text with its length."""
     data = text.encode("utf-8")
     return int_bytes(len(data)) + data
 
 
 def texts_bytes(texts: list[str]) -> bytes:
-    """How many texts, and the texts."""
+    """Encode a list of texts: their number, and each text."""
     return int_bytes(len(texts)) + b"".join(text_bytes(each) for each in texts)
 
 
 def view_bytes(name: str, view: NDArray[Any], compress: bool) -> bytes:
-    """A view with its length."""
+    """Encode a view with its length.
+
+    Args:
+        name: A key of `frame_views.VIEWS`.
+        view: Its array. Category and flow are sent bottom row first, the others as PNG.
+        compress: Whether the bytes are compressed by gzip.
+    """
     match name:
         case "category":
             data = np.repeat(view[::-1, :, None], 3, axis=2).tobytes()
@@ -161,9 +181,12 @@ def view_bytes(name: str, view: NDArray[Any], compress: bool) -> bytes:
 
 
 def png(pixels: NDArray[np.uint8]) -> bytes:
-    """A PNG of uint8 [h, w] or [h, w, 3], stored and not compressed: it costs no time, and flow is larger anyway."""
+    """Encode uint8 [h, w] or [h, w, 3] as PNG without compression.
+
+    Compression would cost time and save little: flow, which is not compressed either, is larger.
+    """
     height, width = pixels.shape[:2]
-    rows = np.zeros((height, 1 + pixels[0].size), np.uint8)  # every row begins with its filter, 0: none
+    rows = np.zeros((height, 1 + pixels[0].size), np.uint8)  # each row begins with its filter; 0: none
     rows[:, 1:] = pixels.reshape(height, -1)
     header = struct.pack(">IIBBBBB", width, height, 8, 2 if pixels.ndim == 3 else 0, 0, 0, 0)
     chunks = (b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 0)), (b"IEND", b"")

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The methods of SAILenv's Agent that read and edit lights.
+
+A light is named by one of `Agent.lights_names`. A getter returns None for an unknown name; both getters and setters
+then print an error, or raise it if the agent is strict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.environment import Environment
+from tiscene.sailenv.json_messages import single_precision
+from tiscene.sailenv.light_controls import LightControls
+
+Result = TypeVar("Result")
+
+
+class AgentLights:
+    """Base of Agent: its methods for lights. Positions and directions are in Unity's space."""
+
+    def get_light_color(self, light_name: str) -> tuple[int, int, int] | None:
+        """Return a light's color, 8-bit sRGB."""
+        return self._light("getting light color", lambda lights: lights.color(light_name))
+
+    def set_light_color(self, light_name: str, r: int, g: int, b: int) -> None:
+        """Set a light's color, 8-bit sRGB."""
+        self._light("setting light color", lambda lights: lights.set_color(light_name, (r, g, b)))
+
+    def get_light_position(self, light_name: str) -> tuple[float, float, float] | None:
+        """Return a light's position, m."""
+        return self._light("getting light position", lambda lights: lights.position(light_name))
+
+    def set_light_position(self, light_name: str, position: Any) -> None:
+        """Set a light's position, m."""
+        self._light(
+            "setting light position", lambda lights: lights.set_position(light_name, single_precision(position))
+        )
+
+    def get_light_direction(self, light_name: str) -> tuple[float, float, float] | None:
+        """Return the direction in which a light emits."""
+        return self._light("getting light direction", lambda lights: lights.direction(light_name))
+
+    def set_light_direction(self, light_name: str, direction: Any) -> None:
+        """Set the direction in which a light emits."""
+        self._light(
+            "setting light direction", lambda lights: lights.set_direction(light_name, single_precision(direction))
+        )
+
+    def get_light_intensity(self, light_name: str) -> float | None:
+        """Return a light's intensity; 1 is that of the scene."""
+        return self._light("getting light intensity", lambda lights: lights.intensity(light_name))
+
+    def set_light_intensity(self, light_name: str, intensity: float) -> None:
+        """Set a light's intensity; 1 is that of the scene."""
+        self._light(
+            "setting light intensity", lambda lights: lights.set_intensity(light_name, float(np.float32(intensity)))
+        )
+
+    def get_light_indirect_multiplier(self, light_name: str) -> float | None:
+        """Return the factor of a light's indirect light; 1 is that of the scene."""
+        return self._light("getting light indirect multiplier", lambda lights: lights.indirect_multiplier(light_name))
+
+    def set_light_indirect_multiplier(self, light_name: str, indirect_multiplier: float) -> None:
+        """Set the factor of a light's indirect light; 1 is that of the scene."""
+        self._light(
+            "setting light indirect multiplier",
+            lambda lights: lights.set_indirect_multiplier(light_name, float(indirect_multiplier)),
+        )
+
+    def get_light_type(self, light_name: str) -> str | None:
+        """Return "Directional", "Point", "Rectangle", "Disc" or "Area"."""
+        return self._light("getting light type", lambda lights: lights.type(light_name))
+
+    def _light(self, task: str, call: Callable[[LightControls], Result]) -> Result | None:
+        result: Result | None = self._try(f"Error {task}: {{}}", lambda world, _: call(world.lights))
+        return result
+
+    def _try(self, message: str, call: Callable[[Environment, AgentCamera], Any], default: Any = None) -> Any:
+        """Return the result of a call; if it raises a TisceneError, print the message and return the default."""
+        raise NotImplementedError

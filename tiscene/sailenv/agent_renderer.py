@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Render the views of agents in the current frame of an environment.
+
+Agents with equal cameras, sizes and backgrounds share buffers. Views of a camera and a world that have been static for
+a while are rendered incrementally.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.render.film.tone_map import radiance_shown_as
+from tiscene.render.view import SKY, View
+from tiscene.sailenv import frame_views
+from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.light_controls import Color8, linear
+from tiscene.sailenv.scene_profile import SceneProfile
+from tiscene.scene.camera import Camera
+from tiscene.stream.stream import Stream
+
+# Incremental rendering begins after this many frames without an edit of the world or a change of the camera. A base
+# image for fewer frames would not pay off.
+STATIC_FRAMES = 25
+
+
+class AgentRenderer:
+    """Renderer of agents' views, with the buffers of the current frame.
+
+    Attributes:
+        ambient: The color of the ambient light, 8-bit sRGB.
+    """
+
+    def __init__(self) -> None:
+        self.start_scene()
+
+    def start_scene(self) -> None:
+        """Forget everything: black ambient light, no edits, no buffers."""
+        self.ambient: Color8 = (0, 0, 0)
+        self._unedited_since = 0
+        self._buffers: dict[Any, dict[str, NDArray[Any]]] = {}  # of the current frame, by view
+
+    def discard_buffers(self) -> None:
+        """Discard the buffers, for a new frame or a change that shows in the current one."""
+        self._buffers.clear()
+
+    def world_edited(self, frame: int) -> None:
+        """Record that an edit of the world shows from a frame on."""
+        self._unedited_since = frame
+
+    def render(
+        self,
+        stream: Stream,
+        profile: SceneProfile,
+        agent: AgentCamera,
+        camera: Camera,
+        frame: int,
+        views: Sequence[str],
+    ) -> dict[str, NDArray[Any]]:
+        """Return views of a frame by name.
+
+        Args:
+            stream: The stream of the scene.
+            profile: Its profile.
+            agent: The agent whose views are rendered.
+            camera: The agent's camera in this frame.
+            frame: The current frame.
+            views: Keys of `frame_views.VIEWS`.
+        """
+        background = SKY if agent.background is None else radiance_shown_as(agent.background, stream.exposure)
+        view = View(
+            agent.last_camera or camera,
+            camera,
+            camera,
+            agent.width,
+            agent.height,
+            self._ambient_radiance(stream.exposure) if any(self.ambient) else (0.0, 0.0, 0.0),
+            background,
+        )
+        needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
+        if agent.background is not None and "main" in views:
+            needed.add("instance")
+        is_static = frame - max(agent.static_since, self._unedited_since) >= STATIC_FRAMES
+        key = (view.cameras, view.width, view.height, agent.background, is_static)
+        buffers = self._buffers.setdefault(key, {})
+        missing = sorted(needed - set(buffers))
+        if missing:
+            buffers.update(stream.render_view(frame, view, missing, incremental=is_static).buffers)
+        numbers = np.array([profile.category_number(name) for _, name in sorted(stream.categories.items())], np.uint8)
+        result = {name: frame_views.VIEWS[name].convert(buffers, numbers) for name in views}
+        if agent.background is not None and "main" in result:
+            frame_views.fill_background(result["main"], buffers["instance"], agent.background)
+        return result
+
+    def _ambient_radiance(self, exposure: float) -> tuple[float, float, float]:
+        """Return the radiance by which a white surface has the ambient color at an exposure."""
+        r, g, b = (component * 2.0**-exposure for component in linear(self.ambient))
+        return (r, g, b)
