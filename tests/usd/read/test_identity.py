@@ -85,7 +85,7 @@ def test_wrong_instancers(tmp_path, line, expected):
 
 def test_points_that_are_squashed_flat_are_not_drawn(tmp_path):
     """Scatterers hide points so; those that stay keep their numbers."""
-    text = "points of a point instancer that are squashed flat are not drawn: </P>"
+    text = "points of a point instancer whose transform is singular are not drawn: </P>"
     description = read_with_warning(tmp_path, INSTANCER % "float3[] scales = [(0, 0, 0), (1, 1, 1)]", text)
     assert [thing.name for thing in description.objects] == ["P[1]"]
 
@@ -97,7 +97,7 @@ def test_ids_that_are_not_unique_are_not_used(tmp_path):
 
 def test_an_instancer_in_its_own_prototype(tmp_path):
     body = INSTANCER.replace("</P/Ball>", "</P>") % ""
-    assert problems_of(tmp_path, body) == ("</P> instancer: one of its prototypes holds the instancer itself",)
+    assert problems_of(tmp_path, body) == ("</P> instancer: one of its prototypes contains the instancer itself",)
 
 
 def test_a_camera_in_a_prototype_is_named(tmp_path):

@@ -77,7 +77,7 @@ def test_a_mirrored_camera_looks_where_it_looks(tmp_path, scale, ahead, up):
     float3 xformOp:scale = {scale}
     uniform token[] xformOpOrder = ["xformOp:rotateY", "xformOp:scale"]
     """
-    eye = only(read_with_warning(tmp_path, camera(lines), "what a mirrored camera sees is not mirrored: </Eye>"))
+    eye = only(read_with_warning(tmp_path, camera(lines), "the image of a mirrored camera is not mirrored: </Eye>"))
     np.testing.assert_allclose(eye.axes() @ (0, 0, -1), (ahead, 0, 0), atol=1e-9)
     np.testing.assert_allclose(eye.axes() @ (0, 1, 0), (0, up, 0), atol=1e-9)
 

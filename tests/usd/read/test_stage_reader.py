@@ -249,7 +249,7 @@ def test_impossible_transforms(tmp_path):
 
 def test_what_is_squashed_flat_is_named(tmp_path):
     """A scale of 0 is how some programs hide things."""
-    text = "what its transform squashes flat is not drawn: </C>"
+    text = "geometry that its transform flattens is not drawn: </C>"
     assert not read_with_warning(tmp_path, SCALED % "(1, 0, 1)", text).instances
 
 

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read a stage into a SceneDescription.
+"""USD stages to scene descriptions.
 
 ::
 
-    stage_reader     read_stage
-    subprocess_reader  read in another process, with limits
-    subprocess_worker  the program of that process
-    traversal        walk the prims
-    object_builder          objects with an identity
-    extracted_prims  prims that move, extracted as templates
-    point_instancer  UsdGeomPointInstancer
-    mesh_table       unique meshes
-    stage_camera     UsdGeomCamera
-    template         object templates
-    inspection       summary of a file
+    stage_reader       read_stage
+    traversal          traverse the prims of a stage
+    object_builder     objects, their instances and colliders
+    mesh_table         meshes, shared by instances
+    point_instancer    points of UsdGeomPointInstancer
+    stage_camera       UsdGeomCamera
+    extracted_prims    prims that a scenario moves, as templates
+    template           templates from files and from /Templates
+    inspection         metadata and statistics of a file
+    subprocess_reader  read in a child process, with limits
+    subprocess_worker  the child process
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Things of a stage that are to move: taken out of what stands still, and made templates of."""
+"""Objects of a stage that a scenario moves: left out of the static scene and read as templates of their own."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tiscene.usd.read.traversal import StageReader, TraversalContext
 
 
 class RemainderReader(StageReader):
-    """Reads a stage without some of its prims and all below them."""
+    """Reads a stage without some of its prims and their descendants."""
 
     def __init__(
         self,
@@ -32,6 +32,7 @@ class RemainderReader(StageReader):
         extract: Collection[str],
         taxonomy: str | None = None,
     ) -> None:
+        """Start with an empty description. `extract`: paths of the prims to leave out; others as of StageReader."""
         super().__init__(stage, time, report, taxonomy)
         self._extracted = frozenset(extract)
 
@@ -40,23 +41,33 @@ class RemainderReader(StageReader):
 
 
 class _ExtractedReader(StageReader):
-    """Reads one prim as if it were visible: when it is seen is a matter of its life span."""
+    """Reads one prim as if it were visible. Its animated visibility is the lifespan of a scenario's object."""
 
     def __init__(self, root: Usd.Prim, time: Usd.TimeCode, report: StageReport, taxonomy: str | None) -> None:
         super().__init__(root.GetStage(), time, report, taxonomy)
-        self._root = root.GetPath()
+        self._extracted_path = root.GetPath()
 
-    def _enter(self, prim: Usd.Prim, above: TraversalContext) -> TraversalContext:
-        here = super()._enter(prim, above)
-        return replace(here, visible=True) if prim.GetPath() == self._root else here
+    def _enter(self, prim: Usd.Prim, inherited: TraversalContext) -> TraversalContext:
+        here = super()._enter(prim, inherited)
+        return replace(here, visible=True) if prim.GetPath() == self._extracted_path else here
 
 
 def extracted_templates(
     stage: Usd.Stage, extract: Collection[str], time: Usd.TimeCode, report: StageReport, taxonomy: str | None = None
 ) -> tuple[Template, ...]:
-    """A template of each prim, its name the prim's path. It has the axes of the prim's pose, and keeps its scale.
+    """Read each extracted prim as a template that is named by its path.
 
-    Raises TemplateNotFound for a path where no prim is that can be pose_matrix.
+    The template has the axes of the prim's pose, and keeps its scale.
+
+    Args:
+        stage: the stage.
+        extract: paths of the prims.
+        time: time code to read at.
+        report: receives problems and omissions.
+        taxonomy: taxonomy of the labels; None: the preferred ones.
+
+    Raises:
+        TemplateNotFound: there is no transformable prim at a path.
     """
     return tuple(_template(stage, path, time, report, taxonomy) for path in sorted(set(extract)))
 
@@ -64,37 +75,36 @@ def extracted_templates(
 def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageReport, taxonomy: str | None) -> Template:
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     if not prim or not prim.IsA(UsdGeom.Xformable):
-        things = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdGeom.Xformable)]
-        raise TemplateNotFound("prim", path, things, " to move on the stage")
+        paths = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdGeom.Xformable)]
+        raise TemplateNotFound("prim", path, paths, " to move on the stage")
     pose = read_pose(prim, time, Units.of(stage))
     reader = _ExtractedReader(prim, time, report, taxonomy)
-    above = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
-    # Its label may be inherited.
+    parent_world = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
     label = inherited_label(prim, time, taxonomy)
-    inherited = NOT_ANIMATED
-    for parent in reversed(list(_parents(prim))):  # a group may come and go with all that is in it
+    ancestors = NOT_ANIMATED
+    for parent in reversed(list(_parents(prim))):  # a group may appear and vanish with all objects in it
         hides = report.reads_animation and UsdGeom.Imageable(parent).GetVisibilityAttr().ValueMightBeTimeVarying()
-        inherited = replace(inherited, hiders=(*inherited.hiders, parent)) if hides else inherited
-    reader.walk(prim, TraversalContext(above, label=label, inherited=inherited))
+        ancestors = replace(ancestors, hiders=(*ancestors.hiders, parent)) if hides else ancestors
+    reader.walk(prim, TraversalContext(parent_world, label=label, animated=ancestors))
     description = reader.description(path)
     if isinstance(pose, str):
         report.problem(path, "transform", pose)
     else:
-        own = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
+        inverse = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
         instances, colliders = (
-            tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.instances),
-            tuple(replace(each, world_from_object=own @ each.world_from_object) for each in description.colliders),
+            tuple(replace(each, world_from_object=inverse @ each.world_from_object) for each in description.instances),
+            tuple(replace(each, world_from_object=inverse @ each.world_from_object) for each in description.colliders),
         )
-        tracks = transformed(description.tracks, np.asarray(own, np.float64))
+        tracks = transformed(description.tracks, np.asarray(inverse, np.float64))
         description = replace(description, instances=instances, colliders=colliders, tracks=tracks)
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")
-    category = next((thing.category for thing in description.objects if thing.category), "")
+    category = next((each.category for each in description.objects if each.category), "")
     category = name_label(prim) if reader.by_name else label or category
     return Template(path, category, as_one(description, prim.GetName(), path, category, asset_name(prim)))
 
 
 def _parents(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """What a prim is in, from its parent on, as far as it can be seen."""
+    """Yield the imageable ancestors of a prim, from its parent up."""
     while (prim := prim.GetParent()) and prim.IsA(UsdGeom.Imageable):
         yield prim

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a USD file says of itself, before anything of it is drawn."""
+"""stage_facts: metadata and statistics of a USD file, for `tiscene inspect`, without building a scene."""
 
 from __future__ import annotations
 
@@ -16,11 +16,21 @@ from tiscene.usd.core.stage import Variants, open_stage, quiet, readable
 
 @dataclass(frozen=True)
 class StageFacts:
-    """layers: their files. types: how many prims of each type, those in instances counted each time.
+    """Metadata and statistics of a stage.
 
-    variants: {"/Prim{set}": (what is selected, what there is)}. time_codes: first and last, None if unauthored.
-    animated: how many prims have time samples. unit_is_authored: else `meters_per_unit` is USD's default, 0.01.
-    license: what `tiscene import` kept of a model's terms.
+    Attributes:
+        layers: files of all layers.
+        types: number of prims of each type; those in a prototype count once per instance.
+        variants: {"/Prim{set}": (selected variant, all variants)}.
+        taxonomies: taxonomies of the semantic labels.
+        meters_per_unit: meters per stage unit.
+        unit_is_authored: False: `meters_per_unit` is USD's default, 0.01.
+        up_axis: "Y" or "Z".
+        time_codes: first and last, None if not authored.
+        time_codes_per_second: rate of time codes.
+        animated: number of prims with time samples.
+        instances: number of native instances.
+        license: license texts that `tiscene import` has kept, by file name.
     """
 
     layers: tuple[str, ...]
@@ -38,7 +48,16 @@ class StageFacts:
 
 
 def stage_facts(path: str | Path, variants: Variants | None = None, root: str | Path | None = None) -> StageFacts:
-    """Open a stage and count. Raises MissingFile, StageError and UnknownName (variants)."""
+    """Read the facts of a stage.
+
+    Args:
+        path: the file.
+        variants: variant selections, `{"/Room{lighting}": "night"}`.
+        root: folder that all files must be in; None: no restriction.
+
+    Raises:
+        MissingFile, StageError, UnknownName (variants): the stage cannot be opened.
+    """
     with quiet(), readable(path):
         stage = open_stage(path, variants)
         RootFolder(root).check(stage, str(path))

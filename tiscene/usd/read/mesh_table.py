@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of meshes: each gprim once, however many instances show it, with a material for every triangle."""
+"""MeshTable: triangle meshes of gprims, read once however many instances share them, with a material per triangle."""
 
 from __future__ import annotations
 
@@ -24,26 +24,36 @@ from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 
-Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]
-Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]
+Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]  # names of parts, and the part of each face
+Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]  # a material, and the faces that have it
 
 _CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
-
-
 _READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {"BasisCurves": read_curves, "Points": read_points}
 
 
 def is_drawable(prim: Usd.Prim) -> bool:
-    """Whether a prim is of a type that a MeshTable reads."""
+    """Return whether a prim is of a type that a MeshTable reads."""
     return bool(prim.IsA(UsdGeom.Mesh)) or str(prim.GetTypeName()) in _READERS
 
 
 class MeshTable:
-    """Reads gprims and numbers their meshes. Prims of one prototype share a mesh, and so do equal meshes."""
+    """Reads gprims as meshes. Instances of one prototype share a mesh, and so do equal meshes.
+
+    Attributes:
+        meshes: the meshes so far; a mesh is referred to by its row.
+    """
 
     def __init__(
         self, materials: MaterialTableBuilder, time: Usd.TimeCode, report: StageReport, meters_per_unit: float
     ) -> None:
+        """Start an empty table.
+
+        Args:
+            materials: resolves material bindings.
+            time: time code to read at.
+            report: receives problems and omissions.
+            meters_per_unit: meters per stage unit.
+        """
         self.meshes: list[Mesh] = []
         self._materials = materials
         self._time = time
@@ -55,9 +65,11 @@ class MeshTable:
         self._rows_by_content: dict[bytes, int] = {}
 
     def row(self, prim: Usd.Prim, emitter: Binding | None = None) -> int | None:
-        """The row of a gprim's mesh; None, with the reason reported, if it has no triangles.
+        """Return the row of a gprim's mesh; None, with the reason reported, if it has no triangles.
 
-        emitter: the material of a mesh that is a light, in place of what is bound to it.
+        Args:
+            prim: the gprim.
+            emitter: material of a mesh light, instead of the bound one.
         """
         source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
         whole = emitter or self._materials.binding(prim, prim)
@@ -71,14 +83,14 @@ class MeshTable:
         return self._rows[key]
 
     def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
-        """The names of a gprim's parts: its subsets, then "" for the faces in none of them."""
+        """Return the names of a gprim's parts: its subsets, then "" for the faces in none of them."""
         source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
         return self._parts(prim, source)[0]
 
     def _parts(self, prim: Usd.Prim, source: Any) -> Partition:
-        """The parts of a gprim by their names, and the part of each face (None: one part).
+        """Return the names of a gprim's parts, and the part of each face (None: there is one part).
 
-        Subsets that bind no materials say more about parts than those that do; of overlapping ones the last counts.
+        Subsets of other families are preferred to those that bind materials. Of overlapping subsets the last counts.
         """
         if source not in self._partitions:
             self._partitions[source] = self._read_parts(prim)
@@ -102,7 +114,7 @@ class MeshTable:
         return (*names, "") if (part_of_face == len(subsets)).any() else names, part_of_face
 
     def area(self, prim: Usd.Prim, matrix: Matrix) -> float:
-        """Of a gprim's triangles, each mapped by a matrix [3, 3] from its own space."""
+        """Return the total area of a gprim's triangles, transformed by a 3x3 matrix, in squared stage units."""
         source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
         surface = self._surface(prim, source, (Binding(-1),), [])
         if surface is None:
@@ -111,7 +123,7 @@ class MeshTable:
         return float(np.linalg.norm(cross(b - a, c - a), axis=1).sum() / 2.0)
 
     def _subsets(self, prim: Usd.Prim, whole: Binding) -> Subsets:
-        """The faces that have a material of their own: by displayColor, or the subsets of the family materialBind."""
+        """Return the faces with a material of their own: by displayColor, or subsets of the family materialBind."""
         found: list[tuple[Binding, NDArray[np.int64]]] = []
         if whole.is_display_color and not whole.primvars.has_more_than_uv:
             found += self._materials.by_element(prim)
@@ -120,7 +132,7 @@ class MeshTable:
         faces = face_count(prim, self._time)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
-                self._report.omission(subset.GetPath(), "a material for anything but faces is not applied")
+                self._report.omission(subset.GetPath(), "a material bound to points or edges is not applied")
                 continue
             indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
             if len(indices) and (indices.min() < 0 or indices.max() >= faces):
@@ -134,7 +146,7 @@ class MeshTable:
     def _surface(
         self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets
     ) -> WeldedMesh | None:
-        """The triangles of a gprim, read once for each prototype and choice of texture coordinates."""
+        """Return a gprim's triangles, read once per prototype and selection of texture coordinates."""
         wanted = tuple(dict.fromkeys(binding.primvars for binding in bindings))
         of_face = None
         key: Any = (source, wanted)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Things with an identity while a stage is read: their parts, and what UsdPhysics says of them."""
+"""StageObjectTable: objects, instances and colliders collected while a stage is traversed, with their physics.
+
+A `StageObject` gathers the meshes of one object and becomes a SceneObject when the traversal ends. Which meshes collide
+is decided by UsdPhysics (`StageObjectTable`).
+"""
 
 from __future__ import annotations
 
@@ -15,16 +19,25 @@ from tiscene.usd.core.time_samples import TransformSamples, tracks_of
 
 @dataclass
 class StageObject:
-    """What becomes one SceneObject once something of it is drawn. labeled: `category` is its own, not inherited.
+    """An object while the stage is read. It becomes a SceneObject once one of its meshes is drawn.
 
-    name_label: what its name says it is. parts: names of its meshes and their subsets. colliders: how many of its
-    meshes are ones. asset: `asset_name`.
+    Attributes:
+        name: name of its prim, with the id in brackets for a point of an instancer.
+        path: path of its prim.
+        category: semantic label, "" for none.
+        is_labeled: whether the label is authored on the object or within it, not inherited from a group.
+        name_label: category derived from its name.
+        asset: name of its asset, "" for none.
+        row: row of the SceneObject; None: not drawn so far.
+        parts: names of its meshes and their subsets.
+        movable: whether it is a rigid body.
+        colliders: number of its meshes that are colliders.
     """
 
     name: str
     path: str
     category: str
-    labeled: bool
+    is_labeled: bool
     name_label: str = ""
     asset: str = ""
     row: int | None = None
@@ -33,101 +46,121 @@ class StageObject:
     colliders: int = 0
 
     @classmethod
-    def of(cls, prim: Usd.Prim, category: str, labeled: bool) -> StageObject:
-        """The thing that a prim is."""
-        return cls(prim.GetName(), str(prim.GetPath()), category, labeled, name_label(prim), asset_name(prim))
+    def of(cls, prim: Usd.Prim, category: str, is_labeled: bool) -> StageObject:
+        """Return a new object for a prim."""
+        return cls(prim.GetName(), str(prim.GetPath()), category, is_labeled, name_label(prim), asset_name(prim))
 
     def add_parts(self, names: tuple[str, ...]) -> int:
-        """The number of the first of some new parts."""
+        """Add parts by their names and return the number of the first one."""
         self.parts += names
         return len(self.parts) - len(names)
 
 
 class StageObjectTable:
-    """Everything drawn, by the thing it is part of.
+    """Drawn meshes and colliders, by the object that they belong to.
 
-    Colliders are decided by the rules of UsdPhysics where a stage has a PhysicsScene: what has an enabled CollisionAPI
-    collides. On other stages that goes for the things that have a collider; all of a thing without one collides.
+    On a stage with a PhysicsScene exactly the prims with an enabled CollisionAPI collide. On other stages that holds
+    for objects with at least one collider; all meshes of an object without any collide.
     """
 
     def __init__(self, stage: Usd.Stage) -> None:
-        self.things: list[StageObject] = []
+        self._objects: list[StageObject] = []
         self._instances: list[tuple[int, StageObject, Matrix, int, bool | None]] = []
-        self._samples: list[TransformSamples | None] = []  # of every instance
+        self._samples: list[TransformSamples | None] = []  # one per instance
         self._colliders: list[tuple[int, StageObject, Matrix, str]] = []
         self._stage = stage
 
     def add(
         self,
-        thing: StageObject,
+        owner: StageObject,
         mesh: int,
         matrix: Matrix,
         names: tuple[str, ...],
         collides: bool | None,
         samples: TransformSamples | None = None,
     ) -> None:
-        """A mesh of a thing. collides: None if no physics is authored on it. samples: where it is over time."""
-        if thing.row is None:
-            thing.row = len(self.things)
-            self.things.append(thing)
-        thing.colliders += collides is True
-        self._instances.append((mesh, thing, matrix, thing.add_parts(names), collides))
+        """Add a drawn mesh of an object.
+
+        Args:
+            owner: the object.
+            mesh: row of the mesh.
+            matrix: float64 4x4, world from mesh, m.
+            names: names of the mesh's parts.
+            collides: whether it is a collider; None: no physics is authored on it.
+            samples: its transform and presence over time; None: static.
+        """
+        if owner.row is None:
+            owner.row = len(self._objects)
+            self._objects.append(owner)
+        owner.colliders += collides is True
+        self._instances.append((mesh, owner, matrix, owner.add_parts(names), collides))
         self._samples.append(samples)
 
-    def add_collider(self, thing: StageObject, mesh: int, matrix: Matrix, path: str) -> None:
-        """A mesh of a thing that is not drawn."""
-        thing.colliders += 1
-        self._colliders.append((mesh, thing, matrix, path))
+    def add_collider(self, owner: StageObject, mesh: int, matrix: Matrix, path: str) -> None:
+        """Add a collider that is not drawn, such as one of purpose "guide".
+
+        Args:
+            owner: the object that it belongs to.
+            mesh: row of the mesh.
+            matrix: float64 4x4, world from mesh, m.
+            path: path of its prim.
+        """
+        owner.colliders += 1
+        self._colliders.append((mesh, owner, matrix, path))
 
     def colliders(self) -> tuple[Collider, ...]:
-        """What is not drawn, in the order in which it was added."""
+        """Return the colliders that are not drawn, in the order of `add_collider`."""
         return tuple(
-            Collider(mesh, -1 if thing.row is None else thing.row, matrix, prim_path=path)
-            for mesh, thing, matrix, path in self._colliders
+            Collider(mesh, -1 if owner.row is None else owner.row, matrix, prim_path=path)
+            for mesh, owner, matrix, path in self._colliders
         )
 
     def tracks(self) -> tuple[InstanceTrack, ...]:
-        """How instances move, come and go by themselves."""
+        """Return the animation of the instances."""
         return tracks_of(self._stage, self._samples)
 
     def instances(self) -> tuple[Instance, ...]:
-        """In the order in which they were added."""
-        strict = any(prim.IsA(UsdPhysics.Scene) for prim in self._stage.Traverse())
+        """Return the instances in the order of `add`."""
+        has_physics_scene = any(prim.IsA(UsdPhysics.Scene) for prim in self._stage.Traverse())
         return tuple(
             Instance(
                 mesh,
-                thing.row or 0,
+                owner.row or 0,
                 matrix,
                 part,
-                bool(collides) if strict or thing.colliders else collides is not False,
+                bool(collides) if has_physics_scene or owner.colliders else collides is not False,
             )
-            for mesh, thing, matrix, part, collides in self._instances
+            for mesh, owner, matrix, part, collides in self._instances
         )
 
     def objects(self, by_name: bool) -> tuple[SceneObject, ...]:
-        """by_name: things without a label have the one that their names say."""
+        """Return the objects.
+
+        Args:
+            by_name: whether the category of an object without a label is derived from its name.
+        """
         return tuple(
             SceneObject(
-                thing.name,
-                thing.path,
-                thing.category or (thing.name_label if by_name else ""),
-                tuple(thing.parts) if len(thing.parts) > 1 else (),
-                thing.movable,
-                thing.asset,
+                each.name,
+                each.path,
+                each.category or (each.name_label if by_name else ""),
+                tuple(each.parts) if len(each.parts) > 1 else (),
+                each.movable,
+                each.asset,
             )
-            for thing in self.things
+            for each in self._objects
         )
 
 
 def collides(prim: Usd.Prim) -> bool | None:
-    """Whether a gprim is an enabled collider; None if it has no CollisionAPI."""
+    """Return whether a gprim is an enabled collider; None if it has no CollisionAPI."""
     if not prim.HasAPI(UsdPhysics.CollisionAPI):
         return None
     return UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is not False
 
 
 def is_rigid_body(prim: Usd.Prim) -> bool:
-    """Whether a prim is an enabled rigid body."""
+    """Return whether a prim is an enabled rigid body."""
     return prim.HasAPI(UsdPhysics.RigidBodyAPI) and (
         UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get() is not False
     )

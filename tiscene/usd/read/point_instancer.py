@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeomPointInstancer: where its points are, and which prototype each one shows."""
+"""UsdGeomPointInstancer: transforms, prototypes and ids of its points, at one time code and over time.
+
+Each point becomes an object of the scene. It is identified by its id, whatever its position in the arrays.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +27,19 @@ _ARRAYS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
-    """A mesh of a prototype. matrix: from the mesh to the prototype's parent, meters. label: what is said of it.
+class PrototypePart:
+    """A mesh of a prototype.
 
-    names: of its parts. collides: whether it is a collider, None if nothing is said. drawn: False for a collider alone.
-    inherited: what of its place changes over time, before `placed` leads on to the prototype's parent.
+    Attributes:
+        mesh: row of the mesh.
+        matrix: float64 4x4 from the mesh to the space of the prototype's parent at the time read, m.
+        label: its semantic label, "" for none.
+        names: names of its parts.
+        collides: whether it is a collider; None: no physics is authored on it.
+        is_drawn: False for a collider that is not drawn.
+        ancestors: animated prims that move or hide it within the prototype.
+        nested_in: float64 4x4 from the prototype's parent to that of the outer prototype, for an instancer within a
+            prototype; None: not nested.
     """
 
     mesh: int
@@ -36,29 +47,32 @@ class Placed:
     label: str
     names: tuple[str, ...]
     collides: bool | None
-    drawn: bool = True
-    inherited: AnimatedAncestors = NOT_ANIMATED
-    placed: Matrix | None = None
+    is_drawn: bool = True
+    ancestors: AnimatedAncestors = NOT_ANIMATED
+    nested_in: Matrix | None = None
 
-    def at(self, time: Usd.TimeCode, meters: float) -> Matrix:
-        """The matrix at a time."""
-        if not self.inherited.movers:
+    def matrix_at(self, time: Usd.TimeCode, meters: float) -> Matrix:
+        """Return `matrix` at another time code."""
+        if not self.ancestors.movers:
             return self.matrix
-        matrix = to_matrix(self.inherited.world(time, Gf.Matrix4d(1.0)), meters)
-        return matrix if self.placed is None else self.placed @ matrix
+        matrix = to_matrix(self.ancestors.world(time, Gf.Matrix4d(1.0)), meters)
+        return matrix if self.nested_in is None else self.nested_in @ matrix
 
-    def within(self, matrix: Matrix) -> Placed:
-        """The same in an instance of the prototype that is itself part of another."""
-        placed = matrix if self.placed is None else matrix @ self.placed
-        return replace(self, matrix=matrix @ self.matrix, placed=placed)
+    def nested(self, matrix: Matrix) -> PrototypePart:
+        """Return this part as a part of an outer prototype, one of whose points has the transform `matrix`."""
+        nested_in = matrix if self.nested_in is None else matrix @ self.nested_in
+        return replace(self, matrix=matrix @ self.matrix, nested_in=nested_in)
 
 
 @dataclass(frozen=True, eq=False)
 class PointInstances:
-    """The visible points of an instancer.
+    """The visible points of an instancer at one time code.
 
-    prototypes: prims. prototype_of_point: int [n]. matrices: float64 [n, 4, 4] to the instancer's space, meters.
-    ids: int64 [n], the authored ids, else the points' positions in the arrays.
+    Attributes:
+        prototypes: its prototypes.
+        prototype_of_point: int64 [n], index into `prototypes`.
+        matrices: float64 [n, 4, 4], from a point to the instancer's space, m.
+        ids: int64 [n], authored ids, else indices into the arrays.
     """
 
     prototypes: Sequence[Usd.Prim]
@@ -70,13 +84,13 @@ class PointInstances:
 def point_instances(
     prim: Usd.Prim, time: Usd.TimeCode, meters_per_unit: float, report: StageReport
 ) -> PointInstances | None:
-    """Read an instancer at a time; None, with a problem reported, if its arrays contradict each other."""
+    """Read an instancer at a time code; None, with a problem reported, if its arrays do not fit each other."""
     instancer = UsdGeom.PointInstancer(prim)
     targets = instancer.GetPrototypesRel().GetForwardedTargets()
     prototypes = [prim.GetStage().GetPrimAtPath(target) for target in targets]
     chosen = array_of(instancer.GetProtoIndicesAttr(), time, np.int64)
     ids = array_of(instancer.GetIdsAttr(), time, np.int64)
-    fault = _fault(instancer, prototypes, targets, chosen, ids, time)
+    fault = _array_fault(instancer, prototypes, targets, chosen, ids, time)
     if fault:
         report.problem(prim.GetPath(), "instancer", fault)
         return None
@@ -92,17 +106,17 @@ def point_instances(
     mask = instancer.ComputeMaskAtTime(time)
     if len(mask) == len(chosen):
         kept = np.asarray(mask, dtype=bool)
-    wrong = kept & ~np.isfinite(matrices).all(axis=(1, 2))
-    if wrong.any():
-        first = int(np.flatnonzero(wrong)[0])
-        text = f"{int(wrong.sum())} points, the first at {first}, have a transform that is not finite"
+    invalid = kept & ~np.isfinite(matrices).all(axis=(1, 2))
+    if invalid.any():
+        first = int(np.flatnonzero(invalid)[0])
+        text = f"{int(invalid.sum())} points, the first at {first}, have a transform that is not finite"
         report.problem(prim.GetPath(), "instancer", text)
         return None
-    with np.errstate(invalid="ignore"):  # of points that are masked
-        flat = kept & (np.abs(np.linalg.det(matrices[:, :3, :3])) <= 0.0)
-    if flat.any():
-        report.omission(prim.GetPath(), "points of a point instancer that are squashed flat are not drawn")
-        kept &= ~flat
+    with np.errstate(invalid="ignore"):  # NaN of masked points
+        singular = kept & (np.abs(np.linalg.det(matrices[:, :3, :3])) <= 0.0)
+    if singular.any():
+        report.omission(prim.GetPath(), "points of a point instancer whose transform is singular are not drawn")
+        kept &= ~singular
     if len(np.unique(ids)) < len(ids):
         report.omission(prim.GetPath(), "ids of a point instancer that are not unique are not used")
         ids = ids[:0]
@@ -111,17 +125,20 @@ def point_instances(
 
 
 def instancer_times(prim: Usd.Prim) -> list[float]:
-    """The time codes at which an instancer's arrays are authored, and those between; none if it never changes."""
+    """Return the time codes of an instancer's samples and the whole ones between them; empty if it never changes."""
     times = {time for name in _ARRAYS for time in prim.GetAttribute(name).GetTimeSamples()}
     return dense_times(times) if len(times) > 1 else []
 
 
 @dataclass(frozen=True, eq=False)
 class PointSamples:
-    """All the points that an instancer ever has, at some times.
+    """All points that an instancer ever has, at some time codes.
 
-    ids: int64 [n]. prototype: int64 [s, n], -1 where a point is not there. matrices: float64 [s, n, 4, 4] to the
-    instancer's space, m; of a point that is not there, those that it had before, or will have first.
+    Attributes:
+        ids: int64 [n].
+        prototype: int64 [s, n], index of the prototype, -1 where a point does not exist.
+        matrices: float64 [s, n, 4, 4], from a point to the instancer's space, m. Where a point does not exist, its
+            last transform before, else its first one after.
     """
 
     ids: NDArray[np.int64]
@@ -129,29 +146,29 @@ class PointSamples:
     matrices: NDArray[np.float64]
 
     @classmethod
-    def of(cls, moments: Sequence[PointInstances]) -> PointSamples:
-        """From what is there at each time; points in the order in which they appear."""
-        every = np.concatenate([np.zeros(0, np.int64), *(moment.ids for moment in moments)])
-        distinct, first = np.unique(every, return_index=True)
+    def of(cls, instances: Sequence[PointInstances]) -> PointSamples:
+        """Return the samples from the visible points at each time code; points are in the order of their appearance."""
+        all_ids = np.concatenate([np.zeros(0, np.int64), *(each.ids for each in instances)])
+        distinct, first = np.unique(all_ids, return_index=True)
         order = np.argsort(first)
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
-        prototype = np.full((len(moments), len(order)), -1, np.int64)
-        matrices = np.zeros((len(moments), len(order), 4, 4))
+        prototype = np.full((len(instances), len(order)), -1, np.int64)
+        matrices = np.zeros((len(instances), len(order), 4, 4))
         known = np.zeros(len(order), bool)
-        for row, moment in enumerate(moments):
+        for row, visible in enumerate(instances):
             if row:
                 matrices[row] = matrices[row - 1]
-            columns = rank[np.searchsorted(distinct, moment.ids)]
-            prototype[row, columns] = moment.prototype_of_point
-            matrices[row, columns] = moment.matrices
-            fresh = columns[~known[columns]]
-            matrices[:row, fresh] = matrices[row, fresh]
+            columns = rank[np.searchsorted(distinct, visible.ids)]
+            prototype[row, columns] = visible.prototype_of_point
+            matrices[row, columns] = visible.matrices
+            new = columns[~known[columns]]
+            matrices[:row, new] = matrices[row, new]
             known[columns] = True
         return cls(distinct[order], prototype, matrices)
 
 
-def _fault(
+def _array_fault(
     instancer: UsdGeom.PointInstancer,
     prototypes: Sequence[Usd.Prim],
     targets: Sequence[Any],
@@ -159,7 +176,7 @@ def _fault(
     ids: NDArray[np.int64],
     time: Usd.TimeCode,
 ) -> str:
-    """What contradicts what; "" for nothing."""
+    """Return which arrays of an instancer do not fit each other, "" if all do."""
     missing = [str(target) for target, prim in zip(targets, prototypes, strict=True) if not prim]
     if missing:
         return f"its prototype <{missing[0]}> does not exist"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeomCamera: apertures and focal length in tenths of a scene unit, distances in scene units."""
+"""UsdGeomCamera: apertures and focal length are in tenths of a scene unit, distances in scene units."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from tiscene.usd.core.transform import unmirrored, unscaled
 from tiscene.usd.geometry.deforming import is_time_varying
 
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
-
-_LENS = (
+_STATIC_ATTRIBUTES = (
     *("projection", "focalLength", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
     *("shutter:open", "shutter:close", *_EXPOSURE_ATTRIBUTES),
 )
@@ -26,15 +25,24 @@ _LENS = (
 def read_camera(
     prim: Usd.Prim, world_from_prim: Matrix, time: Usd.TimeCode, meters_per_unit: float, report: StageReport
 ) -> Camera | None:
-    """A camera; None, with the reason reported, for one that cannot be used.
+    """Read a camera at a time code.
 
-    Without any exposure attribute its exposure is None: the stream meters it.
+    Args:
+        prim: the camera.
+        world_from_prim: float64 4x4, m.
+        time: time code to read at.
+        meters_per_unit: meters per stage unit.
+        report: receives problems and omissions.
+
+    Returns:
+        The camera. Its exposure is None if no exposure attribute is authored: the stream meters it. None, with a
+        problem reported, for an invalid camera.
     """
     path = prim.GetPath()
     camera = UsdGeom.Camera(prim)
-    changing = [name for name in _LENS if is_time_varying(prim.GetAttribute(name))]
-    if changing:
-        report.frozen(path, f"{', '.join(changing)} of a camera")
+    animated = [name for name in _STATIC_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
+    if animated:
+        report.frozen(path, f"{', '.join(animated)} of a camera")
 
     def number(name: str) -> float:
         value = prim.GetAttribute(name).Get(time)
@@ -43,14 +51,14 @@ def read_camera(
     orthographic = camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic
     upright = unmirrored(world_from_prim)
     if upright is not world_from_prim:
-        report.omission(path, "what a mirrored camera sees is not mirrored")
+        report.omission(path, "the image of a mirrored camera is not mirrored")
     pose = unscaled(upright)
     if pose is None:
         report.problem(path, "camera", "its transform is singular or not finite")
         return None
     aperture, focal_length = number("verticalAperture"), number("focalLength")
     if orthographic:
-        focal_length = 1.0  # it means nothing
+        focal_length = 1.0  # unused
     if not (aperture > 0.0 and focal_length > 0.0 and math.isfinite(aperture) and math.isfinite(focal_length)):
         text = f"verticalAperture {aperture} and focalLength {focal_length} must be positive numbers"
         report.problem(path, "camera", text)
@@ -58,39 +66,40 @@ def read_camera(
     for name in ("horizontalApertureOffset", "verticalApertureOffset"):
         if number(name):
             report.omission(path, "a camera's aperture offset is not applied")
-    others: dict[str, Any] = {}
+    optional: dict[str, Any] = {}
     f_stop, focus = number("fStop"), number("focusDistance")
     if orthographic:
-        others["orthographic_height"] = aperture / 10.0 * meters_per_unit
+        optional["orthographic_height"] = aperture / 10.0 * meters_per_unit
     elif f_stop > 0.0 and focus > 0.0:
-        others["lens_radius"] = focal_length / 10.0 * meters_per_unit / (2.0 * f_stop)
+        optional["lens_radius"] = focal_length / 10.0 * meters_per_unit / (2.0 * f_stop)
     if focus > 0.0:
-        others["focus_distance"] = focus * meters_per_unit
+        optional["focus_distance"] = focus * meters_per_unit
     clipping = camera.GetClippingRangeAttr()
     if clipping.HasAuthoredValue():
         near, far = (float(distance) * meters_per_unit for distance in clipping.Get(time))
         if 0.0 < near < far:
-            others.update(near=near, far=far)
+            optional.update(near=near, far=far)
         else:
             report.omission(path, f"a camera's clippingRange of {near:g} to {far:g} m is not used")
-    opens, closes = number("shutter:open"), number("shutter:close")
-    if -1.0 <= opens <= closes <= 1.0:
-        others.update(shutter_open=opens, shutter_close=closes)
+    shutter_open, shutter_close = number("shutter:open"), number("shutter:close")
+    if -1.0 <= shutter_open <= shutter_close <= 1.0:
+        optional.update(shutter_open=shutter_open, shutter_close=shutter_close)
     else:
-        report.omission(path, f"a camera's shutter from {opens:g} to {closes:g} frames is not used: at most -1 to 1")
+        text = f"a camera's shutter from {shutter_open:g} to {shutter_close:g} frames is not used: at most -1 to 1"
+        report.omission(path, text)
     if any(prim.GetAttribute(name).HasAuthoredValue() for name in _EXPOSURE_ATTRIBUTES):
         scale = exposure_scale(*(number(name) for name in _EXPOSURE_ATTRIBUTES))
         if not (scale > 0.0 and math.isfinite(scale)):
             report.problem(path, "camera", f"its exposure attributes scale the image by {scale}")
             return None
-        others["exposure"] = math.log2(scale)
+        optional["exposure"] = math.log2(scale)
     try:
         return Camera(
             position=(float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3])),
             rotation=quaternion_from_matrix(pose[:3, :3]),
             vertical_fov=Camera.vertical_fov if orthographic else 2.0 * math.atan(aperture / (2.0 * focal_length)),
             name=prim.GetName(),
-            **others,
+            **optional,
         )
     except ArgumentError as error:
         report.problem(path, "camera", str(error))
@@ -98,7 +107,7 @@ def read_camera(
 
 
 def exposure_scale(exposure: float, iso: float, time: float, f_stop: float, responsivity: float) -> float:
-    """UsdGeomCamera's linear exposure scale; 1 for its defaults, no finite number for what has none."""
+    """Return UsdGeomCamera's linear exposure scale: 1 for the defaults, NaN or infinity for invalid values."""
     try:
         return responsivity * time * iso / 100.0 * math.exp2(exposure) / (f_stop * f_stop)
     except (OverflowError, ZeroDivisionError):

@@ -19,7 +19,7 @@ from tiscene.usd.core.semantics import asset_name, inherited_label, name_label, 
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time, select_variants
 from tiscene.usd.geometry.skinning import bake_skinning
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
-from tiscene.usd.read.traversal import UNDEFINED_TOO, StageReader, TraversalContext
+from tiscene.usd.read.traversal import ALSO_ABSTRACT, StageReader, TraversalContext
 
 TEMPLATES_PRIM = "/Templates"
 
@@ -101,7 +101,7 @@ def stage_templates(stage: Usd.Stage, report: StageReport, taxonomy: str | None 
     folder = stage.GetPrimAtPath(TEMPLATES_PRIM)
     if not folder or not folder.IsAbstract():
         return ()
-    children = folder.GetFilteredChildren(UNDEFINED_TOO)
+    children = folder.GetFilteredChildren(ALSO_ABSTRACT)
     return tuple(
         template_of(child, display_name(child) or spaced(child.GetName()), report, taxonomy=taxonomy)
         for child in children
@@ -132,7 +132,7 @@ def template_of(
         world = world * Gf.Matrix4d(1.0).SetRotate(turn)
         reader.up_axis = "Y" if up_axis == "Y" else "Z"
     label = name_label(prim) if reader.by_name else inherited_label(prim, time, taxonomy)
-    reader.walk(prim, TraversalContext(world), UNDEFINED_TOO)
+    reader.walk(prim, TraversalContext(world), ALSO_ABSTRACT)
     description = reader.description(name)
     if not description.instances:
         report.problem(prim.GetPath(), "template", "it holds no geometry that would be drawn")
