@@ -27,7 +27,7 @@ from tests.render.tracing import (
     trace_rays,
     untouched,
 )
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.render.intersect import bvh2, bvh8, bvh8_any_hit, trace
 from tiscene.render.intersect.ray_queue import upload_rays
@@ -336,7 +336,7 @@ def test_rays_together_hit_what_each_hits_alone() -> None:
     answers = []
     for together in (False, True):
         hits, ids = untouched(len(rays))
-        trace.closest(scene, CURRENT, upload_rays(rays), queue, len(rays), hits, ids, together=together)
+        trace.closest(scene, CURRENT, upload_rays(rays), queue, len(rays), hits, ids, coherent=together)
         answers.append((hits.to_numpy(), ids.to_numpy()))
     assert 0.1 < (answers[0][1][:, 0] >= 0).mean() < 0.9
     for alone, together in zip(*answers, strict=True):
@@ -348,7 +348,7 @@ def test_one_instance_behind_others(traversal: str) -> None:
     scene, rays, (meshes, placement) = clutter(traversal)
     rays = rays[:600]
     targets = np.arange(600, dtype=np.int32) % 12 * 5
-    result = ti.ndarray(ti.i32, 600)
+    result = device_array(ti.i32, 600)
     queue = upload(np.arange(600, dtype=np.int32))
     trace.occluded_by_instance(scene, CURRENT, upload_rays(rays), queue, upload(targets), 600, result)
     for target in range(0, 60, 5):

@@ -59,16 +59,16 @@ def describe(
         result[18] = s.uv.x
         result[19] = s.uv.y
         result[20] = ti.cast(s.front, ti.f32)
-        result[21] = s.reach
+        result[21] = s.magnitude
 
 
 @ti.kernel
-def offset(point: Floats1, normal: Floats1, reach: ti.f32, direction: Floats1, result: Floats1):
+def offset(point: Floats1, normal: Floats1, magnitude: ti.f32, direction: Floats1, result: Floats1):
     for _ in range(1):
         here = VisibleSurface(
             position=vec3(point[0], point[1], point[2]),
             geometric_normal=vec3(normal[0], normal[1], normal[2]),
-            reach=reach,
+            magnitude=magnitude,
         )
         moved = offset_origin(here, vec3(direction[0], direction[1], direction[2]))
         for c in ti.static(range(3)):

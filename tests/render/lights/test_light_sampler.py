@@ -6,7 +6,7 @@ import pytest
 import taichi as ti
 from scipy import stats
 
-from tests.reference.chi_square import LEAST
+from tests.reference.chi_square import MIN_P_VALUE
 from tiscene.device.kernel_types import Float8s1
 from tiscene.render.lights.importance import weigh_entries
 from tiscene.render.lights.light_sample import LightTables
@@ -206,7 +206,7 @@ def test_choices_follow_their_chances(count, normal):
     assert often.sum() > 0.3 * count
     observed = np.append(counts[often], counts[~often].sum() + 1e-9)
     expected = np.append(expected[often], expected[~often].sum() + 1e-9)
-    assert stats.chisquare(observed, expected).pvalue > LEAST
+    assert stats.chisquare(observed, expected).pvalue > MIN_P_VALUE
 
 
 def test_groups_hold_every_light_once():

@@ -6,7 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
+from tests.reference.chi_square import (
+    MIN_P_VALUE,
+    SPHERE_HIGH,
+    SPHERE_LOW,
+    chi_square,
+    directions_of,
+    sphere_coordinates,
+)
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, render
 from tests.render.shading import Illumination
 from tiscene.scene.camera import quaternion_from_matrix
@@ -99,7 +106,7 @@ def test_directions_follow_their_density(name: str) -> None:
         return light.seen(directions_of(coordinates) @ frame)[:, 0]
 
     low = (max(local[:, 2].min() - 0.02, -1.0), 0.0) if name not in ("dome", "sky") else SPHERE_LOW
-    assert chi_square(sphere_coordinates(local), density, low, SPHERE_HIGH, (12, 24), 48) > LEAST
+    assert chi_square(sphere_coordinates(local), density, low, SPHERE_HIGH, (12, 24), 48) > MIN_P_VALUE
 
 
 @pytest.mark.parametrize("name", FAR)
@@ -123,7 +130,7 @@ def test_directions_to_small_lights_follow_their_density(name: str) -> None:
 
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.02 * (high - low)
-    assert chi_square(points, density, tuple(low - margin), tuple(high + margin), (12, 12), 48) > LEAST
+    assert chi_square(points, density, tuple(low - margin), tuple(high + margin), (12, 12), 48) > MIN_P_VALUE
 
 
 @pytest.mark.parametrize("name", [name for name in LIGHTS if name not in DELTA])

@@ -8,7 +8,7 @@ import pytest
 import taichi as ti
 
 from tests.benchmarks.room import static_placement
-from tests.reference.chi_square import LEAST, chi_square
+from tests.reference.chi_square import MIN_P_VALUE, chi_square
 from tests.reference.ray_casting import cast
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
 from tiscene.device.kernel_types import Float8s1, Floats3
@@ -251,4 +251,4 @@ def test_directions_to_a_mesh_follow_their_density(matrix: np.ndarray) -> None:
         return density(towards / length[:, None]) / length**3
 
     low, high = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
-    assert chi_square(points, projected, tuple(low), tuple(high), (8, 8), 48) > LEAST
+    assert chi_square(points, projected, tuple(low), tuple(high), (8, 8), 48) > MIN_P_VALUE

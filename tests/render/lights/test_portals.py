@@ -6,7 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
+from tests.reference.chi_square import (
+    MIN_P_VALUE,
+    SPHERE_HIGH,
+    SPHERE_LOW,
+    chi_square,
+    directions_of,
+    sphere_coordinates,
+)
 from tests.render.lights.test_lights import BRIGHT, SKY, placed
 from tests.render.path_scenes import described, device_scene, matte, quad, render
 from tests.render.shading import Illumination
@@ -61,7 +68,7 @@ def test_directions_follow_their_density(name: str, image: Texture) -> None:
         return light.seen(directions_of(coordinates))[:, 0]
 
     coordinates = sphere_coordinates(directions.astype(np.float64))
-    assert chi_square(coordinates, density, SPHERE_LOW, SPHERE_HIGH, (12, 24), 96) > LEAST
+    assert chi_square(coordinates, density, SPHERE_LOW, SPHERE_HIGH, (12, 24), 96) > MIN_P_VALUE
 
 
 @pytest.mark.parametrize("portals", [*SETS.values(), (FAR,), (FAR, LEFT)])

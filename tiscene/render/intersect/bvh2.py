@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Traversal of the binary layout: two boxes, one triangle at a time, all scalar; for a GPU. The method is wide.py's."""
+"""Closest hits and occlusion in a binary BVH, all scalar: two boxes, one triangle at a time (GPU).
+
+The tests are those of `bvh8`, operation for operation.
+"""
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id, ray_direction, ray_origin
 
-STACK = 72  # a BLAS needs 48 entries at most, a TLAS 24 (scene/bvh.py)
+STACK = 72  # a BLAS needs at most 48 entries, a TLAS 24 (tiscene.scene.bvh.workspace)
 SLACK = 1.000002
 INFINITY = ti.math.inf
 LARGEST = 3e38
@@ -14,13 +17,13 @@ LARGEST = 3e38
 
 @ti.func
 def reciprocal(d: Template):
-    """1 / d by component, finite also for 0, so that 0 * infinity does not arise."""
+    """Return 1 / d by component, finite for 0, so that 0 * infinity does not occur."""
     return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
 
 
 @ti.func
-def enter_box(nodes: Template, node: ti.i32, at: Template, origin, inverse, best: ti.f32) -> ti.f32:
-    """Distance at which a ray enters the box at column `at` of a node, infinity if it does not."""
+def intersect_box(nodes: Template, node: ti.i32, at: Template, origin, inverse, best: ti.f32) -> ti.f32:
+    """Return the distance at which a ray enters the box at column `at` of a node, +inf for a miss."""
     low = (vec3(nodes[node, at], nodes[node, at + 1], nodes[node, at + 2]) - origin) * inverse
     high = (vec3(nodes[node, at + 3], nodes[node, at + 4], nodes[node, at + 5]) - origin) * inverse
     near = ti.max(ti.min(low, high).max(), 0.0)
@@ -29,8 +32,8 @@ def enter_box(nodes: Template, node: ti.i32, at: Template, origin, inverse, best
 
 
 @ti.func
-def hit_triangle(rows: Template, at: ti.i32, o, k, sheared):
-    """Distance (infinity for a miss) and barycentrics b1, b2; the operations of bvh8.intersect_leaf_block."""
+def intersect_triangle(rows: Template, at: ti.i32, o, k, sheared):
+    """Return (distance, +inf for a miss; barycentrics b1, b2); the operations of `bvh8.intersect_leaf_block`."""
     ax = rows[at, k[0]] - o.x
     ay = rows[at, k[1]] - o.y
     az = rows[at, k[2]] - o.z
@@ -48,15 +51,15 @@ def hit_triangle(rows: Template, at: ti.i32, o, k, sheared):
     determinant = u + v + w
     scale = 1.0 / determinant
     z = (u * az + v * bz + w * cz) * scale
-    within = INFINITY
+    valid_t = INFINITY
     if determinant != 0.0 and (ti.min(u, v, w) >= 0.0 or ti.max(u, v, w) <= 0.0):
-        within = z * sheared.z
-    return ti.select(within > 0.0, within, INFINITY), v * scale, w * scale
+        valid_t = z * sheared.z
+    return ti.select(valid_t > 0.0, valid_t, INFINITY), v * scale, w * scale
 
 
 @ti.func
 def shear(o, d):
-    """Origin with the axes in cyclic order and the direction's largest last, which axes these are, and the shear."""
+    """Return (origin with its axes in cyclic order and the direction's largest last, these axes, shear); see `bvh8`."""
     k = ti.Vector([0, 1, 2])
     if ti.abs(d.x) > ti.max(ti.abs(d.y), ti.abs(d.z)):
         k = ti.Vector([1, 2, 0])
@@ -68,7 +71,7 @@ def shear(o, d):
 
 @ti.func
 def affine(transforms: Template, time: ti.i32, row: ti.i32, v, w: ti.f32):
-    """A transformed point (w = 1) or direction (w = 0)."""
+    """Transform a point (w = 1) or direction (w = 0) to the object space of an instance."""
     result = vec3(0.0)
     for i in ti.static(range(3)):
         at = ti.static(4 * i)
@@ -90,25 +93,28 @@ def trace(
     ray: ti.i32,
     any_hit: Template,
 ):
-    """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
+    """Find the closest hit of one ray, or any; see `bvh8.trace`.
 
-    only: the row of the one instance to test, -1 for all. any_hit (static): stop at the first hit found.
+    only: row of the one instance to test; -1 for all. any_hit: static; stop at the first hit found.
+
+    Returns:
+        (distance, b1, b2, instance row or -1 for a miss, triangle).
     """
     world_origin = ray_origin(rays, ray)
     world_direction = ray_direction(rays, ray)
-    best = ti.min(rays[ray][7], LARGEST)  # below infinity, which is a miss
+    best = ti.min(rays[ray][7], LARGEST)  # finite: +inf is a miss
     b1 = 0.0
     b2 = 0.0
     hit_instance = -1
-    hit_row = -1
+    hit_triangle = -1
     origin = world_origin
     direction = world_direction
     inverse = reciprocal(direction)
     cyclic, axes, sheared = origin, ti.Vector([0, 1, 2]), direction  # set on entering an instance
     references = ti.Vector([0] * STACK)
     distances = ti.Vector([0.0] * STACK)
-    waiting = 0
-    floor = -1  # waiting entries below it belong to the TLAS; -1 while in the TLAS
+    stack_size = 0
+    blas_base = -1  # stack entries below it are of the TLAS; -1 while in the TLAS
     instance = -1
     current = root
     if only >= 0:
@@ -117,61 +123,61 @@ def trace(
     while searching:
         pop = False
         while current >= 0 and not pop:
-            left = enter_box(nodes, current, 0, origin, inverse, best)
-            right = enter_box(nodes, current, 6, origin, inverse, best)
+            left = intersect_box(nodes, current, 0, origin, inverse, best)
+            right = intersect_box(nodes, current, 6, origin, inverse, best)
             near = ti.bit_cast(nodes[current, 12], ti.i32)
             far = ti.bit_cast(nodes[current, 13], ti.i32)
             if right < left:
                 near, far = far, near
                 left, right = right, left
             if right < INFINITY:
-                references[waiting] = far
-                distances[waiting] = right
-                waiting += 1
+                references[stack_size] = far
+                distances[stack_size] = right
+                stack_size += 1
             current = near
             pop = left == INFINITY
         if not pop:
-            if floor < 0:
+            if blas_base < 0:
                 instance = (-1 - current) // 4
                 origin = affine(transforms, time, instance, world_origin, 1.0)
                 direction = affine(transforms, time, instance, world_direction, 0.0)
                 inverse = reciprocal(direction)
                 cyclic, axes, sheared = shear(origin, direction)
-                floor = waiting
+                blas_base = stack_size
                 current = instances[instance, 0]
             else:
                 code = -1 - current
                 for row in range(code // 4, code // 4 + code % 4 + 1):
-                    t, u, v = hit_triangle(leaf_blocks, row, cyclic, axes, sheared)
+                    t, u, v = intersect_triangle(leaf_blocks, row, cyclic, axes, sheared)
                     if t <= best:
                         triangle = ti.bit_cast(leaf_blocks[row, 3], ti.i32)
                         wins = t < best
                         if not wins:
                             wins = instance < hit_instance
                             if instance == hit_instance:
-                                wins = triangle < hit_row
+                                wins = triangle < hit_triangle
                         if wins:
                             best = t
                             b1 = u
                             b2 = v
                             hit_instance = instance
-                            hit_row = triangle
+                            hit_triangle = triangle
                 if ti.static(any_hit):
                     searching = hit_instance < 0
                 pop = True
         while pop and searching:
-            if waiting == floor:
-                floor = -1
+            if stack_size == blas_base:
+                blas_base = -1
                 origin = world_origin
                 direction = world_direction
                 inverse = reciprocal(direction)
-            if waiting == 0:
+            if stack_size == 0:
                 searching = False
             else:
-                waiting -= 1
-                current = references[waiting]
-                pop = distances[waiting] > best * SLACK
-    return best, b1, b2, hit_instance, hit_row
+                stack_size -= 1
+                current = references[stack_size]
+                pop = distances[stack_size] > best * SLACK
+    return best, b1, b2, hit_instance, hit_triangle
 
 
 @ti.kernel
@@ -188,6 +194,7 @@ def closest(
     hits: Hits,
     hit_ids: HitIds,
 ):
+    """Find the closest hits of rays; parameters as `trace.closest`."""
     ti.loop_config(block_dim=256)
     for i in range(count):
         ray = queue[i]
@@ -215,6 +222,7 @@ def occluded(
     targeted: ti.i32,
     result: Ints1,
 ):
+    """Test rays for occlusion; parameters as `trace.occluded` and `occluded_by_instance`; targeted: use `targets`."""
     ti.loop_config(block_dim=256)
     for i in range(count):
         ray = queue[i]

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Traversal of the wide layout: a ray against eight boxes, or four triangles, at once. Compiled in vector mode only.
+"""Closest hits in an 8-wide BVH: one ray against eight boxes, or four triangles, with SIMD vectors (CPU).
 
-Boxes are tested by slabs as (plane - origin) / direction, whose relative error is bounded, and the far side is moved
-out by more than that error: what a box holds is never lost to rounding (Ize 2013). Triangles are tested watertight
-(Woop, Benthin and Wald 2013): two triangles with a common edge compute the same about it, so no ray is between them.
+Boxes: slab test (plane - origin) / direction, with far planes enlarged by more than the rounding error, so that no hit
+is lost (Ize, "Robust BVH Ray Traversal", 2013). Triangles: watertight test (Woop, Benthin and Wald 2013); triangles
+with a common edge compute the same edge function, so that no ray passes between them.
+
+Compiled in vector mode only (`tiscene.device.vector_mode`).
 """
 
 import taichi as ti
@@ -12,42 +14,43 @@ from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
 from tiscene.scene.bvh.rebraid import INFO_PARTS, ROW_BITS, ROW_MASK
 
-BLOCK = 32  # rays of one thread that share a stack: Taichi clears it where it is made
-MANY = 1 << 11  # Taichi gives a thread 512 turns of a loop at least
-STACK = 112  # a BLAS and a TLAS need 56 entries each at most (scene/bvh.py)
-SLACK = 1.000002  # far planes and t_max are moved out by this
+TASK_RAYS = 32  # rays of one task, which share a stack: Taichi clears it where it is declared
+MIN_TASKS = 1 << 11  # Taichi schedules at least 512 iterations of a loop per thread
+STACK = 112  # a BLAS and a TLAS need at most 56 entries each (tiscene.scene.bvh.workspace)
+SLACK = 1.000002  # factor of far planes and t_max
 INFINITY = ti.math.inf
 LARGEST = 3e38
 
 
 @ti.func
-def larger(a, b):
-    """One instruction; `ti.max` takes two more for what it promises about undefined numbers."""
+def fast_max(a, b):
+    """Return the maximum in one instruction; `ti.max` takes two more for its handling of NaN."""
     return ti.select(a > b, a, b)
 
 
 @ti.func
-def smaller(a, b):
+def fast_min(a, b):
+    """Return the minimum in one instruction."""
     return ti.select(a < b, a, b)
 
 
 @ti.func
-def bits_of(condition) -> ti.i32:
-    """A bit for each of eight numbers for which a comparison holds, the first the lowest."""
+def mask_bits(condition) -> ti.i32:
+    """Return an 8-bit mask of the lanes in which a comparison holds; lane 0 is the lowest bit."""
     bits = ti.select(condition, int8([1, 2, 4, 8, 16, 32, 64, 128]), int8(0))
     return bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]
 
 
 @ti.func
 def entry_column(entered: ti.i32) -> ti.i32:
-    """Which column of an instance's row says where to enter what a leaf of the tree over instances names."""
+    """Return the column of `instances` with the BLAS node at which the reference in a TLAS leaf enters."""
     part = entered >> ROW_BITS
     return ti.select(part > 0, INFO_PARTS - 1 + part, 0)
 
 
 @ti.func
 def reciprocal(d: ti.f32) -> ti.f32:
-    """1 / d, finite also for d = 0, so that 0 * infinity does not arise."""
+    """Return 1 / d, finite for d = 0, so that 0 * infinity does not occur."""
     return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
 
 
@@ -55,10 +58,18 @@ def reciprocal(d: ti.f32) -> ti.f32:
 def intersect_leaf_block(
     leaf_blocks: Template, at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz
 ):
-    """Distances (infinity for a miss) and barycentrics b1, b2 of the four triangles of a leaf block.
+    """Intersect the four triangles of a leaf block.
 
-    Vertices are sheared so that the ray is the z axis; ox, oy, oz, kx, ky, kz, shx, shy, shz as `shear` says. Without
-    an area, seen along the ray, the determinant is 0 and t undefined: a miss.
+    Vertices are sheared so that the ray is the z axis. For a triangle without area along the ray the determinant is 0
+    and t undefined: a miss.
+
+    Args:
+        leaf_blocks: Rows of four lanes: nine of vertex coordinates, one of triangle numbers.
+        at: First row of the block.
+        ox ... shz: The ray, as `shear` returns it.
+
+    Returns:
+        (distances, +inf for a miss; barycentrics b1; b2), four lanes each.
     """
     ax = leaf_blocks[at + kx] - ox
     ay = leaf_blocks[at + ky] - oy
@@ -76,18 +87,18 @@ def intersect_leaf_block(
     w = fx * ey - fy * ex
     determinant = u + v + w
     scale = 1.0 / determinant
-    # Of the vertices' distances, so that rounding keeps it between them. That to the plane is no more exact where a
-    # triangle is wide, and dearer: that rays start far enough off a wide surface is what `reach` in surface.py is for.
+    # Interpolated from the vertices' distances, so that rounding keeps z between them. The distance to the plane is no
+    # more exact for large triangles, and slower; `surface_interaction.offset_origin` allows for the error.
     z = (u * az + v * bz + w * cz) * scale
-    t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, float4(INFINITY))
-    within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, float4(INFINITY))
-    within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
-    return ti.select(within > 0.0, within, float4(INFINITY)), v * scale, w * scale
+    t = ti.select(fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, float4(INFINITY))
+    valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, float4(INFINITY))
+    valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
+    return ti.select(valid_t > 0.0, valid_t, float4(INFINITY)), v * scale, w * scale
 
 
 @ti.func
 def slabs(dx: ti.f32, dy: ti.f32, dz: ti.f32):
-    """What a box test needs of a direction: reciprocals for the near and the far planes, rows of the near planes."""
+    """Prepare slab tests: return reciprocals of a direction for near planes and far planes, and rows of near planes."""
     ix = reciprocal(dx)
     iy = reciprocal(dy)
     iz = reciprocal(dz)
@@ -99,8 +110,12 @@ def slabs(dx: ti.f32, dy: ti.f32, dz: ti.f32):
 
 @ti.func
 def shear(ox: ti.f32, oy: ti.f32, oz: ti.f32, dx: ti.f32, dy: ti.f32, dz: ti.f32):
-    """What a triangle test needs of a ray: its origin with the axes in cyclic order and the direction's largest last,
-    which axes these are, and the shear: x and y of the direction over its z, and 1 over its z."""
+    """Prepare triangle tests of a ray.
+
+    Returns:
+        (the origin with its axes in cyclic order and the direction's largest last; these three axes; the shear: x and y
+        of the direction over its z, and 1 / z).
+    """
     px, py, pz, qx, qy, qz = ox, oy, oz, dx, dy, dz
     kx, ky, kz = 0, 1, 2
     if ti.abs(dx) > ti.max(ti.abs(dy), ti.abs(dz)):
@@ -115,7 +130,7 @@ def shear(ox: ti.f32, oy: ti.f32, oz: ti.f32, dx: ti.f32, dy: ti.f32, dz: ti.f32
 
 @ti.func
 def into_instance(transforms: Template, time: ti.i32, row: ti.i32, ox, oy, oz, dx, dy, dz):
-    """Origin and direction in the space of an instance; t stays what it is."""
+    """Transform origin and direction to the object space of an instance; distances t remain the same."""
     m0 = transforms[time, row, 0]
     m1 = transforms[time, row, 1]
     m2 = transforms[time, row, 2]
@@ -151,9 +166,22 @@ def trace(
     references: Template,
     distances: Template,
 ):
-    """The first thing that a ray hits: distance, b1, b2, instance row (-1 for none), triangle.
+    """Find the closest hit of one ray.
 
-    references, distances: room for the STACK of what waits; whatever is in it.
+    Args:
+        nodes: Nodes of all trees.
+        leaf_blocks: Triangles of all trees.
+        transforms: [time, instance, 12], instance_from_world.
+        instances: BLAS entries of the instances.
+        time: Of `transforms`.
+        root: First node of the TLAS.
+        rays: Rays.
+        ray: Row of the ray.
+        references: Local vector of STACK integers, the traversal stack; need not be initialized.
+        distances: Local vector of STACK floats, likewise.
+
+    Returns:
+        (distance, b1, b2, instance row or -1 for a miss, triangle). Ties go to the lower (instance, triangle).
     """
     wox = rays[ray][0]
     woy = rays[ray][1]
@@ -161,7 +189,7 @@ def trace(
     wdx = rays[ray][4]
     wdy = rays[ray][5]
     wdz = rays[ray][6]
-    best = ti.min(rays[ray][7], LARGEST)  # below infinity, which is a miss
+    best = ti.min(rays[ray][7], LARGEST)  # finite: +inf is a miss
     bound = best * SLACK
     b1 = 0.0
     b2 = 0.0
@@ -175,8 +203,8 @@ def trace(
     dz = wdz
     ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
     px, py, pz, kx, ky, kz, shx, shy, shz = ox, oy, oz, 0, 1, 2, dx, dy, dz  # set on entering an instance
-    waiting = 0
-    floor = -1  # waiting entries below it belong to the TLAS; -1 while in the TLAS
+    stack_size = 0
+    blas_base = -1  # stack entries below it are of the TLAS; -1 while in the TLAS
     instance = -1
     current = root
     searching = True
@@ -184,13 +212,13 @@ def trace(
         pop = False
         while current >= 0 and not pop:
             node = current
-            near = larger(
-                larger((nodes[node + near_x] - ox) * ix, (nodes[node + near_y] - oy) * iy),
-                larger((nodes[node + near_z] - oz) * iz, float8(0.0)),
+            near = fast_max(
+                fast_max((nodes[node + near_x] - ox) * ix, (nodes[node + near_y] - oy) * iy),
+                fast_max((nodes[node + near_z] - oz) * iz, float8(0.0)),
             )
-            far = smaller(
-                smaller((nodes[node + 3 - near_x] - ox) * fx, (nodes[node + 5 - near_y] - oy) * fy),
-                smaller((nodes[node + 7 - near_z] - oz) * fz, float8(bound)),
+            far = fast_min(
+                fast_min((nodes[node + 3 - near_x] - ox) * fx, (nodes[node + 5 - near_y] - oy) * fy),
+                fast_min((nodes[node + 7 - near_z] - oz) * fz, float8(bound)),
             )
             entry = ti.select(near <= far, near, float8(INFINITY))
             nearest = INFINITY
@@ -201,44 +229,46 @@ def trace(
                     child = ti.bit_cast(nodes[node + 6][k], ti.i32)
                     if found:
                         closer = distance < nearest
-                        other = ti.select(closer, current, child)
+                        farther = ti.select(closer, current, child)
                         current = ti.select(closer, child, current)
-                        distances[waiting] = ti.select(closer, nearest, distance)
+                        distances[stack_size] = ti.select(closer, nearest, distance)
                         nearest = ti.select(closer, distance, nearest)
-                        references[waiting] = other  # last: LLVM makes camera rays 7 % slower of it else
-                        waiting += 1
+                        references[stack_size] = (
+                            farther  # stored last: any other order makes camera rays 7 % slower with LLVM
+                        )
+                        stack_size += 1
                     else:
                         current = child
                         nearest = distance
                         found = True
             pop = not found
         if not pop:
-            if floor < 0:
+            if blas_base < 0:
                 entered = -1 - current
                 instance = entered & ROW_MASK
                 ox, oy, oz, dx, dy, dz = into_instance(transforms, time, instance, wox, woy, woz, wdx, wdy, wdz)
                 ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
                 px, py, pz, kx, ky, kz, shx, shy, shz = shear(ox, oy, oz, dx, dy, dz)
-                floor = waiting
+                blas_base = stack_size
                 current = instances[instance, entry_column(entered)]
             else:
                 at = -1 - current
                 t, u, v = intersect_leaf_block(leaf_blocks, at, px, py, pz, kx, ky, kz, shx, shy, shz)
-                least = smaller(smaller(t[0], t[1]), smaller(t[2], t[3]))
-                if least <= best:
+                t_min = fast_min(fast_min(t[0], t[1]), fast_min(t[2], t[3]))
+                if t_min <= best:
                     number, u_hit, v_hit = leaf_blocks[at + 9][3], u[3], v[3]
-                    for k in ti.static((2, 1, 0)):  # the first of equals stays
-                        number = ti.select(t[k] == least, leaf_blocks[at + 9][k], number)
-                        u_hit = ti.select(t[k] == least, u[k], u_hit)
-                        v_hit = ti.select(t[k] == least, v[k], v_hit)
+                    for k in ti.static((2, 1, 0)):  # of equal distances, the first lane wins
+                        number = ti.select(t[k] == t_min, leaf_blocks[at + 9][k], number)
+                        u_hit = ti.select(t[k] == t_min, u[k], u_hit)
+                        v_hit = ti.select(t[k] == t_min, v[k], v_hit)
                     triangle = ti.bit_cast(number, ti.i32)
-                    wins = least < best
+                    wins = t_min < best
                     if not wins:
                         wins = instance < hit_instance
                         if instance == hit_instance:
                             wins = triangle < hit_triangle
                     if wins:
-                        best = least
+                        best = t_min
                         bound = best * SLACK
                         b1 = u_hit
                         b2 = v_hit
@@ -246,8 +276,8 @@ def trace(
                         hit_triangle = triangle
                 pop = True
         while pop and searching:
-            if waiting == floor:
-                floor = -1
+            if stack_size == blas_base:
+                blas_base = -1
                 ox = wox
                 oy = woy
                 oz = woz
@@ -255,12 +285,12 @@ def trace(
                 dy = wdy
                 dz = wdz
                 ix, iy, iz, fx, fy, fz, near_x, near_y, near_z = slabs(dx, dy, dz)
-            if waiting == 0:
+            if stack_size == 0:
                 searching = False
             else:
-                waiting -= 1
-                if distances[waiting] <= bound:
-                    current = references[waiting]
+                stack_size -= 1
+                if distances[stack_size] <= bound:
+                    current = references[stack_size]
                     pop = False
     return best, b1, b2, hit_instance, hit_triangle
 
@@ -279,11 +309,12 @@ def closest(
     hits: Hits,
     hit_ids: HitIds,
 ):
-    size = ti.math.clamp(count // MANY, 1, BLOCK)
-    for block in range((count + size - 1) // size):
+    """Find the closest hits of rays; parameters as `trace.closest`."""
+    size = ti.math.clamp(count // MIN_TASKS, 1, TASK_RAYS)
+    for task in range((count + size - 1) // size):
         references = ti.Vector([0] * STACK)
         distances = ti.Vector([0.0] * STACK)
-        for i in range(block * size, ti.min(count, (block + 1) * size)):
+        for i in range(task * size, ti.min(count, (task + 1) * size)):
             ray = queue[i]
             t, b1, b2, instance, triangle = trace(
                 nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances

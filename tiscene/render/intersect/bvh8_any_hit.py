@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any hit in the wide layout: several rays of a thread take turns. Compiled in vector mode only.
+"""Occlusion rays in the 8-wide BVH: four rays per thread are interleaved, with branch-free steps (CPU).
 
-Where one ray goes next a processor must guess at each node, and half of a ray's time goes into wrong guesses. Here a
-step has no branch: the children of a node that a ray enters become the bits of a number, a group, on top of the ray's
-stack, and the next child is the lowest bit of the topmost group, be it new or old. While one ray waits for that the
-others take their steps. What is no node, a leaf or an end, is seen to ray by ray, after a step of each.
+Traversal mispredicts about one branch a node, which is half of a ray's time. Here a step has no branch: the mask of the
+children that a ray enters is pushed on its stack, and the next child is the lowest bit of the topmost mask, whether new
+or old. The latency of one ray's step hides behind the other rays' steps. Leaves and the ends of trees are processed one
+ray at a time, after each round of steps.
+
+Compiled in vector mode only.
 """
 
 import taichi as ti
@@ -12,44 +14,45 @@ import taichi as ti
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
 from tiscene.render.intersect.bvh8 import (
     LARGEST,
-    MANY,
+    MIN_TASKS,
     SLACK,
     STACK,
-    bits_of,
     entry_column,
+    fast_max,
+    fast_min,
     intersect_leaf_block,
     into_instance,
-    larger,
+    mask_bits,
     reciprocal,
     shear,
-    smaller,
 )
 from tiscene.render.intersect.ray_queue import Rays
 from tiscene.scene.bvh.layout_kernels import END_OF_INSTANCE, END_OF_RAY, GUARD_NODE, MOST_NODES
 from tiscene.scene.bvh.rebraid import ROW_MASK
 
-RAYS = 4  # of a thread under way: with three or six less is gained
-BLOCK = 256  # rays of one thread in a row: at the end of a block some have no turn
+RAYS = 4  # interleaved rays of a thread; three and six are slower
+TASK_RAYS = 256  # rays of one task; at its end some of the interleaved rays are idle
 
-# Groups: a node's first row * 32 + a bit for each child that is still to be visited. A tree's levels have one each at
-# most; at the bottom, and where an instance is entered, one of the guard node, whose children are ends. One more is
-# written and not kept where a node has no children.
+# Stack entries, called groups: first row of a node * 32 + mask of the children still to be visited. Each level of a
+# tree has at most one. At the bottom, and where an instance is entered, is one of the guard node, whose children are
+# end marks. One more entry is written, and not kept, for a node without children to visit.
 GROUPS = STACK + 3
-LAST = GUARD_NODE * 256 + 2
-LEAVE = GUARD_NODE * 256 + 1
-NODE_MASK = 8 * (MOST_NODES - 1)  # a number known to be positive is part of an address as it is
+RAY_END_GROUP = GUARD_NODE * 256 + 2
+INSTANCE_END_GROUP = GUARD_NODE * 256 + 1
+NODE_MASK = 8 * (MOST_NODES - 1)  # tells LLVM that the number is positive, which saves an instruction per address
 
-# Of each ray, floats: origin and reciprocal direction in the space of the tree it is in, t_max, what `shear` says of it
-# in the instance; in the world its origin, direction and reciprocal direction.
+# Floats of each ray: origin and reciprocal direction in the space of the current tree, t_max, results of `shear` in the
+# instance, origin, direction and reciprocal direction in world space.
 ORIGIN, INVERSE, T_MAX, CYCLIC, SHEARED, WORLD_ORIGIN, WORLD_DIRECTION, WORLD_INVERSE = 0, 3, 6, 7, 10, 13, 16, 19
 FLOATS = 24
-# Integers: the next child, where its topmost group is, axes as `shear` says, its row, the instance; -1 for none.
+# Integers of each ray: next child, index of its topmost group, axes of `shear`, row of the ray, instance or -1.
 NEXT, TOP, AXES, RAY, INSTANCE = 0, 1, 2, 5, 6
 INTS = 8
 
 
 @ti.func
-def put(array: Template, at: ti.i32, x, y, z):
+def store3(array: Template, at: ti.i32, x, y, z):
+    """Store three consecutive numbers."""
     array[at] = x
     array[at + 1] = y
     array[at + 2] = z
@@ -57,13 +60,13 @@ def put(array: Template, at: ti.i32, x, y, z):
 
 @ti.func
 def next_child(nodes: Template, groups: Template, top: ti.i32):
-    """Take the lowest child out of the group at `top`: its reference, and where the topmost group is then."""
+    """Pop the lowest child of the group at `top`; returns (its reference, index of the topmost group afterwards)."""
     group = groups[top]
     bit = group & (256 - group) & 255
-    others = group ^ bit
-    groups[top] = others
+    remaining = group ^ bit
+    groups[top] = remaining
     child = ti.bit_cast(nodes[((group >> 5) & NODE_MASK) + 6][ti.math.popcnt(bit - 1)], ti.i32)
-    return child, top - ti.select((others & 255) == 0, 1, 0)
+    return child, top - ti.select((remaining & 255) == 0, 1, 0)
 
 
 @ti.kernel
@@ -81,20 +84,21 @@ def occluded(
     targeted: ti.i32,
     result: Ints1,
 ):
-    size = ti.math.clamp(count // MANY, 1, BLOCK)
-    for block in range((count + size - 1) // size):
+    """Test rays for occlusion; parameters as `trace.occluded` and `occluded_by_instance`; targeted: use `targets`."""
+    size = ti.math.clamp(count // MIN_TASKS, 1, TASK_RAYS)
+    for task in range((count + size - 1) // size):
         groups = ti.Vector([0] * (RAYS * GROUPS))
         floats = ti.Vector([1.0] * (RAYS * FLOATS))
-        ints = ti.Vector([0] * (RAYS * INTS))  # each begins at the empty node, and then ends
+        ints = ti.Vector([0] * (RAYS * INTS))  # each ray starts at the empty node, then ends
         for r in ti.static(range(RAYS)):
-            groups[r * GROUPS] = LAST
+            groups[r * GROUPS] = RAY_END_GROUP
             ints[r * INTS + TOP] = r * GROUPS
             ints[r * INTS + RAY] = -1
             ints[r * INTS + INSTANCE] = -1
-        i = block * size
-        last = ti.min(count, i + size)
-        under_way = RAYS
-        while under_way > 0:
+        i = task * size
+        end = ti.min(count, i + size)
+        active_rays = RAYS
+        while active_rays > 0:
             for r in ti.static(range(RAYS)):
                 f = ti.static(r * FLOATS)
                 n = ti.static(r * INTS)
@@ -106,15 +110,15 @@ def occluded(
                 high_y = (nodes[node + 4] - floats[f + ORIGIN + 1]) * floats[f + INVERSE + 1]
                 low_z = (nodes[node + 2] - floats[f + ORIGIN + 2]) * floats[f + INVERSE + 2]
                 high_z = (nodes[node + 5] - floats[f + ORIGIN + 2]) * floats[f + INVERSE + 2]
-                near = larger(
-                    larger(smaller(low_x, high_x), smaller(low_y, high_y)),
-                    larger(smaller(low_z, high_z), float8(0.0)),
+                near = fast_max(
+                    fast_max(fast_min(low_x, high_x), fast_min(low_y, high_y)),
+                    fast_max(fast_min(low_z, high_z), float8(0.0)),
                 )
-                far = smaller(
-                    smaller(larger(low_x, high_x), larger(low_y, high_y)),
-                    smaller(larger(low_z, high_z), smaller(nodes[node + 7], float8(floats[f + T_MAX]))),
+                far = fast_min(
+                    fast_min(fast_max(low_x, high_x), fast_max(low_y, high_y)),
+                    fast_min(fast_max(low_z, high_z), fast_min(nodes[node + 7], float8(floats[f + T_MAX]))),
                 )
-                children = bits_of(near <= far * SLACK)
+                children = mask_bits(near <= far * SLACK)
                 groups[top + 1] = node * 32 + children
                 top += ti.select(children > 0, 1, 0)
                 child, top = next_child(nodes, groups, top)
@@ -125,15 +129,15 @@ def occluded(
                 n = r * INTS
                 child = ints[n + NEXT]
                 while child < 0:
-                    ends = child == END_OF_RAY
-                    going_on = False
+                    is_done = child == END_OF_RAY
+                    continues = False
                     if child == END_OF_INSTANCE:
                         for c in ti.static(range(3)):
                             floats[f + ORIGIN + c] = floats[f + WORLD_ORIGIN + c]
                             floats[f + INVERSE + c] = floats[f + WORLD_INVERSE + c]
                         ints[n + INSTANCE] = -1
-                        going_on = True
-                    elif not ends:
+                        continues = True
+                    elif not is_done:
                         if ints[n + INSTANCE] < 0:
                             entered = -1 - child
                             instance = entered & ROW_MASK
@@ -149,14 +153,14 @@ def occluded(
                                 floats[f + WORLD_DIRECTION + 2],
                             )
                             px, py, pz, kx, ky, kz, shx, shy, shz = shear(ox, oy, oz, dx, dy, dz)
-                            put(floats, f + ORIGIN, ox, oy, oz)
-                            put(floats, f + INVERSE, reciprocal(dx), reciprocal(dy), reciprocal(dz))
-                            put(floats, f + CYCLIC, px, py, pz)
-                            put(floats, f + SHEARED, shx, shy, shz)
-                            put(ints, n + AXES, kx, ky, kz)
+                            store3(floats, f + ORIGIN, ox, oy, oz)
+                            store3(floats, f + INVERSE, reciprocal(dx), reciprocal(dy), reciprocal(dz))
+                            store3(floats, f + CYCLIC, px, py, pz)
+                            store3(floats, f + SHEARED, shx, shy, shz)
+                            store3(ints, n + AXES, kx, ky, kz)
                             ints[n + INSTANCE] = instance
                             ints[n + TOP] += 1
-                            groups[ints[n + TOP]] = LEAVE
+                            groups[ints[n + TOP]] = INSTANCE_END_GROUP
                             child = instances[instance, entry_column(entered)]
                         else:
                             t, _b1, _b2 = intersect_leaf_block(
@@ -172,21 +176,21 @@ def occluded(
                                 floats[f + SHEARED + 1],
                                 floats[f + SHEARED + 2],
                             )
-                            ends = smaller(smaller(t[0], t[1]), smaller(t[2], t[3])) < floats[f + T_MAX]
-                            going_on = not ends
-                    if going_on:
+                            is_done = fast_min(fast_min(t[0], t[1]), fast_min(t[2], t[3])) < floats[f + T_MAX]
+                            continues = not is_done
+                    if continues:
                         child, ints[n + TOP] = next_child(nodes, groups, ints[n + TOP])
-                    if ends:
+                    if is_done:
                         if ints[n + RAY] >= 0:
                             result[ints[n + RAY]] = ti.select(child == END_OF_RAY, 0, 1)
-                        groups[r * GROUPS] = LAST
+                        groups[r * GROUPS] = RAY_END_GROUP
                         ints[n + TOP] = r * GROUPS
                         ints[n + INSTANCE] = -1
-                        if i < last:
+                        if i < end:
                             ray = queue[i]
                             i += 1
                             ints[n + RAY] = ray
-                            floats[f + T_MAX] = ti.min(rays[ray][7], LARGEST)  # below infinity, which is a miss
+                            floats[f + T_MAX] = ti.min(rays[ray][7], LARGEST)  # finite: +inf is a miss
                             for c in ti.static(range(3)):
                                 origin = rays[ray][c]
                                 direction = rays[ray][4 + c]
@@ -201,6 +205,6 @@ def occluded(
                                 child = -1 - targets[ray]
                         else:
                             child = 0
-                            under_way -= ti.select(ints[n + RAY] == -2, 0, 1)
+                            active_rays -= ti.select(ints[n + RAY] == -2, 0, 1)
                             ints[n + RAY] = -2
                 ints[n + NEXT] = child

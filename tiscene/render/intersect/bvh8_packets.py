@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sixteen neighboring camera rays at once: the same hits as wide.closest, bit for bit. Compiled in vector mode only.
+"""Packets of sixteen coherent camera rays in the 8-wide BVH; same hits as `bvh8.closest`, bit for bit (CPU).
 
-Boxes are tested against all directions of a bundle together, by intervals; triangles against the sixteen rays, one a
-lane (a packet in the sense of Wald et al., "Interactive Rendering with Coherent Ray Tracing", 2001). What is no bundle,
-whose rays disagree about their largest axis in the space of an instance, or what meets many triangles, is traced ray by
-ray.
+Boxes are tested against all directions of a packet at once, by interval arithmetic; triangles against the sixteen
+rays, one per lane (Wald et al., "Interactive Rendering with Coherent Ray Tracing", 2001). Rays are traced one by one
+where they are not coherent, where their directions have different largest axes in an instance's space, and where the
+packet tests too many triangles.
+
+Compiled in vector mode only.
 """
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
-from tiscene.render.intersect.bvh8 import INFINITY, LARGEST, STACK, entry_column, larger, smaller, trace
+from tiscene.render.intersect.bvh8 import INFINITY, LARGEST, STACK, entry_column, fast_max, fast_min, trace
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
 from tiscene.scene.bvh.rebraid import ROW_MASK
 
@@ -18,29 +20,34 @@ LANES = 16
 lanes = ti.types.vector(LANES, ti.f32)
 int_lanes = ti.types.vector(LANES, ti.i32)
 
-WIDEST = 0.01  # directions of a bundle are no further apart along an axis, about two pixels: else one by one is faster
-MOST_PACKS = 16  # where triangles are so small that each ray meets its own ones, one by one is faster too
-MARGIN = 1e-6  # by this part of what they are computed from, intervals are wider: more than rounding can do
-LOOSE = 1.00001  # far planes are moved out by this
+MAX_SPREAD = 0.01  # of the directions of a packet along each axis, about two pixels; above, single rays are faster
+MAX_LEAF_BLOCKS = 16  # tested by a packet; with triangles as small as pixels single rays are faster
+MARGIN = 1e-6  # relative enlargement of intervals, more than their rounding error
+FAR_SLACK = 1.00001  # factor of far planes
 
 
 @ti.func
 def interval(center: ti.f32, radius: ti.f32):
-    """Of a direction's coordinate within `radius` of `center`: least and greatest reciprocal, what to add to the far
-    distance, the row of the near planes. Where it can be 0, the axis says nothing."""
+    """Return the range of reciprocals of a direction's coordinate within `radius` of `center`.
+
+    Returns:
+        (minimum, maximum, number to add to the far distance, row of the near planes). Where the coordinate can be 0,
+        the axis constrains nothing.
+    """
     low = center - radius
     high = center + radius
-    least, greatest, beyond, near = 0.0, 0.0, LARGEST, 0
+    minimum, maximum, far_offset, near = 0.0, 0.0, LARGEST, 0
     if low > 1e-18 or high < -1e-18:
-        least = 1.0 / high
-        greatest = 1.0 / low
-        beyond = 0.0
+        minimum = 1.0 / high
+        maximum = 1.0 / low
+        far_offset = 0.0
         near = ti.select(high < 0.0, 3, 0)
-    return least, greatest, beyond, near
+    return minimum, maximum, far_offset, near
 
 
 @ti.func
 def matrix_row(transforms: Template, time: ti.i32, instance: ti.i32, first: Template):
+    """Return the four columns of a matrix from `first` on."""
     return (
         transforms[time, instance, first],
         transforms[time, instance, first + 1],
@@ -50,13 +57,13 @@ def matrix_row(transforms: Template, time: ti.i32, instance: ti.i32, first: Temp
 
 
 @ti.func
-def greatest_of(v):
-    """The largest lane."""
-    a = larger(larger(v[0], v[1]), larger(v[2], v[3]))
-    b = larger(larger(v[4], v[5]), larger(v[6], v[7]))
-    c = larger(larger(v[8], v[9]), larger(v[10], v[11]))
-    d = larger(larger(v[12], v[13]), larger(v[14], v[15]))
-    return larger(larger(a, b), larger(c, d))
+def max_lane(v):
+    """Return the maximum of the lanes."""
+    a = fast_max(fast_max(v[0], v[1]), fast_max(v[2], v[3]))
+    b = fast_max(fast_max(v[4], v[5]), fast_max(v[6], v[7]))
+    c = fast_max(fast_max(v[8], v[9]), fast_max(v[10], v[11]))
+    d = fast_max(fast_max(v[12], v[13]), fast_max(v[14], v[15]))
+    return fast_max(fast_max(a, b), fast_max(c, d))
 
 
 @ti.kernel
@@ -73,28 +80,29 @@ def closest(
     hits: Hits,
     hit_ids: HitIds,
 ):
-    # Of directions (c the middle, r the radius) per axis: l and m least and greatest reciprocal, j what is added.
+    """Find the closest hits of rays; parameters as `trace.closest`."""
+    # Per axis, c and r: center and radius of the packet's directions; l, m, j: results of `interval`.
     ti.loop_config(block_dim=16)
-    for bundle in range((count + LANES - 1) // LANES):
+    for packet in range((count + LANES - 1) // LANES):
         references = ti.Vector([0] * STACK)
         distances = ti.Vector([0.0] * STACK)
-        first = bundle * LANES
+        first = packet * LANES
         last = ti.min(count, first + LANES)
         low = rays[queue[first]]
         high = low
         for i in range(first + 1, last):
-            low = smaller(low, rays[queue[i]])
-            high = larger(high, rays[queue[i]])
+            low = fast_min(low, rays[queue[i]])
+            high = fast_max(high, rays[queue[i]])
         extent = high - low
-        together = last - first == LANES and extent[0] == 0.0 and extent[1] == 0.0 and extent[2] == 0.0
-        together = together and larger(larger(extent[4], extent[5]), extent[6]) < WIDEST
-        if together:
+        is_packet = last - first == LANES and extent[0] == 0.0 and extent[1] == 0.0 and extent[2] == 0.0
+        is_packet = is_packet and fast_max(fast_max(extent[4], extent[5]), extent[6]) < MAX_SPREAD
+        if is_packet:
             rows = int_lanes([queue[first + k] for k in range(LANES)])
             dx = lanes([rays[rows[k]][4] for k in range(LANES)])
             dy = lanes([rays[rows[k]][5] for k in range(LANES)])
             dz = lanes([rays[rows[k]][6] for k in range(LANES)])
-            best = smaller(lanes([rays[rows[k]][7] for k in range(LANES)]), lanes(LARGEST))
-            bound = greatest_of(best) * LOOSE
+            best = fast_min(lanes([rays[rows[k]][7] for k in range(LANES)]), lanes(LARGEST))
+            bound = max_lane(best) * FAR_SLACK
             b1 = lanes(0.0)
             b2 = lanes(0.0)
             hit_instance = int_lanes(-1)
@@ -113,9 +121,9 @@ def closest(
             lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
             px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2  # set on entering an instance
             shx, shy, shz = dx, dy, dz
-            waiting = 0
-            tested = 0
-            floor = -1
+            stack_size = 0
+            tested_blocks = 0
+            blas_base = -1
             instance = -1
             current = root
             searching = True
@@ -126,16 +134,16 @@ def closest(
                     a = nodes[node + near_x] - ox
                     b = nodes[node + near_y] - oy
                     c = nodes[node + near_z] - oz
-                    near = larger(
-                        larger(smaller(a * lx, a * mx), smaller(b * ly, b * my)),
-                        larger(smaller(c * lz, c * mz), float8(0.0)),
+                    near = fast_max(
+                        fast_max(fast_min(a * lx, a * mx), fast_min(b * ly, b * my)),
+                        fast_max(fast_min(c * lz, c * mz), float8(0.0)),
                     )
                     a = nodes[node + 3 - near_x] - ox
                     b = nodes[node + 5 - near_y] - oy
                     c = nodes[node + 7 - near_z] - oz
-                    far = smaller(
-                        smaller(larger(a * lx, a * mx) * LOOSE + jx, larger(b * ly, b * my) * LOOSE + jy),
-                        smaller(larger(c * lz, c * mz) * LOOSE + jz, float8(bound)),
+                    far = fast_min(
+                        fast_min(fast_max(a * lx, a * mx) * FAR_SLACK + jx, fast_max(b * ly, b * my) * FAR_SLACK + jy),
+                        fast_min(fast_max(c * lz, c * mz) * FAR_SLACK + jz, float8(bound)),
                     )
                     entry = ti.select(near <= far, near, float8(INFINITY))
                     nearest = INFINITY
@@ -146,18 +154,18 @@ def closest(
                             child = ti.bit_cast(nodes[node + 6][k], ti.i32)
                             if found:
                                 closer = distance < nearest
-                                references[waiting] = ti.select(closer, current, child)
+                                references[stack_size] = ti.select(closer, current, child)
                                 current = ti.select(closer, child, current)
-                                distances[waiting] = ti.select(closer, nearest, distance)
+                                distances[stack_size] = ti.select(closer, nearest, distance)
                                 nearest = ti.select(closer, distance, nearest)
-                                waiting += 1
+                                stack_size += 1
                             else:
                                 current = child
                                 nearest = distance
                                 found = True
                     pop = not found
                 if not pop:
-                    if floor < 0:
+                    if blas_base < 0:
                         entered = -1 - current
                         instance = entered & ROW_MASK
                         m0, m1, m2, m3 = matrix_row(transforms, time, instance, 0)
@@ -187,25 +195,25 @@ def closest(
                         tx, ty, tz = ti.abs(ex), ti.abs(ey), ti.abs(ez)
                         px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2
                         scale = lanes(0.0)
-                        if tx - sx > larger(ty + sy, tz + sz):
+                        if tx - sx > fast_max(ty + sy, tz + sz):
                             px, py, pz, kx, ky, kz = oy, oz, ox, 1, 2, 0
                             scale = 1.0 / qx
                             shx = qy * scale
                             shy = qz * scale
-                        elif ty - sy > larger(tx + sx, tz + sz):
+                        elif ty - sy > fast_max(tx + sx, tz + sz):
                             px, py, pz, kx, ky, kz = oz, ox, oy, 2, 0, 1
                             scale = 1.0 / qy
                             shx = qz * scale
                             shy = qx * scale
-                        elif tz - sz > larger(tx + sx, ty + sy):
+                        elif tz - sz > fast_max(tx + sx, ty + sy):
                             scale = 1.0 / qz
                             shx = qx * scale
                             shy = qy * scale
                         else:
-                            together = False
+                            is_packet = False
                             searching = False
                         shz = scale
-                        floor = waiting
+                        blas_base = stack_size
                         current = instances[instance, entry_column(entered)]
                     else:
                         at = -1 - current
@@ -233,10 +241,10 @@ def closest(
                                 determinant = u + v + w
                                 scale = 1.0 / determinant
                                 z = (u * az[k] + v * bz[k] + w * vz[k]) * scale
-                                t = ti.select(larger(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY))
-                                within = ti.select(smaller(smaller(u, v), w) >= 0.0, t, lanes(INFINITY))
-                                within = ti.select(larger(larger(u, v), w) <= 0.0, t, within)
-                                t = ti.select(within > 0.0, within, lanes(INFINITY))
+                                t = ti.select(fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY))
+                                valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, lanes(INFINITY))
+                                valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
+                                t = ti.select(valid_t > 0.0, valid_t, lanes(INFINITY))
                                 lower = ti.select(hit_triangle > triangle, int_lanes(1), int_lanes(0))
                                 lower = ti.select(hit_instance == instance, lower, int_lanes(0))
                                 lower = ti.select(hit_instance > instance, int_lanes(1), lower)
@@ -247,34 +255,34 @@ def closest(
                                 b2 = ti.select(wins > 0, w * scale, b2)
                                 hit_instance = ti.select(wins > 0, int_lanes(instance), hit_instance)
                                 hit_triangle = ti.select(wins > 0, int_lanes(triangle), hit_triangle)
-                        bound = greatest_of(best) * LOOSE
+                        bound = max_lane(best) * FAR_SLACK
                         pop = True
-                        tested += 1
-                        if tested > MOST_PACKS:
-                            together = False
+                        tested_blocks += 1
+                        if tested_blocks > MAX_LEAF_BLOCKS:
+                            is_packet = False
                             searching = False
                 while pop and searching:
-                    if waiting == floor:
-                        floor = -1
+                    if stack_size == blas_base:
+                        blas_base = -1
                         ox, oy, oz = wox, woy, woz
                         lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
                         ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
                         lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
-                    if waiting == 0:
+                    if stack_size == 0:
                         searching = False
                     else:
-                        waiting -= 1
-                        if distances[waiting] <= bound:
-                            current = references[waiting]
+                        stack_size -= 1
+                        if distances[stack_size] <= bound:
+                            current = references[stack_size]
                             pop = False
-            if together:
+            if is_packet:
                 for k in ti.static(range(LANES)):
                     t = best[k]
                     if hit_instance[k] < 0:
                         t = INFINITY
                     hits[rows[k]] = hit(t, b1[k], b2[k], 0.0)
                     hit_ids[rows[k]] = hit_id(hit_instance[k], hit_triangle[k])
-        if not together:
+        if not is_packet:
             for i in range(first, last):
                 ray = queue[i]
                 t, u, v, instance, triangle = trace(

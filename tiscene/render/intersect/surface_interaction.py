@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface that a ray met, from the hit's triangle and barycentric coordinates.
+"""Surface interactions: position, normals, texture coordinates and derivatives at a hit.
 
-Positions are interpolated from the triangle's vertices, never origin + t * direction: as exact at a kilometer as at a
-meter, and the same point of the object at every time.
+Positions are interpolated from the triangle's vertices instead of origin + t * direction: the error does not grow with
+the distance, and the object point is the same at every time.
 """
 
 from typing import Any, NamedTuple
@@ -15,13 +15,15 @@ INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, 
 INFO_COLORS = 8
 HAS_NORMALS, HAS_UV, HAS_COLORS = 1, 2, 8
 
-# How far a new ray starts from the surface it leaves, as a part of the surface's `reach`: some 80 steps of a float.
+# Offset of a new ray's origin along the normal, relative to the surface's `magnitude`: about 80 float32 steps.
 OFFSET = 1e-5
 
 
 class Geometry(NamedTuple):
-    """The arrays of a DeviceScene that `surface_at` reads; a kernel takes them one by one and bundles them inside:
-    ``geometry = ti.static(Geometry(vertex_position, ...))``."""
+    """The arrays of a DeviceScene that `surface_at` reads, bundled inside a kernel.
+
+    A kernel has each as a parameter: ``geometry = ti.static(Geometry(vertex_position, ...))``.
+    """
 
     vertex_position: Any
     vertex_normal: Any
@@ -34,37 +36,37 @@ class Geometry(NamedTuple):
 
 
 def geometry_of(scene: Any) -> Geometry:
-    """The arrays of a scene, in the order in which kernels take them: ``kernel(*geometry_of(scene), ...)``."""
+    """Return the arrays of a scene in the order of kernels' parameters: ``kernel(*geometry_of(scene), ...)``."""
     return Geometry(*(getattr(scene, name) for name in Geometry._fields))
 
 
 @ti.dataclass
 class VisibleSurface:
-    """A point of a surface. World space where nothing else is said; normals are unit and face the viewer."""
+    """A point of a surface, in world space unless noted. Normals are unit and face the viewer."""
 
     position: vec3
-    object_point: vec3  # in the mesh's own space
-    geometric_normal: vec3  # of the triangle, on the side that the ray came from
-    normal: vec3  # interpolated, on the same side of the triangle as geometric_normal
-    uv: vec2  # 0 where the mesh has none
-    second_uv: vec2  # and the colors of the vertices, with opacity; 0 where the mesh has none
-    color: vec4
-    dp_du: vec3  # change of the position with u, and with v; not unit, and not of one length
+    object_point: vec3  # in object space
+    geometric_normal: vec3  # of the triangle, on the ray's side
+    normal: vec3  # shading normal, interpolated, on the same side
+    uv: vec2  # 0 if the mesh has none
+    second_uv: vec2  # 0 if the mesh has none
+    color: vec4  # of the vertices, with opacity; 0 if the mesh has none
+    dp_du: vec3  # partial derivatives of the position; neither unit nor of equal length
     dp_dv: vec3
-    reach: ti.f32  # the largest coordinate that the position was computed from: what its rounding errors grow with
+    magnitude: ti.f32  # m, largest absolute coordinate or side of the triangle; rounding errors are in proportion
     material: ti.i32
-    front: ti.i32  # 1: the ray came from the side that the triangle's vertices are counter-clockwise on
+    front: ti.i32  # 1: the triangle's vertices are counter-clockwise seen from the ray's origin
 
 
 @ti.func
-def row3(array: Template, row: ti.i32) -> vec3:
-    """The first three columns of a row."""
+def load_vec3(array: Template, row: ti.i32) -> vec3:
+    """Return the first three columns of a row."""
     return vec3(array[row, 0], array[row, 1], array[row, 2])
 
 
 @ti.func
 def transform_point(matrices: Template, time: ti.i32, row: ti.i32, p: vec3) -> vec3:
-    """A point by the 3x4 matrix [time, row] of an array [3, n, 12]."""
+    """Transform a point by the 3x4 matrix [time, row] of an array [3, n, 12]."""
     return vec3(
         matrices[time, row, 0] * p.x + matrices[time, row, 1] * p.y + matrices[time, row, 2] * p.z
         + matrices[time, row, 3],
@@ -77,7 +79,7 @@ def transform_point(matrices: Template, time: ti.i32, row: ti.i32, p: vec3) -> v
 
 @ti.func
 def transform_vector(matrices: Template, time: ti.i32, row: ti.i32, v: vec3) -> vec3:
-    """A direction by the 3x3 part of the matrix [time, row]."""
+    """Transform a vector by the 3x3 part of the matrix [time, row]."""
     return vec3(
         matrices[time, row, 0] * v.x + matrices[time, row, 1] * v.y + matrices[time, row, 2] * v.z,
         matrices[time, row, 4] * v.x + matrices[time, row, 5] * v.y + matrices[time, row, 6] * v.z,
@@ -87,7 +89,7 @@ def transform_vector(matrices: Template, time: ti.i32, row: ti.i32, v: vec3) -> 
 
 @ti.func
 def transform_normal(inverses: Template, time: ti.i32, row: ti.i32, n: vec3) -> vec3:
-    """A normal by the transpose of the inverse [time, row]; outward stays outward under a mirror. Not normalized."""
+    """Transform a normal by the transpose of the inverse [time, row]; mirroring keeps it outward. Not normalized."""
     return vec3(
         inverses[time, row, 0] * n.x + inverses[time, row, 4] * n.y + inverses[time, row, 8] * n.z,
         inverses[time, row, 1] * n.x + inverses[time, row, 5] * n.y + inverses[time, row, 9] * n.z,
@@ -96,8 +98,8 @@ def transform_normal(inverses: Template, time: ti.i32, row: ti.i32, n: vec3) -> 
 
 
 @ti.func
-def unit_or(v: vec3, otherwise: vec3) -> vec3:
-    """v at length 1, or the other vector where v has no length."""
+def normalized_or(v: vec3, otherwise: vec3) -> vec3:
+    """Return v normalized, or the other vector if v is zero."""
     length = v.norm()
     result = otherwise
     if length > 0.0:
@@ -106,8 +108,8 @@ def unit_or(v: vec3, otherwise: vec3) -> vec3:
 
 
 @ti.func
-def moved_by(instance_info: Template, instance: ti.i32, time: ti.i32) -> ti.i32:
-    """How far behind their rows in `triangle_vertices` the vertices are of a mesh that deforms, at a time; else 0."""
+def vertex_offset(instance_info: Template, instance: ti.i32, time: ti.i32) -> ti.i32:
+    """Return the offset from rows in `triangle_vertices` to a deforming mesh's vertices at a time; 0 for others."""
     return (time + 2) % 3 * instance_info[instance, INFO_MOVED]
 
 
@@ -118,12 +120,12 @@ def object_point_at(
     triangle: ti.i32,
     b1: ti.f32,
     b2: ti.f32,
-    moved: ti.i32,
+    offset: ti.i32,
 ) -> vec3:
-    """The point (1-b1-b2, b1, b2) of a triangle in the space of its mesh. moved: `moved_by`."""
-    v0 = row3(vertex_position, triangle_vertices[triangle, 0] + moved)
-    e1 = row3(vertex_position, triangle_vertices[triangle, 1] + moved) - v0
-    e2 = row3(vertex_position, triangle_vertices[triangle, 2] + moved) - v0
+    """Return the point (1-b1-b2, b1, b2) of a triangle in object space. offset: of `vertex_offset`."""
+    v0 = load_vec3(vertex_position, triangle_vertices[triangle, 0] + offset)
+    e1 = load_vec3(vertex_position, triangle_vertices[triangle, 1] + offset) - v0
+    e2 = load_vec3(vertex_position, triangle_vertices[triangle, 2] + offset) - v0
     return v0 + b1 * e1 + b2 * e2
 
 
@@ -131,31 +133,40 @@ def object_point_at(
 def surface_at(
     geometry: Template, instance: ti.i32, triangle: ti.i32, b1: ti.f32, b2: ti.f32, time: ti.i32, direction: vec3
 ):
-    """What a ray of that direction met at the point (1-b1-b2, b1, b2) of a triangle: a VisibleSurface.
+    """Return the VisibleSurface at a hit.
 
-    instance, triangle: rows, as the traversal reports them. time: PREVIOUS, CURRENT or NEXT.
+    Args:
+        geometry: Geometry.
+        instance: Row of the instance.
+        triangle: Row of the triangle.
+        b1: Barycentric coordinate of vertex 1.
+        b2: Barycentric coordinate of vertex 2.
+        time: PREVIOUS, CURRENT or NEXT.
+        direction: Of the ray.
     """
-    moved = moved_by(geometry.instance_info, instance, time)
-    i0 = geometry.triangle_vertices[triangle, 0] + moved
-    i1 = geometry.triangle_vertices[triangle, 1] + moved
-    i2 = geometry.triangle_vertices[triangle, 2] + moved
+    offset = vertex_offset(geometry.instance_info, instance, time)
+    i0 = geometry.triangle_vertices[triangle, 0] + offset
+    i1 = geometry.triangle_vertices[triangle, 1] + offset
+    i2 = geometry.triangle_vertices[triangle, 2] + offset
     b0 = 1.0 - b1 - b2
-    v0 = row3(geometry.vertex_position, i0)
-    e1 = row3(geometry.vertex_position, i1) - v0
-    e2 = row3(geometry.vertex_position, i2) - v0
+    v0 = load_vec3(geometry.vertex_position, i0)
+    e1 = load_vec3(geometry.vertex_position, i1) - v0
+    e2 = load_vec3(geometry.vertex_position, i2) - v0
     object_point = v0 + b1 * e1 + b2 * e2
 
-    # Outward by the vertices' order first, so that the shading normal can be put on the same side before the flip.
-    outward = unit_or(transform_normal(geometry.instance_from_world, time, instance, e1.cross(e2)), -1.0 * direction)
+    # Outward by the vertices' order first, to put the shading normal on the same side before both are flipped.
+    outward = normalized_or(
+        transform_normal(geometry.instance_from_world, time, instance, e1.cross(e2)), -1.0 * direction
+    )
     normal = outward
     flags = geometry.instance_info[instance, INFO_FLAGS]
     if flags & HAS_NORMALS:
-        smooth = (
-            b0 * row3(geometry.vertex_normal, i0)
-            + b1 * row3(geometry.vertex_normal, i1)
-            + b2 * row3(geometry.vertex_normal, i2)
+        interpolated = (
+            b0 * load_vec3(geometry.vertex_normal, i0)
+            + b1 * load_vec3(geometry.vertex_normal, i1)
+            + b2 * load_vec3(geometry.vertex_normal, i2)
         )
-        normal = unit_or(transform_normal(geometry.instance_from_world, time, instance, smooth), outward)
+        normal = normalized_or(transform_normal(geometry.instance_from_world, time, instance, interpolated), outward)
         if normal.dot(outward) < 0.0:
             normal = -1.0 * normal
     front = 1
@@ -173,17 +184,17 @@ def surface_at(
     uv = b0 * uv0 + b1 * uv1 + b2 * uv2
     second_uv, color = vec2(0.0), vec4(0.0)
     if flags & HAS_COLORS:
-        first = geometry.instance_info[instance, INFO_COLORS] - 3 * moved
+        first = geometry.instance_info[instance, INFO_COLORS] - 3 * offset
         for corner in ti.static(range(3)):
             row = first + 3 * ti.Vector([i0, i1, i2])[corner]
-            share = ti.Vector([b0, b1, b2])[corner]
+            weight = ti.Vector([b0, b1, b2])[corner]
             for c in ti.static(range(2)):
-                second_uv[c] += share * geometry.vertex_uv[row, c]
-                color[c] += share * geometry.vertex_uv[row + 1, c]
-                color[2 + c] += share * geometry.vertex_uv[row + 2, c]
+                second_uv[c] += weight * geometry.vertex_uv[row, c]
+                color[c] += weight * geometry.vertex_uv[row + 1, c]
+                color[2 + c] += weight * geometry.vertex_uv[row + 2, c]
     duv1, duv2 = uv1 - uv0, uv2 - uv0
     determinant = duv1.x * duv2.y - duv1.y * duv2.x
-    dp_du, dp_dv = e1, e2  # where there is no uv map, or a degenerate one, any two directions in the plane do
+    dp_du, dp_dv = e1, e2  # without a uv map, or with a degenerate one, any two directions in the plane
     if ti.abs(determinant) > 1e-20:
         dp_du = (duv2.y * e1 - duv1.y * e2) / determinant
         dp_dv = (duv1.x * e2 - duv2.x * e1) / determinant
@@ -202,7 +213,7 @@ def surface_at(
         color=color,
         dp_du=transform_vector(geometry.world_from_instance, time, instance, dp_du),
         dp_dv=transform_vector(geometry.world_from_instance, time, instance, dp_dv),
-        reach=ti.max(ti.max(position, -1.0 * position), sides).max(),
+        magnitude=ti.max(ti.max(position, -1.0 * position), sides).max(),
         material=geometry.triangle_material[triangle],
         front=front,
     )
@@ -210,8 +221,8 @@ def surface_at(
 
 @ti.func
 def offset_origin(surface: Template, direction: vec3) -> vec3:
-    """Where a ray that leaves a surface in that direction starts, so that it does not meet the surface again."""
+    """Return the origin of a ray that leaves a surface, offset so that it does not hit the surface again."""
     side = 1.0
     if surface.geometric_normal.dot(direction) < 0.0:
         side = -1.0
-    return surface.position + surface.geometric_normal * (side * OFFSET * ti.max(surface.reach, 0.1))
+    return surface.position + surface.geometric_normal * (side * OFFSET * ti.max(surface.magnitude, 0.1))

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays against the scene. All passes trace through these functions, over arrays of rays.
+"""Closest hits and occlusion of arrays of rays. All passes trace through these functions.
 
-rays: [n] of 8, origin x, y, z, unused, direction x, y, z, t_max; what lies in (0, t_max) is hit. `queue[0 .. count)`
-(i32) are the rays to trace. time: PREVIOUS, CURRENT or NEXT of tiscene.scene.placement, for which the scene was placed,
-or MOVERS.
-Two surfaces at the same distance: the lower (instance row, triangle) wins, however the hierarchy is built.
+Rays are rows of eight: origin x, y, z, unused, direction x, y, z, t_max; hits are in (0, t_max). The rays to trace are
+`queue[0 .. count)` (i32). Of hits at the same distance, the lowest (instance row, triangle) wins, independent of how
+the hierarchy was built. The traversal is `scene.traversal`: "bvh8" or "bvh2".
 """
 
 from __future__ import annotations
@@ -20,35 +19,45 @@ __all__ = ["closest", "occluded", "occluded_by_instance"]
 
 
 def closest(
-    scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, hits: Any, hit_ids: Any, together: bool = False
+    scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, hits: Any, hit_ids: Any, coherent: bool = False
 ) -> None:
-    """Find the first hit of each ray.
+    """Find the closest hit of each ray.
 
-    hits: [n] of 4, distance in units of the direction's length (+inf for none), barycentrics b1 and b2 of vertices 1
-    and 2, 0. hit_ids: [n] of 2, instance row and global triangle, -1 for none.
-    together: the same, faster where sixteen in a row of the queue mostly go from one point through one pixel.
-    Raises ArgumentError if the scene is not placed at `time`.
+    Args:
+        scene: The scene.
+        time: PREVIOUS, CURRENT or NEXT of `tiscene.scene.placement`, at which it was placed, or MOVERS.
+        rays: [n] of 8.
+        queue: i32, rows of the rays to trace.
+        count: How many of them.
+        hits: [n] of 4; receives distance in units of the direction's length (+inf for a miss), barycentrics b1 and b2
+            of vertices 1 and 2, and 0.
+        hit_ids: [n] of 2; receives instance row and global triangle, -1 for a miss.
+        coherent: Faster, with the same result, if most runs of sixteen rays in the queue start at one point and go
+            through one pixel.
+
+    Raises:
+        ArgumentError: The scene is not placed at `time`.
     """
     arrays = _arrays(scene, time)
     if scene.traversal == "bvh8":
         with vector_mode():
-            traversal = bvh8_packets if together else bvh8
+            traversal = bvh8_packets if coherent else bvh8
             traversal.closest(*arrays, rays, queue, count, hits, hit_ids)
     else:
         bvh2.closest(*arrays, rays, queue, count, hits, hit_ids)
 
 
 def occluded(scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, result: Any) -> None:
-    """Set result[ray] (i32 [n]) to 1 where something lies in (0, t_max), else to 0."""
+    """Set result[ray] (i32 [n]) to 1 if any surface is in (0, t_max), else to 0; other arguments as `closest`."""
     _occluded(scene, time, rays, queue, count, queue, 0, result)
 
 
 def occluded_by_instance(
     scene: DeviceScene, time: int, rays: Any, queue: Any, instance_rows: Any, count: int, result: Any
 ) -> None:
-    """The same against one instance only, whatever else is in the way: row instance_rows[ray] (i32 [n]).
+    """Test each ray against one instance only, in row instance_rows[ray] (i32 [n]); else as `occluded`.
 
-    It also finds an instance that is not present at `time`: the caller chooses the rows.
+    Instances that are not present at `time` are hit as well: the caller chooses the rows.
     """
     _occluded(scene, time, rays, queue, count, instance_rows, 1, result)
 

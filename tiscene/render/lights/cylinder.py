@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The side of a cylinder about the light's x axis, which emits outwards; it has no caps, and from inside it is dark.
+"""CylinderLight: the side of a cylinder about the light's x axis, without caps, which emits outwards.
 
-Sampled uniformly in the angle about an axis through the observer and parallel to the light's, then in the angle along
-it: the density is bounded wherever the observer is (cf. Kulla and Fajardo's equi-angular sampling, 2012).
+Sampled uniformly in the angle about an axis through the shading point that is parallel to the light's, then in the
+angle along it, so that the density is bounded at any distance (cf. Kulla and Fajardo, equiangular sampling, 2012).
 """
 
 import taichi as ti
@@ -14,8 +14,8 @@ from tiscene.scene.lights.light_table import SIZE
 
 
 @ti.func
-def half_width(radius: ti.f32, distance: ti.f32) -> ti.f32:
-    """Half the angle across the side, seen from that far from the axis; 0 from inside."""
+def half_angle(radius: ti.f32, distance: ti.f32) -> ti.f32:
+    """Return half the angle, rad, that the side subtends across its axis from that distance; 0 from inside."""
     result = 0.0
     sine = radius / distance
     if sine < 1.0:
@@ -25,19 +25,19 @@ def half_width(radius: ti.f32, distance: ti.f32) -> ti.f32:
 
 @ti.func
 def angle_along(low: ti.f32, high: ti.f32, away: ti.f32) -> ti.f32:
-    """The angle between two points of a line, `low` and `high` from the foot of its normal of length `away`."""
+    """Return the angle between two points of a line at distance `away`; low, high: offsets from its nearest point."""
     return warp.angle_of(vec2(away * away + low * high, away * (high - low)).normalized())
 
 
 @ti.func
 def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
-    """A direction from `origin` to the light: a LightSample."""
+    """Sample a direction from `origin` to the light; returns a LightSample."""
     values = ti.static(lights.values)
     result = no_sample()
     radius, length = values[row, SIZE], values[row, SIZE + 1]
     o = to_light(values, row, origin - axis(values, row, 3))
     axis_distance = ti.sqrt(o.y * o.y + o.z * o.z)
-    half = half_width(radius, axis_distance)
+    half = half_angle(radius, axis_distance)
     if half > 0.0:
         turn = warp.circle((2.0 * u.y - 1.0) * half * warp.INV_TWO_PI)
         inwards = vec2(o.y, o.z) / -axis_distance
@@ -58,12 +58,12 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample` for a direction that meets the light at that distance."""
+    """Return the density of `sample`, 1/sr, for a ray that hits the light at that distance."""
     values = ti.static(lights.values)
     radius, length = values[row, SIZE], values[row, SIZE + 1]
     o = to_light(values, row, origin - axis(values, row, 3))
     w = to_light(values, row, direction)
-    half = half_width(radius, ti.sqrt(o.y * o.y + o.z * o.z))
+    half = half_angle(radius, ti.sqrt(o.y * o.y + o.z * o.z))
     result = 0.0
     if half > 0.0:
         level = ti.max(ti.sqrt(w.y * w.y + w.z * w.z), 1e-9)
@@ -74,7 +74,7 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
 
 @ti.func
 def normal_at(values: Template, row: ti.i32, point: vec3) -> vec3:
-    """Outwards from the axis at a point of the side."""
+    """Return the outward normal at a point of the side."""
     offset = point - axis(values, row, 3)
     along = axis(values, row, 0)
     return (offset - along * along.dot(offset)).normalized()
@@ -82,7 +82,7 @@ def normal_at(values: Template, row: ti.i32, point: vec3) -> vec3:
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Distance to the outside, +inf for a miss or from inside."""
+    """Return the distance to the outer side, +inf for a miss or from inside."""
     values = ti.static(lights.values)
     result = ti.math.inf
     radius, length = values[row, SIZE], values[row, SIZE + 1]
@@ -102,5 +102,5 @@ def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> t
 
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Radiance from the light's point that a ray met."""
+    """Return the radiance of the point that a ray hits."""
     return color(lights.values, row)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A disk that emits from one side, towards the light's -z. Sampled uniformly in area."""
+"""DiskLight: a disk that emits from one side, towards the light's -z. Sampled uniformly in area."""
 
 import math
 
@@ -13,7 +13,7 @@ from tiscene.scene.lights.light_table import SIZE
 
 @ti.func
 def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
-    """A direction from `origin` to the light: a LightSample."""
+    """Sample a direction from `origin` to the light; returns a LightSample."""
     values = ti.static(lights.values)
     result = no_sample()
     radius = values[row, SIZE]
@@ -31,7 +31,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample` for a direction that meets the light at that distance."""
+    """Return the density of `sample`, 1/sr, for a ray that hits the light at that distance."""
     values = ti.static(lights.values)
     cosine = axis(values, row, 2).dot(direction)
     radius = values[row, SIZE]
@@ -40,7 +40,7 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Distance to the lit side, +inf for a miss."""
+    """Return the distance to the emitting side, +inf for a miss."""
     values = ti.static(lights.values)
     result = ti.math.inf
     normal = axis(values, row, 2)
@@ -56,5 +56,5 @@ def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> t
 
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Radiance from the light's point that a ray met."""
+    """Return the radiance of the point that a ray hits."""
     return color(lights.values, row)

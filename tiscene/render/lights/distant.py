@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light from infinity along the light's -z: parallel, or uniform over a small cone of directions (a sun)."""
+"""DistantLight: light from infinity along the light's -z, parallel or uniform over a cone of directions (a sun)."""
 
 import taichi as ti
 
@@ -11,7 +11,7 @@ from tiscene.scene.lights.light_table import SIZE
 
 @ti.func
 def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
-    """A direction towards the light: a LightSample."""
+    """Sample a direction to the light; returns a LightSample. u: unused for parallel light."""
     values = ti.static(lights.values)
     result = no_sample()
     towards = axis(values, row, 2)
@@ -32,14 +32,14 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 @ti.func
 def is_inside_cone(values: Template, row: ti.i32, direction: vec3):
-    """Whether a direction lies in the light's cone: 1 or 0. By the distance from the axis, which keeps its digits."""
+    """Return 1 if a direction is in the light's cone, else 0. Compares distances: precise for small cones."""
     across = direction - axis(values, row, 2)
     return ti.cast(0.5 * across.dot(across) <= values[row, SIZE + 1] and values[row, SIZE + 1] > 0.0, ti.i32)
 
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample`."""
+    """Return the density of `sample`, 1/sr; 0 for parallel light."""
     result = 0.0
     if is_inside_cone(lights.values, row, direction):
         result = warp.cone_pdf(direction, lights.values[row, SIZE + 1])
@@ -48,13 +48,13 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Behind everything: +inf."""
+    """Return +inf: no surface is behind it."""
     return ti.math.inf
 
 
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Radiance from a direction that nothing blocks."""
+    """Return the radiance along an unoccluded ray."""
     result = vec3(0.0)
     if is_inside_cone(lights.values, row, direction):
         result = color(lights.values, row)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surroundings: one radiance from everywhere, or a latlong image sampled by luminance times solid angle.
+"""DomeLight: an environment of constant radiance, or a latlong image sampled by luminance times solid angle.
 
-Where the light comes in by portals, those are lights of their own, and the image is sampled for its sun alone.
-Paths that scatter widely read a small copy of an image without a sun: the whole one is far too large for a cache.
+Portals are sampled like lights of their own; a dome with portals samples its image for its sun alone.
+Wide lobes read a small filtered copy of an image without a sun: the full image does not fit a cache.
 """
 
 import math
@@ -18,28 +18,28 @@ from tiscene.render.texture_lookup import CLAMP, REPEAT, lookup_wrapped
 from tiscene.scene.lights.image_distribution import SMALL_HEIGHT, SMALL_WIDTH
 from tiscene.scene.lights.light_table import GRID, SMALL_IMAGE, TEXTURE
 
-# A path of this density, 1/sr, or more, makes out the pixels of the image.
+# Directions of at least this density, 1/sr, read the full image.
 _SHARP = 100.0
 
 
 @ti.func
 def uv_of(w: vec3) -> vec2:
-    """Where a unit direction in light axes reads the image (see DomeLight)."""
+    """Return the texture coordinates of a unit direction in light space (see DomeLight)."""
     return vec2(warp.azimuth(vec2(w.x, w.z)) + 0.25, 1.0 - warp.polar_angle(w.y))
 
 
 @ti.func
 def per_steradian(lights: Template, row: ti.i32, line: ti.i32) -> ti.f32:
-    """By what a density over the image's unit square is multiplied for one over directions, in a line of cells."""
+    """Return the factor from a density over the unit square to one over directions, in a line of cells."""
     lines = integer(lights.values, row, GRID + 1)
-    # The difference of the cosines of the line's edges, by the product formula.
+    # Difference of the cosines at the line's edges, by the product formula.
     middle, half = math.pi * (line + 0.5) / lines, 0.5 * math.pi / lines
     return 1.0 / (2.0 * math.pi * lines * 2.0 * ti.sin(middle) * ti.sin(half))
 
 
 @ti.func
 def radiance_from(lights: Template, textures: Template, row: ti.i32, direction: vec3, density: ti.f32) -> vec3:
-    """Radiance from a direction. density: of the direction, 1/sr, which says how much detail matters; 0: all."""
+    """Return the radiance from a direction of that density, 1/sr; small ones read the filtered copy, 0 does not."""
     values = ti.static(lights.values)
     result = color(values, row)
     picture = integer(values, row, TEXTURE)
@@ -47,7 +47,7 @@ def radiance_from(lights: Template, textures: Template, row: ti.i32, direction: 
         uv = uv_of(to_light(values, row, direction))
         copy = integer(values, row, SMALL_IMAGE)
         if copy >= 0 and density > 0.0 and density < _SHARP:
-            # One of the four pixels about the direction, by its own digits: their mean is what is between them.
+            # One of the four nearest pixels at random, hashed from the direction: in the mean, bilinear interpolation.
             bits = mix(ti.bit_cast(direction.x, ti.u32) ^ combine(ti.bit_cast(direction.y, ti.u32), ti.u32(0)))
             x = uv.x * SMALL_WIDTH + ti.cast(bits & 0xFFFF, ti.f32) * (1.0 / 65536.0) - 0.5
             y = (1.0 - uv.y) * SMALL_HEIGHT + ti.cast(bits >> 16, ti.f32) * (1.0 / 65536.0) - 0.5
@@ -62,7 +62,7 @@ def radiance_from(lights: Template, textures: Template, row: ti.i32, direction: 
 
 @ti.func
 def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
-    """A direction of the surroundings: a LightSample."""
+    """Sample a direction; returns a LightSample."""
     result = no_sample()
     result.distance = FAR
     w = warp.sphere(u)
@@ -71,7 +71,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
         columns, lines = lights.values[row, GRID], lights.values[row, GRID + 1]
         point = image_sampling.sample(lights, row, u)
         line = ti.min(ti.floor(point.y), lines - 1.0)
-        # Uniform in solid angle within the cell: in the cosine, not in the angle.
+        # Uniform in solid angle inside the cell: in the cosine, not in the angle.
         low, high = ti.cos(math.pi * line / lines), ti.cos(math.pi * (line + 1.0) / lines)
         y = low + (point.y - line) * (high - low)
         angle = 2.0 * math.pi * point.x / columns - 0.5 * math.pi
@@ -85,7 +85,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample`."""
+    """Return the density of `sample`, 1/sr."""
     result = warp.sphere_pdf(direction)
     if lights.values[row, TEXTURE] >= 0.0:
         uv = uv_of(to_light(lights.values, row, direction))
@@ -98,11 +98,11 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Behind everything: +inf."""
+    """Return +inf: no surface is behind it."""
     return ti.math.inf
 
 
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Radiance from a direction that nothing blocks, by the whole image."""
+    """Return the radiance along an unoccluded ray, from the full image."""
     return radiance_from(lights, textures, row, direction, 0.0)

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mesh that gives light: an instance in which triangles emit, on both sides. First a triangle is chosen by about what
-it gives at the point, then a point of it, uniformly. Rays meet it as they meet any surface.
+"""Emissive meshes: instances with triangles that emit on both sides.
 
-It needs Lights with `geometry` and `materials`; kernels without them sample no meshes.
+A triangle is chosen by its estimated contribution, then a point on it, uniformly in area. Rays hit the triangles as
+surfaces of the scene. Needs LightTables with `geometry` and `materials`; kernels without them sample no meshes.
 """
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import Footprint, material_at
-from tiscene.render.intersect.surface_interaction import moved_by, row3, surface_at, transform_vector
+from tiscene.render.intersect.surface_interaction import load_vec3, surface_at, transform_vector, vertex_offset
 from tiscene.render.lights.light_sample import header, integer, light_row, no_sample
 from tiscene.render.lights.light_sampler import conditional_probability, to_mesh_space
 from tiscene.scene.lights.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
@@ -20,7 +20,7 @@ from tiscene.scene.placement import CURRENT
 
 @ti.func
 def row_of(lights: Template, instance: ti.i32) -> ti.i32:
-    """The row of the light that an instance is, -1 for none."""
+    """Return the light-table row of an instance, -1 if it does not emit."""
     low, high = header(lights.nodes, H_ROWS), header(lights.nodes, H_END)
     while high - low > 1:
         middle = (low + high) // 2
@@ -33,30 +33,30 @@ def row_of(lights: Template, instance: ti.i32) -> ti.i32:
 
 @ti.func
 def doubled_area(lights: Template, instance: ti.i32, triangle: ti.i32) -> vec3:
-    """The normal of a triangle in the world, as long as twice its area."""
+    """Return the normal of a triangle in world space, with a length of twice its area."""
     geometry = ti.static(lights.geometry)
-    moved = moved_by(geometry.instance_info, instance, CURRENT)
-    v0 = row3(geometry.vertex_position, geometry.triangle_vertices[triangle, 0] + moved)
-    e1 = row3(geometry.vertex_position, geometry.triangle_vertices[triangle, 1] + moved) - v0
-    e2 = row3(geometry.vertex_position, geometry.triangle_vertices[triangle, 2] + moved) - v0
+    moved = vertex_offset(geometry.instance_info, instance, CURRENT)
+    v0 = load_vec3(geometry.vertex_position, geometry.triangle_vertices[triangle, 0] + moved)
+    e1 = load_vec3(geometry.vertex_position, geometry.triangle_vertices[triangle, 1] + moved) - v0
+    e2 = load_vec3(geometry.vertex_position, geometry.triangle_vertices[triangle, 2] + moved) - v0
     a = transform_vector(geometry.world_from_instance, CURRENT, instance, e1)
     return a.cross(transform_vector(geometry.world_from_instance, CURRENT, instance, e2))
 
 
 @ti.func
 def emission_at(materials: Template, textures: Template, surface: Template) -> vec3:
-    """What a point of a surface emits, times how much of it is there."""
+    """Return the emission of a surface point, times its presence (opacity of opacityMode presence)."""
     point = material_at(materials, textures, surface, 1 << EMISSIVE | 1 << OPACITY, Footprint())
-    there = point.opacity if point.flags & COVERAGE else 1.0
-    return point.emissive_color * there
+    presence = point.opacity if point.flags & COVERAGE else 1.0
+    return point.emissive_color * presence
 
 
 @ti.func
-def sample(lights: Template, textures: Template, row: ti.i32, place: ti.i32, origin: vec3, u: vec2):
-    """A direction from `origin` to a triangle of the light, by its place: a LightSample."""
+def sample(lights: Template, textures: Template, row: ti.i32, slot: ti.i32, origin: vec3, u: vec2):
+    """Sample a direction from `origin` to the triangle in a slot; returns a LightSample."""
     result = no_sample()
     instance = integer(lights.values, row, INSTANCE)
-    triangle = light_row(lights.nodes, place)
+    triangle = light_row(lights.nodes, slot)
     root = ti.sqrt(u.x)
     surface = surface_at(
         lights.geometry, instance, triangle, root * (1.0 - u.y), root * u.y, CURRENT, vec3(0.0, 0.0, 1.0)
@@ -74,12 +74,12 @@ def sample(lights: Template, textures: Template, row: ti.i32, place: ti.i32, ori
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, triangle: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample` for a direction that meets a triangle of the light at that distance."""
+    """Return the density of `sample`, 1/sr, for a ray that hits a triangle of the light at that distance."""
     at = integer(lights.values, row, DISTRIBUTION) + triangle - integer(lights.values, row, FIRST_TRIANGLE)
-    place = ti.cast(lights.distribution[at], ti.i32)
+    slot = ti.cast(lights.distribution[at], ti.i32)
     result = 0.0
-    if place > 0:
-        _, chance = conditional_probability(lights, place, to_mesh_space(lights, row, origin))
+    if slot > 0:
+        _, probability = conditional_probability(lights, slot, to_mesh_space(lights, row, origin))
         facing = ti.abs(doubled_area(lights, integer(lights.values, row, INSTANCE), triangle).dot(direction))
-        result = chance * 2.0 * distance * distance / ti.max(facing, 1e-20)
+        result = probability * 2.0 * distance * distance / ti.max(facing, 1e-20)
     return result

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The image of a light, sampled by its brightness: cells of a grid, with an even chance within each."""
+"""Importance sampling of a light's texture by a piecewise-constant distribution over a grid."""
 
 import taichi as ti
 
@@ -10,7 +10,7 @@ from tiscene.scene.lights.light_table import DISTRIBUTION, GRID
 
 @ti.dataclass
 class ImagePoint:
-    """A point of an image in cells from its top left. density: of `sample`, over the unit square."""
+    """A sampled point, in cells from the image's top left. density: over the unit square."""
 
     x: ti.f32
     y: ti.f32
@@ -19,7 +19,7 @@ class ImagePoint:
 
 @ti.func
 def interval(distribution: Template, start: ti.i32, count: ti.i32, u: ti.f32) -> ti.i32:
-    """The i with cumulative[i] <= u < cumulative[i + 1], of `count` intervals whose cumulative begins at `start`."""
+    """Return the i with cdf[i] <= u < cdf[i + 1], of `count` intervals whose CDF begins at `start`."""
     low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2
@@ -32,26 +32,26 @@ def interval(distribution: Template, start: ti.i32, count: ti.i32, u: ti.f32) ->
 
 @ti.func
 def within(distribution: Template, at: ti.i32, u: ti.f32) -> ti.f32:
-    """How far u is from one cumulative value to the next, 0..1."""
+    """Return the position of u between a CDF value and the next, 0..1."""
     low = distribution[at]
     return ti.math.clamp((u - low) / ti.max(distribution[at + 1] - low, 1e-30), 0.0, 1.0)
 
 
 @ti.func
 def density(lights: Template, light: ti.i32, column: ti.i32, row: ti.i32) -> ti.f32:
-    """Of `sample` in a cell, over the unit square."""
+    """Return the density of `sample` in a cell, over the unit square."""
     distribution = ti.static(lights.distribution)
     start = integer(lights.values, light, DISTRIBUTION)
     columns, rows = integer(lights.values, light, GRID), integer(lights.values, light, GRID + 1)
     i, j = ti.math.clamp(column, 0, columns - 1), ti.math.clamp(row, 0, rows - 1)
     at = start + rows + 1 + j * (columns + 1) + i
-    chance = (distribution[start + j + 1] - distribution[start + j]) * (distribution[at + 1] - distribution[at])
-    return chance * columns * rows
+    probability = (distribution[start + j + 1] - distribution[start + j]) * (distribution[at + 1] - distribution[at])
+    return probability * columns * rows
 
 
 @ti.func
 def sample(lights: Template, light: ti.i32, u: vec2):
-    """An ImagePoint."""
+    """Sample a point; returns an ImagePoint."""
     distribution = ti.static(lights.distribution)
     start = integer(lights.values, light, DISTRIBUTION)
     columns, rows = integer(lights.values, light, GRID), integer(lights.values, light, GRID + 1)

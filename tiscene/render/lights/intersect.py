@@ -8,7 +8,7 @@ every kind of path.
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, float8, vec3
-from tiscene.render.intersect.bvh8 import larger, mask_bits, slabs, smaller
+from tiscene.render.intersect.bvh8 import fast_max, fast_min, mask_bits, slabs
 from tiscene.render.lights import dispatch, emissive_mesh
 from tiscene.render.lights.importance import weigh_entries
 from tiscene.render.lights.lane_ops import lowest_set_bit
@@ -82,13 +82,13 @@ def nearest_intersected(lights: Template, excluded: ti.i32, origin: vec3, direct
             entered = False
             for block in range(ti.cast(nodes[node + BLOCKS][0], ti.i32)):
                 at = node + BLOCK_ROWS * block
-                near = larger(
-                    larger((nodes[at + near_x] - origin.x) * ix, (nodes[at + near_y] - origin.y) * iy),
-                    larger((nodes[at + near_z] - origin.z) * iz, float8(0.0)),
+                near = fast_max(
+                    fast_max((nodes[at + near_x] - origin.x) * ix, (nodes[at + near_y] - origin.y) * iy),
+                    fast_max((nodes[at + near_z] - origin.z) * iz, float8(0.0)),
                 )
-                far = smaller(
-                    smaller((nodes[at + 3 - near_x] - origin.x) * fx, (nodes[at + 5 - near_y] - origin.y) * fy),
-                    smaller((nodes[at + 7 - near_z] - origin.z) * fz, float8(nearest)),
+                far = fast_min(
+                    fast_min((nodes[at + 3 - near_x] - origin.x) * fx, (nodes[at + 5 - near_y] - origin.y) * fy),
+                    fast_min((nodes[at + 7 - near_z] - origin.z) * fz, float8(nearest)),
                 )
                 children |= mask_bits(far >= near) << (LANES * block)
         if children == 0:

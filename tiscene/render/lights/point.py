@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A point (a sphere of radius 0): its `radiance` is an intensity, W/sr. No ray meets it."""
+"""SphereLight of radius 0: a point whose `radiance` is an intensity, W/sr. No ray hits it."""
 
 import taichi as ti
 
@@ -9,7 +9,7 @@ from tiscene.render.lights.light_sample import axis, color, no_sample
 
 @ti.func
 def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
-    """The direction from `origin` to the light: a LightSample."""
+    """Return the direction from `origin` to the light as a LightSample; u: unused."""
     result = no_sample()
     offset = axis(lights.values, row, 3) - origin
     squared = offset.dot(offset)
@@ -24,17 +24,17 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """0: no other way leads to it."""
+    """Return 0: BSDF sampling never finds it."""
     return 0.0
 
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Never met: +inf."""
+    """Return +inf."""
     return ti.math.inf
 
 
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Nothing that a ray could meet."""
+    """Return 0: no ray hits it."""
     return vec3(0.0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rectangle that a dome's light comes in by, along its -z: sampled as a RectLight is, far away as the dome.
+"""Portals: rectangles through which a dome's light enters along their -z, sampled like a RectLight.
 
-Where a direction crosses several portals, each of them could have led to it, and their densities add up: see
-`all_lights`. A path may well leave by another way: then no density of light sampling counts against it.
+The densities of all portals that a direction crosses add up (`dispatch.dome_densities`). A path may also leave by an
+opening without a portal; then the density of light sampling is that of the dome's image alone.
 """
 
 import taichi as ti
@@ -15,7 +15,7 @@ from tiscene.scene.lights.light_table import DOME_ROW
 
 @ti.func
 def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
-    """A direction through the portal: a LightSample of its dome."""
+    """Sample a direction through the portal; returns a LightSample of its dome."""
     result = rect.sample(lights, textures, row, origin, u)
     result.row = integer(lights.values, row, DOME_ROW)
     result.distance = FAR
@@ -26,17 +26,17 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample` for a direction that crosses the portal at that distance."""
+    """Return the density of `sample`, 1/sr, for a direction that crosses the portal at that distance."""
     return rect.pdf(lights, row, origin, direction, distance)
 
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Distance to where a direction crosses the portal against its way in, +inf where it does not."""
+    """Return the distance at which a ray leaves through the portal, +inf if it does not."""
     return rect.intersect(lights, row, origin, direction)
 
 
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Nothing: light comes from the dome."""
+    """Return 0: the dome emits."""
     return vec3(0.0)

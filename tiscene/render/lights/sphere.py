@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sphere that emits outwards. Sampled uniformly in the cone that it fills. From inside it is dark."""
+"""SphereLight: a sphere that emits outwards; dark from inside. Sampled uniformly in the cone that it subtends."""
 
 import taichi as ti
 
@@ -11,7 +11,7 @@ from tiscene.scene.lights.light_table import SIZE
 
 @ti.func
 def one_minus_cosine(values: Template, row: ti.i32, offset: vec3) -> ti.f32:
-    """Of the angle from the center to the rim; 0 from inside."""
+    """Return 1 - cosine of half the angle that the sphere subtends; 0 from inside."""
     sine2 = values[row, SIZE] * values[row, SIZE] / offset.dot(offset)
     result = 0.0
     if sine2 < 1.0:
@@ -21,7 +21,7 @@ def one_minus_cosine(values: Template, row: ti.i32, offset: vec3) -> ti.f32:
 
 @ti.func
 def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: vec2):
-    """A direction from `origin` to the light: a LightSample."""
+    """Sample a direction from `origin` to the light; returns a LightSample."""
     values = ti.static(lights.values)
     result = no_sample()
     offset = axis(values, row, 3) - origin
@@ -32,7 +32,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
         w = warp.cone(u, height)
         s, t = warp.tangents(towards)
         result.direction = s * w.x + t * w.y + towards * w.z
-        # From the nearest point of the ray to the center back to the sphere; the rim's rounding must not go below 0.
+        # Back from the ray's point nearest to the center; at the rim, rounding must not make the square negative.
         radius = values[row, SIZE]
         sine2 = w.x * w.x + w.y * w.y
         back2 = radius * radius - center_distance * center_distance * sine2
@@ -44,7 +44,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
 
 @ti.func
 def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Density of `sample` for a direction that meets the light."""
+    """Return the density of `sample`, 1/sr, for a ray that hits the light."""
     height = one_minus_cosine(lights.values, row, axis(lights.values, row, 3) - origin)
     result = 0.0
     if height > 0.0:
@@ -54,7 +54,7 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
 
 @ti.func
 def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Distance to the outside, +inf for a miss or from inside."""
+    """Return the distance to the outer side, +inf for a miss or from inside."""
     values = ti.static(lights.values)
     result = ti.math.inf
     offset = axis(values, row, 3) - origin
@@ -71,5 +71,5 @@ def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> t
 
 @ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Radiance from the light's point that a ray met."""
+    """Return the radiance of the point that a ray hits."""
     return color(lights.values, row)
