@@ -1,16 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Benchmarks are found by name and print complete tables. Their measurements are not asserted."""
 
+import importlib
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import taichi as ti
+from trimesh.transformations import euler_matrix
 
 from tests.benchmarks import __main__ as benchmarks
-from tests.benchmarks import incremental, living_room, path, rays, stills
+from tests.benchmarks import crowd, incremental, living_room, path, rays, stills
 from tests.benchmarks.power_law import time_for
+from tests.render.path_scenes import ball, described, matte, quad
+from tiscene.render.film.denoise import denoise
+from tiscene.scene.camera import Camera
+from tiscene.scene.description import RectLight
+
+
+@ti.kernel
+def scale(factor: ti.f32) -> ti.f32:
+    return 2.0 * factor
+
 
 PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
 
@@ -121,6 +135,34 @@ def test_stills_print_without_mitsuba(rendered, monkeypatch, capsys):
     monkeypatch.setattr(living_room, "mitsuba", lambda *_, **__: None)
     stills.main()
     assert "Mitsuba " not in capsys.readouterr().out
+
+
+def test_crowd_measures_all_kinds_of_rays(monkeypatch):
+    for name, value in {"WIDTH": 16, "HEIGHT": 12, "ROUNDS": 1}.items():
+        monkeypatch.setattr(crowd, name, value)
+    floor = quad((-9, 0, 9), (9, 0, 9), (9, 0, -9), (-9, 0, -9))
+    block = ball((0.0, 0.5, 0.0), 0.5, subdivisions=2)
+    lamp = RectLight("Lamp", "/Lamp", euler_matrix(-0.5 * np.pi, 0.0, 0.0), (9.0, 9.0, 9.0), 1.0, 1.0)
+    lamp.world_from_light[1, 3] = 3.0
+    scene = replace(
+        described([floor, block], [matte("white", (0.8, 0.8, 0.8))], [lamp]),
+        cameras=(Camera.look_at((0, 2, 4), (0, 0, 0)),),
+    )
+    rates = crowd.measure(scene)
+    assert rates["triangles"] == len(floor.triangles) + len(block.triangles)
+    assert all(rates[kind] > 0 for kind in crowd.KINDS)
+
+
+def test_kernels_and_denoiser_are_timed_within_the_block():
+    gray = np.full((48, 64, 3), 0.5, np.float32)
+    stream_benchmark = importlib.import_module("tests.benchmarks.stream")
+    with stream_benchmark.timed_kernels() as spent:
+        denoise(gray, gray, gray, "fast")
+        of_denoiser = spent[0]
+        scale(1.0)
+        of_both = spent[0]
+    denoise(gray, gray, gray, "fast")
+    assert 0.0 < of_denoiser < of_both == spent[0]
 
 
 def test_interrupt_returns_130_without_traceback(monkeypatch, capsys):

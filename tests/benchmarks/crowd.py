@@ -50,7 +50,7 @@ class RayTimer:
         def measured(*arguments: Any, **options: Any) -> None:
             start = time.process_time()
             trace(*arguments, **options)
-            counted_as = "camera" if options.get("together") else kind
+            counted_as = "camera" if options.get("coherent") else kind
             self.seconds[counted_as] += time.process_time() - start
             self.rays[counted_as] += arguments[4]
 

@@ -19,13 +19,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pyoidn
 from numpy.typing import NDArray
 from taichi.lang import kernel_impl
 
 import tiscene as ts
 from dynamics.rotation import multiply
 from tiscene.cli import bench, demo
-from tiscene.render.film import denoise
 from tiscene.render.render_settings import preset
 from tiscene.render.view import View
 
@@ -157,8 +157,9 @@ def in_front_of(camera: ts.Camera, offset: tuple[float, float, float]) -> tuple[
 def timed_kernels() -> Iterator[list[float]]:
     """Measure the time spent in kernels, including launches, and in the denoiser within the block, s."""
     spent = [0.0]
-    timed: list[tuple[Any, Any]] = [(kind, kind.__call__) for kind in (kernel_impl.Kernel, denoise._Denoiser)]
-    for kind, call in timed:
+    timed: list[tuple[Any, str]] = [(kernel_impl.Kernel, "__call__"), (pyoidn.Filter, "execute")]
+    originals = [getattr(kind, name) for kind, name in timed]
+    for (kind, name), call in zip(timed, originals, strict=True):
 
         def measured(*args: Any, call: Any = call, **kwargs: Any) -> Any:
             began = time.perf_counter()
@@ -167,12 +168,12 @@ def timed_kernels() -> Iterator[list[float]]:
             finally:
                 spent[0] += time.perf_counter() - began
 
-        kind.__call__ = measured
+        setattr(kind, name, measured)
     try:
         yield spent
     finally:
-        for kind, call in timed:
-            kind.__call__ = call
+        for (kind, name), call in zip(timed, originals, strict=True):
+            setattr(kind, name, call)
 
 
 if __name__ == "__main__":
