@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pearson's test of samples against a density, in any two coordinates of unit Jacobian."""
+"""Pearson's chi-square test of samples against a density, in two coordinates of unit Jacobian."""
 
 from __future__ import annotations
 
@@ -20,11 +20,18 @@ def chi_square(
     cells: tuple[int, int] = (12, 24),
     quadrature: int = 16,
 ) -> float:
-    """The chance that samples of that density deviate from it as much as these points [n, 2] do, or more.
+    """Return the p-value of samples: the probability that samples of `density` deviate as much as these or more.
 
-    density: of points [m, 2] in the box from `low` to `high`, per unit of its area; outside the box there is none. Its
-    integral may be below 1 where a sampler sometimes gives no sample: those may simply be missing from `points`, and
-    their number is then tested too. Cells that expect fewer than 5 are pooled.
+    Cells that expect fewer than 5 samples are pooled.
+
+    Args:
+        points: [n, 2], the samples.
+        density: Density of points [m, 2] in the box from `low` to `high`, per unit of area; zero outside. Its integral
+            may be below 1 where a sampler may fail: failed samples are left out of `points`, and their count is tested.
+        low: Lower corner of the box.
+        high: Upper corner of the box.
+        cells: Number of cells along each axis.
+        quadrature: Density evaluations per cell along each axis.
     """
     edges = [np.linspace(low[axis], high[axis], cells[axis] + 1) for axis in range(2)]
     observed = np.histogram2d(points[:, 0], points[:, 1], bins=edges)[0].ravel()
@@ -45,7 +52,7 @@ def _p_value(observed: Array, expected: Array, count: int) -> float:
     observed, expected = observed[order], expected[order]
     pooled = int(np.searchsorted(np.cumsum(expected), 5.0)) + 1
     if expected[:pooled].sum() < 1.0 and observed[:pooled].sum() > 20:
-        return 0.0  # samples where the density says there are none
+        return 0.0  # samples where the density is zero
     observed = np.concatenate([[observed[:pooled].sum()], observed[pooled:]])
     expected = np.concatenate([[max(expected[:pooled].sum(), 1e-9)], expected[pooled:]])
     statistic = float(np.sum((observed - expected) ** 2 / np.maximum(expected, 1.0)))
@@ -53,18 +60,18 @@ def _p_value(observed: Array, expected: Array, count: int) -> float:
 
 
 def sphere_coordinates(directions: Array) -> Array:
-    """Directions [n, 3] to (cosine with z, azimuth in 0..2 pi): unit Jacobian with respect to solid angle."""
+    """Return (cosine with z, azimuth in 0..2 pi) of directions [n, 3]: unit Jacobian with respect to solid angle."""
     azimuth = np.arctan2(directions[:, 1], directions[:, 0]) % (2.0 * np.pi)
     return np.stack([np.clip(directions[:, 2], -1.0, 1.0), azimuth], axis=-1)
 
 
 def directions_of(coordinates: Array) -> Array:
-    """The inverse of `sphere_coordinates`."""
+    """Return the directions of `sphere_coordinates`."""
     cosine, azimuth = coordinates.T
     radius = np.sqrt(np.clip(1.0 - cosine**2, 0.0, 1.0))
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), cosine], axis=-1)
 
 
 SPHERE_LOW, SPHERE_HIGH = (-1.0, 0.0), (1.0, 2.0 * np.pi)
-# Fewer than one in ten thousand tests of a right sampler ends below.
-LEAST = 1e-4
+# A correct sampler falls below in fewer than one of ten thousand tests.
+MIN_P_VALUE = 1e-4

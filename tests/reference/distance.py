@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Distances between points and triangles in plain numpy, by another way than the kernels': clamp, project, compare."""
+"""Distances between points and triangles in plain numpy, by another algorithm than the kernels'."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def point_triangle(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Distances [n, m] of points [n, 3] to triangles [m, 3, 3]."""
+    """Return the distances [n, m] of points [n, 3] to triangles [m, 3, 3]."""
     p = np.asarray(points, np.float64)[:, None]
     a, b, c = np.moveaxis(np.asarray(triangles, np.float64), 1, 0)
     result = np.full((len(points), len(triangles)), np.inf)
@@ -26,5 +26,5 @@ def point_triangle(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def sphere_gap(centers: np.ndarray, radii: np.ndarray, triangles: np.ndarray) -> float:
-    """The smallest gap between any of the spheres and any of the triangles; negative where they overlap."""
+    """Return the smallest gap between any of the spheres and any of the triangles; negative where they overlap."""
     return float((point_triangle(centers, triangles).min(axis=1) - radii).min())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A SceneDescription as a Mitsuba 3 scene: the same triangles, simple materials, lights and camera."""
+"""A SceneDescription as a Mitsuba 3 scene, with the same triangles, lights and camera and simple materials."""
 
 from __future__ import annotations
 
@@ -38,11 +38,21 @@ def scene(
     glossy: bool = False,
     guides: bool = False,
 ) -> Any:
-    """The scene for the `path` integrator. mi: the mitsuba module with its variant set. Russian roulette from depth 3.
+    """Return the Mitsuba scene for its `path` integrator.
 
-    Materials: the diffuse color, of a texture too; glass where opacity is 0, partly there where it is less than 1; a
-    white metal where metallic is 1; emission. glossy: opaque ones as Mitsuba's `principled` instead, with roughness,
-    metallic, ior and normal maps. guides: pictures have the first hit's albedo and normal in channels 3 to 8.
+    Materials are the diffuse color (also of a texture); glass where opacity is 0; a mask where it is below 1; a white
+    metal where metallic is 1; emission.
+
+    Args:
+        mi: The mitsuba module with its variant set.
+        description: The scene.
+        camera: The camera.
+        width: Pixels.
+        height: Pixels.
+        max_depth: Maximum path depth; Russian roulette starts at depth 3.
+        spp: Samples per pixel.
+        glossy: Convert opaque materials to Mitsuba's `principled`, with roughness, metallic, ior and normal maps.
+        guides: Add the first hit's albedo and normal as channels 3 to 8 of images.
     """
     integrator: dict[str, Any] = {"type": "path", "max_depth": max_depth, "rr_depth": 3}
     if guides:
@@ -98,7 +108,7 @@ def _color(values: Any) -> dict[str, Any]:
 
 
 def _image(mi: Any, texture: Texture, *, mirrored: bool = False, wrap: str = "clamp") -> dict[str, Any]:
-    """The first row is at v = 0 there. mirrored: from right to left."""
+    """Return a bitmap whose first row is at v = 0; `mirrored` flips it horizontally."""
     pixels = np.ascontiguousarray(texture.pixels[:, ::-1, :3] if mirrored else texture.pixels[..., :3])
     return {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": texture.encoding == "raw", "wrap_mode": wrap}
 
@@ -124,7 +134,8 @@ def _bsdf(mi: Any, material: Material, textures: tuple[Texture, ...] = ()) -> di
     return bsdf if material.opacity == 1.0 else {"type": "mask", "opacity": material.opacity, "bsdf": bsdf}
 
 
-# What a layer of index 1.5 reflects: UsdPreviewSurface takes it from the light below, Mitsuba's `principled` does not.
+# Light that passes a dielectric layer of index 1.5: UsdPreviewSurface attenuates the diffuse lobe by it, Mitsuba's
+# `principled` does not.
 _BELOW_LAYER = 0.95
 
 
@@ -146,7 +157,7 @@ def _principled(mi: Any, material: Material, textures: tuple[Texture, ...]) -> d
         "metallic": value(material.metallic),
         "eta": material.ior,
     }
-    if material.normal is not None:  # scaled and moved from 0..1 to -1..1, as Mitsuba takes it to be
+    if material.normal is not None:  # in 0..1, which Mitsuba maps to -1..1
         bsdf = {"type": "normalmap", "normalmap": value(material.normal), "bsdf": bsdf}
     return {"type": "twosided", "bsdf": bsdf}
 
@@ -199,8 +210,12 @@ Corners = NDArray[np.float64]
 
 
 def _triangles(description: SceneDescription, material: int) -> tuple[Corners, Corners | None, Corners | None]:
-    """World-space corners [n, 3, 3] of the triangles of one material, and their normals and texture coordinates
-    [n, 3, 2] if every mesh has some."""
+    """Return corners, normals and texture coordinates of the triangles of one material.
+
+    Returns:
+        World-space corners [n, 3, 3]; normals [n, 3, 3] and texture coordinates [n, 3, 2], each None unless every mesh
+        has them.
+    """
     corners, normals, uv = [np.zeros((0, 3, 3))], [np.zeros((0, 3, 3))], [np.zeros((0, 3, 2))]
     smooth = mapped = True
     for instance in description.instances:

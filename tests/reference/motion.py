@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories in plain numpy, one body and one moment at a time, by other formulas than the kernel's."""
+"""Poses of waypoint loops in plain numpy, one body and one time at once, by other formulas than the kernel's."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 
 # Catmull and Rom's basis: rows t^0 .. t^3, columns the points before, at, after and beyond.
 CATMULL_ROM = 0.5 * np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]])
-# Pieces of a segment whose arc length is measured.
+# Pieces per segment of the polyline that measures arc length.
 FINE = 500
 
 
 def quaternion_of_euler(degrees: tuple[float, ...]) -> Array:
-    """(w, x, y, z) of R_y R_x R_z, from the written-out product."""
+    """Return (w, x, y, z) of R_y R_x R_z, from the expanded product."""
     (cx, sx), (cy, sy), (cz, sz) = ((math.cos(math.radians(a) / 2), math.sin(math.radians(a) / 2)) for a in degrees)
     return np.array(
         [
@@ -32,12 +32,14 @@ def quaternion_of_euler(degrees: tuple[float, ...]) -> Array:
 
 
 def quaternion_of(rotation: tuple[float, ...]) -> Array:
+    """Return the unit quaternion of Euler angles (degrees) or of a quaternion."""
     if len(rotation) == 3:
         return quaternion_of_euler(rotation)
     return np.asarray(rotation) / np.linalg.norm(rotation)
 
 
 def hamilton(a: Array, b: Array) -> Array:
+    """Return the Hamilton product as a matrix product."""
     w, x, y, z = a
     left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     product: Array = left @ b
@@ -45,7 +47,7 @@ def hamilton(a: Array, b: Array) -> Array:
 
 
 def slerp(a: Array, b: Array, t: float) -> Array:
-    """By the orthonormal basis of the plane of both."""
+    """Interpolate within an orthonormal basis of the plane of both quaternions."""
     cosine = float(np.clip(a @ b, -1.0, 1.0))
     across = b - cosine * a
     length = np.linalg.norm(across)
@@ -57,7 +59,7 @@ def slerp(a: Array, b: Array, t: float) -> Array:
 
 
 def power(q: Array, exponent: float) -> Array:
-    """q^exponent of a unit quaternion."""
+    """Return q^exponent of a unit quaternion."""
     half = math.atan2(np.linalg.norm(q[1:]), q[0])
     if half < 1e-15:
         return np.array([1.0, 0.0, 0.0, 0.0])
@@ -66,15 +68,18 @@ def power(q: Array, exponent: float) -> Array:
 
 
 def logarithm(q: Array) -> Array:
+    """Return half the rotation vector of a unit quaternion."""
     half = math.atan2(np.linalg.norm(q[1:]), q[0])
     return q[1:] * (half / math.sin(half)) if half > 1e-12 else q[1:]
 
 
 def same_side(q: Array, reference: Array) -> Array:
+    """Return `q` or -q, whichever is in the hemisphere of `reference`."""
     return -q if q @ reference < 0 else q
 
 
 def squad_control(before: Array, at: Array, after: Array) -> Array:
+    """Return the inner control quaternion of squad at `at`."""
     inverse = at * (1, -1, -1, -1)
     total = logarithm(hamilton(inverse, same_side(after, at))) + logarithm(hamilton(inverse, same_side(before, at)))
     angle = float(np.linalg.norm(total)) / 4
@@ -83,7 +88,7 @@ def squad_control(before: Array, at: Array, after: Array) -> Array:
 
 
 def pose(path: LinearWaypoints | CatmullWaypoints, clock: float) -> Array:
-    """[7] at a time of the path's own clock: position and quaternion, up to its sign."""
+    """Return the pose [7] at a time of the path's own clock: position, and quaternion up to its sign."""
     count = len(path.waypoints)
     phase = clock / path.total_time % 1.0
     u = phase * count if path.pacing == "equal_time" else _parameter_of_length(path, phase)
@@ -126,7 +131,7 @@ def _rotation(path: LinearWaypoints | CatmullWaypoints, segment: int, t: float) 
 
 
 def _parameter_of_length(path: LinearWaypoints | CatmullWaypoints, phase: float) -> float:
-    """By a very fine polyline."""
+    """Return the path's parameter at a fraction of its arc length, from a fine polyline."""
     u = np.linspace(0, len(path.waypoints), FINE * len(path.waypoints) + 1)
     points = np.array([_position(path, each) for each in u])
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

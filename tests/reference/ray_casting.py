@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every ray against every triangle, in float64: slow, and right."""
+"""Brute-force ray casting: every ray against every triangle, in float64."""
 
 from __future__ import annotations
 
@@ -13,7 +13,13 @@ from tiscene.scene.placement import CURRENT, Placement
 
 
 class Hits(NamedTuple):
-    """t: [n], inf for none. instance, triangle: [n], -1 for none; the triangle counts on through all meshes."""
+    """Closest hits of rays.
+
+    Attributes:
+        t: [n], distance; inf without a hit.
+        instance: [n], row; -1 without a hit.
+        triangle: [n], row among the triangles of all meshes; -1 without a hit.
+    """
 
     t: NDArray[np.float64]
     instance: NDArray[np.int64]
@@ -21,7 +27,7 @@ class Hits(NamedTuple):
 
 
 def cast(meshes: tuple[Mesh, ...], placement: Placement, rays: NDArray[np.float32], time: int = CURRENT) -> Hits:
-    """The closest hits of rays [n, 8] (as the kernels take them) on meshes as they are placed at `time`."""
+    """Return the closest hits of rays [n, 8] (the kernels' format) on meshes as they are placed at `time`."""
     first = np.cumsum([0] + [len(mesh.triangles) for mesh in meshes])
     best = Hits(np.full(len(rays), np.inf), np.full(len(rays), -1), np.full(len(rays), -1))
     for instance in np.flatnonzero(placement.present[time]):
@@ -30,7 +36,7 @@ def cast(meshes: tuple[Mesh, ...], placement: Placement, rays: NDArray[np.float3
         corners = (meshes[row].positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[meshes[row].triangles]
         for triangle, (a, b, c) in enumerate(corners):
             t = distance(a, b, c, rays)
-            closer = t < best.t  # at equal distance the earlier one stays
+            closer = t < best.t  # of equal distances the first counts
             best.t[closer] = t[closer]
             best.instance[closer] = instance
             best.triangle[closer] = first[row] + triangle
@@ -40,7 +46,7 @@ def cast(meshes: tuple[Mesh, ...], placement: Placement, rays: NDArray[np.float3
 def distance(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], rays: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Where rays meet one triangle, inf where they do not."""
+    """Return the distances at which rays hit one triangle, inf where they miss."""
     origin, direction, t_max = rays[:, :3].astype(np.float64), rays[:, 4:7].astype(np.float64), rays[:, 7]
     normal = np.cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.reference.chi_square import LEAST, chi_square
+from tests.reference.chi_square import MIN_P_VALUE, chi_square
 from tiscene.device.memory import upload
 from tiscene.render.integrators.path import wavefront_kernels
 from tiscene.render.integrators.path.path_state import PathState
@@ -52,7 +52,7 @@ def test_paths_go_through_the_pixel_by_its_filter(name: str) -> None:
 
     offset = np.clip(offset, -filter.radius, filter.radius)  # rounding
     low, high = (-filter.radius, -filter.radius), (filter.radius, filter.radius)
-    assert chi_square(offset, density, low, high, (20, 20)) > LEAST
+    assert chi_square(offset, density, low, high, (20, 20)) > MIN_P_VALUE
 
 
 def test_the_lens_is_used_evenly() -> None:
@@ -67,9 +67,9 @@ def test_the_lens_is_used_evenly() -> None:
     def even(at: np.ndarray) -> np.ndarray:
         return np.full(len(at), 0.5 / np.pi)
 
-    assert chi_square(disk, even, (0.0, 0.0), (1.0, 2.0 * np.pi)) > LEAST
+    assert chi_square(disk, even, (0.0, 0.0), (1.0, 2.0 * np.pi)) > MIN_P_VALUE
     # A place on the pixel and one on the lens are independent.
     for column in (0, 1):
         for other in (disk[:, 0], disk[:, 1] / (2.0 * np.pi)):
             both = np.column_stack([np.clip(offset[:, column] + 0.5, 0.0, 1.0 - 1e-9), other])
-            assert chi_square(both, lambda at: np.ones(len(at)), (0.0, 0.0), (1.0, 1.0), (16, 16)) > LEAST
+            assert chi_square(both, lambda at: np.ones(len(at)), (0.0, 0.0), (1.0, 1.0), (16, 16)) > MIN_P_VALUE

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
+from tests.reference.chi_square import (
+    MIN_P_VALUE,
+    SPHERE_HIGH,
+    SPHERE_LOW,
+    chi_square,
+    directions_of,
+    sphere_coordinates,
+)
 from tests.render.shading import Bsdf
 from tiscene.render.bsdfs.energy_tables import AVERAGES_AT, COSINES, ROUGHNESSES, reflection_tables
 from tiscene.scene.description import Material, Texture, TextureLookup
@@ -76,7 +83,7 @@ def check_density(material: Material, cosine: float, front: bool) -> None:
     kept = values[:, 3] > 0.0  # the rest hit a second microfacet: no sample
     assert np.abs(np.linalg.norm(directions[kept], axis=1) - 1.0).max() < 1e-5
     coordinates = np.where(kept[:, None], sphere_coordinates(directions.astype(np.float64)), 9.0)
-    assert chi_square(coordinates, density, SPHERE_LOW, SPHERE_HIGH, (40, 24)) > LEAST
+    assert chi_square(coordinates, density, SPHERE_LOW, SPHERE_HIGH, (40, 24)) > MIN_P_VALUE
 
 
 @pytest.mark.parametrize("refracts", [False, True], ids=["reflection", "refraction"])
@@ -103,7 +110,7 @@ def test_directions_of_sharp_lobes_follow_their_density(name: str, refracts: boo
         return bsdf.evaluate(outgoing(0.6, len(at)), there)[:, 3] / height
 
     assert (np.abs(points) < window).all(axis=1).mean() > 0.02
-    assert chi_square(points, density, (-window, -window), (window, window), (24, 24)) > LEAST
+    assert chi_square(points, density, (-window, -window), (window, window), (24, 24)) > MIN_P_VALUE
 
 
 @pytest.mark.parametrize("front", [True, False], ids=["outside", "inside"])

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tests.reference.chi_square import LEAST, SPHERE_HIGH, SPHERE_LOW, chi_square, directions_of, sphere_coordinates
+from tests.reference.chi_square import (
+    MIN_P_VALUE,
+    SPHERE_HIGH,
+    SPHERE_LOW,
+    chi_square,
+    directions_of,
+    sphere_coordinates,
+)
 from tiscene.render.sampling import warp
 
 COUNT = 100_000
@@ -118,7 +125,7 @@ def test_directions_follow_their_density(name: str, parameter: float) -> None:
         return values.astype(np.float64)
 
     cells = (80, 12)  # fine enough for the peak about a normal; the cones' rims lie on edges of cells
-    assert chi_square(sphere_coordinates(directions), density, SPHERE_LOW, SPHERE_HIGH, cells) > LEAST
+    assert chi_square(sphere_coordinates(directions), density, SPHERE_LOW, SPHERE_HIGH, cells) > MIN_P_VALUE
 
 
 @ti.kernel
@@ -137,7 +144,7 @@ def test_the_disk_is_uniform() -> None:
     assert density[squared < 1.0] == pytest.approx(1.0 / math.pi)
     polar = np.stack([0.5 * squared, np.arctan2(points[:, 1], points[:, 0]) % (2 * math.pi)], axis=-1)
     p_value = chi_square(polar, lambda at: np.full(len(at), 1.0 / math.pi), (0.0, 0.0), (0.5, 2.0 * math.pi))
-    assert p_value > LEAST
+    assert p_value > MIN_P_VALUE
 
 
 @ti.kernel
@@ -175,7 +182,7 @@ def test_the_rectangle_is_uniform_in_solid_angle(name: str) -> None:
         return z / (squared * np.sqrt(squared)) / exact
 
     fine = 128 if min(x1 - x0, y1 - y0) > 10 * z else 16
-    assert chi_square(points.astype(np.float64), density, (x0, y0), (x1, y1), (16, 16), fine) > LEAST
+    assert chi_square(points.astype(np.float64), density, (x0, y0), (x1, y1), (16, 16), fine) > MIN_P_VALUE
 
 
 @ti.kernel
