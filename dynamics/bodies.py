@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from dynamics import argument_checks
 from dynamics.closed_form import Still
 from dynamics.dynamic import LENGTH_STEPS, SEGMENT_COLUMNS, Aim, Curve, Dynamic, Pose, Track, Turn, check_dynamic
-from dynamics.errors import ArgumentError
 from dynamics.rotation import quaternion
 
 # Kinds of tracks, and how u selects the segment of a curve: by index, by arc length, by time.
@@ -47,8 +46,7 @@ class Body:
         check_dynamic(self.dynamic, "dynamic")
         object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
         object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
-        if argument_checks.number(self.birth, "birth") < 0.0:
-            raise ArgumentError(f"birth={self.birth!r}: must not be negative")
+        argument_checks.not_negative(self.birth, "birth")
         if self.name != "":
             argument_checks.text(self.name, "name")
         argument_checks.flag(self.timed, "timed")

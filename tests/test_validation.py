@@ -10,14 +10,14 @@ import pytest
 
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame.buffers import buffer_names
-from tiscene.render.renderer import quality_named
+from tiscene.render.render_settings import preset
 from tiscene.validation import integer, number, positive, shutter_times
 
 
 def test_numpy_numbers_become_plain_ones():
     assert [type(each) for each in (integer("n", np.int64(3), 0, 9), number("x", np.float32(3)))] == [int, float]
-    parts = quality_named("preview", spp=np.int64(3), max_depth=np.uint8(2), error=np.float32(0.5))
-    assert [type(each) for each in (parts.spp, parts.max_depth, parts.error)] == [int, int, float]
+    parts = preset("preview", spp=np.int64(3), max_depth=np.uint8(2), relative_error=np.float32(0.5))
+    assert [type(each) for each in (parts.spp, parts.max_depth, parts.relative_error)] == [int, int, float]
 
 
 @pytest.mark.parametrize(
@@ -31,14 +31,14 @@ def test_numpy_numbers_become_plain_ones():
         (lambda: positive("fps", 0), "fps=0: must be greater than 0"),
         (lambda: shutter_times((0.5, 0.0)), r"shutter=\(0.5, 0.0\): must be -1 <= open <= close <= 1"),
         (lambda: shutter_times(0.5), "shutter=0.5: must be two numbers"),
-        (lambda: quality_named("preview", spp=0), "spp=0: must be at least 1"),
-        (lambda: quality_named("preview", max_depth=1.5), "max_depth=1.5: must be a whole number"),
-        (lambda: quality_named("preview", base_spp="many"), "base_spp='many': must be a whole number"),
-        (lambda: quality_named("preview", error="low"), "error='low': must be a number"),
-        (lambda: quality_named("preview", clamp=-1.0), "clamp=-1.0: must be greater than 0"),
+        (lambda: preset("preview", spp=0), "spp=0: must be at least 1"),
+        (lambda: preset("preview", max_depth=1.5), "max_depth=1.5: must be a whole number"),
+        (lambda: preset("preview", base_spp="many"), "base_spp='many': must be a whole number"),
+        (lambda: preset("preview", relative_error="low"), "relative_error='low': must be a number"),
+        (lambda: preset("preview", clamp=-1.0), "clamp=-1.0: must be greater than 0"),
         (lambda: buffer_names(3), "buffers=3: must be a sequence of names"),
         (lambda: buffer_names("rgb"), "buffers='rgb': must be a sequence of names"),
-        (lambda: buffer_names(()), "ask for one at least"),
+        (lambda: buffer_names(()), "buffers=.*name at least one"),
     ],
 )
 def test_invalid_arguments_raise_argument_error_that_names_them(check, message):
