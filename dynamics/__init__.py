@@ -21,33 +21,30 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
 
 ::
 
-    dynamic               interface of trajectories, and the tracks they are made of
-    waypoints             linear and Catmull-Rom paths
-    closed_form           Still, Orbit, LookAt, Keyframes, Composite
-    random_bounce         UniformMovementRandomBounce
-    stepped_dynamic       Stepped: trajectories written in Python
-    quadrature            arc length of cubics
-    timings, clocks       when each body moves; exact time
-    bodies                bodies and their device columns
-    simulation            poses without collisions
-    path_poses, trajectory_kernel
-    colliding_bodies      movers, their contacts, their state at a frame
-    stepped_simulation    collisions, frame by frame
-    step_arrays           device arrays of a stepped simulation
-    step_kernel           one substep
-    body_layout, body_access
-    integrate, path_following, bounce_response
-    sweep_obstacles, sweep_bodies
-    collision_free        test for paths without any collision
-    obstacles             static triangles
-    tree_access           nodes and triangles of their hierarchy
-    contact, sphere_query  spheres against triangles, and against all obstacles
-    sphere_proxy          sphere proxies of surfaces
-    sphere_cover_kernels  kernels of sphere_proxy
-    rotation, random      quaternions; counter-based random numbers
-    errors                exceptions
-    argument_checks       validation of arguments
-    kernel_types          types of kernel arguments
+    dynamic                             interface of trajectories, and the tracks they are made of
+    waypoints                           linear and Catmull-Rom paths
+    closed_form                         Still, Orbit, LookAt, Keyframes, Composite
+    random_bounce                       UniformMovementRandomBounce
+    stepped_dynamic                     Stepped: trajectories written in Python
+    quadrature                          arc length of cubics
+    timings, clocks                     when each body moves; exact time
+    bodies                              bodies and their device arrays
+    simulation                          poses without collisions
+    path_poses, trajectory_kernel       evaluation of paths on the host and in a kernel
+    colliding_bodies                    movers, their contacts, their state at a frame
+    stepped_simulation                  collisions, frame by frame
+    step_arrays, step_kernel            its arrays; one substep
+    body_layout, body_access            columns of bodies, and access to them in kernels
+    integrate                           choice of each body's next motion
+    path_following, bounce_response     collision responses
+    sweep_obstacles, sweep_bodies       continuous collision detection
+    collision_free                      test for paths without any collision
+    obstacles, tree_access              static triangles, and their hierarchy in kernels
+    sphere_query, contact               spheres against all obstacles, and against a triangle
+    sphere_proxy, sphere_cover_kernels  sphere proxies of surfaces
+    rotation, random                    quaternions; counter-based random numbers
+    errors, argument_checks             exceptions; validation of arguments
+    kernel_types                        types of kernel arguments
 """
 
 from __future__ import annotations
