@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Authoring again gives what is committed: the same bytes twice here, the same content on any processor."""
+"""Authoring is repeatable: the same bytes in each run, and the content of the committed files on any processor."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def author(name: str, folder: Path) -> dict[str, bytes]:
 
 
 def assert_same_content(made: Path, committed: Path) -> None:
-    """Equal up to the last bits of a processor's sine: one gray level, a hundredth of a millimeter."""
+    """Assert equality up to rounding differences between processors: one gray level, 0.01 mm."""
     if made.read_bytes() == committed.read_bytes():
         return
     if made.suffix == ".png":
@@ -62,7 +62,7 @@ def _assert_close(first: object, second: object, path: str) -> None:
 
 
 @pytest.mark.parametrize("name", FAST)
-def test_authoring_repeats_and_gives_the_committed_files(name: str, tmp_path: Path) -> None:
+def test_authoring_twice_writes_same_bytes_and_committed_content(name: str, tmp_path: Path) -> None:
     once, twice = author(name, tmp_path / "once"), author(name, tmp_path / "twice")
     assert once == twice
     assert once
@@ -72,12 +72,12 @@ def test_authoring_repeats_and_gives_the_committed_files(name: str, tmp_path: Pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SLOW)
-def test_authoring_everything_else_gives_the_committed_files(name: str, tmp_path: Path) -> None:
+def test_authoring_slow_items_writes_committed_content(name: str, tmp_path: Path) -> None:
     for file in author(name, tmp_path):
         assert_same_content(tmp_path / file, PACKAGE / file)
 
 
-def test_every_committed_file_has_an_author_and_every_texture_is_used() -> None:
+def test_every_committed_file_is_authored_and_every_texture_used() -> None:
     stages = [*PACKAGE.glob("templates/*/*.usd?"), *PACKAGE.glob("*/*.usd?")]
     assert {path.parent.name for path in stages} == {*TEMPLATES, *SCENES}
     named = {name for path in stages if path.suffix == ".usda" for name in TEXTURE.findall(path.read_text("utf-8"))}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a room may cost: triangles, seconds to read, bytes on the device; and that all in it can be told apart."""
+"""Budgets of the rooms: triangles, reading time, device memory; and labels of all their objects."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ ROOMS = tuple(PLACES)
 
 @pytest.fixture(scope="module", params=ROOMS)
 def room(request: pytest.FixtureRequest) -> tuple[SceneDescription, float]:
-    """A room and the seconds of processor time that reading it took."""
+    """Return a room and the processor time of reading it, s."""
     start = time.process_time()
     description = read_stage(PACKAGE / request.param / "scene.usda")
     return description, time.process_time() - start
 
 
-def test_a_room_is_read_within_two_seconds(room: tuple[SceneDescription, float]) -> None:
+def test_room_is_read_within_two_seconds(room: tuple[SceneDescription, float]) -> None:
     assert room[1] < 2.0
 
 
-def test_a_room_has_less_than_800_000_triangles_of_its_own(room: tuple[SceneDescription, float]) -> None:
+def test_room_has_less_than_800_000_unique_triangles(room: tuple[SceneDescription, float]) -> None:
     assert 100_000 < sum(len(mesh.triangles) for mesh in room[0].meshes) < 800_000
 
 
-def test_every_static_thing_has_a_label_and_an_instance_of_its_own(room: tuple[SceneDescription, float]) -> None:
+def test_every_static_object_has_a_label_and_its_own_instances(room: tuple[SceneDescription, float]) -> None:
     description, _ = room
-    paths = [thing.prim_path for thing in description.objects]
+    paths = [record.prim_path for record in description.objects]
     assert len(set(paths)) == len(paths)
-    assert all(thing.category for thing in description.objects)
-    assert len({thing.category for thing in description.objects}) >= 12
+    assert all(record.category for record in description.objects)
+    assert len({record.category for record in description.objects}) >= 12
     assert {instance.object for instance in description.instances} == set(range(len(paths)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ROOMS)
-def test_a_room_takes_less_than_400_megabytes_on_the_device(scene: str) -> None:
+def test_room_takes_less_than_400_megabytes_on_device(scene: str) -> None:
     stream = ts.Stream(scene, width=256, height=192, spp=1, buffers=("rgb",))
     assert np.ptp(stream[0].rgb) > 0
     gc.collect()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces of signed distances lie where the distance is zero, closed, their faces outward."""
+"""Polygonized implicit surfaces: exact position, closed, faces outward."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ BOX = [-0.12] * 3, [0.12] * 3
 
 
 def volume(mesh: PolygonMesh) -> float:
-    """Of the fans of all faces seen from the origin."""
+    """Return the volume enclosed by the triangle fans of all faces."""
     quads = mesh.points[mesh.indices.reshape(-1, 4)]
     a, b, c, d = (quads[:, k] for k in range(4))
     return float((np.cross(a, b) * c).sum() + (np.cross(a, c) * d).sum()) / 6.0
 
 
-def test_a_sphere_is_a_sphere() -> None:
+def test_sphere_has_exact_radius_and_volume() -> None:
     ball = implicit.surface(implicit.ellipsoid((0.0, 0.0, 0.0), (0.1, 0.1, 0.1)), *BOX, 0.01)
     np.testing.assert_allclose(np.linalg.norm(ball.points, axis=1), 0.1, atol=1e-6)
     np.testing.assert_allclose(ball.normals, ball.points / 0.1, atol=1e-3)
     assert volume(ball) == pytest.approx(4.0 / 3.0 * np.pi * 0.1**3, rel=0.01)
 
 
-def test_a_limb_is_as_long_and_thick_as_it_says() -> None:
+def test_limb_has_given_length_and_radii() -> None:
     limb = implicit.surface(implicit.limb((0.0, -0.05, 0.0), (0.0, 0.05, 0.0), 0.04, 0.02), *BOX, 0.006)
     np.testing.assert_allclose(limb.bounds[:, 1], (-0.09, 0.07), atol=2e-3)
     np.testing.assert_allclose(limb.bounds[:, 0], (-0.04, 0.04), atol=2e-3)
 
 
-def test_a_union_holds_both_and_fills_the_crease() -> None:
+def test_union_contains_both_and_fills_the_crease() -> None:
     balls = [implicit.ellipsoid((x, 0.0, 0.0), (0.05, 0.05, 0.05)) for x in (-0.04, 0.04)]
     crease = np.array([[0.0, 0.031, 0.0]])
     assert implicit.union(balls, 1e-6)(crease) > 0.0
@@ -41,7 +41,7 @@ def test_a_union_holds_both_and_fills_the_crease() -> None:
     np.testing.assert_allclose(implicit.union(balls, 0.03)(apart), 0.0, atol=1e-9)
 
 
-def test_every_corner_has_one_place_in_the_texture() -> None:
+def test_box_uv_has_no_stretched_faces() -> None:
     ball = implicit.surface(implicit.ellipsoid((0.0, 0.0, 0.0), (0.1, 0.1, 0.1)), *BOX, 0.02)
     quads = ball.indices.reshape(-1, 4)
     spread = np.ptp(ball.uv[quads], axis=1).max()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is shipped: every template and scene keeps to the rules of its kind, and OpenUSD's own validators agree."""
+"""Rules that every shipped template and scene obeys, including OpenUSD's validators."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ import usd_scenes
 PACKAGE = Path(usd_scenes.__file__).parent
 TEMPLATES = sorted(path.parent.name for path in PACKAGE.glob("templates/*/template.usda"))
 SCENES = sorted(path.parent.name for path in PACKAGE.glob("*/scene.usda"))
-PROMISED = """
+REQUIRED = """
     chair_01 chair_02 armchair_01 sofa_01 pillow_01 pouf_01 dish_01 bowl_01 cup_01 ewer_01 fork_01 spoon_01 candle_01
     book_01 laptop_01 cellphone_01 remote_controller_01 pen_01 box_01 recycle_bin_02 statue_01 painting_01 lamp_floor_01
     alarm_clock_01 towel_01 toilet_paper_01 soap_01 plunger_01 pot_01 tennis_racket_01 ball_01 teddy_bear_01 plant_01
     cube sphere cylinder capsule cone torus
 """
-SIZES = {  # m; what the real thing measures
+SIZES = {  # m; of the real objects
     "chair_01": (0.45, 0.90, 0.50),
     "laptop_01": (0.33, 0.22, 0.30),
     "dish_01": (0.27, 0.03, 0.27),
@@ -67,7 +67,7 @@ def world_bounds(stage: Usd.Stage) -> np.ndarray:
 
 
 def parts(root: Usd.Prim) -> list[Usd.Prim]:
-    """What a template is made of."""
+    """Return the part prims of a template."""
     return [prim for prim in root.GetChildren() if prim.GetName() != "Looks"]
 
 
@@ -81,18 +81,18 @@ def stages() -> list[Path]:
     ]
 
 
-def test_what_the_command_promises_is_there() -> None:
+def test_required_templates_and_scenes_exist() -> None:
     assert {"object_view", "room_02"} <= set(SCENES)
-    assert set(PROMISED.split()) <= set(TEMPLATES)
+    assert set(REQUIRED.split()) <= set(TEMPLATES)
 
 
-def test_the_package_stays_small() -> None:
+def test_package_stays_small() -> None:
     files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
     assert sum(path.stat().st_size for path in files) < 60e6
 
 
 @pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_meters_and_y_up(path: Path) -> None:
+def test_stage_is_in_meters_with_y_up(path: Path) -> None:
     stage = open_stage(path)
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
@@ -100,7 +100,7 @@ def test_meters_and_y_up(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_openusd_finds_nothing_to_complain_of(path: Path) -> None:
+def test_stage_passes_openusd_validators(path: Path) -> None:
     registry = UsdValidation.ValidationRegistry()
     context = UsdValidation.ValidationContext(registry.GetOrLoadAllValidators())
     errors = context.Validate(open_stage(path))
@@ -108,7 +108,7 @@ def test_openusd_finds_nothing_to_complain_of(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_a_template_is_one_labeled_component(name: str) -> None:
+def test_template_is_one_labeled_component(name: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     root = stage.GetDefaultPrim()
     assert Usd.ModelAPI(root).GetKind() == Kind.Tokens.component
@@ -119,7 +119,7 @@ def test_a_template_is_one_labeled_component(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_a_template_is_centered_and_light(name: str) -> None:
+def test_template_is_centered_with_few_triangles(name: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     low, high = world_bounds(stage)
     np.testing.assert_allclose(low + high, 0.0, atol=5e-5)
@@ -130,7 +130,7 @@ def test_a_template_is_centered_and_light(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_a_template_comes_in_three_colors_at_least_and_three_appearances(name: str) -> None:
+def test_template_has_three_colors_and_three_appearances(name: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     root = stage.GetDefaultPrim()
     colors, appearances = (root.GetVariantSet(each) for each in ("color", "appearance"))
@@ -145,7 +145,7 @@ def test_a_template_comes_in_three_colors_at_least_and_three_appearances(name: s
 
 @pytest.mark.parametrize("appearance", ["untextured", "primitives"])
 @pytest.mark.parametrize("name", TEMPLATES)
-def test_an_elementary_appearance_has_the_same_parts_in_plain_colors(name: str, appearance: str) -> None:
+def test_untextured_appearances_have_same_parts_in_plain_colors(name: str, appearance: str) -> None:
     stage = open_stage(PACKAGE / "templates" / name / "template.usda")
     root = stage.GetDefaultPrim()
     detailed, bounds = [prim.GetName() for prim in parts(root)], world_bounds(stage)
@@ -165,7 +165,7 @@ def test_an_elementary_appearance_has_the_same_parts_in_plain_colors(name: str, 
 
 
 @pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_every_mesh_is_sound_and_has_a_material(path: Path) -> None:
+def test_every_mesh_is_valid_and_has_a_material(path: Path) -> None:
     stage = open_stage(path)
     for mesh in meshes(stage):
         points = np.asarray(mesh.GetPointsAttr().Get())
@@ -184,7 +184,7 @@ def test_every_mesh_is_sound_and_has_a_material(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_faces_look_the_way_their_normals_point(path: Path) -> None:
+def test_faces_point_along_their_normals(path: Path) -> None:
     stage = open_stage(path)
     for mesh in meshes(stage):
         points = np.asarray(mesh.GetPointsAttr().Get(), dtype=np.float64)
@@ -201,7 +201,7 @@ def test_faces_look_the_way_their_normals_point(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_scene_has_cameras_lights_and_only_labeled_components(name: str) -> None:
+def test_scene_has_cameras_lights_and_labeled_components(name: str) -> None:
     stage = open_stage(PACKAGE / name / "scene.usda")
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     cameras = [UsdGeom.Camera(prim) for prim in prims if prim.IsA(UsdGeom.Camera)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rooms: sizes, free air, published cameras, and variants that change the light and the looks but nothing else."""
+"""The rooms: sizes, free flight space, published cameras, and what the variants change."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from usd_scenes.author.templates import APPEARANCES
 PACKAGE = Path(usd_scenes.__file__).parent
 ROOTS = {"object_view": "ObjectView", **gallery.ROOTS}
 ROOMS = {"room_01": (4.5, 4.0), "room_02": (8.0, 7.0), "room_03": (3.0, 2.5)}  # m, along x and z
-AIR = {  # least and greatest corner of what must stay free
+AIR = {  # lower and upper corner of the space that must stay free
     "room_01": ((-1.4, 0.70, -0.9), (0.25, 2.3, 1.1)),
     "room_02": ((-2.6, 0.80, -4.6), (0.4, 2.4, -1.2)),
     "room_03": ((-0.65, 0.60, -0.3), (0.6, 2.2, 0.9)),
@@ -50,7 +50,7 @@ def boxes(stage: Usd.Stage) -> dict[str, Gf.Range3d]:
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_a_room_has_the_size_it_says_and_many_categories(name: str) -> None:
+def test_room_has_documented_size_and_many_categories(name: str) -> None:
     stage = open_scene(name)
     size = boxes(stage)[f"/{ROOTS[name]}/Building/Floor"].GetSize()
     np.testing.assert_allclose((size[0], size[2]), ROOMS[name], atol=0.02)
@@ -65,7 +65,7 @@ def test_a_room_has_the_size_it_says_and_many_categories(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", AIR)
-def test_the_middle_of_a_room_is_free_to_fly_through(name: str) -> None:
+def test_flight_space_of_room_is_free(name: str) -> None:
     stage = open_scene(name)
     air = Gf.Range3d(*(Gf.Vec3d(*corner) for corner in AIR[name]))
     for path, box in boxes(stage).items():
@@ -75,8 +75,8 @@ def test_the_middle_of_a_room_is_free_to_fly_through(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_things_stand_on_something(name: str) -> None:
-    """Nothing is below the floor or beyond the walls, whatever it rests on."""
+def test_objects_stay_inside_the_room(name: str) -> None:
+    """Nothing extends below the floor or beyond the walls."""
     low, high = boxes(open_scene(name))[f"/{ROOTS[name]}/Building/Floor"].GetMin(), (9.0, 9.0, 9.0)
     for path, box in boxes(open_scene(name)).items():
         if "/Building/" not in path:
@@ -89,10 +89,10 @@ def test_things_stand_on_something(name: str) -> None:
     ("name", "camera", "position", "pitch", "yaw"),
     [("room_02", "SAILenv", (-1.5, 2.0, 0.5), 18.0, -12.0), ("room_01", "SAILenv", (-1.3, 2.0, 1.5), 22.0, 144.0)],
 )
-def test_the_cameras_of_published_scripts_are_there(
+def test_cameras_of_published_scripts_exist(
     name: str, camera: str, position: tuple[float, float, float], pitch: float, yaw: float
 ) -> None:
-    """Positions and angles are Unity's: z forward, pitch down, yaw to the right."""
+    """Published positions and angles are in Unity's axes: z forward, pitch down, yaw to the right."""
     stage = open_scene(name)
     frame = UsdGeom.Camera(stage.GetPrimAtPath(f"/{ROOTS[name]}/Cameras/{camera}")).GetCamera(0)
     x, y, z = position
@@ -105,16 +105,16 @@ def test_the_cameras_of_published_scripts_are_there(
 
 
 @pytest.mark.parametrize("name", ROOTS)
-def test_every_scene_has_an_agents_camera_and_a_light_that_is_no_dome(name: str) -> None:
+def test_every_scene_has_an_agent_camera_and_a_light_besides_domes(name: str) -> None:
     stage = open_scene(name)
     assert stage.GetPrimAtPath(f"/{ROOTS[name]}/Cameras/Agent").IsA(UsdGeom.Camera)
     assert any(prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdLux.DomeLight) for prim in prims(stage))
 
 
 @pytest.mark.parametrize("name", ROOTS)
-def test_lighting_changes_lights_and_exposure_alone(name: str) -> None:
+def test_lighting_variant_changes_only_lights_and_exposure(name: str) -> None:
     powers = []
-    things = []
+    layouts = []
     for lighting in LIGHTING:
         stage = open_scene(name, lighting=lighting)
         lights = [prim for prim in prims(stage) if prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdLux.PortalLight)]
@@ -122,25 +122,25 @@ def test_lighting_changes_lights_and_exposure_alone(name: str) -> None:
             (UsdLux.LightAPI(p).GetIntensityAttr().Get(), *UsdLux.LightAPI(p).GetColorAttr().Get()) for p in lights
         ]
         powers.append(values)
-        things.append(boxes(stage))
+        layouts.append(boxes(stage))
         cameras = [UsdGeom.Camera(prim) for prim in prims(stage) if prim.IsA(UsdGeom.Camera)]
         assert all(camera.GetExposureAttr().HasAuthoredValue() for camera in cameras)
     assert powers[0] != powers[1] != powers[2] != powers[0]
-    assert things[0] == things[1] == things[2]
+    assert layouts[0] == layouts[1] == layouts[2]
     stage = open_scene(name)
     default = [prim for prim in prims(stage) if prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdLux.PortalLight)]
     assert UsdLux.LightAPI(default[0]).GetIntensityAttr().Get() == powers[0][0][0]
 
 
 @pytest.mark.parametrize("name", gallery.ROOTS)
-def test_appearances_keep_labels_and_layout(name: str) -> None:
+def test_appearance_variant_keeps_labels_and_layout(name: str) -> None:
     plain = open_scene(name)
     reference = boxes(plain)
     for appearance in APPEARANCES[1:]:
         stage = open_scene(name, appearance=appearance)
         assert labeled(stage) == labeled(plain)
         for path, box in boxes(stage).items():
-            # A primitive may stand out from what it stands for: a leaning pillow, the leaves of a plant.
+            # Primitives may extend beyond their meshes: leaning pillows, leaves of plants.
             np.testing.assert_allclose(box.GetMidpoint(), reference[path].GetMidpoint(), atol=0.15, err_msg=path)
         for prim in prims(stage):
             if prim.IsA(UsdGeom.Gprim) and prim.GetName() != "Pane":
@@ -150,11 +150,11 @@ def test_appearances_keep_labels_and_layout(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_elementary_rooms_are_of_primitives(name: str) -> None:
+def test_primitives_appearance_has_only_gprims(name: str) -> None:
     stage = open_scene(name, appearance="primitives")
     for prim in prims(stage):
         if prim.IsA(UsdGeom.Mesh):
-            assert prim.GetName().startswith("Ellipsoid"), prim.GetPath()  # there is no gprim for one
+            assert prim.GetName().startswith("Ellipsoid"), prim.GetPath()  # no UsdGeom gprim is an ellipsoid
     walls = [path for path, label in labeled(stage).items() if label in ("wall", "tiles", "floor", "ceiling")]
     assert walls
     for path in walls:
@@ -164,7 +164,7 @@ def test_elementary_rooms_are_of_primitives(name: str) -> None:
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("name", ["room_01", "room_02"])
-def test_windows_are_open_to_light_and_closed_to_what_flies(name: str, appearance: str) -> None:
+def test_windows_pass_light_and_block_objects(name: str, appearance: str) -> None:
     stage = open_scene(name, appearance=appearance)
     every = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
     guides = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.guide])
@@ -183,8 +183,8 @@ def test_windows_are_open_to_light_and_closed_to_what_flies(name: str, appearanc
 
 
 @pytest.mark.parametrize("name", ROOMS)
-def test_moldings_reach_into_what_they_lie_against(name: str) -> None:
-    """Edges that merely touch leave slits that rays slip through."""
+def test_moldings_overlap_adjacent_surfaces(name: str) -> None:
+    """Touching edges would leak light."""
     stage = open_scene(name)
     box = boxes(stage)
     building = f"/{ROOTS[name]}/Building"
@@ -194,17 +194,17 @@ def test_moldings_reach_into_what_they_lie_against(name: str) -> None:
         if path in box:
             size = box[path].GetSize()
             assert size[0] > width + 0.002
-            assert size[2] > depth + 0.002 or molding == "DadoRail"  # which ends at a tiled wall
+            assert size[2] > depth + 0.002 or molding == "DadoRail"  # the dado rail ends at a tiled wall
     if f"{building}/Cornice" in box:
         assert box[f"{building}/Cornice"].GetMax()[1] > box[f"{building}/Ceiling"].GetMin()[1] + 0.002
 
 
-def test_the_table_of_labels_is_up_to_date() -> None:
+def test_table_of_labels_is_up_to_date() -> None:
     (table,) = gallery.TABLE.findall((gallery.DOCS / "scenes.md").read_text(encoding="utf-8"))
     assert table == gallery.table(), "run `python -m docs.tools.gallery table`"
 
 
-def test_the_gallery_is_up_to_date() -> None:
+def test_gallery_is_up_to_date() -> None:
     assert (gallery.DOCS / "gallery.md").read_text(encoding="utf-8") == gallery.page()
     known = {f"{picture.name}.jpg" for picture in gallery.PICTURES}
     files = {path.name: path.stat().st_size for path in gallery.IMAGES.iterdir()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plates and shells are closed, of the size they say, their faces outward."""
+"""Plates and shells: closed, of the given size, faces outward."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from usd_scenes.author.sheets import plate, shell, unit_uv
 
 
 def volume(mesh: PolygonMesh) -> float:
-    """Of the fans of all faces seen from the origin: what a closed mesh with outward faces encloses."""
+    """Return the volume enclosed by the triangle fans of all faces."""
     total, starts = 0.0, np.cumsum(mesh.counts) - mesh.counts
     for k in range(1, int(mesh.counts.max()) - 1):
         start = starts[mesh.counts > k + 1]
@@ -24,7 +24,7 @@ def volume(mesh: PolygonMesh) -> float:
 @pytest.mark.parametrize(
     ("outline", "area"), [(rectangle(0.07, 0.15, 0.01, 6), 0.0104142), (circle(0.1, 64), np.pi * 0.01)]
 )
-def test_a_plate_has_the_volume_of_its_outline_but_for_its_rounds(outline: np.ndarray, area: float) -> None:
+def test_plate_has_volume_of_its_outline_minus_rounding(outline: np.ndarray, area: float) -> None:
     sharp, round_ = plate(outline, 0.01, 0.0), plate(outline, 0.01, 0.002)
     assert volume(sharp) == pytest.approx(0.01 * area, rel=5e-3)
     assert 0.9 * volume(sharp) < volume(round_) < volume(sharp)
@@ -32,7 +32,7 @@ def test_a_plate_has_the_volume_of_its_outline_but_for_its_rounds(outline: np.nd
     np.testing.assert_allclose(sharp.bounds[:, 1], (0.0, 0.01))
 
 
-def test_a_shell_is_as_thick_as_it_says_with_a_round_rim() -> None:
+def test_shell_has_given_thickness_and_round_rim() -> None:
     u, v = np.meshgrid(np.linspace(0.0, 1.0, 9), np.linspace(0.0, 0.5, 7))
     flat = np.stack([u, v, 0.0 * u], axis=-1)
     sheet = shell(flat, flat[..., :2], 0.02)
@@ -41,7 +41,7 @@ def test_a_shell_is_as_thick_as_it_says_with_a_round_rim() -> None:
     assert volume(sheet) == pytest.approx(0.5 * 0.02 + rims, rel=0.01)
 
 
-def test_a_picture_lies_over_a_plate_from_corner_to_corner() -> None:
+def test_unit_uv_covers_plate_from_corner_to_corner() -> None:
     mesh = unit_uv(plate(rectangle(0.2, 0.4, 0.001), 0.01), (-0.1, 0.2), (0.1, -0.2))
     np.testing.assert_allclose(mesh.uv.min(axis=0), 0.0, atol=1e-6)
     np.testing.assert_allclose(mesh.uv.max(axis=0), 1.0, atol=1e-6)

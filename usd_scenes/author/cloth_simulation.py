@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cloth by extended position-based dynamics (Macklin et al. 2016) in many small steps: what lies, hangs and is stuffed.
+"""Cloth simulation by position-based dynamics with small steps, after Macklin et al., "XPBD" (2016).
 
-Run once, when a thing is authored, and saved as its mesh. Only elementwise arithmetic, which rounds alike everywhere.
+Used for cloth that lies, hangs or is stuffed. It runs once, when a model is authored; the result is saved as a mesh.
+All arithmetic is elementwise, so that it rounds alike on every processor.
 """
 
 from __future__ import annotations
@@ -16,27 +17,36 @@ from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 
 Indices = NDArray[np.int64]
 Obstacle = Callable[[Array], tuple[Array, Array]]
-"""Points [n, 3] to their distance outside it [n] and the unit direction away from it [n, 3]."""
-GRAVITY = 9.81
-STEP = 1.0 / 600.0
+"""Maps points [n, 3] to their signed distances [n] and the unit directions away from the obstacle [n, 3]."""
+GRAVITY = 9.81  # m/s²
+STEP = 1.0 / 600.0  # s
 
 
 @dataclass
 class _Springs:
-    """Pairs that share no particle, so that all can be solved at once. apart: they only push."""
+    """Distance constraints between disjoint pairs of particles, which can all be solved at once.
+
+    Attributes:
+        first: [k], one particle of each pair.
+        second: [k], the other one.
+        rest: rest lengths, [k], m.
+        stiffness: fraction of the error corrected in a step, 0..1.
+        push_only: whether only compression is corrected.
+    """
 
     first: Indices
     second: Indices
     rest: Array
     stiffness: float
-    apart: bool = False
+    push_only: bool = False
 
     def solve(self, points: Array, mobility: Array) -> None:
+        """Move the points [n, 3] in place; `mobility` [n] is 0 for pinned particles, else 1."""
         a, b = self.first, self.second
         offset = points[b] - points[a]
         length = np.sqrt(_dot(offset, offset)) + 1e-12
         error = length - self.rest
-        if self.apart:
+        if self.push_only:
             error = np.minimum(error, 0.0)
         share = mobility[a] + mobility[b]
         move = (self.stiffness * error / (length * np.where(share > 0.0, share, 1.0)))[:, None] * offset
@@ -46,9 +56,13 @@ class _Springs:
 
 @dataclass
 class Cloth:
-    """One rectangular piece, or two sewn together at their edge; grids of particles [rows, columns].
+    """One rectangular sheet, or two sewn together at their edges.
 
-    sheets: particle numbers of each piece; of a bag's second one the edge is the first one's.
+    Attributes:
+        points: positions, [n, 3], m.
+        sheets: particles of each sheet, [rows, columns]; a bag's sheets share their edge particles.
+        springs: the constraints, in the order in which they are solved.
+        mobility: [n], 0 for pinned particles, else 1.
     """
 
     points: Array
@@ -60,7 +74,7 @@ class Cloth:
         self.mobility = np.ones(len(self.points))
 
     def pin(self, particles: Indices) -> None:
-        """Holds some particles where they are."""
+        """Fix some particles in place."""
         self.mobility[particles.reshape(-1)] = 0.0
 
     def relax(
@@ -71,7 +85,15 @@ class Cloth:
         drag: float = 2.0,
         gravity: float = 1.0,
     ) -> None:
-        """Lets it fall. friction: of contacts, 0..1 of the way slid in a step. drag: of the air, 1/s."""
+        """Simulate.
+
+        Args:
+            seconds: simulated time.
+            obstacles: what the cloth collides with.
+            friction: fraction of the sliding removed at contacts in each step, 0..1.
+            drag: of the air, 1/s.
+            gravity: multiple of GRAVITY.
+        """
         points, velocity = self.points, np.zeros_like(self.points)
         weight = np.array([0.0, -GRAVITY * gravity, 0.0])
         loose = (self.mobility > 0.0)[:, None]
@@ -94,16 +116,17 @@ class Cloth:
             velocity *= np.minimum(1.0, 4.0 / np.maximum(speed, 1e-9))
 
     def sheet(self, number: int = 0) -> Array:
-        """Positions of one piece, [rows, columns, 3]."""
+        """Return the positions of a sheet, [rows, columns, 3]."""
         return self.points[self.sheets[number]]
 
 
 def _dot(a: Array, b: Array) -> Array:
+    """Return the dot products of rows [n, 3] in a fixed order of additions."""
     return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
 
 
 def _grid_springs(at: Indices, flat: Array, stretch: float, shear: float, bend: float) -> list[_Springs]:
-    """Stretch, shear and bending of a grid of particles whose pattern lies `flat` [n, 3], in independent groups."""
+    """Return stretch, shear and bending springs of a grid of particles with rest positions `flat` [n, 3]."""
     rows, columns = at.shape
     i, j = np.mgrid[0:rows, 0:columns]
     result = []
@@ -130,7 +153,15 @@ def _grid_springs(at: Indices, flat: Array, stretch: float, shear: float, bend: 
 
 
 def sheet(pattern: Array, start: Array, *, stretch: float = 0.9, shear: float = 0.25, bend: float = 0.06) -> Cloth:
-    """One piece. pattern: [rows, columns, 2], m, laid flat; start: [rows, columns, 3]. Stiffnesses 0..1, of a step."""
+    """Return a cloth of one sheet.
+
+    Args:
+        pattern: rest positions, [rows, columns, 2], m.
+        start: initial positions, [rows, columns, 3], m.
+        stretch: stiffness, fraction of the error corrected in a step, 0..1.
+        shear: stiffness against shear, as `stretch`.
+        bend: stiffness against bending, as `stretch`.
+    """
     rows, columns = pattern.shape[:2]
     at = np.arange(rows * columns).reshape(rows, columns)
     flat = np.insert(pattern.reshape(-1, 2), 1, 0.0, axis=1)
@@ -140,9 +171,15 @@ def sheet(pattern: Array, start: Array, *, stretch: float = 0.9, shear: float = 
 def bag(
     pattern: Array, start: Array, gap: Array, *, stretch: float = 0.9, shear: float = 0.2, bend: float = 0.03
 ) -> Cloth:
-    """Two pieces sewn together, kept apart by their filling. gap: its thickness, [rows, columns], m, 0 at the edge.
+    """Return a cloth of two sheets sewn together, with a filling between them.
 
-    The first piece is the one on top: `start` moved along +y by half the gap.
+    Args:
+        pattern: rest positions of each sheet, [rows, columns, 2], m.
+        start: initial positions of the middle, [rows, columns, 3], m; the first sheet starts half the gap above.
+        gap: thickness of the filling, [rows, columns], m, 0 at the edge.
+        stretch: stiffness, fraction of the error corrected in a step, 0..1.
+        shear: stiffness against shear, as `stretch`.
+        bend: stiffness against bending, as `stretch`.
     """
     rows, columns = pattern.shape[:2]
     count = rows * columns
@@ -158,21 +195,21 @@ def bag(
     for at in (top, bottom):
         springs += _grid_springs(at, np.concatenate([flat, flat]), stretch, shear, bend)
     inside = ~edge
-    springs.append(_Springs(top[inside], bottom[inside], gap[inside], 0.35, apart=True))
+    springs.append(_Springs(top[inside], bottom[inside], gap[inside], 0.35, push_only=True))
     cloth = Cloth(np.round(points, 7), [top, bottom], springs)
     cloth.mobility[np.setdiff1d(np.arange(2 * count), np.concatenate([top.ravel(), bottom.ravel()]))] = 0.0
     return cloth
 
 
 def pattern(width: float, height: float, cell: float) -> Array:
-    """A rectangle about the origin, [rows, columns, 2], columns along x; rows run from -height/2 to +height/2."""
+    """Return rest positions of a rectangle about the origin: [rows, columns, 2], columns along x, rows along y."""
     columns, rows = round(width / cell), round(height / cell)
     x, y = np.meshgrid(np.linspace(-width / 2, width / 2, columns + 1), np.linspace(-height / 2, height / 2, rows + 1))
     return np.stack([x, y], axis=-1)
 
 
 def box(low: Sequence[float], high: Sequence[float], radius: float) -> Obstacle:
-    """A box with round edges."""
+    """Return a box with round edges as an obstacle."""
     center, half = (np.add(low, high)) / 2.0, (np.subtract(high, low)) / 2.0 - radius
 
     def measure(points: Array) -> tuple[Array, Array]:
@@ -190,7 +227,7 @@ def box(low: Sequence[float], high: Sequence[float], radius: float) -> Obstacle:
 
 
 def rod(start: Sequence[float], end: Sequence[float], radius: float) -> Obstacle:
-    """A round bar from start to end."""
+    """Return a round bar from start to end as an obstacle."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     along = b - a
     square = float(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
@@ -205,12 +242,20 @@ def rod(start: Sequence[float], end: Sequence[float], radius: float) -> Obstacle
 
 
 def floor(height: float = 0.0) -> Obstacle:
+    """Return a horizontal plane as an obstacle."""
     up = np.array([0.0, 1.0, 0.0])
     return lambda points: (points[:, 1] - height, np.broadcast_to(up, points.shape))
 
 
 def landscape(points: Array, cell: float, clearance: float, slope: float = 6.0) -> Obstacle:
-    """What lies under a cloth: the height over x and z of dense points [n, 3], no cliff steeper than `slope`."""
+    """Return a height field as an obstacle.
+
+    Args:
+        points: dense points [n, 3] below the cloth; the highest one in each cell counts.
+        cell: side of the cells, m.
+        clearance: distance kept from the surface, m.
+        slope: maximum slope; steeper steps are filled.
+    """
     low = points.min(axis=0) - 0.6
     shape = np.ceil((points.max(axis=0) + 0.6 - low) / cell).astype(int)[[0, 2]] + 1
     height = np.full(tuple(shape), points[:, 1].min() - 1.0)
@@ -240,7 +285,7 @@ def landscape(points: Array, cell: float, clearance: float, slope: float = 6.0) 
 
 
 def refined(points: Array, times: int = 2) -> Array:
-    """A grid with its cells split by Catmull-Rom interpolation, [rows, columns, k]."""
+    """Subdivide a grid [rows, columns, k] by Catmull-Rom interpolation, each cell `times` times along each side."""
     result = points
     for axis in (0, 1):
         p = np.moveaxis(result, axis, 0)
@@ -258,7 +303,7 @@ def refined(points: Array, times: int = 2) -> Array:
 
 
 def blanket_mesh(points: Array, uv: Array, thickness: float) -> PolygonMesh:
-    """A single cloth made solid: `points` [rows, columns, 3] are its middle, its front where columns x rows points."""
+    """Build a solid mesh of a sheet with middle `points` [rows, columns, 3]; the front faces along columns × rows."""
     middle = grid(points, uv)
     normals = middle.normals.reshape(points.shape)
     rows, columns = points.shape[:2]
@@ -274,7 +319,7 @@ def blanket_mesh(points: Array, uv: Array, thickness: float) -> PolygonMesh:
 
 
 def bag_mesh(cloth: Cloth, uv: Array, refine: int = 1) -> PolygonMesh:
-    """Both pieces of a bag; its first one's front is where columns x rows points away from the second."""
+    """Build the mesh of a bag, facing outward; `refine` splits each cell that many times along each side."""
     top, bottom = (refined(cloth.sheet(k), refine) for k in (0, 1))
     coordinates = refined(uv, refine)
     front = grid(top, coordinates)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes given by a signed distance: what is stuffed or molded has no profile. Fields take points [n, 3], give [n]."""
+"""Implicit surfaces: signed distance fields for stuffed and molded shapes, polygonized by surface nets.
+
+A field maps points [n, 3] to distances [n], negative inside.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ Field = Callable[[Array], Array]
 
 
 def ellipsoid(center: ArrayLike, radii: ArrayLike, turn: Array | None = None) -> Field:
-    """turn: [3, 3], a rotation of the ellipsoid about its center."""
+    """Return the field of an ellipsoid; `turn` [3, 3] rotates it about its center."""
     middle, reach = np.asarray(center, dtype=np.float64), np.asarray(radii, dtype=np.float64)
     axes = np.eye(3) if turn is None else turn
 
@@ -29,7 +32,7 @@ def ellipsoid(center: ArrayLike, radii: ArrayLike, turn: Array | None = None) ->
 
 
 def limb(start: ArrayLike, end: ArrayLike, first: float, last: float) -> Field:
-    """A rounded cone between two points, of radius `first` to `last`."""
+    """Return the field of a rounded cone between two points, of radius `first` to `last`."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
 
     def distance(points: Array) -> Array:
@@ -41,7 +44,7 @@ def limb(start: ArrayLike, end: ArrayLike, first: float, last: float) -> Field:
 
 
 def union(fields: Sequence[Field], blend: float) -> Field:
-    """All of them, their creases filled over about `blend` m."""
+    """Return the union of fields, smoothly blended over about `blend` m."""
 
     def distance(points: Array) -> Array:
         total = fields[0](points)
@@ -55,7 +58,17 @@ def union(fields: Sequence[Field], blend: float) -> Field:
 
 
 def surface(field: Field, low: ArrayLike, high: ArrayLike, step: float) -> PolygonMesh:
-    """Where the field is zero within the box low..high, in quads of about `step` m (surface nets), uv by `boxed`."""
+    """Polygonize the zero set of a field by surface nets (Gibson 1998).
+
+    Args:
+        field: the signed distance.
+        low: lower corner of the box to search, m.
+        high: upper corner of the box, m.
+        step: grid spacing and approximate side of the quads, m.
+
+    Returns:
+        A closed mesh with normals from the field and uv by `with_box_uv`.
+    """
     corners = [
         np.arange(a - step, b + 2.0 * step, step) for a, b in zip(np.asarray(low), np.asarray(high), strict=True)
     ]
@@ -98,16 +111,17 @@ def surface(field: Field, low: ArrayLike, high: ArrayLike, step: float) -> Polyg
     indices = np.concatenate(quads).reshape(-1).astype(np.int32)
     normals = normalized(gradient(field, points, 0.5 * step))
     counts = np.full(len(indices) // 4, 4, dtype=np.int32)
-    return boxed(PolygonMesh(points, normals, np.zeros((len(points), 2)), counts, indices))
+    return with_box_uv(PolygonMesh(points, normals, np.zeros((len(points), 2)), counts, indices))
 
 
 def gradient(field: Field, points: Array, reach: float) -> Array:
+    """Return central differences of a field over 2 `reach` m, [n, 3]."""
     axes = reach * np.eye(3)
     return np.stack([field(points + axis) - field(points - axis) for axis in axes], axis=-1) / (2.0 * reach)
 
 
-def boxed(mesh: PolygonMesh) -> PolygonMesh:
-    """With uv along the two axes that each face lies in most, cut where that changes."""
+def with_box_uv(mesh: PolygonMesh) -> PolygonMesh:
+    """Return the mesh with box-projected uv: each face along its main axis, with seams where that changes."""
     starts = np.cumsum(mesh.counts) - mesh.counts
     a, b, c = (mesh.points[mesh.indices[starts + k]] for k in range(3))
     axis = np.repeat(np.argmax(np.abs(np.cross(b - a, c - a)), axis=1), mesh.counts)

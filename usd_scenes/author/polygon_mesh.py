@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Polygon meshes on their way to USD, and the handful of operations that shapes are made with.
+"""`PolygonMesh` and the operations that shapes are made with: transforms, merging, grids, smooth normals.
 
-Lengths in meters, right-handed, +y up, faces counter-clockwise seen from outside. Texture coordinates are meters on
-the surface too; the material's tile size turns them into texture space when a mesh is written.
+Lengths are in meters; axes are right-handed with +y up; faces are counter-clockwise seen from outside. Texture
+coordinates are in meters, too: the material's tile size scales them to texture space when a mesh is written.
 """
 
 from __future__ import annotations
@@ -19,7 +19,15 @@ Indices = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class PolygonMesh:
-    """points, normals: [n, 3]; uv: [n, 2], m; counts: corners of each face; indices: the corners, face after face."""
+    """A mesh of polygons with one normal and one uv per vertex.
+
+    Attributes:
+        points: [n, 3], m.
+        normals: [n, 3], unit length.
+        uv: [n, 2], m.
+        counts: corners of each face, [faces].
+        indices: the vertex of each corner, face after face, [corners].
+    """
 
     points: Array
     normals: Array
@@ -29,33 +37,35 @@ class PolygonMesh:
 
     @property
     def triangles(self) -> int:
-        """How many triangles the faces fan out to."""
+        """Number of triangles that the faces are split into."""
         return int((self.counts - 2).sum())
 
     @property
     def bounds(self) -> Array:
-        """[2, 3]: least and greatest corner."""
+        """Lower and upper corner of the bounding box, [2, 3], m."""
         return np.array([self.points.min(axis=0), self.points.max(axis=0)])
 
     def translated(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> PolygonMesh:
+        """Return the mesh moved by (x, y, z), m."""
         return replace(self, points=self.points + np.array([x, y, z]))
 
     def rotated(self, axis: str, degrees: float) -> PolygonMesh:
-        """Rotated about an axis through the origin, counter-clockwise seen against the axis."""
+        """Return the mesh rotated about "x", "y" or "z" through the origin, counter-clockwise seen against the axis."""
         return self.transformed(rotation(axis, degrees))
 
     def transformed(self, matrix: ArrayLike) -> PolygonMesh:
-        """Under a 3x3 linear map (mirrors keep their faces outward)."""
+        """Return the mesh under a 3x3 linear map; after a mirroring one, faces still point outward."""
         linear = np.asarray(matrix, dtype=np.float64)
         normals = normalized(self.normals @ np.linalg.inv(linear))
         mesh = replace(self, points=self.points @ linear.T, normals=normals)
         return mesh.reversed(keep_normals=True) if np.linalg.det(linear) < 0.0 else mesh
 
     def scaled(self, x: float, y: float, z: float) -> PolygonMesh:
+        """Return the mesh scaled along each axis."""
         return self.transformed(np.diag([x, y, z]))
 
     def reversed(self, keep_normals: bool = False) -> PolygonMesh:
-        """Inside out."""
+        """Return the mesh turned inside out: reversed winding and, unless `keep_normals`, negated normals."""
         starts = np.cumsum(self.counts) - self.counts
         face = np.repeat(np.arange(len(self.counts)), self.counts)
         corner = np.arange(len(self.indices)) - starts[face]
@@ -63,17 +73,17 @@ class PolygonMesh:
         return replace(self, indices=indices, normals=self.normals if keep_normals else -self.normals)
 
     def deformed(self, function: Callable[[Array], Array], weld: bool = True) -> PolygonMesh:
-        """Points moved by `function` (points in, points out), with new smooth normals."""
+        """Return the mesh with its points [n, 3] mapped by `function` and new smooth normals."""
         return with_smooth_normals(replace(self, points=function(self.points)), weld=weld)
 
     def with_uv(self, u: float = 0.0, v: float = 0.0, scale: float = 1.0, swap: bool = False) -> PolygonMesh:
-        """Texture coordinates scaled, then shifted (m); swap exchanges the two axes first."""
+        """Return the mesh with texture coordinates scaled, then shifted by (u, v), m; `swap` exchanges them first."""
         uv = self.uv[:, ::-1] if swap else self.uv
         return replace(self, uv=uv * scale + (u, v))
 
 
 def rotation(axis: str, degrees: float) -> Array:
-    """The 3x3 rotation about "x", "y" or "z"."""
+    """Return the 3x3 rotation about "x", "y" or "z"."""
     angle = np.radians(degrees)
     cosine, sine = np.cos(angle), np.sin(angle)
     matrix = np.eye(3)
@@ -84,12 +94,13 @@ def rotation(axis: str, degrees: float) -> Array:
 
 
 def normalized(vectors: Array) -> Array:
+    """Normalize vectors over the last axis; zero vectors stay."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 1e-12, length, 1.0)
 
 
 def merged(meshes: Iterable[PolygonMesh]) -> PolygonMesh:
-    """All of them as one."""
+    """Concatenate meshes."""
     parts = list(meshes)
     starts = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
     return PolygonMesh(
@@ -102,9 +113,12 @@ def merged(meshes: Iterable[PolygonMesh]) -> PolygonMesh:
 
 
 def grid(points: Array, uv: Array, *, closed: bool = False) -> PolygonMesh:
-    """Quads over points [rows, columns, 3] with uv [rows, columns, 2]; the front sees columns × rows.
+    """Build quads over points [rows, columns, 3] with uv [rows, columns, 2]; the front faces along columns × rows.
 
-    closed: the last column lies on the first one (as it must, for its own uv), and normals agree across the seam.
+    Args:
+        points: [rows, columns, 3].
+        uv: [rows, columns, 2].
+        closed: whether the last column coincides with the first, with its own uv; normals then agree across the seam.
     """
     rows, columns = points.shape[:2]
     at = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
@@ -121,7 +135,7 @@ def grid(points: Array, uv: Array, *, closed: bool = False) -> PolygonMesh:
 
 
 def without_degenerate_faces(mesh: PolygonMesh) -> PolygonMesh:
-    """Quads with two coincident corners (at a pole) become triangles; faces without area go."""
+    """Turn quads with two coincident corners, as at a pole, into triangles; drop faces without area."""
     quads = mesh.indices.reshape(-1, 4)
     points = mesh.points[quads]
     same = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=-1) < 1e-9
@@ -135,9 +149,11 @@ def without_degenerate_faces(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def with_smooth_normals(mesh: PolygonMesh, weld: bool = True) -> PolygonMesh:
-    """With smooth normals, weighted by area: large flat faces keep theirs, so bevels shade as bevels.
+    """Return the mesh with area-weighted smooth normals, so that large flat faces stay flat beside their bevels.
 
-    weld: vertices at the same place share one normal, whatever their uv.
+    Args:
+        mesh: a mesh.
+        weld: whether vertices at the same place share a normal, whatever their uv.
     """
     starts = np.cumsum(mesh.counts) - mesh.counts
     faces = np.repeat(np.arange(len(mesh.counts)), mesh.counts)
@@ -157,7 +173,7 @@ def with_smooth_normals(mesh: PolygonMesh, weld: bool = True) -> PolygonMesh:
 
 
 def polygon(points: ArrayLike, normal: Sequence[float], uv: ArrayLike) -> PolygonMesh:
-    """One flat face."""
+    """Return a mesh of one flat face."""
     corners = np.asarray(points, dtype=np.float64)
     count = len(corners)
     return PolygonMesh(

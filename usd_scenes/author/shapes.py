@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes with their edges broken: nothing made by hand or machine has a perfectly sharp edge, and it shows."""
+"""Basic shapes with rounded edges: boxes, surfaces of revolution, sweeps, moldings, curves and profiles.
+
+Real objects have no perfectly sharp edges, and the highlights on their bevels make renderings look real.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +22,14 @@ def rounded_box(
     divisions: tuple[int, int, int] = (1, 1, 1),
     grain: int | None = None,
 ) -> PolygonMesh:
-    """A box about the origin whose edges are quarter rounds.
+    """Build a box about the origin whose edges are quarter circles.
 
-    segments: of each half edge (up to its 45° line). divisions: of the flat part along x, y, z, for later bending.
-    grain: the axis that u runs along where it can; default the longest.
+    Args:
+        size: along x, y, z, m.
+        radius: of the edges, m.
+        segments: of each half edge, up to its 45 degree line.
+        divisions: of the flat part along x, y, z, for later deformation.
+        grain: axis that u follows where possible; None for the longest.
     """
     half = np.asarray(size, dtype=np.float64) / 2.0
     radius = min(radius, float(half.min()) * 0.999)
@@ -53,7 +60,14 @@ def rounded_box(
 
 
 def fillet(points: ArrayLike, radius: float | Sequence[float], segments: int = 3, closed: bool = False) -> Array:
-    """A polyline in the plane with its corners rounded. points: [n, 2]; radius: m, one for all or one each."""
+    """Return a polyline in the plane with rounded corners.
+
+    Args:
+        points: [n, 2], m.
+        radius: m, one for all corners or one for each.
+        segments: of each round corner.
+        closed: whether the last point is connected to the first.
+    """
     corners = np.asarray(points, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(corners))
     result: list[Array] = []
@@ -80,7 +94,7 @@ def fillet(points: ArrayLike, radius: float | Sequence[float], segments: int = 3
 
 
 def lathe(profile: ArrayLike, segments: int = 48) -> PolygonMesh:
-    """A profile of (radius, height), from bottom to top on the outside, turned about the y axis."""
+    """Build a surface of revolution about y from a profile of (radius, height) [n, 2], bottom to top on the outside."""
     outline = np.asarray(profile, dtype=np.float64)
     angle = np.linspace(0.0, 2.0 * np.pi, segments + 1)
     circle = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
@@ -96,7 +110,7 @@ def lathe(profile: ArrayLike, segments: int = 48) -> PolygonMesh:
 
 
 def curve(points: ArrayLike, count: int = 24, closed: bool = False) -> Array:
-    """A Catmull-Rom spline through points [n, d], at `count` places evenly in its parameter."""
+    """Return a Catmull-Rom spline through points [n, d], at `count` places evenly in its parameter."""
     knots = np.asarray(points, dtype=np.float64)
     if closed:
         knots = np.concatenate([knots[-1:], knots, knots[:2]])
@@ -112,13 +126,13 @@ def curve(points: ArrayLike, count: int = 24, closed: bool = False) -> Array:
 
 
 def circle(radius: float, sides: int = 12) -> Array:
-    """A closed section, counter-clockwise."""
+    """Return a closed section, counter-clockwise."""
     angle = np.arange(sides) * (2.0 * np.pi / sides)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def rectangle(width: float, height: float, radius: float = 0.003, segments: int = 2) -> Array:
-    """A closed section with round corners, counter-clockwise."""
+    """Return a closed section with round corners, counter-clockwise."""
     x, y = width / 2.0, height / 2.0
     return fillet([[x, -y], [x, y], [-x, y], [-x, -y]], radius, segments, closed=True)
 
@@ -131,9 +145,15 @@ def sweep(
     closed: bool = False,
     bevel: float = 0.002,
 ) -> PolygonMesh:
-    """A closed section [m, 2] carried along a path [n, 3], its second axis kept near `up`, with bevelled ends.
+    """Sweep a closed section along a path, with beveled ends.
 
-    scale: of the section, one number, one for each path point, or [n, 2].
+    Args:
+        path: [n, 3], m.
+        section: closed polyline [m, 2], counter-clockwise, m; its second axis stays close to `up`.
+        scale: scale of the section: one number, one for each path point, or [n, 2].
+        up: direction that orients the section.
+        closed: whether the path is closed.
+        bevel: width of the bevel at open ends, m.
     """
     line = np.asarray(path, dtype=np.float64)
     section = section[::-1]
@@ -169,12 +189,12 @@ def sweep(
 
 
 def leg(top: ArrayLike, foot: ArrayLike, section: Array, taper: float = 0.65) -> PolygonMesh:
-    """A straight leg from `top` down to `foot`, its section there scaled by `taper`."""
+    """Build a straight leg from `top` down to `foot`, where its section is scaled by `taper`."""
     return sweep(np.array([top, foot]), section, [1.0, taper], up=(0.0, 0.0, 1.0))
 
 
 def four_legs(top: Sequence[float], foot: Sequence[float], section: Array, taper: float = 0.65) -> list[PolygonMesh]:
-    """The leg from `top` to `foot`, [3] each, and its mirror images in x and in z."""
+    """Build a leg from `top` to `foot` and its mirror images in x and z."""
     mirrors = [np.array([x, 1.0, z]) for x in (-1.0, 1.0) for z in (-1.0, 1.0)]
     return [leg(mirror * top, mirror * foot, section, taper) for mirror in mirrors]
 
@@ -182,10 +202,13 @@ def four_legs(top: Sequence[float], foot: Sequence[float], section: Array, taper
 def molding(
     path: ArrayLike, profile: ArrayLike, up: Sequence[float] = (0.0, 1.0, 0.0), closed: bool = False
 ) -> PolygonMesh:
-    """A profile along straight runs with mitred corners: skirtings, frames. path: [n, 3], m.
+    """Build a profile along straight runs with mitered corners, such as skirtings and frames; its ends are open.
 
-    The profile's (out, up): out is to the right of the way along the path, seen against `up`; it is drawn so that the
-    outside lies on its right. Its ends stay open: they end in a wall.
+    Args:
+        path: [n, 3], m.
+        profile: points (out, up), m; `out` is to the right of the path seen against `up`, the outside on the right.
+        up: vertical direction.
+        closed: whether the path is closed.
     """
     line = np.asarray(path, dtype=np.float64)
     outline = np.asarray(profile, dtype=np.float64)
@@ -214,7 +237,7 @@ def molding(
 
 
 def molding_boxes(path: ArrayLike, width: float, low: float, high: float) -> list[PolygonMesh]:
-    """What a molding along a path of floor points (x, z) comes to as boxes: `width` to the right, from low to high."""
+    """Return boxes that approximate a molding along floor points (x, z): `width` to the right, from low to high, m."""
     line = np.asarray(path, dtype=np.float64)
     boxes = []
     for a, b in itertools.pairwise(line):
@@ -225,11 +248,12 @@ def molding_boxes(path: ArrayLike, width: float, low: float, high: float) -> lis
 
 
 def cylinder(radius: float, height: float, bevel: float = 0.003, segments: int = 32) -> PolygonMesh:
-    """Upright, about the origin."""
+    """Build an upright cylinder about the origin."""
     h = height / 2.0
     return lathe(fillet([[0.0, -h], [radius, -h], [radius, h], [0.0, h]], bevel, 3), segments)
 
 
 def sphere(radius: float, segments: int = 48) -> PolygonMesh:
+    """Build a sphere about the origin."""
     angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, segments // 2 + 1)
     return lathe(np.stack([radius * np.cos(angle).clip(0.0), radius * np.sin(angle)], axis=-1), segments)

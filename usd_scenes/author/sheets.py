@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plates and shells: what is cut from a flat piece or molded as a thin one, with round edges."""
+"""Plates cut from flat material and thin molded shells, with round edges."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged, nor
 
 
 def plate(outline: ArrayLike, height: float, radius: float = 0.001, segments: int = 3) -> PolygonMesh:
-    """A convex outline [n, 2] (x, z; counter-clockwise with x to the right and z up) from y = 0 to `height`.
+    """Extrude a convex outline from y = 0 to `height`, with edges rounded by `radius`; uv is (x, -z) on the flat sides.
 
-    Its upper and lower edges are quarter rounds of `radius`; uv is (x, -z) on the flat sides.
+    Args:
+        outline: [n, 2] of (x, z), m, counter-clockwise with x to the right and z up.
+        height: m.
+        radius: of the upper and lower edges, m.
+        segments: of each edge.
     """
     line = np.asarray(outline, dtype=np.float64)
     edges = normalized(np.roll(line, -1, axis=0) - line)
@@ -42,13 +46,13 @@ def plate(outline: ArrayLike, height: float, radius: float = 0.001, segments: in
 def unit_uv(
     mesh: PolygonMesh, low: Sequence[float], high: Sequence[float], axes: tuple[int, int] = (0, 2)
 ) -> PolygonMesh:
-    """A picture laid over the mesh along two axes: uv 0..1 from the corner `low` to `high` (each [2])."""
+    """Return the mesh with uv projected along two axes: 0..1 from the corner `low` to `high` (each [2], m)."""
     q = (mesh.points[:, list(axes)] - np.asarray(low)) / (np.asarray(high) - np.asarray(low))
     return replace(mesh, uv=q)
 
 
 def shell(points: Array, uv: Array, thickness: float) -> PolygonMesh:
-    """A sheet over points [rows, columns, 3] made solid, its front where `grid` has it, with a round rim."""
+    """Build a solid sheet with a round rim; its front is `grid` over points [rows, columns, 3]."""
     front = grid(points, uv)
     normals = front.normals.reshape(points.shape)
     behind = points - thickness * normals

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soft shapes: cushions, upholstery, curtains, throws; formed by functions, wrinkled by smooth random fields."""
+"""Soft shapes by formula: cushions, upholstery, curtains, throws, wrinkled by smooth random fields.
+
+Cloth that needs contact with other objects is simulated instead, by `cloth_simulation`.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from usd_scenes.author.shapes import circle, rounded_box, sweep
 
 
 def wrinkles(points: Array, seed: int, wavelength: float, octaves: int = 3) -> Array:
-    """A smooth random field over space, about unit variance: waves in random directions."""
+    """Return a smooth random field over space, about unit variance: waves in random directions."""
     rng = np.random.default_rng(seed)
     total = np.zeros(len(points))
     for octave in range(octaves):
@@ -24,17 +27,24 @@ def wrinkles(points: Array, seed: int, wavelength: float, octaves: int = 3) -> A
 def pillow(
     width: float, height: float, thickness: float, seed: int, cells: int = 36, piping: float = 0.0
 ) -> PolygonMesh:
-    """A scatter pillow standing in the xy plane: two panels sewn along the edge, pulled in between its corners.
+    """Build a scatter pillow standing in the xy plane: two panels sewn along the edge, pulled in between its corners.
 
-    uv: the front panel covers the square 0..1 (times width and height, m), the back one its mirror image.
-    piping: radius of a cord in the seam, 0 for none.
+    The uv of the front panel covers 0..width and 0..height, m; that of the back panel is its mirror image.
+
+    Args:
+        width: m.
+        height: m.
+        thickness: m.
+        seed: of the wrinkles.
+        cells: grid cells along each side.
+        piping: radius of a cord in the seam, m; 0 for none.
     """
     t = np.linspace(-1.0, 1.0, cells + 1)
     t = np.sin(t * np.pi / 2.0) * 0.35 + t * 0.65
     s, r = np.meshgrid(t, t)
 
     def outline(a: Array, b: Array) -> Array:
-        """Seams between the corners draw inwards as the filling rounds."""
+        """Draw the seams between the corners inward, as the filling does."""
         return np.asarray(a * (1.0 - 0.055 * (1.0 - b**2) * np.abs(a) ** 3))
 
     x, y = outline(s, r) * width / 2.0, outline(r, s) * height / 2.0
@@ -70,9 +80,16 @@ def cushion(
     radius: float = 0.035,
     pitch: float = 0.045,
 ) -> PolygonMesh:
-    """An upholstery cushion about the origin: a filled box, higher in the middle, with welted seams.
+    """Build an upholstery cushion about the origin: a filled box, higher in the middle, with welted seams.
 
-    pitch: about how long its quads are, m.
+    Args:
+        width: along x, m.
+        height: along y, m.
+        depth: along z, m.
+        seed: of the wrinkles.
+        crown: height of the swelling in the middle, m.
+        radius: of the edges, m.
+        pitch: approximate side of its quads, m.
     """
     divisions = (max(4, round(width / pitch)), 3, max(4, round(depth / pitch)))
     box = rounded_box((width, height, depth), radius, 3, divisions)
@@ -97,6 +114,7 @@ def cushion(
 
 
 def _rounded_loop(x: float, z: float, radius: float) -> Array:
+    """Return a closed rectangle of half sides x and z with round corners, as points at most 0.05 m apart, [n, 2]."""
     angle = np.linspace(0.0, np.pi / 2.0, 6)
     arc = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * radius
     corners = []
@@ -112,7 +130,7 @@ def _rounded_loop(x: float, z: float, radius: float) -> Array:
 
 
 def curtain(width: float, height: float, seed: int, folds: int = 7, depth: float = 0.055) -> PolygonMesh:
-    """A curtain of `width` as hung, in the xy plane, its hem at y = 0: pleats that open and wander downwards."""
+    """Build a hanging curtain in the xy plane, its hem at y = 0, with pleats that widen downward."""
     rng = np.random.default_rng(seed)
     columns, rows = folds * 14, 28
     t = np.linspace(0.0, 1.0, columns + 1)[None, :]
@@ -129,17 +147,17 @@ def curtain(width: float, height: float, seed: int, folds: int = 7, depth: float
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points[0], axis=0), axis=1))])
     uv = np.stack(np.broadcast_arrays(length[None, :], points[:, :1, 1]), axis=-1)
     front = grid(points, uv)
-    return merged([front, backed(front, 0.002)])
+    return merged([front, cloth_back(front, 0.002)])
 
 
-def backed(front: PolygonMesh, thickness: float) -> PolygonMesh:
-    """The back of a cloth whose front is given."""
+def cloth_back(front: PolygonMesh, thickness: float) -> PolygonMesh:
+    """Build the back side of a cloth from its front."""
     back = front.reversed()
     return PolygonMesh(back.points + back.normals * thickness, back.normals, back.uv, back.counts, back.indices)
 
 
 def throw(width: float, length: float, radius: float, drop: float, seed: int) -> PolygonMesh:
-    """A woollen throw folded over an arm that runs along z: `drop` m down each side of a half round of `radius`."""
+    """Build a woolen throw over an arm along z of `radius`; it hangs down by `drop` m on each side."""
     columns, rows = round(length / 0.02), round(width / 0.025)
     arc = np.pi * radius
     s = np.linspace(-drop - arc / 2.0, drop + arc / 2.0, columns + 1)
@@ -157,4 +175,4 @@ def throw(width: float, length: float, radius: float, drop: float, seed: int) ->
     points[..., 1] += 0.02 * np.sin(7.0 * z + seed)[:, None] * hang
     uv = np.stack(np.broadcast_arrays(s[None], z[:, None]), axis=-1)
     front = grid(points, uv).reversed()
-    return merged([front, backed(front, 0.006)])
+    return merged([front, cloth_back(front, 0.006)])

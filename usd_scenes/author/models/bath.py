@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small things of a bathroom: towel, toilet paper, soap, plunger."""
+"""Small bathroom objects: towel, toilet paper, soap, plunger."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from usd_scenes.author.implicit import surface
 from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, rounded_box, sweep
-from usd_scenes.author.soft import backed, wrinkles
+from usd_scenes.author.soft import cloth_back, wrinkles
 
 
 def towel(name: str) -> Model:
-    """A bath towel folded to 0.32 × 0.22 m, its folds to the front, with a woven border."""
+    """Build a bath towel folded to 0.32 × 0.22 m, its folds to the front, with a woven border."""
     thick = 0.0140
     path = np.add(_folded(6, 0.0165, 0.096), (0.0, thick / 2.0))
     tangent = np.gradient(path, axis=0)
@@ -59,7 +59,7 @@ def towel(name: str) -> Model:
 
 
 def _folded(layers: int, pitch: float, reach: float) -> Array:
-    """The way of cloth that is folded to and fro: (depth, height), `pitch` from layer to layer."""
+    """Return the profile (depth, height) of cloth folded back and forth, its layers `pitch` apart, m."""
     layer, turn = np.linspace(-reach, reach, 12), np.linspace(-np.pi / 2.0, np.pi / 2.0, 7)[1:-1]
     pieces = []
     for index in range(layers):
@@ -72,7 +72,7 @@ def _folded(layers: int, pitch: float, reach: float) -> Array:
 
 
 def _border(cloth: PolygonMesh, z: float, width: float) -> PolygonMesh:
-    """A woven band across the towel's upper layer: the surface there, 1 mm higher."""
+    """Build a woven band across the towel's upper layer, 1 mm above it."""
     x = np.linspace(-0.1575, 0.1575, 33)
     zs = np.linspace(z - width / 2.0, z + width / 2.0, 4)
     upper = cloth.points[cloth.normals[:, 1] > 0.8]
@@ -85,7 +85,7 @@ def _border(cloth: PolygonMesh, z: float, width: float) -> PolygonMesh:
 
 
 def toilet_paper(name: str) -> Model:
-    """A roll standing on its end, 0.10 m high, its last sheet a little loose."""
+    """Build a roll of toilet paper standing on its end, 0.10 m high, its last sheet a little loose."""
     height, radius, core = 0.100, 0.056, 0.0205
     outer = lathe(
         fillet([[core + 0.0015, 0.0], [radius, 0.0], [radius, height], [core + 0.0015, height]], 0.0025, 3), 72
@@ -129,13 +129,13 @@ def toilet_paper(name: str) -> Model:
         name,
         "toilet paper",
         ("Roll", "Tissue", [outer, *rings]),
-        ("Sheet", "Tissue", [front, backed(front, 0.0004)]),
+        ("Sheet", "Tissue", [front, cloth_back(front, 0.0004)]),
         ("Core", "Cardboard", tube),
     ).with_proxies(Sheet=rounded_box((0.002, height, 0.062), 0.0005).translated(0.062, height / 2.0, -0.027))
 
 
 def soap(name: str) -> Model:
-    """A used bar, 0.09 m: a soft oval with the maker's mark pressed into it."""
+    """Build a used bar of soap, 0.09 m: a soft oval with the maker's mark pressed into it."""
 
     def bar(points: Array) -> Array:
         x, y, z = points[:, 0] / 0.045, (points[:, 1] - 0.0145) / 0.0145, points[:, 2] / 0.029
@@ -150,7 +150,7 @@ def soap(name: str) -> Model:
 
 
 def _mark(x: Array, z: Array) -> Array:
-    """Two leaves on a stem."""
+    """Return the relief of the maker's mark, two leaves on a stem."""
     depth = np.exp(-((x / 0.0008) ** 2)) * (np.abs(z) < 0.009)
     for side in (-1.0, 1.0):
         u, v = side * x - 0.006, z + 0.001 + 0.35 * (side * x - 0.006)
@@ -159,7 +159,7 @@ def _mark(x: Array, z: Array) -> Array:
 
 
 def plunger(name: str) -> Model:
-    """A rubber cup on a wooden stick, 0.52 m."""
+    """Build a plunger, 0.52 m: a rubber cup on a wooden stick."""
     outside = curve(
         [
             [0.068, 0.0],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What else a bathroom has: window, mirror, lamps, stool, bottles, brushes, paper."""
+"""Bathroom furniture and accessories: window, mirror, lamps, stool, bottles, brushes, paper."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from usd_scenes.author.shapes import (
     sphere,
     sweep,
 )
-from usd_scenes.author.soft import backed
+from usd_scenes.author.soft import cloth_back
 
 
 def rail(name: str, runs: Sequence[Sequence[Sequence[float]]], height: float) -> Model:
-    """A rounded ceramic trim on top of tiles, along runs of (x, z) with the room to the right of the way."""
+    """Build a rounded ceramic trim on top of tiles, along runs of (x, z) with the room on the right."""
     outline = [[-ROOT, -0.002], [0.013, -0.002], [0.016, 0.012], [0.010, 0.022], [-ROOT, 0.024]]
     profile = fillet(outline, 0.004, 4)
     paths = [np.insert(np.asarray(run, dtype=np.float64), 1, height, axis=1) for run in runs]
@@ -40,7 +40,7 @@ def rail(name: str, runs: Sequence[Sequence[Sequence[float]]], height: float) ->
 
 
 def frosted_window(name: str, width: float, height: float, thickness: float) -> Model:
-    """A single timber sash with a frosted pane over a stone sill, its opening's lower middle at the origin."""
+    """Build a single timber sash with a frosted pane over a stone sill, its opening's lower middle at the origin."""
     z, frame, sash = -thickness * 0.62, 0.05, 0.055
     parts = []
     for inset, bar, depth, shift in ((0.0, frame, 0.075, 0.0), (frame, sash, 0.052, 0.018)):
@@ -85,7 +85,7 @@ def frosted_window(name: str, width: float, height: float, thickness: float) -> 
 
 
 def globe_lamp(name: str, radius: float = 0.10) -> Model:
-    """An opal globe close below the ceiling at y = 0, its middle at -0.21; its light is the room's."""
+    """Build an opal globe close below the ceiling at y = 0, its middle at -0.21; the room has its light."""
     rose = lathe(fillet([[0.0, -0.028], [0.055, -0.028], [0.06, 0.0], [0.0, 0.0]], 0.005, 3), 40)
     stem = cylinder(0.010, 0.09, 0.002, 20).translated(0.0, -0.07, 0.0)
     cup = lathe(fillet([[0.0, -0.125], [0.040, -0.125], [0.034, -0.098], [0.0, -0.098]], 0.004, 2), 36)
@@ -98,7 +98,7 @@ def globe_lamp(name: str, radius: float = 0.10) -> Model:
 
 
 def round_mirror(name: str, radius: float) -> Model:
-    """A round mirror in a thin brass rim, facing +z from the wall at z = 0."""
+    """Build a round mirror in a thin brass rim, facing +z from the wall at z = 0."""
     outline = circle(radius, 96)
     rim = sweep(np.insert(outline * 1.01, 2, 0.013, axis=1), rectangle(0.012, 0.026, 0.004), up=(0, 0, 1), closed=True)
     whole = make_model(name, "mirror", ("Rim", "Brass", rim), ("Glass", "MirrorSilver", plate(outline, 0.018)))
@@ -106,7 +106,7 @@ def round_mirror(name: str, radius: float) -> Model:
 
 
 def stool(name: str) -> Model:
-    """A round oak stool, 0.45 m, its three legs splayed."""
+    """Build a round oak stool, 0.45 m, its three legs splayed."""
     top = lathe(
         fillet([[0.0, 0.418], [0.150, 0.418], [0.165, 0.430], [0.165, 0.446], [0.155, 0.450], [0.0, 0.446]], 0.006, 3),
         56,
@@ -120,7 +120,7 @@ def stool(name: str) -> Model:
 
 
 def bottle(name: str, material: str, height: float) -> Model:
-    """A bottle of shampoo with a cap and a paper label."""
+    """Build a bottle of shampoo with a cap and a paper label."""
     r = 0.19 * height + 0.003
     body = lathe(
         fillet(
@@ -149,7 +149,7 @@ def bottle(name: str, material: str, height: float) -> Model:
 
 
 def soap_dispenser(name: str) -> Model:
-    """A ribbed ceramic pump bottle, 0.18 m; its spout points along +z."""
+    """Build a ribbed ceramic pump bottle, 0.18 m; its spout points along +z."""
     body = lathe(
         curve(
             [[0.0, 0.0], [0.034, 0.0], [0.037, 0.006], [0.037, 0.10], [0.030, 0.118], [0.014, 0.124], [0.014, 0.130]],
@@ -173,7 +173,7 @@ def soap_dispenser(name: str) -> Model:
 
 
 def soap_dish(name: str) -> Model:
-    """A small dish with a used bar of soap."""
+    """Build a small dish with a used bar of soap."""
     dish = shell(
         curve([[0.0, 0.003], [0.040, 0.002], [0.045, 0.0], [0.050, 0.004], [0.062, 0.012], [0.066, 0.019]], 24),
         0.004,
@@ -193,7 +193,7 @@ def soap_dish(name: str) -> Model:
 
 
 def brush_cup(name: str) -> Model:
-    """A tumbler with two toothbrushes and a tube."""
+    """Build a tumbler with two toothbrushes and a tube."""
     cup = shell(
         np.array(fillet([[0.0, 0.004], [0.030, 0.004], [0.033, 0.0], [0.036, 0.006], [0.037, 0.100]], 0.003, 3)),
         0.003,
@@ -218,7 +218,7 @@ def brush_cup(name: str) -> Model:
 
 
 def brush(name: str) -> Model:
-    """An oval hairbrush of oak, 0.22 m along x, lying on its back with the bristles up."""
+    """Build an oval hairbrush of oak, 0.22 m along x, lying on its back with the bristles up."""
     angle = np.arange(40) * (2.0 * np.pi / 40)
     pad = lathe(fillet([[0.0, 0.0], [0.034, 0.0], [0.037, 0.008], [0.033, 0.016], [0.0, 0.017]], 0.004, 3), 48)
     pad = pad.scaled(1.55, 1.0, 1.0).translated(0.055, 0.0, 0.0)
@@ -236,7 +236,7 @@ def brush(name: str) -> Model:
 
 
 def waste_bin(name: str) -> Model:
-    """A pedal bin, 0.28 m, of brushed steel."""
+    """Build a pedal bin, 0.28 m, of brushed steel."""
     body = lathe(fillet([[0.0, 0.008], [0.098, 0.008], [0.100, 0.24], [0.0, 0.24]], 0.006, 3), 56)
     lid = lathe(fillet([[0.0, 0.240], [0.103, 0.240], [0.103, 0.256], [0.06, 0.272], [0.0, 0.276]], 0.006, 4), 56)
     foot = lathe(fillet([[0.0, 0.0], [0.102, 0.0], [0.102, 0.016], [0.0, 0.016]], 0.004, 2), 56)
@@ -245,7 +245,7 @@ def waste_bin(name: str) -> Model:
 
 
 def paper_holder(name: str) -> Model:
-    """A brass hook with a roll of paper, facing +z from the wall at z = 0: the roll's axis along x at z = 0.075."""
+    """Build a brass hook with a roll of paper on the wall at z = 0; the roll's axis is along x at z = 0.075."""
     plate_ = cylinder(0.024, 0.008, 0.002, 32).rotated("x", 90.0).translated(-0.075, 0.0, 0.004)
     arm = sweep(
         curve(
@@ -264,12 +264,12 @@ def paper_holder(name: str) -> Model:
         name,
         "toilet paper",
         ("Holder", "Brass", [plate_, arm]),
-        ("Paper", "ToiletPaper", [roll, front, backed(front, 0.0005)]),
+        ("Paper", "ToiletPaper", [roll, front, cloth_back(front, 0.0005)]),
     )
 
 
 def toilet_brush(name: str) -> Model:
-    """A brush in a ceramic pot, 0.40 m."""
+    """Build a brush in a ceramic pot, 0.40 m."""
     pot = shell(
         np.array(fillet([[0.0, 0.004], [0.042, 0.004], [0.046, 0.0], [0.048, 0.006], [0.046, 0.125]], 0.003, 3)),
         0.004,
@@ -281,7 +281,7 @@ def toilet_brush(name: str) -> Model:
 
 
 def hook(name: str) -> Model:
-    """A brass wall hook facing +z from the wall at z = 0."""
+    """Build a brass wall hook facing +z from the wall at z = 0."""
     plate_ = cylinder(0.018, 0.006, 0.002, 28).rotated("x", 90.0).translated(0.0, 0.0, 0.003)
     arm = sweep(
         curve([[0.0, 0.0, 0.004], [0.0, -0.004, 0.028], [0.0, 0.016, 0.045]], 12), circle(0.006, 12), up=(1, 0, 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies on the bed and hangs about: simulated once by `cloth`. In the bed's coordinates: head at z = 0, foot +z."""
+"""Bedding, simulated by `cloth_simulation`, in the bed's coordinates: head at z = 0, foot towards +z."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RAILS = cloth.box((-BED_WIDTH / 2.0 - 0.04, 0.15, HEADBOARD), (BED_WIDTH / 2.0 +
 
 @cache
 def _duvet() -> cloth.Cloth:
-    """2.10 × 1.75 m, made a little untidily: askew, pushed together into folds."""
+    """Simulate a duvet of 2.10 × 1.75 m: slightly askew and pushed together into folds."""
     width, length = 2.12, 1.78
     flat = cloth.pattern(width, length, 0.026)
     across, along = 2.0 * flat[..., 0] / width, 2.0 * flat[..., 1] / length
@@ -41,11 +41,13 @@ def _duvet() -> cloth.Cloth:
 
 
 def duvet(name: str) -> Model:
+    """Build a duvet on the bed."""
     uv = cloth.pattern(2.12, 1.78, 0.026)
     return make_model(name, "duvet", ("Cover", "DuvetLinen", cloth.bag_mesh(_duvet(), uv, 2)))
 
 
 def _under_a_throw() -> cloth.Obstacle:
+    """Return the duvet and mattress as an obstacle for a throw."""
     made = _duvet()
     mattress_z = np.linspace(HEADBOARD, HEADBOARD + BED_LENGTH, 60)
     edge_x = np.linspace(-BED_WIDTH / 2.0, BED_WIDTH / 2.0, 60)
@@ -55,7 +57,7 @@ def _under_a_throw() -> cloth.Obstacle:
 
 
 def bed_throw(name: str, material: str = "ThrowWool") -> Model:
-    """A knitted throw across the foot, sliding off one side."""
+    """Build a knitted throw across the foot of the bed, hanging down one side."""
     width, length = 2.30, 0.78
     flat = cloth.pattern(width, length, 0.022)
     angle = np.radians(-7.0)
@@ -69,14 +71,14 @@ def bed_throw(name: str, material: str = "ThrowWool") -> Model:
 
 
 def bed_pillow(name: str, material: str, width: float, height: float, thick: float, seed: int) -> Model:
-    """A stuffed pillow that lies in the xz plane, its height along z."""
+    """Build a stuffed pillow that lies in the xz plane, its height along z."""
     return make_model(
         name, "pillow", ("Cover", material, stuffed(width, thick, seed, 0.0125, height).rotated("x", -90.0))
     )
 
 
 def leaning(item: Model, at: tuple[float, float, float], pitch: float, yaw: float = 0.0, roll: float = 0.0) -> Model:
-    """A thing whose -z end is lifted by `pitch` degrees, turned by yaw about y; its lowest point is at y."""
+    """Lift a model's -z end by `pitch` degrees, rotate it by `yaw` about y, and place its lowest point at `at`."""
     turned = item.rotated("z", roll).rotated("x", pitch).rotated("y", yaw)
     low = turned.bounds[0][1]
     return turned.translated(at[0], at[1] - float(low), at[2])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bedroom's furniture: bed, bedside table, lamps, wardrobe, chest of drawers. Each stands on y = 0 and faces +z."""
+"""Bedroom furniture: bed, bedside table, lamps, wardrobe, chest of drawers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HEADBOARD = 0.10  # m, how thick; the mattress begins there
 
 
 def bed(name: str) -> Model:
-    """An oak bed for a mattress of 1.60 × 2.00 m: head at z = 0 against a wall, foot at +z; a channelled headboard."""
+    """Build an oak bed for a mattress of 1.60 × 2.00 m: its channeled headboard at z = 0, its foot towards +z."""
     width, length = BED_WIDTH + 0.07, HEADBOARD + BED_LENGTH + 0.03
     channels = []
     count = 9
@@ -83,7 +83,7 @@ def bed(name: str) -> Model:
 
 
 def bedside_table(name: str) -> Model:
-    """An oak bedside table, 0.45 × 0.40 × 0.50 m: a drawer over an open shelf, on turned legs. Its back is at -0.20."""
+    """Build an oak bedside table, 0.45 × 0.40 × 0.50 m: a drawer over an open shelf, on legs; its back at z = -0.20."""
     width, depth, top = 0.45, 0.40, 0.50
     boards = [
         rounded_box((width, 0.020, depth), 0.003, 2).with_uv(0.1, 0.2).translated(0.0, top - 0.010, 0.0),
@@ -116,7 +116,7 @@ def bedside_table(name: str) -> Model:
 
 
 def table_lamp(name: str) -> Model:
-    """A bedside lamp, 0.44 m: a ribbed ceramic foot under a linen drum; the bulb is a light of the room at 0.33 m."""
+    """Build a bedside lamp, 0.44 m: a ribbed ceramic foot under a linen drum; the room has the bulb, at 0.33 m."""
     profile = curve(
         [
             [0.0, 0.0],
@@ -159,7 +159,7 @@ def table_lamp(name: str) -> Model:
 
 
 def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float = 0.60) -> Model:
-    """A painted wardrobe of three doors with fluted fronts, its back on z = 0."""
+    """Build a painted wardrobe of three doors with fluted fronts, its back on z = 0."""
     case = [
         rounded_box((width, 0.025, depth), 0.003).translated(0.0, height - 0.0125, depth / 2.0),
         rounded_box((width - 0.004, 0.08, depth - 0.06), 0.003).translated(0.0, 0.040, depth / 2.0 - 0.02),
@@ -197,7 +197,7 @@ def wardrobe(name: str, width: float = 1.80, height: float = 2.20, depth: float 
 
 
 def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth: float = 0.45) -> Model:
-    """An oak chest of six drawers on short legs, its back at z = -depth / 2."""
+    """Build an oak chest of six drawers on short legs, its back at z = -depth / 2."""
     case = [
         rounded_box((width, 0.024, depth), 0.003, 2).with_uv(0.2, 0.1).translated(0.0, height - 0.012, 0.0),
         rounded_box((width - 0.044, 0.02, depth - 0.01), 0.002).translated(0.0, 0.15, -0.004),
@@ -242,7 +242,7 @@ def chest_of_drawers(name: str, width: float = 1.10, height: float = 0.82, depth
 
 
 def bench(name: str, width: float = 1.10) -> Model:
-    """An upholstered bench, 0.44 m high, on splayed oak legs."""
+    """Build an upholstered bench, 0.44 m high, on splayed oak legs."""
     seat = cushion(width, 0.10, 0.38, 320, 0.014, 0.032).translated(0.0, 0.395, 0.0)
     frame = [rounded_box((width - 0.05, 0.045, 0.020), 0.004).translated(0.0, 0.325, z) for z in (-0.15, 0.15)]
     frame += [
@@ -253,7 +253,7 @@ def bench(name: str, width: float = 1.10) -> Model:
 
 
 def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Model:
-    """A framed mirror with round corners, facing +z from the wall at z = 0, about its center."""
+    """Build a framed mirror with round corners, facing +z from the wall at z = 0, about its center."""
     corner = 0.09
     outline = rectangle(width, height, corner, 10)
     path = np.insert(outline, 2, 0.013, axis=1)
@@ -263,7 +263,7 @@ def standing_mirror(name: str, width: float = 0.60, height: float = 0.80) -> Mod
 
 
 def plate(outline: Array, z: float) -> PolygonMesh:
-    """A flat convex face at height z that looks along +z, as a fan of rings about its middle."""
+    """Build a flat convex face at z, facing +z, as a fan of rings about its middle."""
     ring = np.insert(np.concatenate([outline, outline[:1]]), 2, z, axis=1)
     points = np.stack([ring, 0.5 * ring + (0.0, 0.0, 0.5 * z), np.tile((0.0, 0.0, z), (len(ring), 1))])
     mesh = grid(points, points[..., :2])
@@ -271,7 +271,7 @@ def plate(outline: Array, z: float) -> PolygonMesh:
 
 
 def glass_of_water(name: str) -> Model:
-    """A tumbler, 0.10 m, of thick glass, two thirds full."""
+    """Build a tumbler, 0.10 m, of thick glass, two thirds full."""
     outside = fillet([[0.0, 0.0], [0.030, 0.0], [0.036, 0.10]], 0.005, 3)
     glass = shell(np.concatenate([outside[:-1], np.linspace(outside[-2], outside[-1], 8)[1:]]), 0.0022, 40)
     return make_model(name, "glass", ("Glass", "ClearGlass", glass))

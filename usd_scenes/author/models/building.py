@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The shell of a room: floor of planks, walls with openings, windows, curtains, skirting, ceiling, door."""
+"""Parts of a room's shell: floor, walls with openings, windows, curtains, skirting, ceiling, door, rug."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from usd_scenes.author.shapes import circle, cylinder, fillet, molding, molding_
 from usd_scenes.author.soft import curtain
 from usd_scenes.author.textures.wood import STRIPS
 
-ROOT = 0.004  # m; how deep moldings reach into what they lie against: edges that merely touch let light through
+ROOT = 0.004  # m; moldings overlap walls and floors by this much, because touching edges leak light
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Opening:
 
 
 def planks(width: float, depth: float, seed: int) -> Model:
-    """An oak floor about the origin, its top at y = 0: boards 0.16 m wide along z, bevelled, each from its own tree."""
+    """Build an oak floor about the origin, its top at y = 0: beveled boards 0.16 m wide along z, each different."""
     rng = np.random.default_rng(seed)
     board, boards = 0.16, []
     columns = int(np.ceil(width / board))
@@ -54,6 +54,7 @@ def planks(width: float, depth: float, seed: int) -> Model:
 
 
 def _plank(x0: float, x1: float, z0: float, z1: float, rng: np.random.Generator) -> PolygonMesh:
+    """Build a board with beveled edges and a random place in the texture."""
     gap, bevel, drop = 0.0004, 0.0022, 0.0016
     xs = [x0 + gap, x0 + gap, x0 + gap + bevel, x1 - gap - bevel, x1 - gap, x1 - gap]
     zs = [z1 - gap, z1 - gap, z1 - gap - bevel, z0 + gap + bevel, z0 + gap, z0 + gap]
@@ -81,9 +82,9 @@ def wall(
     material: str,
     openings: Sequence[Opening] = (),
 ) -> Model:
-    """A wall from start to end (x, z), the room to the right of the way, its body to the left.
+    """Build a wall from start to end (x, z), with the room on the right and its body on the left.
 
-    Cut into boxes round its openings; faces that meet are not made.
+    The wall is cut into boxes around its openings; faces between boxes are left out.
     """
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
@@ -129,7 +130,7 @@ def wall(
 def blocks(
     start: float, end: float, height: float, depth: float, openings: Sequence[Opening] = ()
 ) -> list[PolygonMesh]:
-    """A wall from start to end along x and from z = 0 to depth as boxes: beside, below and above its openings."""
+    """Build the boxes of a wall beside, below and above its openings: from start to end along x, z = 0 to depth."""
     boxes = []
 
     def block(x0: float, x1: float, y0: float, y1: float) -> None:
@@ -148,7 +149,7 @@ def blocks(
 
 
 def window(name: str, width: float, height: float, thickness: float) -> Model:
-    """A timber casement pair with glazing bars and a sill board, in the xy plane about its opening's lower middle.
+    """Build a pair of timber casements with a sill board, in the xy plane about the opening's lower middle.
 
     The room is on the +z side, z = 0 being the wall's inner face. Open to the air: there is no pane.
     """
@@ -188,7 +189,7 @@ def window(name: str, width: float, height: float, thickness: float) -> Model:
 
 
 def curtain_pair(name: str, opening: float, height: float, seed: int, width: float = 0.42) -> Model:
-    """Two curtains drawn aside and their rod, in the xy plane; hem at y = 0, rod at y = height."""
+    """Build two curtains drawn aside and their rod, in the xy plane; hem at y = 0, rod at y = height."""
     cloth = [
         curtain(width, height - 0.02, seed + i, 6).translated(side * (opening / 2.0 + width * 0.38), 0.0, 0.0)
         for i, side in enumerate((-1.0, 1.0))
@@ -204,7 +205,7 @@ def curtain_pair(name: str, opening: float, height: float, seed: int, width: flo
 
 
 def skirting(name: str, runs: Sequence[Sequence[Sequence[float]]]) -> Model:
-    """A skirting board, 0.10 m, along runs of floor points (x, z), the room to the right of the way."""
+    """Build a skirting board, 0.10 m, along runs of floor points (x, z), with the room on the right."""
     outline = [[0.0165, -ROOT], [0.0165, 0.082], [0.010, 0.094], [0.008, 0.102], [-ROOT, 0.102]]
     profile = fillet(outline, 0.004, 3)
     boards = [molding(np.insert(np.asarray(run, dtype=np.float64), 1, 0.0, axis=1), profile) for run in runs]
@@ -213,10 +214,10 @@ def skirting(name: str, runs: Sequence[Sequence[Sequence[float]]]) -> Model:
 
 
 def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Model:
-    """A plain coved cornice round a ceiling; corners (x, z) with the room to the right of the way."""
+    """Build a plain coved cornice round a ceiling; corners are (x, z) with the room on the right."""
     angle = np.linspace(0.0, np.pi / 2.0, 7)
     cove = np.stack([0.012 + 0.055 * (1.0 - np.cos(angle)), -0.067 + 0.055 * np.sin(angle)], -1)
-    # It meets the ceiling at a slant: an upright edge there, thinner than a pixel, is a dotted line from afar.
+    # It meets the ceiling at a slant: a vertical edge thinner than a pixel would alias to a dotted line.
     profile = np.concatenate([[[-ROOT, -0.085], [0.012, -0.085]], cove, [[0.095, ROOT]]])
     path = np.insert(np.asarray(corners, dtype=np.float64), 1, height, axis=1)
     plaster = molding(path, fillet(profile, 0.002, 2), closed=True)
@@ -225,12 +226,13 @@ def cornice(name: str, corners: Sequence[Sequence[float]], height: float) -> Mod
 
 
 def ceiling(width: float, depth: float, height: float, thickness: float = 0.25) -> Model:
+    """Build a ceiling slab whose lower face is at `height`."""
     slab = rounded_box((width + 0.6, thickness, depth + 0.6), 0.002).translated(0.0, height + thickness / 2.0, 0.0)
     return make_model("Ceiling", "ceiling", ("Paint", "CeilingPaint", slab))
 
 
 def door(name: str, width: float = 0.90, height: float = 2.05) -> Model:
-    """A panelled door in its casing, facing +z from the wall at z = 0."""
+    """Build a paneled door in its casing, facing +z from the wall at z = 0."""
     leaf = [rounded_box((width - 0.008, height - 0.004, 0.020), 0.003).translated(0.0, height / 2.0, 0.006)]
     for x in (-0.195, 0.195):
         for y, tall in ((0.50, 0.62), (1.43, 0.92)):
@@ -260,14 +262,14 @@ def door(name: str, width: float = 0.90, height: float = 2.05) -> Model:
 
 
 def switch(name: str) -> Model:
-    """A rocker switch on the wall at z = 0."""
+    """Build a rocker switch on the wall at z = 0."""
     plate = rounded_box((0.082, 0.082, 0.009), 0.003, 2).translated(0.0, 0.0, 0.0045)
     rocker = rounded_box((0.044, 0.060, 0.007), 0.002, 2).rotated("x", 4.0).translated(0.0, 0.0, 0.010)
     return make_model(name, "light switch", ("Plate", "WhitePlastic", [plate, rocker]))
 
 
 def rug(name: str, width: float = 3.2, depth: float = 2.3, material: str = "Rug") -> Model:
-    """A wool rug, 11 mm thick, with a fringe at its short ends."""
+    """Build a wool rug, 11 mm thick, with a fringe at its short ends."""
     rng = np.random.default_rng(3)
     pile = rounded_box((width, 0.011, depth), 0.005, 2, (40, 1, 30), grain=0).translated(0.0, 0.0056, 0.0)
     pile = replace(pile, uv=pile.points[:, [0, 2]] * (1.0, -1.0) + (width / 2.0, depth / 2.0))
@@ -286,7 +288,7 @@ def rug(name: str, width: float = 3.2, depth: float = 2.3, material: str = "Rug"
 
 
 def socket(name: str) -> Model:
-    """A double socket on the wall at z = 0."""
+    """Build a double socket on the wall at z = 0."""
     plate = rounded_box((0.15, 0.08, 0.009), 0.003, 2).translated(0.0, 0.0, 0.0045)
     wells = [cylinder(0.019, 0.004, 0.001, 32).rotated("x", 90.0).translated(x, 0.0, 0.0085) for x in (-0.036, 0.036)]
     return make_model(name, "socket", ("Plate", "WhitePlastic", plate), ("Wells", "GrayPlastic", wells))

@@ -14,7 +14,7 @@ HANDLE_WIDTHS = np.array([0.9, 0.8, 0.75, 0.8, 1.0, 1.35, 1.75, 2.0, 1.7, 0.9])
 
 
 def _handle(start: float, end: float) -> PolygonMesh:
-    """A flat handle that rises from the neck and rests on its end."""
+    """Build a flat handle that rises from the neck and rests on its end."""
     z = np.linspace(start, end, 10)
     y = 0.004 + 0.010 * np.sin(np.pi * np.clip((z - start) / (end - start), 0.0, 1.0)) ** 0.8
     widths = np.stack([HANDLE_WIDTHS, np.linspace(1.1, 0.8, 10)], axis=-1)
@@ -22,7 +22,7 @@ def _handle(start: float, end: float) -> PolygonMesh:
 
 
 def fork(name: str) -> Model:
-    """A table fork, 0.20 m, with four tines."""
+    """Build a table fork, 0.20 m, with four tines."""
     root = curve([[0.0, 0.004, 0.012], [0.0, 0.0015, -0.005], [0.0, 0.002, -0.028]], 10)
     palm = sweep(root, rectangle(0.024, 0.0024, 0.001, 2), np.stack([np.linspace(0.32, 1.0, 10), np.ones(10)], -1))
     tines = []
@@ -34,7 +34,7 @@ def fork(name: str) -> Model:
 
 
 def spoon(name: str) -> Model:
-    """A table spoon, 0.20 m: an egg-shaped bowl on the handle."""
+    """Build a table spoon, 0.20 m: an egg-shaped bowl on the handle."""
     angle = np.linspace(0.0, np.pi / 2.0, 14)
     round_bowl = shell(np.stack([0.021 * np.sin(angle), 0.011 * (1.0 - np.cos(angle))], axis=-1), 0.0012, 40)
 
@@ -52,7 +52,7 @@ def spoon(name: str) -> Model:
 
 
 def knife(name: str) -> Model:
-    """A table knife, 0.22 m."""
+    """Build a table knife, 0.22 m."""
     blade = rounded_box((0.0014, 0.020, 0.105), 0.0006, 1, (1, 2, 10), grain=2)
 
     def taper(points: Array) -> Array:
@@ -67,7 +67,7 @@ def knife(name: str) -> Model:
 
 
 def napkin(name: str) -> Model:
-    """A linen napkin folded in three."""
+    """Build a linen napkin folded in three."""
     folds = []
     for i in range(3):
         leaf = rounded_box((0.105 - 0.002 * i, 0.0034, 0.21), 0.0015, 2, (6, 1, 10), grain=2)

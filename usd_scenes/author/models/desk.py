@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies on desks and stands beside them: telephone, pen, alarm clock, cardboard box, waste bin."""
+"""Desk objects: cellphone, pen, alarm clock, cardboard box, waste bin."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from usd_scenes.author.soft import wrinkles
 
 
 def cellphone(name: str) -> Model:
-    """A telephone on its back, 0.0715 × 0.147 m, its screen lit, three lenses behind."""
+    """Build a cellphone on its back, 0.0715 × 0.147 m, its screen lit, three lenses behind."""
     width, length, thick = 0.0715, 0.147, 0.0078
     body = plate(rectangle(width, length, 0.011, 8), thick, 0.0024, 4)
     glass = plate(rectangle(width - 0.0030, length - 0.0030, 0.0098, 8), 0.0006, 0.0003, 2).translated(
@@ -47,11 +47,11 @@ def cellphone(name: str) -> Model:
 
 
 def pen(name: str) -> Model:
-    """A retractable ball pen along z, 0.142 m, its point towards -z, its clip up."""
+    """Build a retractable ball pen along z, 0.142 m, its point towards -z, its clip up."""
     radius = 0.0052
 
     def lathed(profile: list[list[float]], rounding: float = 0.0004) -> PolygonMesh:
-        """About the z axis, from -z to +z."""
+        """Build a surface of revolution about z from a profile from -z to +z."""
         return lathe(fillet(profile, rounding, 2), 28).rotated("x", 90.0).translated(0.0, radius, 0.0)
 
     tip = lathed(
@@ -94,7 +94,7 @@ def pen(name: str) -> Model:
 
 
 def alarm_clock(name: str) -> Model:
-    """A twin-bell alarm clock, 0.16 m, its dial towards +z: ten past ten."""
+    """Build a twin-bell alarm clock, 0.16 m, its dial towards +z: ten past ten."""
     lift = 0.072
 
     def lathed(profile: list[list[float]], rounding: float = 0.002, segments: int = 64) -> PolygonMesh:
@@ -168,7 +168,7 @@ def alarm_clock(name: str) -> Model:
 
 
 def _hand(length: float, width: float, level: float) -> PolygonMesh:
-    """A clock's hand that points to twelve, with a short tail."""
+    """Build a clock's hand that points to twelve, with a short tail."""
     outline = [
         [-width / 2.0, 0.006],
         [0.0, 0.010],
@@ -180,7 +180,7 @@ def _hand(length: float, width: float, level: float) -> PolygonMesh:
 
 
 def cardboard_box(name: str) -> Model:
-    """A parcel, 0.40 × 0.26 × 0.30 m: two flaps that do not quite meet under brown tape, arrows and a glass on it."""
+    """Build a parcel, 0.40 × 0.26 × 0.30 m: two flaps under brown tape, with printed arrows and a glass."""
     width, height, depth = 0.40, 0.26, 0.30
     body = rounded_box((width, height - 0.004, depth), 0.004, 2, (8, 6, 8), grain=0)
 
@@ -233,14 +233,14 @@ def cardboard_box(name: str) -> Model:
 
 
 def _arrow() -> PolygonMesh:
-    """This side up: 0.06 m."""
+    """Build a "this side up" arrow, 0.06 m."""
     head = plate([[-0.017, 0.0], [0.0, -0.022], [0.017, 0.0]], 0.0008, 0.0001, 1).rotated("x", 90.0)
     shaft = rounded_box((0.014, 0.036, 0.0008), 0.0002).translated(0.0, 0.018, 0.0004)
     return merged([head.translated(0.0, 0.036, 0.0), shaft])
 
 
 def recycle_bin(name: str) -> Model:
-    """A tapered bin, 0.32 m, with the sign of three arrows on it, crumpled paper inside."""
+    """Build a tapered bin, 0.32 m, with a recycling sign on it and crumpled paper inside."""
     height, wall = 0.32, 0.003
     low, high, corner = (0.185, 0.135), (0.265, 0.205), 0.035
     levels = [
@@ -289,7 +289,7 @@ def recycle_bin(name: str) -> Model:
 
 
 def _recycling_arrow() -> PolygonMesh:
-    """One of three arrows that chase each other round a triangle of about 0.12 m, in the xy plane, 0.6 mm thick."""
+    """Build one of the three arrows of a recycling sign of about 0.12 m, in the xy plane, 0.6 mm thick."""
     width = 0.0085
     corner = np.radians(90.0)
     start = 0.038 * np.array([np.cos(corner + 0.62), np.sin(corner + 0.62)])
@@ -311,7 +311,7 @@ def _recycling_arrow() -> PolygonMesh:
 
 
 def _crumpled(radius: float, seed: int) -> PolygonMesh:
-    """A sheet of paper made into a ball: flat facets between sharp creases."""
+    """Build a crumpled sheet of paper: flat facets between sharp creases."""
     rng = np.random.default_rng(seed)
     normals = rng.normal(size=(46, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pots."""
+"""Kitchen objects: a casserole."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from usd_scenes.author.shapes import curve, cylinder, fillet, lathe, rectangle, 
 
 
 def pot(name: str) -> Model:
-    """A casserole of 0.24 m with its lid on, two handles and a knob."""
+    """Build a casserole of 0.24 m with its lid on, two handles and a knob."""
     radius, height = 0.12, 0.125
     outside = fillet(
         [[0.0, 0.0], [radius - 0.012, 0.0], [radius, 0.016], [radius, height - 0.004], [radius + 0.005, height]],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lamps that can be spawned: their shades glow, so that they light without a light of the stage."""
+"""Lamps that can be spawned: their emissive shades give light without a light prim."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, sphere, sw
 
 
 def tripod_lamp(name: str) -> Model:
-    """A floor lamp, 1.52 m: a drum of linen on three oak legs that cross a brass collar."""
+    """Build a floor lamp, 1.52 m: a drum of linen on three oak legs that cross a brass collar."""
     legs: list[PolygonMesh] = []
     for turn in np.arange(3) * 2.0 * np.pi / 3.0 + 0.5:
         out = np.array([np.sin(turn), 0.0, np.cos(turn)])

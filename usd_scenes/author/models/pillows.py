@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scatter pillows, stuffed by simulation: what fills them draws their sides in and creases their seams."""
+"""Scatter pillows, stuffed by cloth simulation, which draws their sides in and wrinkles their seams."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from usd_scenes.author.polygon_mesh import PolygonMesh
 
 
 def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105, height: float | None = None) -> PolygonMesh:
-    """Two pieces of cloth sewn together, standing in the xy plane about the origin; uv in m over the front.
+    """Simulate a stuffed pillow of two sheets, standing in the xy plane about the origin; uv in m over the front.
 
     size: their width, and their height where none is given.
     """
@@ -27,6 +27,6 @@ def stuffed(size: float, thick: float, seed: int, cell: float = 0.0105, height: 
 
 
 def painted_pillow(name: str) -> Model:
-    """A cotton pillow that a child has painted, 0.45 m; the picture on either side."""
+    """Build a cotton pillow, 0.45 m, with a child's painting on both sides."""
     cover = stuffed(0.475, 0.135, 3).with_uv(scale=1.0 / 0.475)
     return make_model(name, "pillow", ("Cover", "ScribbleCotton", cover))

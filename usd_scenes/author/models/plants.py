@@ -15,7 +15,7 @@ from usd_scenes.author.sheets import shell as solid_sheet
 
 
 def leaf(length: float, width: float, droop: float, fold: float) -> PolygonMesh:
-    """A blade along +z from the origin, its upper side up: pointed, folded along the midrib, drooping."""
+    """Build a leaf along +z from the origin, its upper side up: pointed, folded along the midrib, drooping."""
     t = np.linspace(0.0, 1.0, 11)[:, None]
     s = np.linspace(-1.0, 1.0, 7)[None, :]
     half = 0.5 * width * (np.sin(np.pi * t**0.80) ** 0.85) * (1.0 - 0.25 * t)
@@ -33,7 +33,7 @@ def leaf(length: float, width: float, droop: float, fold: float) -> PolygonMesh:
 
 
 def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 1.0) -> Model:
-    """Three stems with large glossy leaves in a ceramic pot. scale: of pot and leaves, for a cutting on a sill."""
+    """Build three stems with large glossy leaves in a ceramic pot; `scale` scales pot and leaves."""
     height = height / scale
     rng = np.random.default_rng(seed)
     pot = shell(
@@ -85,13 +85,13 @@ def rubber_plant(name: str, height: float = 1.55, seed: int = 5, scale: float = 
 
 
 def _crown(leaves: list[PolygonMesh]) -> PolygonMesh:
-    """The ellipsoid that leaves fill."""
+    """Build an ellipsoid around leaves, as a proxy."""
     bounds = merged(leaves).bounds
     return sphere(0.5, 24).scaled(*(bounds[1] - bounds[0])).translated(*bounds.mean(axis=0))
 
 
 def branches(name: str, seed: int = 9) -> Model:
-    """Dry twigs with small leaves for a vase; they stand on y = 0."""
+    """Build dry twigs with small leaves for a vase; they stand on y = 0."""
     rng = np.random.default_rng(seed)
     twigs: list[PolygonMesh] = []
     leaves: list[PolygonMesh] = []
@@ -118,7 +118,7 @@ def branches(name: str, seed: int = 9) -> Model:
 
 
 def snake_plant(name: str) -> Model:
-    """Swords of banded green with yellow edges in a clay pot on its saucer, 0.42 m."""
+    """Build a snake plant: banded green leaves with yellow edges in a clay pot on its saucer, 0.42 m."""
     rng = np.random.default_rng(12)
     profile = [
         [0.0, 0.010],
@@ -157,7 +157,7 @@ def snake_plant(name: str) -> Model:
 
 
 def _sword(length: float, width: float, twist: float) -> PolygonMesh:
-    """A thick upright leaf, hollow in front; uv 0..1 across and along."""
+    """Build a thick upright leaf, hollow in front; uv 0..1 across and along."""
     t = np.linspace(0.0, 1.0, 19)[:, None]
     s = np.linspace(-1.0, 1.0, 9)[None, :]
     half = 0.5 * width * np.interp(t, [0.0, 0.45, 0.8, 0.95, 1.0], [0.62, 1.0, 0.80, 0.30, 0.02])

@@ -16,7 +16,7 @@ Ring = tuple[float, float, float, float, float]
 
 
 def rings(outline: Sequence[Ring], egg: float = 0.0, segments: int = 72, smooth: int = 3) -> PolygonMesh:
-    """Superellipses one above the other, from the bottom on the outside, as a skin. egg: how much narrower towards -z.
+    """Build a skin over superellipses stacked from the bottom on the outside; `egg` narrows them towards -z.
 
     smooth: how many rings a spline puts for each given one.
     """
@@ -38,7 +38,7 @@ def rings(outline: Sequence[Ring], egg: float = 0.0, segments: int = 72, smooth:
 
 
 def bathtub(name: str) -> Model:
-    """A free-standing oval tub, 1.68 × 0.76 × 0.58 m, its length along x, its waste in the middle."""
+    """Build a free-standing oval tub, 1.68 × 0.76 × 0.58 m, its length along x, its waste in the middle."""
     shell = rings(
         [
             (0.0, 0.0, 0.0, 2.6, 0.0),
@@ -67,7 +67,7 @@ def bathtub(name: str) -> Model:
 
 
 def toilet(name: str) -> Model:
-    """A close-coupled toilet with its lid down, 0.37 × 0.78 × 0.66 m, its cistern's back on z = 0."""
+    """Build a close-coupled toilet with its lid down, 0.37 × 0.78 × 0.66 m, its cistern's back on z = 0."""
     bowl = rings(
         [
             (0.0, 0.0, 0.0, 2.4, 0.34),
@@ -105,7 +105,7 @@ def toilet(name: str) -> Model:
 
 
 def _slab(a: float, b: float, y: float, thick: float, z: float) -> list[Ring]:
-    """A lid: flat below, gently domed above, its edge round."""
+    """Return the rings of a lid: flat below, slightly domed above, with a round edge."""
     r = 0.4 * thick
     arc = np.linspace(-np.pi / 2.0, np.pi / 2.0, 7)
     edge = [(a - r + r * np.cos(t), b - r + r * np.cos(t), y + r + r * np.sin(t), 2.25, z) for t in arc]
@@ -114,7 +114,7 @@ def _slab(a: float, b: float, y: float, thick: float, z: float) -> list[Ring]:
 
 
 def vanity(name: str, width: float = 1.10, depth: float = 0.48) -> Model:
-    """A hung oak cabinet of two drawers under a stone slab, its top at 0.82 m, its back on z = 0."""
+    """Build a hung oak cabinet of two drawers under a stone slab, its top at 0.82 m, its back on z = 0."""
     case = [
         rounded_box((width, 0.46, depth - 0.022), 0.003, grain=0).translated(0.0, 0.565, (depth - 0.022) / 2.0),
     ]
@@ -141,7 +141,7 @@ def vanity(name: str, width: float = 1.10, depth: float = 0.48) -> Model:
 
 
 def basin(name: str) -> Model:
-    """A vessel washbasin, 0.52 × 0.38 × 0.13 m, standing on y = 0."""
+    """Build a vessel washbasin, 0.52 × 0.38 × 0.13 m, standing on y = 0."""
     shell = rings(
         [
             (0.0, 0.0, 0.0, 2.8, 0.0),
@@ -164,7 +164,7 @@ def basin(name: str) -> Model:
 
 
 def basin_tap(name: str) -> Model:
-    """A tall single-lever mixer; its spout reaches 0.15 m towards +z."""
+    """Build a tall single-lever mixer; its spout reaches 0.15 m towards +z."""
     body = lathe(
         fillet([[0.0, 0.0], [0.028, 0.0], [0.028, 0.006], [0.021, 0.012], [0.021, 0.30], [0.0, 0.30]], 0.004, 3), 36
     )
@@ -180,7 +180,7 @@ def basin_tap(name: str) -> Model:
 
 
 def bath_tap(name: str) -> Model:
-    """A floor-standing bath filler with a hand shower in its cradle; its spout reaches 0.22 m towards +z."""
+    """Build a floor-standing bath filler with a hand shower in its cradle; its spout reaches 0.22 m towards +z."""
     post = sweep([[0.0, 0.0, 0.0], [0.0, 0.80, 0.0]], circle(0.016, 24), up=(0.0, 0.0, 1.0))
     foot = lathe(fillet([[0.0, 0.0], [0.050, 0.0], [0.050, 0.010], [0.018, 0.014], [0.0, 0.014]], 0.003, 3), 40)
     bar = sweep([[-0.09, 0.80, 0.0], [0.09, 0.80, 0.0]], circle(0.022, 24), up=(0.0, 0.0, 1.0), bevel=0.004)
@@ -223,7 +223,7 @@ def bath_tap(name: str) -> Model:
 
 
 def towel_radiator(name: str, width: float = 0.50, height: float = 1.10) -> Model:
-    """A chrome ladder on the wall at z = 0, its foot at y = 0; `radiator_bars` says where its bars are."""
+    """Build a chrome ladder on the wall at z = 0, its foot at y = 0; `radiator_bars` has the heights of its bars."""
     posts = [
         sweep([[x, 0.0, 0.055], [x, height, 0.055]], circle(0.013, 18), up=(0.0, 0.0, 1.0))
         for x in (-width / 2.0, width / 2.0)
@@ -241,13 +241,13 @@ def towel_radiator(name: str, width: float = 0.50, height: float = 1.10) -> Mode
 
 
 def radiator_bars(height: float = 1.10) -> list[float]:
-    """Heights of the bars: in three groups."""
+    """Return the heights of a towel radiator's bars, in three groups, m."""
     third = height / 3.0
     return [0.05 + group * third + step * 0.062 for group in range(3) for step in range(5)]
 
 
 def wall_lamp(name: str) -> Model:
-    """An opal globe, 0.14 m, on a brass arm from the wall at z = 0; the globe's middle is at z = 0.11."""
+    """Build an opal globe, 0.14 m, on a brass arm from the wall at z = 0; the globe's middle is at z = 0.11."""
     plate = cylinder(0.042, 0.012, 0.003, 36).rotated("x", 90.0).translated(0.0, -0.09, 0.006)
     arm = sweep(
         curve([[0.0, -0.09, 0.01], [0.0, -0.092, 0.07], [0.0, -0.088, 0.105], [0.0, -0.06, 0.11]], 16),

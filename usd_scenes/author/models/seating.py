@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chairs, sofa, armchair, pouf."""
+"""Seating: chairs, sofas, armchair, pouf, pillows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from usd_scenes.author.soft import cushion, pillow, throw, wrinkles
 
 
 def chair(name: str) -> Model:
-    """A dining chair, 0.90 m: turned-out legs, a dished seat, three back slats between raked posts."""
+    """Build a dining chair, 0.90 m: turned-out legs, a dished seat, three back slats between raked posts."""
     seat = rounded_box((0.44, 0.026, 0.42), 0.010, 3, (14, 1, 14), grain=2)
 
     def dish(points: Array) -> Array:
@@ -68,7 +68,7 @@ def chair(name: str) -> Model:
 
 
 def _slat(height: float, depth: float, tall: float) -> PolygonMesh:
-    """A back slat, bowed backwards between the posts and raked with them."""
+    """Build a back slat, bowed backwards between the posts and raked with them."""
     slat = rounded_box((0.366, tall, 0.016), 0.005, 2, (12, 1, 1))
 
     def bow(points: Array) -> Array:
@@ -81,8 +81,8 @@ def _slat(height: float, depth: float, tall: float) -> PolygonMesh:
 
 
 def shell_chair(name: str) -> Model:
-    """A chair of one molded shell, 0.82 m, on four splayed dowels braced with wire."""
-    rows = [  # height, depth, half width, how far its sides rise or come forward
+    """Build a chair of one molded shell, 0.82 m, on four splayed dowels braced with wire."""
+    rows = [  # height, depth, half width, rise of the sides
         (0.425, 0.225, 0.195, 0.000),
         (0.446, 0.200, 0.205, 0.006),
         (0.445, 0.120, 0.222, 0.026),
@@ -99,7 +99,7 @@ def shell_chair(name: str) -> Model:
     s = np.linspace(-1.0, 1.0, 29)
     tangent = np.gradient(line[:, :2], axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    rise, forward = -tangent[:, 1], tangent[:, 0]  # towards whoever sits in it
+    rise, forward = -tangent[:, 1], tangent[:, 0]  # towards the sitter
     lift = line[:, 3:] * np.abs(s)[None] ** 2.4
     points = np.zeros((44, 29, 3))
     points[..., 0] = line[:, 2:3] * np.sin(s * 1.25)[None] / np.sin(1.25)
@@ -136,7 +136,7 @@ def shell_chair(name: str) -> Model:
 
 
 def settee(name: str) -> Model:
-    """A two-seat sofa, 1.78 m, with a pillow in either corner."""
+    """Build a two-seat sofa, 1.78 m, with a pillow in either corner."""
     base = sofa(name, 1.78, 2)
     pillows = [
         stuffed(0.46, 0.13, 71 + index, 0.026)
@@ -151,7 +151,7 @@ def settee(name: str) -> Model:
 
 
 def sofa(name: str, width: float = 2.30, seats: int = 3) -> Model:
-    """A sofa, 0.95 m deep: loose seat and back cushions between upholstered arms, on walnut legs."""
+    """Build a sofa, 0.95 m deep: loose seat and back cushions between upholstered arms, on walnut legs."""
     arm, depth, seat_height = 0.19, 0.95, 0.43
     inner = width - 2.0 * arm
     body = [_upholstered((width - 0.02, 0.20, depth - 0.04), 1).translated(0.0, 0.235, 0.0)]
@@ -192,6 +192,7 @@ def sofa(name: str, width: float = 2.30, seats: int = 3) -> Model:
 
 
 def _upholstered(size: tuple[float, float, float], seed: int) -> PolygonMesh:
+    """Build a padded box about the origin."""
     divisions = tuple(max(2, round(length / 0.09)) for length in size)
     box = rounded_box(size, 0.032, 3, divisions)  # type: ignore[arg-type]
 
@@ -207,7 +208,7 @@ def _upholstered(size: tuple[float, float, float], seed: int) -> PolygonMesh:
 
 
 def armchair(name: str) -> Model:
-    """A lounge chair in leather: a walnut frame with bent arms, one deep cushion each for seat and back."""
+    """Build a lounge chair in leather: a walnut frame with bent arms, one deep cushion each for seat and back."""
     frame = []
     for side in (-1.0, 1.0):
         x = 0.345 * side
@@ -250,7 +251,7 @@ def armchair(name: str) -> Model:
 
 
 def scatter_pillow(name: str, material: str, size: float, seed: int) -> Model:
-    """A square pillow standing upright."""
+    """Build a square pillow standing upright."""
     return make_model(
         name,
         "pillow",
@@ -259,12 +260,12 @@ def scatter_pillow(name: str, material: str, size: float, seed: int) -> Model:
 
 
 def folded_throw(name: str) -> Model:
-    """A throw over a sofa's arm: its ridge at y = 0."""
+    """Build a throw over a sofa's arm: its ridge at y = 0."""
     return make_model(name, "blanket", ("Wool", "ThrowWool", throw(0.42, 0.9, 0.108, 0.27, 7)))
 
 
 def pouf(name: str) -> Model:
-    """A round upholstered pouf, 0.39 m: six panels in piping, dimpled at a button."""
+    """Build a round upholstered pouf, 0.39 m: six panels in piping, dimpled at a button."""
     outline = [
         [0.0, 0.0],
         [0.19, 0.0],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small things: books, pictures, what lies about. Each stands on y = 0 about x = z = 0."""
+"""Small objects: books, pictures, fruit, remote control, laptop, balls, ornaments."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from usd_scenes.author.shapes import (
 
 
 def candle(name: str, height: float = 0.14, radius: float = 0.036) -> Model:
+    """Build a pillar candle with a wick."""
     wax = lathe(
         fillet(
             [[0.0, 0.0], [radius, 0.0], [radius, height], [radius * 0.7, height - 0.006], [0.0, height - 0.008]],
@@ -43,7 +44,7 @@ def candle(name: str, height: float = 0.14, radius: float = 0.036) -> Model:
 
 
 def book(name: str, spine: int, width: float, height: float, thick: float) -> Model:
-    """A hardback lying on its back cover, spine towards -x: height along z, width along x. spine: 0..15 of the sheet.
+    """Build a hardback on its back cover, its spine towards -x, its height along z; `spine` is 0..15 of the texture.
 
     The boards take their color from the spine's column of the sheet, at a place above its print.
     """
@@ -68,7 +69,7 @@ def book(name: str, spine: int, width: float, height: float, thick: float) -> Mo
 
 
 def remote(name: str) -> Model:
-    """A remote control, 0.17 m, with keys in rows."""
+    """Build a remote control, 0.17 m, with keys in rows."""
     body = rounded_box((0.045, 0.018, 0.170), 0.007, 3).translated(0.0, 0.009, 0.0)
     keys = [
         rounded_box((0.008, 0.003, 0.006), 0.0012).translated((i - 1) * 0.012, 0.0185, -0.02 + j * 0.0125)
@@ -89,7 +90,7 @@ def remote(name: str) -> Model:
 
 
 def fruit(name: str, material: str, seed: int) -> Model:
-    """A lemon or an apple."""
+    """Build a lemon or an apple."""
     if material == "Lemon":
         profile = [
             [0.0, 0.0],
@@ -130,7 +131,7 @@ def fruit(name: str, material: str, seed: int) -> Model:
 
 
 def picture(name: str, material: str, width: float, height: float, frame: str = "Oak", mat: float = 0.0) -> Model:
-    """A framed picture facing +z, its back on z = 0, centered on the origin; mat: width of a paper border, m."""
+    """Build a framed picture facing +z, its back on z = 0; `mat` is the width of a paper border, m."""
     face = 0.022
     profile = fillet([[0.0, 0.0], [0.0, 0.030], [-face, 0.026], [-face, 0.006]], 0.0025, 2)
     corners = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) * (width / 2.0 + face, height / 2.0 + face)
@@ -149,7 +150,7 @@ def picture(name: str, material: str, width: float, height: float, frame: str = 
 
 
 def hanging_picture(name: str) -> Model:
-    """A landscape of 0.72 × 0.48 m in its frame, with its canvas, stretcher and wire behind."""
+    """Build a framed landscape of 0.72 × 0.48 m, with its canvas, stretcher and wire behind."""
     front = picture(name, "Landscape", 0.72, 0.48, "Oak")
     canvas = rounded_box((0.735, 0.495, 0.004), 0.001).translated(0.0, 0.0, 0.008)
     bars = [rounded_box((0.735, 0.040, 0.014), 0.002).translated(0.0, 0.2275 * side, 0.004) for side in (-1.0, 1.0)]
@@ -165,6 +166,7 @@ def hanging_picture(name: str) -> Model:
 
 
 def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -> PolygonMesh:
+    """Build a rectangle at z, facing +z; uv is in 0..1 if `unit`, else in meters."""
     points = np.array(
         [
             [[-half_width, -half_height, z], [half_width, -half_height, z]],
@@ -176,7 +178,7 @@ def _quad(half_width: float, half_height: float, z: float, unit: bool = False) -
 
 
 def laptop(name: str) -> Model:
-    """A laptop, 0.33 m wide, open to 108°: keyboard, trackpad and a bright screen."""
+    """Build a laptop, 0.33 m wide, open to 108°: keyboard, trackpad and a bright screen."""
     base = rounded_box((0.33, 0.014, 0.228), 0.006, 2).translated(0.0, 0.007, 0.0)
     well = rounded_box((0.286, 0.002, 0.108), 0.001).translated(0.0, 0.0135, -0.038)
     keys = []
@@ -208,7 +210,7 @@ def laptop(name: str) -> Model:
 
 
 def _key(width: float, depth: float) -> PolygonMesh:
-    """A key cap: a low frustum."""
+    """Build a key cap: a low frustum."""
     bottom = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * (width / 2.0, depth / 2.0)
     rings = [np.insert(bottom * s, 1, y, axis=1) for s, y in ((1.0, 0.0), (1.0, 0.0012), (0.93, 0.0018))]
     rings.append(np.tile((0.0, 0.0018, 0.0), (4, 1)))
@@ -217,7 +219,7 @@ def _key(width: float, depth: float) -> PolygonMesh:
 
 
 def beach_ball(name: str, radius: float = 0.13) -> Model:
-    """A ball of six colored gores and two caps."""
+    """Build a ball of six colored gores and two caps."""
     materials = ("BallRed", "BallWhite", "BallBlue", "BallWhite", "BallYellow", "BallWhite")
     parts: dict[str, list[PolygonMesh]] = {}
     latitude = np.linspace(-1.37, 1.37, 25)[:, None]
@@ -244,7 +246,7 @@ def beach_ball(name: str, radius: float = 0.13) -> Model:
 
 
 def tennis_racket(name: str) -> Model:
-    """A racket, 0.685 m, lying in the xy plane with its head up: frame, throat, 16 × 19 strings, wrapped grip."""
+    """Build a racket, 0.685 m, lying in the xy plane with its head up: frame, throat, 16 × 19 strings, wrapped grip."""
     angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     a, b = 0.124, 0.165
     head = np.stack([a * np.sin(angle), b * np.cos(angle) * (1.0 + 0.04 * np.cos(angle)), 0.0 * angle], -1)
@@ -299,18 +301,18 @@ def tennis_racket(name: str) -> Model:
 
 
 def _arcs(ring: Array, section: Array, count: int = 12) -> list[PolygonMesh]:
-    """A closed sweep in straight pieces."""
+    """Build a closed sweep as separate pieces, for fitting primitives."""
     knots = ring[:: len(ring) // count]
     return [sweep([p, q], section, up=(0.0, 0.0, 1.0)) for p, q in zip(knots, np.roll(knots, -1, axis=0), strict=True)]
 
 
 def ornament(name: str) -> Model:
-    """A brass sphere on the shelf."""
+    """Build a brass sphere."""
     return make_model(name, "ornament", ("Sphere", "Brass", merged([sphere(0.055, 40).translated(0.0, 0.055)])))
 
 
 def sculpture(name: str) -> Model:
-    """An abstract figure in pale stone on a black plinth: a twisted, waisted loop, 0.36 m."""
+    """Build an abstract figure in pale stone on a black plinth: a twisted, waisted loop, 0.36 m."""
     angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     ring = np.stack([0.075 * np.sin(angle), 0.205 - 0.125 * np.cos(angle), 0.022 * np.sin(2.0 * angle)], axis=-1)
     girth = 1.0 + 0.35 * np.cos(angle) + 0.12 * np.sin(3.0 * angle)
@@ -321,7 +323,7 @@ def sculpture(name: str) -> Model:
 
 
 def set_top_box(name: str) -> Model:
-    """A small black box with a light."""
+    """Build a small black box with a light."""
     body = rounded_box((0.24, 0.040, 0.16), 0.005, 2).translated(0.0, 0.020, 0.0)
     lamp = sphere(0.002, 12).translated(0.09, 0.020, 0.080)
     return make_model(name, "media box", ("Body", "BlackPlastic", body), ("Light", "RedButton", lamp))

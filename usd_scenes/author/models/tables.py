@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables, shelves, television, lamps."""
+"""Tables, shelves, television, lamps, mirror, basket."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from usd_scenes.author.shapes import (
 
 
 def coffee_table(name: str) -> Model:
-    """An oval walnut table, 1.20 × 0.68 × 0.40 m, with a shelf below, on splayed legs."""
+    """Build an oval walnut table, 1.20 × 0.68 × 0.40 m, with a shelf below, on splayed legs."""
     top = _oval_slab(1.20, 0.68, 0.026).translated(0.0, 0.387, 0.0)
     shelf = _oval_slab(0.86, 0.42, 0.016).translated(0.0, 0.155, 0.0)
     legs = four_legs((0.36, 0.376, 0.17), (0.46, 0.0, 0.25), circle(0.021, 16), 0.6)
@@ -34,7 +34,7 @@ def coffee_table(name: str) -> Model:
 
 
 def _oval_slab(width: float, depth: float, height: float) -> PolygonMesh:
-    """A superellipse with a rounded edge, grain along x."""
+    """Build a tabletop in the shape of a superellipse with a rounded edge, grain along x."""
     h, r = height / 2.0, height * 0.42
     slab = lathe(
         fillet([[0.0, -h], [1.0 - r, -h], [1.0, -h + r], [1.0, h - r * 0.5], [1.0 - r * 0.5, h], [0.0, h]], r * 0.4, 2),
@@ -56,7 +56,7 @@ def _oval_slab(width: float, depth: float, height: float) -> PolygonMesh:
 
 
 def dining_table(name: str) -> Model:
-    """An oak table, 1.80 × 0.90 × 0.75 m: three boards on a black steel frame."""
+    """Build an oak table, 1.80 × 0.90 × 0.75 m: three boards on a black steel frame."""
     boards = [
         rounded_box((1.80, 0.032, 0.2985), 0.003, 2).with_uv(0.37 * i, 0.26 * i).translated(0.0, 0.734, (i - 1) * 0.30)
         for i in range(3)
@@ -74,7 +74,7 @@ def dining_table(name: str) -> Model:
 
 
 def bookcase(name: str, width: float = 1.20, height: float = 2.10, depth: float = 0.30) -> Model:
-    """An open oak case with five shelves and a back."""
+    """Build an open oak bookcase with five shelves and a back."""
     sides = [
         rounded_box((0.024, height, depth), 0.002)
         .with_uv(0.3 * s, 0.1)
@@ -93,12 +93,12 @@ def bookcase(name: str, width: float = 1.20, height: float = 2.10, depth: float 
 
 
 def shelf_heights(height: float = 2.10) -> list[float]:
-    """Centers of a bookcase's boards; books stand 0.012 m above."""
+    """Return the center heights of a bookcase's boards, m; books stand 0.012 m above."""
     return [0.072 + i * (height - 0.084) / 5.0 for i in range(6)]
 
 
 def sideboard(name: str, width: float = 1.80) -> Model:
-    """A low walnut cabinet with three fronts on black legs, for the television."""
+    """Build a low walnut cabinet with three fronts on black legs, for the television."""
     case = [
         rounded_box((width, 0.022, 0.42), 0.003).translated(0.0, 0.489, 0.0),
         rounded_box((width - 0.002, 0.022, 0.418), 0.003).translated(0.0, 0.171, 0.0),
@@ -128,7 +128,7 @@ def sideboard(name: str, width: float = 1.80) -> Model:
 
 
 def television(name: str) -> Model:
-    """A 55-inch set on two feet."""
+    """Build a 55-inch television on two feet."""
     body = rounded_box((1.235, 0.715, 0.028), 0.006, 2).translated(0.0, 0.44, 0.0)
     screen = rounded_box((1.215, 0.690, 0.004), 0.001).translated(0.0, 0.445, 0.0135)
     feet = [sweep([[x, 0.004, -0.12], [x, 0.004, 0.12]], rectangle(0.022, 0.008, 0.002)) for x in (-0.42, 0.42)]
@@ -139,7 +139,7 @@ def television(name: str) -> Model:
 
 
 def floor_lamp(name: str) -> Model:
-    """A brass floor lamp, 1.58 m, with a linen drum shade; its bulb is a light of the room, its plug 0.45 m behind."""
+    """Build a brass floor lamp, 1.58 m, with a linen drum shade and its plug 0.45 m behind; the room has the bulb."""
     base = lathe(
         fillet([[0.0, 0.0], [0.14, 0.0], [0.14, 0.018], [0.03, 0.026], [0.012, 0.05], [0.0, 0.05]], 0.004, 3), 48
     )
@@ -166,14 +166,14 @@ def floor_lamp(name: str) -> Model:
 
 
 def drum_shade(top: float, bottom: float, height: float) -> PolygonMesh:
-    """A shade of cloth on a wire at either rim, open above and below, 3 mm thick."""
+    """Build a shade of cloth on a wire at either rim, open above and below, 3 mm thick."""
     wall = [[bottom - 0.003, 0.0], [bottom, 0.0], [top, height], [top - 0.003, height], [bottom - 0.003, 0.0]]
     rims = [lathe(circle(0.004, 8)[[*range(8), 0]] + (r - 0.0015, y), 64) for r, y in ((bottom, 0.0), (top, height))]
     return merged([lathe(wall[1:3], 64), lathe([wall[3], wall[4]], 64), *rims])
 
 
 def pendant(name: str, drop: float) -> Model:
-    """A black metal dome on a cord: the ceiling is at y = 0, the rim at -drop."""
+    """Build a black metal dome on a cord: the ceiling is at y = 0, the rim at -drop."""
     outer = curve([[0.026, 0.20], [0.10, 0.185], [0.18, 0.12], [0.225, 0.0]], 16)[::-1]
     shell = lathe(np.concatenate([outer, outer[::-1] - (0.004, 0.003)]), 56)
     cap = lathe(fillet([[0.0, 0.195], [0.03, 0.195], [0.03, 0.25], [0.008, 0.26], [0.0, 0.26]], 0.006, 3), 32)
@@ -187,7 +187,7 @@ def pendant(name: str, drop: float) -> Model:
 
 
 def side_table(name: str) -> Model:
-    """A round table, 0.45 m across and 0.50 m high, on a turned foot."""
+    """Build a round table, 0.45 m across and 0.50 m high, on a turned foot."""
     outline = [[0.0, 0.480], [0.210, 0.480], [0.225, 0.488], [0.225, 0.498], [0.215, 0.505], [0.0, 0.505]]
     stem = curve([[0.030, 0.02], [0.022, 0.10], [0.016, 0.26], [0.020, 0.40], [0.045, 0.478]], 24)
     foot = fillet([[0.0, 0.0], [0.150, 0.0], [0.150, 0.014], [0.034, 0.026], [0.0, 0.026]], 0.005, 3)
@@ -199,7 +199,7 @@ def side_table(name: str) -> Model:
 
 
 def mirror(name: str, radius: float = 0.38) -> Model:
-    """A round mirror in a brass rim, facing +z from the wall at z = 0."""
+    """Build a round mirror in a brass rim, facing +z from the wall at z = 0."""
     ring = np.insert(circle(radius + 0.004, 96), 2, 0.012, axis=1)
     rim = sweep(ring, rectangle(0.014, 0.024, 0.004), up=(0.0, 0.0, 1.0), closed=True)
     glass = lathe([[radius, 0.0], [0.0, 0.0]], 96).rotated("x", 90.0).translated(0.0, 0.0, 0.014)
@@ -207,7 +207,7 @@ def mirror(name: str, radius: float = 0.38) -> Model:
 
 
 def basket(name: str) -> Model:
-    """A basket of coiled rope, 0.42 m across."""
+    """Build a basket of coiled rope, 0.42 m across."""
     coils = []
     for level in range(15):
         t = level / 14.0

@@ -14,7 +14,7 @@ from usd_scenes.author.shapes import circle, curve, fillet, lathe, rectangle, sw
 
 
 def offset(profile: ArrayLike, distance: float) -> Array:
-    """A profile moved to its left, which is a vessel's inside."""
+    """Return a profile offset to its left: the inside of a vessel."""
     outer = np.asarray(profile, dtype=np.float64)
     tangent = np.gradient(outer, axis=0)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
@@ -22,7 +22,7 @@ def offset(profile: ArrayLike, distance: float) -> Array:
 
 
 def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> PolygonMesh:
-    """A vessel with a round lip: its outside profile from the foot's center to the rim, (radius, height)."""
+    """Build a vessel with a round lip: its outside profile from the foot's center to the rim, (radius, height)."""
     outer = np.asarray(outside, dtype=np.float64)
     inner = offset(outer, thickness)
     inner = inner[(inner[:, 0] > 0.0) & (inner[:, 1] > outer[0, 1] + 0.5 * thickness)]
@@ -36,7 +36,7 @@ def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> PolygonMe
 
 
 def dish(name: str) -> Model:
-    """A dinner plate, 0.27 m, with a blue band on its rim."""
+    """Build a dinner plate, 0.27 m, with a blue band on its rim."""
     corners = [[0.0, 0.003], [0.070, 0.003], [0.074, 0.0], [0.080, 0.0], [0.084, 0.006], [0.096, 0.012], [0.134, 0.024]]
     profile = _dense(fillet(corners, 0.006, 3))
     glaze = offset(profile, 0.0048)
@@ -46,7 +46,7 @@ def dish(name: str) -> Model:
 
 
 def bowl(name: str, material: str = "Stoneware", radius: float = 0.14) -> Model:
-    """A wide bowl on a foot."""
+    """Build a wide bowl on a foot."""
     r = radius
     profile = curve(
         [
@@ -64,7 +64,7 @@ def bowl(name: str, material: str = "Stoneware", radius: float = 0.14) -> Model:
 
 
 def cup(name: str) -> Model:
-    """A mug, 0.095 m, with a handle."""
+    """Build a mug, 0.095 m, with a handle."""
     profile = fillet([[0.0, 0.004], [0.030, 0.004], [0.033, 0.0], [0.040, 0.004], [0.042, 0.095]], 0.006, 4)
     loop = curve(
         [[0.040, 0.078, 0.0], [0.060, 0.081, 0.0], [0.072, 0.062, 0.0], [0.066, 0.038, 0.0], [0.040, 0.022, 0.0]], 24
@@ -74,7 +74,7 @@ def cup(name: str) -> Model:
 
 
 def _dense(profile: Array, step: float = 0.008) -> Array:
-    """With points no farther apart than `step`, so that an offset keeps to the shape."""
+    """Return a profile with points at most `step` apart, so that offsetting keeps its shape."""
     pieces = []
     for a, b in pairwise(profile):
         count = max(1, int(np.linalg.norm(b - a) / step))
@@ -83,7 +83,7 @@ def _dense(profile: Array, step: float = 0.008) -> Array:
 
 
 def ewer(name: str) -> Model:
-    """A glazed jug with spout, lid and handle, 0.26 m: what SAILenv called a ewer."""
+    """Build a glazed jug with spout, lid and handle, 0.26 m: SAILenv's "ewer"."""
     outline = curve(
         [
             [0.0, 0.006],
@@ -132,6 +132,7 @@ def ewer(name: str) -> Model:
 
 
 def vase(name: str, material: str = "Terracotta") -> Model:
+    """Build a vase, open at the top."""
     profile = curve(
         [
             [0.0, 0.004],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles on walls and floors: each a body of its own, a little out of true, in a bed of grout."""
+"""Tiled walls and floors: separate, slightly misaligned tiles on a plane of grout."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def tiled_wall(
     bond: float = 0.0,
     crooked: float = 0.35,
 ) -> Model:
-    """Tiles over 0..width along x and 0..height, facing +z from the wall at z = 0, cut at its openings.
+    """Build tiles over 0..width along x and 0..height, facing +z from the wall at z = 0, cut at its openings.
 
     tile: width and height, m. bond: how far each row is shifted against the one below, in tiles. crooked: degrees.
     """
@@ -59,13 +59,13 @@ def tiled_wall(
 
 
 def tiled_floor(name: str, width: float, depth: float, material: str, tile: float, seed: int) -> Model:
-    """Square tiles about the origin, their top at y = 0."""
+    """Build square tiles about the origin, their top at y = 0."""
     wall = tiled_wall(name, width, depth, material, (tile, tile), seed, crooked=0.05)
     return replace(wall.rotated("x", -90.0).translated(-width / 2.0, -THICK, depth / 2.0), label="floor")
 
 
 def _without(piece: tuple[float, float, float, float], hole: Opening) -> list[tuple[float, float, float, float]]:
-    """What is left of a rectangle x0, x1, y0, y1."""
+    """Return a rectangle (x0, x1, y0, y1) minus an opening, as rectangles."""
     x0, x1, y0, y1 = piece
     if hole.start >= x1 or hole.end <= x0 or hole.sill >= y1 or hole.head <= y0:
         return [piece]
@@ -75,7 +75,7 @@ def _without(piece: tuple[float, float, float, float], hole: Opening) -> list[tu
 
 
 def _tile(x0: float, x1: float, y0: float, y1: float, rng: np.random.Generator, crooked: float) -> PolygonMesh:
-    """A pillowed face whose edges fall back into the joint."""
+    """Build a pillowed face whose edges fall back into the joint."""
     gap, bevel = JOINT / 2.0, 0.0022
     xs = np.array(
         [x0 + gap, x0 + gap + 0.4 * bevel, x0 + gap + bevel, x1 - gap - bevel, x1 - gap - 0.4 * bevel, x1 - gap]
@@ -95,12 +95,13 @@ def _tile(x0: float, x1: float, y0: float, y1: float, rng: np.random.Generator, 
 
 
 def _plane(x0: float, x1: float, y0: float, y1: float, z: float) -> PolygonMesh:
+    """Build a rectangle at z, facing +z."""
     points = np.array([[[x0, y0, z], [x1, y0, z]], [[x0, y1, z], [x1, y1, z]]])
     return grid(points, points[..., :2])
 
 
 def _plane_edge(width: float, height: float) -> PolygonMesh:
-    """The top of the bed of grout, where the tiles end below a ceiling."""
+    """Build the upper edge of the grout, visible where tiles end below the ceiling."""
     z = THICK - RECESS
     points = np.array([[[0.0, height, z], [width, height, z]], [[0.0, height, 0.0], [width, height, 0.0]]])
     return merged([grid(points, points[..., [0, 2]])])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Towels that hang and lie, a bath mat, a robe's hook: simulated once by `cloth`."""
+"""Hanging and folded towels and a bath mat, simulated by `cloth_simulation`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from usd_scenes.author.soft import wrinkles
 def hanging_towel(
     name: str, material: str, width: float, front: float, back: float, radius: float, seed: int, thick: float = 0.009
 ) -> Model:
-    """A towel over a bar along x of `radius`, whose top is at y = 0: `front` m hang at +z, `back` m at -z."""
+    """Build a towel over a bar along x of `radius`, whose top is at y = 0: `front` m hang at +z, `back` m at -z."""
     length = front + back
     flat = cloth.pattern(width, length, 0.016)
     reach = radius + thick / 2.0
@@ -41,7 +41,7 @@ def hanging_towel(
 
 
 def hooked_towel(name: str, material: str, width: float, length: float, seed: int) -> Model:
-    """A towel by its loop on a `bathroom.hook` at the origin, hanging before the wall at z = 0."""
+    """Build a towel that hangs by its loop from a `bathroom.hook` at the origin, in front of the wall at z = 0."""
     flat = cloth.pattern(width, length, 0.018)
     s = length / 2.0 - flat[..., 1]  # down from its upper edge
     rng = np.random.default_rng(seed)
@@ -63,7 +63,7 @@ def hooked_towel(name: str, material: str, width: float, length: float, seed: in
 def folded_towel(
     name: str, material: str, width: float = 0.34, depth: float = 0.24, layers: int = 3, seed: int = 1
 ) -> Model:
-    """A bath towel folded into a soft block that lies on y = 0, its fold towards +z."""
+    """Build a bath towel folded into a soft block that lies on y = 0, its fold towards +z."""
     parts = []
     for layer in range(layers):
         leaf = rounded_box((width, 0.026, depth), 0.0125, 4, (24, 1, 18), grain=0)
@@ -81,7 +81,7 @@ def folded_towel(
 
 
 def bath_mat(name: str, material: str, width: float = 0.80, depth: float = 0.52) -> Model:
-    """A thick tufted mat lying on y = 0 with a hemmed edge."""
+    """Build a thick tufted mat lying on y = 0 with a hemmed edge."""
     cell = 0.02
     flat = cloth.pattern(width, depth, cell)
     across, along = np.abs(2.0 * flat[..., 0] / width), np.abs(2.0 * flat[..., 1] / depth)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Toys."""
+"""Toys: a teddy bear."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HEAD, BODY = (0.0, 0.262, 0.008), (0.0, 0.112, 0.0)
 
 
 def teddy_bear(name: str) -> Model:
-    """A plush bear that sits, 0.36 m: stuffed pieces sewn together, lighter muzzle, ears and soles, a bow."""
+    """Build a plush bear that sits, 0.36 m: stuffed pieces sewn together, lighter muzzle, ears and soles, a bow."""
     pieces: list[Field] = [ellipsoid(BODY, (0.086, 0.108, 0.078)), ellipsoid(HEAD, (0.083, 0.074, 0.073))]
     for side in (-1.0, 1.0):
         pieces.append(ellipsoid((0.064 * side, 0.330, -0.004), (0.034, 0.034, 0.017), rotation("z", -25.0 * side)))
@@ -81,7 +81,7 @@ def teddy_bear(name: str) -> Model:
 
 
 def _balls() -> list[PolygonMesh]:
-    """The bear as a child would draw it."""
+    """Build ellipsoids of the bear's body parts, as proxies."""
     balls = [sphere(1.0, 24).scaled(0.086, 0.108, 0.078).translated(*BODY), sphere(0.078, 24).translated(*HEAD)]
     for side in (-1.0, 1.0):
         balls.append(sphere(0.032, 24).translated(0.064 * side, 0.330, -0.004))
@@ -95,7 +95,7 @@ def _balls() -> list[PolygonMesh]:
 
 
 def _plush(field: Field, low: Array | list[float], high: Array | list[float], step: float, seed: int) -> PolygonMesh:
-    """Stuffing that bulges here and there, under short pile."""
+    """Polygonize a field with random bulges, as plush over stuffing."""
 
     def stuffed(points: Array) -> Array:
         slow, pile = wrinkles(points, seed, 0.07, 1), wrinkles(points, seed + 9, 0.013, 1)
@@ -105,7 +105,7 @@ def _plush(field: Field, low: Array | list[float], high: Array | list[float], st
 
 
 def _bow() -> list[PolygonMesh]:
-    """A ribbon's bow under the chin: two loops, a knot, two ends, and the band round the neck."""
+    """Build a ribbon's bow under the chin: two loops, a knot, two ends, and the band round the neck."""
     parts: list[PolygonMesh] = []
     ribbon = np.array([[0.0009, 0.013], [-0.0009, 0.013], [-0.0009, -0.013], [0.0009, -0.013]])[::-1]
     at = np.array((0.0, 0.192, 0.084))

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usd_scenes.author.textures.noise import mix, normals_from_height, smoothstep, spectral
-from usd_scenes.author.textures.wood import WoodSurface
+from usd_scenes.author.textures.wood import SurfaceTextures
 
 Array = NDArray[np.float64]
 
 
-def weave(size: int, seed: int, tile: float, threads: int, color: object, contrast: float = 0.2) -> WoodSurface:
-    """Plain weave with slubs: `threads` each way over a tile of `tile` m; threads must be even."""
+def weave(size: int, seed: int, tile: float, threads: int, color: object, contrast: float = 0.2) -> SurfaceTextures:
+    """Generate plain weave with slubs: `threads` each way over a tile of `tile` m; threads must be even."""
     shape = (size, size)
     at = (np.arange(size) + 0.5) / size * threads
     warp_wobble = 0.16 * spectral(shape, seed, (0.4, 0.04), slope=1.5)
@@ -29,7 +29,7 @@ def weave(size: int, seed: int, tile: float, threads: int, color: object, contra
     fuzz = spectral(shape, seed + 4, 0.01, slope=0.8)
     gain = (1.0 - contrast * (1.3 - height).clip(0.0)) * np.exp(0.05 * tone + 0.04 * fuzz)
     relief = 0.2 * tile / threads * height
-    return WoodSurface(
+    return SurfaceTextures(
         np.asarray(color, dtype=np.float64) * gain[..., None],
         np.full(shape, 0.9),
         normals_from_height(relief, size / tile),
@@ -37,14 +37,14 @@ def weave(size: int, seed: int, tile: float, threads: int, color: object, contra
 
 
 def ticking(size: int, ground: object, stripe: object) -> Array:
-    """Colors [1, size, 3] of warp threads for `weave`: pairs of fine stripes, two to a tile."""
+    """Generate colors [1, size, 3] of warp threads for `weave`: pairs of fine stripes, two to a tile."""
     at = (np.arange(size) + 0.5) / size * 2.0 % 1.0
     lines = np.maximum(np.abs(at - 0.46) < 0.011, np.abs(at - 0.54) < 0.011)
     return mix(np.broadcast_to(np.asarray(ground), (1, size, 3)), stripe, lines[None] * 0.85)
 
 
-def berber(width: int, height: int, seed: int) -> WoodSurface:
-    """A shaggy wool rug, 2.3 x 1.6 m, whole: a hand-drawn lattice of dark lines on undyed wool."""
+def berber(width: int, height: int, seed: int) -> SurfaceTextures:
+    """Generate a shaggy wool rug, 2.3 x 1.6 m, whole: a hand-drawn lattice of dark lines on undyed wool."""
     shape = (height, width)
     y, x = np.mgrid[0:height, 0:width]
     wobble = 0.012 * spectral(shape, seed, 0.10, slope=1.8) + 0.004 * spectral(shape, seed + 1, 0.012, slope=1.0)
@@ -57,11 +57,11 @@ def berber(width: int, height: int, seed: int) -> WoodSurface:
     tufts = spectral(shape, seed + 2, 0.0055, slope=1.1)
     clouds = spectral(shape, seed + 3, 0.22, slope=1.6)
     color = color * np.exp(0.10 * tufts + 0.05 * clouds)[..., None]
-    return WoodSurface(color, np.full(shape, 0.95), normals_from_height(1.5e-3 * tufts, width / 2.3))
+    return SurfaceTextures(color, np.full(shape, 0.95), normals_from_height(1.5e-3 * tufts, width / 2.3))
 
 
-def leather(size: int, seed: int, tile: float, color: object) -> WoodSurface:
-    """Aniline leather: a net of fine creases, cloudy dye, worn highs."""
+def leather(size: int, seed: int, tile: float, color: object) -> SurfaceTextures:
+    """Generate aniline leather: a net of fine creases, cloudy dye, worn highs."""
     shape = (size, size)
     cells = np.abs(spectral(shape, seed, 0.022, slope=3.0))
     creases = smoothstep(0.35, 0.0, cells)
@@ -69,15 +69,15 @@ def leather(size: int, seed: int, tile: float, color: object) -> WoodSurface:
     clouds = spectral(shape, seed + 2, 0.35, slope=1.6)
     gain = np.exp(0.055 * clouds + 0.02 * fine) * (1.0 - 0.22 * creases)
     height = 1.2e-4 * (-creases) + 8.0e-6 * fine
-    return WoodSurface(
+    return SurfaceTextures(
         np.asarray(color, dtype=np.float64) * gain[..., None],
         0.42 + 0.14 * creases + 0.025 * clouds,
         normals_from_height(height, size / tile),
     )
 
 
-def rug(width: int, height: int, seed: int) -> WoodSurface:
-    """A hand-knotted wool rug, whole: a lattice of diamonds on ivory and a border, its dye uneven (abrash)."""
+def rug(width: int, height: int, seed: int) -> SurfaceTextures:
+    """Generate a hand-knotted wool rug, whole: a lattice of diamonds on ivory and a border, its dye uneven (abrash)."""
     y, x = np.mgrid[0:height, 0:width]
     wobble = 0.0025 * spectral((height, width), seed, 0.01, slope=1.0)
     meters_x = (x + 0.5) / width * 3.2 + wobble
@@ -103,7 +103,7 @@ def rug(width: int, height: int, seed: int) -> WoodSurface:
     abrash = spectral((height, width), seed + 1, (0.05, 0.9), slope=1.4)
     pile = spectral((height, width), seed + 2, 0.004, slope=0.7)
     color = color * np.exp(0.07 * abrash + 0.06 * pile)[..., None]
-    return WoodSurface(color, np.full((height, width), 0.95), normals_from_height(6.0e-4 * pile, width / 3.2))
+    return SurfaceTextures(color, np.full((height, width), 0.95), normals_from_height(6.0e-4 * pile, width / 3.2))
 
 
 def _band(x: Array, low: float, high: float) -> Array:

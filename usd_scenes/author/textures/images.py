@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image files without time stamps: PNG by Pillow, Radiance HDR by hand."""
+"""Writing of image files without time stamps: PNG by Pillow, and Radiance HDR."""
 
 from __future__ import annotations
 
@@ -13,38 +13,39 @@ Array = NDArray[np.float64]
 
 
 def encoded(linear: Array) -> Array:
-    """sRGB values, 0..1, of linear ones."""
+    """Return sRGB values, 0..1, of linear ones."""
     x = np.clip(linear, 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1.0 / 2.4) - 0.055)
 
 
 def decoded(srgb: Array) -> Array:
-    """Linear values of sRGB ones, 0..1."""
+    """Return linear values of sRGB ones, 0..1."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def save_color(path: Path, linear: Array) -> None:
-    """A scene-linear albedo [h, w, 3] as 8-bit sRGB PNG."""
+    """Write a scene-linear albedo [h, w, 3] as 8-bit sRGB PNG."""
     _save(path, encoded(linear))
 
 
 def save_raw(path: Path, values: Array) -> None:
-    """Values 0..1, [h, w], as 8-bit grayscale PNG."""
+    """Write values 0..1, [h, w], as 8-bit grayscale PNG."""
     _save(path, np.clip(values, 0.0, 1.0))
 
 
 def save_normal(path: Path, normals: Array) -> None:
-    """Unit normals [h, w, 3] as 8-bit PNG, to be read with scale 2 and bias -1."""
+    """Write unit normals [h, w, 3] as 8-bit PNG, to be read with scale 2 and bias -1."""
     _save(path, normals * 0.5 + 0.5)
 
 
 def _save(path: Path, values: Array) -> None:
+    """Write values 0..1 as 8-bit PNG."""
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.round(values * 255.0).astype(np.uint8)).save(path, optimize=True)
 
 
 def save_hdr(path: Path, radiance: NDArray[np.floating]) -> None:
-    """Radiance [h, w, 3] as a Radiance RGBE picture, run-length coded by the format's newer scheme."""
+    """Write radiance [h, w, 3] as a Radiance RGBE file with the new run-length encoding."""
     height, width = radiance.shape[:2]
     brightest = radiance.max(axis=-1)
     mantissa, exponent = np.frexp(brightest)
@@ -63,7 +64,7 @@ def save_hdr(path: Path, radiance: NDArray[np.floating]) -> None:
 
 
 def _run_length(line: bytes) -> bytes:
-    """Runs of 4 or more equal bytes as (128 + n, value), the rest as (n, bytes)."""
+    """Encode runs of 4 or more equal bytes as (128 + n, value), other bytes as (n, bytes)."""
     out, at, literal = bytearray(), 0, 0
     while at < len(line):
         run = 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every texture file by name, and how it is made."""
+"""The texture files: `MAKERS` maps names to the functions that write them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WALNUT = (0.165, 0.094, 0.052), (0.066, 0.036, 0.021)
 CHESTNUT = (0.33, 0.155, 0.07), (0.15, 0.058, 0.026)
 
 
-def _surface(name: str, make: Callable[[], wood.WoodSurface], roughness: bool = True) -> Maker:
+def _surface(name: str, make: Callable[[], wood.SurfaceTextures], roughness: bool = True) -> Maker:
     def write(folder: Path) -> None:
         surface = make()
         images.save_color(folder / f"{name}_color.png", surface.color)
@@ -39,7 +39,7 @@ def _normal(name: str, make: Callable[[], np.ndarray]) -> Maker:
 def _cloth(
     name: str, color: tuple[float, float, float], threads: int = 64, contrast: float = 0.2, relief: str | None = None
 ) -> Maker:
-    """One weave, dyed. relief: the name of its normal map, for the one maker that writes it."""
+    """Return a maker of a dyed weave; `relief` names the normal map that it writes, too."""
 
     def write(folder: Path) -> None:
         surface = cloth.weave(512, 51, 0.24, threads, color, contrast)
@@ -51,7 +51,7 @@ def _cloth(
 
 
 def _plaster(folder: Path) -> None:
-    """Roller-painted plaster: orange-peel stipple over slow unevenness."""
+    """Write the normal map of roller-painted plaster: orange-peel stipple over slow unevenness."""
     shape = (512, 512)
     height = 6.0e-5 * spectral(shape, 71, 0.006, slope=1.6) + 4.0e-4 * spectral(shape, 72, 0.12, slope=2.2)
     images.save_normal(folder / "plaster_normal.png", normals_from_height(height, 512 / 1.2))
@@ -67,13 +67,13 @@ COOL = [(0.09, 0.16, 0.24), (0.40, 0.44, 0.40), (0.55, 0.35, 0.20), (0.05, 0.07,
 
 
 def _sky(folder: Path) -> None:
-    """The sun's place is room_02's: it stands over the left of the garden, out of the windows' sight."""
+    """Write the afternoon sky; the sun is where room_02 has it, out of the windows' view."""
     sun = np.array([-0.80, 0.50, 0.33])
     images.save_hdr(folder / "afternoon_sky.hdr", sky.afternoon(1024, 512, 7, sun / np.linalg.norm(sun)))
 
 
 def _dusk(folder: Path) -> None:
-    """It has set where the afternoon's sun stands."""
+    """Write the dusk sky; the sun has set where the afternoon's sun stands."""
     images.save_hdr(folder / "dusk_sky.hdr", sky.dusk(768, 384, 8, np.array([-0.92, 0.05, 0.38])))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Paintings, book covers and pages, a laptop's screen, a ball: images that are the thing itself."""
+"""Paintings, prints, book spines and pages, a laptop's screen: images of whole objects rather than materials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def landscape(width: int, height: int, seed: int, light: tuple[float, float, float] = (0.92, 0.70, 0.36)) -> Array:
-    """An oil sketch: hills in haze under an evening sky, with a lake, in visible brush strokes. light: of the sun."""
+    """Generate an oil sketch of hazy hills and a lake under an evening sky; `light` is the color of the sun."""
     shape = (height, width)
     y, x = np.mgrid[0:height, 0:width]
     v, u = 1.0 - (y + 0.5) / height, (x + 0.5) / width
@@ -21,8 +21,8 @@ def landscape(width: int, height: int, seed: int, light: tuple[float, float, flo
     clouds = spectral(shape, seed + 1, (0.05, 0.22), slope=1.6)
     picture = mix(sky, (0.80, 0.60, 0.42), 0.75 * smoothstep(0.3, 1.6, clouds) * smoothstep(0.45, 0.7, v))
     rng = np.random.default_rng(seed)
-    glow = np.exp(-(((u - rng.uniform(0.3, 0.7)) / 0.16) ** 2) - ((v - 0.52) / 0.07) ** 2)
-    picture = mix(picture, light, glow)
+    halo = np.exp(-(((u - rng.uniform(0.3, 0.7)) / 0.16) ** 2) - ((v - 0.52) / 0.07) ** 2)
+    picture = mix(picture, light, halo)
     tones = ((0.26, 0.27, 0.33), (0.14, 0.18, 0.22), (0.075, 0.11, 0.085), (0.06, 0.065, 0.03))
     for layer, (level, tone) in enumerate(zip((0.50, 0.43, 0.35, 0.16), tones, strict=True)):
         phases = rng.uniform(0.0, 2.0 * np.pi, 6)
@@ -36,7 +36,7 @@ def landscape(width: int, height: int, seed: int, light: tuple[float, float, flo
 
 
 def _brushed(picture: Array, seed: int) -> Array:
-    """A picture in strokes of a brush, broad ones first, each of the color under its middle."""
+    """Repaint a picture with brush strokes, broad ones first, each of the color at its middle."""
     height, width = picture.shape[:2]
     rng = np.random.default_rng(seed)
     canvas = picture.copy()
@@ -59,7 +59,7 @@ def _brushed(picture: Array, seed: int) -> Array:
 
 
 def sprig(width: int, height: int, seed: int) -> Array:
-    """A pressed twig with paired leaves, in ink and wash on paper."""
+    """Generate a pressed twig with paired leaves, in ink and wash on paper."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / height - 0.5 * width / height, 1.0 - (y + 0.5) / height
@@ -91,7 +91,7 @@ def sprig(width: int, height: int, seed: int) -> Array:
 
 
 def arches(width: int, height: int, seed: int) -> Array:
-    """Nested arches over a disc, block printed: dry edges and a little paper showing through."""
+    """Generate nested arches over a disc, block printed: dry edges and a little paper showing through."""
     y, x = np.mgrid[0:height, 0:width]
     worn = spectral((height, width), seed, 0.012, slope=1.0)
     edge = 0.0025 * spectral((height, width), seed + 1, 0.04, slope=1.6)
@@ -113,7 +113,7 @@ def arches(width: int, height: int, seed: int) -> Array:
 
 
 def abstract(width: int, height: int, seed: int, palette: list[tuple[float, float, float]]) -> Array:
-    """Soft-edged fields of color and a few arcs on a pale ground, on paper."""
+    """Generate soft-edged fields of color and a few arcs on a pale ground, on paper."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / height, (y + 0.5) / height
@@ -136,7 +136,7 @@ def abstract(width: int, height: int, seed: int, palette: list[tuple[float, floa
 
 
 def spines(size: int, seed: int, count: int) -> Array:
-    """`count` book spines side by side: cloth in a color, bands, and a title as a worn foil texture."""
+    """Generate `count` book spines side by side: colored cloth, bands, and a title in worn foil."""
     rng = np.random.default_rng(seed)
     cloths = [
         (0.30, 0.055, 0.045), (0.05, 0.085, 0.17), (0.055, 0.12, 0.085), (0.42, 0.30, 0.13), (0.60, 0.55, 0.46),
@@ -173,13 +173,13 @@ def spines(size: int, seed: int, count: int) -> Array:
 
 
 def pages(size: int, seed: int) -> Array:
-    """The cut edge of a block of paper; the sheets lie along u."""
+    """Generate the cut edge of a block of paper; the sheets lie along u."""
     sheets = spectral((size, size), seed, (0.006, 3.0), slope=0.8)
     return np.asarray((0.66, 0.60, 0.49) * np.exp(0.10 * sheets)[..., None])
 
 
 def screen(width: int, height: int, seed: int) -> Array:
-    """A desktop: a gradient of dunes with a dock of icons; linear, also used as emission."""
+    """Generate a desktop: a gradient of dunes with a dock of icons; linear, also used as emission."""
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / width, 1.0 - (y + 0.5) / height
     picture = mix(np.broadcast_to((0.62, 0.30, 0.14), (height, width, 3)), (0.05, 0.16, 0.38), smoothstep(0.3, 1.0, v))
@@ -208,7 +208,7 @@ def screen(width: int, height: int, seed: int) -> Array:
 
 
 def scribble(size: int, seed: int) -> Array:
-    """A child's painting on white cotton: a yellow disc and brush lines in red, blue and green."""
+    """Generate a child's painting on white cotton: a yellow disc and brush lines in red, blue and green."""
     y, x = np.mgrid[0:size, 0:size]
     wobble = 0.012 * spectral((size, size), seed, 0.30, slope=3.0)
     u, v = (x + 0.5) / size + wobble, (y + 0.5) / size + np.roll(wobble, 9, axis=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What single templates are made of: a telephone's screen, plush, cardboard, terry cloth, embossed paper, a leaf."""
+"""Textures of single templates: phone screen, plush, cardboard, terry cloth, embossed paper, leaf."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usd_scenes.author.textures.noise import mix, normals_from_height, smoothstep, spectral
-from usd_scenes.author.textures.wood import WoodSurface
+from usd_scenes.author.textures.wood import SurfaceTextures
 
 Array = NDArray[np.float64]
 
 
 def phone_screen(width: int, height: int, seed: int) -> Array:
-    """A home screen: soft colors, the time, four columns of icons and a dock."""
+    """Generate a home screen: soft colors, the time, four columns of icons and a dock."""
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / width, 1.0 - (y + 0.5) / height
     drift = 0.16 * spectral((height, width), seed, 0.35, slope=3.0)
@@ -59,7 +59,7 @@ SEGMENTS = {
 
 
 def _digit(digit: int, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Where a seven-segment digit is, in a field of 1 by 1."""
+    """Return where a seven-segment digit is lit, in the unit square."""
     lines = {
         "a": (0.0, 1.0, 1.0, 1.0), "b": (1.0, 0.5, 1.0, 1.0), "c": (1.0, 0.0, 1.0, 0.5), "d": (0.0, 0.0, 1.0, 0.0),
         "e": (0.0, 0.0, 0.0, 0.5), "f": (0.0, 0.5, 0.0, 1.0), "g": (0.0, 0.5, 1.0, 0.5),
@@ -71,14 +71,14 @@ def _digit(digit: int, x: Array, y: Array) -> NDArray[np.bool_]:
     return found
 
 
-def plush(size: int, seed: int, tile: float, color: object) -> WoodSurface:
-    """Short pile, brushed one way in one place and another in the next."""
+def plush(size: int, seed: int, tile: float, color: object) -> SurfaceTextures:
+    """Generate plush of short pile, brushed one way in one place and another in the next."""
     shape = (size, size)
     clumps = spectral(shape, seed, 0.035, slope=1.8)
     hair = spectral(shape, seed + 1, (0.006, 0.016), slope=1.4) + spectral(shape, seed + 2, (0.016, 0.006), slope=1.4)
     gain = np.exp(0.08 * clumps + 0.11 * hair)
     height = 1.6e-4 * clumps + 1.3e-4 * hair
-    return WoodSurface(
+    return SurfaceTextures(
         np.asarray(color, dtype=np.float64) * gain[..., None],
         np.full(shape, 0.95),
         normals_from_height(height, size / tile),
@@ -86,7 +86,7 @@ def plush(size: int, seed: int, tile: float, color: object) -> WoodSurface:
 
 
 def cardboard(size: int, seed: int) -> Array:
-    """Kraft paper over flutes that just show, with darker fibres."""
+    """Generate kraft paper over flutes that just show, with darker fibres."""
     shape = (size, size)
     fibres = spectral(shape, seed, (0.004, 0.03), slope=1.0)
     clouds = spectral(shape, seed + 1, 0.2, slope=1.6)
@@ -97,7 +97,7 @@ def cardboard(size: int, seed: int) -> Array:
 
 
 def terry(size: int, seed: int, tile: float) -> Array:
-    """Normals of towelling: rows of loops, none quite in line."""
+    """Generate normals of towelling: rows of loops, slightly misaligned."""
     shape = (size, size)
     at = (np.arange(size) + 0.5) / size * 48.0
     x = at[None, :] + 0.22 * spectral(shape, seed, 0.03, slope=1.6)
@@ -108,7 +108,7 @@ def terry(size: int, seed: int, tile: float) -> Array:
 
 
 def quilted(size: int, tile: float) -> Array:
-    """Normals of embossed tissue: a lattice of dots with a diamond of lines between."""
+    """Generate normals of embossed tissue: a lattice of dots with a diamond of lines between."""
     at = (np.arange(size) + 0.5) / size * 4.0
     x, y = at[None, :], at[:, None]
     p, q = x + y, x - y
@@ -118,7 +118,7 @@ def quilted(size: int, tile: float) -> Array:
 
 
 def snake_leaf(width: int, height: int, seed: int) -> Array:
-    """A sword of dark green with gray-green bands across and yellow edges; u across it, v along."""
+    """Generate a sword of dark green with gray-green bands across and yellow edges; u across it, v along."""
     y, x = np.mgrid[0:height, 0:width]
     u, v = (x + 0.5) / width * 2.0 - 1.0, 1.0 - (y + 0.5) / height
     wobble = spectral((height, width), seed, (0.01, 0.25), slope=1.6)

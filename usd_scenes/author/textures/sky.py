@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def directions(width: int, height: int) -> Array:
-    """Unit directions [h, w, 3] of a latlong picture in OpenUSD's convention (+z in the center, +x left of it)."""
+    """Return unit directions [h, w, 3] of a latlong image in OpenUSD's convention (+z in the center, +x left of it)."""
     v = (np.arange(height) + 0.5) / height
     u = (np.arange(width) + 0.5) / width
     theta, phi = np.pi * v[:, None], 2.0 * np.pi * u[None, :] - np.pi / 2.0
@@ -22,17 +22,17 @@ def directions(width: int, height: int) -> Array:
 
 
 def afternoon(width: int, height: int, seed: int, sun: Array) -> Array:
-    """Radiance [h, w, 3] without the sun's disc, mean of the sky about 1. sun: unit vector towards it."""
+    """Generate radiance [h, w, 3] without the sun's disc, of mean about 1; `sun` is the unit vector towards it."""
     d = directions(width, height)
     elevation = np.arcsin(d[..., 1])
     toward = np.clip(d @ sun, -1.0, 1.0)
     up = np.clip(d[..., 1], 0.0, 1.0)
     sky = mix(np.broadcast_to((1.12, 1.15, 1.18), d.shape), (0.30, 0.52, 0.95), up**0.55)
-    glow = 0.9 * np.exp((toward - 1.0) / 0.10) + 0.45 * np.exp((toward - 1.0) / 0.5)
-    sky = sky + glow[..., None] * (1.0, 0.90, 0.74)
+    halo = 0.9 * np.exp((toward - 1.0) / 0.10) + 0.45 * np.exp((toward - 1.0) / 0.5)
+    sky = sky + halo[..., None] * (1.0, 0.90, 0.74)
     clouds = spectral((height, width), seed, (0.05, 0.07), slope=1.5)
     veil = smoothstep(0.1, 1.7, clouds) * smoothstep(0.03, 0.35, up)
-    sky = mix(sky, sky * 0.45 + np.array((1.25, 1.22, 1.18)) * (0.75 + 0.5 * glow[..., None]), 0.7 * veil)
+    sky = mix(sky, sky * 0.45 + np.array((1.25, 1.22, 1.18)) * (0.75 + 0.5 * halo[..., None]), 0.7 * veil)
     lawn = mix(np.broadcast_to((0.075, 0.11, 0.032), d.shape), (0.12, 0.14, 0.065), smoothstep(-0.5, -0.02, elevation))
     lawn = lawn * np.exp(0.15 * spectral((height, width), seed + 1, (0.02, 0.05), slope=1.0))[..., None]
     view = np.where((elevation < 0.0)[..., None], lawn, sky)
@@ -43,7 +43,7 @@ def afternoon(width: int, height: int, seed: int, sun: Array) -> Array:
 
 
 def dusk(width: int, height: int, seed: int, sun: Array) -> Array:
-    """Radiance [h, w, 3] as the sun sets at `sun`: an orange horizon under deepening blue, trees as silhouettes."""
+    """Generate radiance [h, w, 3] as the sun sets at `sun`: an orange horizon under blue, with tree silhouettes."""
     d = directions(width, height)
     elevation = np.arcsin(d[..., 1])
     toward = np.clip(d @ sun, -1.0, 1.0)
@@ -75,7 +75,7 @@ def _trees(
     haze: float,
     foot: float = -0.042,
 ) -> Array:
-    """A row of trees or shrubs in front of `view`, from `foot` to about `top` rad: lobed, lit from above, in haze."""
+    """Add a hazy row of trees or shrubs in front of `view`, from elevation `foot` to about `top`, rad."""
     height, width = elevation.shape
     crowns = spectral((1, width), seed, (1.0, 0.045), slope=1.3)
     ragged = spectral((height, width), seed + 1, (0.020, 0.011), slope=1.1)

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usd_scenes.author.textures.noise import mix, normals_from_height, smoothstep, spectral
-from usd_scenes.author.textures.wood import WoodSurface
+from usd_scenes.author.textures.wood import SurfaceTextures
 
 Array = NDArray[np.float64]
 
 
-def glaze(size: int, seed: int, tile: float, light: object, dark: object) -> WoodSurface:
-    """Hand-poured glaze: clouds of thinner and thicker color, pinholes, a wavy face. Cut anywhere for one tile."""
+def glaze(size: int, seed: int, tile: float, light: object, dark: object) -> SurfaceTextures:
+    """Generate hand-poured glaze with clouds of color, pinholes and a wavy face, to cut tiles from."""
     shape = (size, size)
     pools = spectral(shape, seed, 0.09, slope=1.8)
     drift = spectral(shape, seed + 1, 0.5, slope=2.0)
@@ -21,11 +21,11 @@ def glaze(size: int, seed: int, tile: float, light: object, dark: object) -> Woo
     tone = np.clip(0.5 + 0.20 * pools + 0.24 * drift, 0.0, 1.0)
     color = mix(light, dark, tone) * (1.0 - 0.5 * pits)[..., None]
     height = 1.4e-4 * spectral(shape, seed + 3, 0.035, slope=2.4) - 1.0e-4 * pits
-    return WoodSurface(color, 0.10 + 0.03 * np.abs(pools) + 0.3 * pits, normals_from_height(height, size / tile))
+    return SurfaceTextures(color, 0.10 + 0.03 * np.abs(pools) + 0.3 * pits, normals_from_height(height, size / tile))
 
 
 def terrazzo(size: int, seed: int) -> Array:
-    """Chips of marble in pale cement: the cells of scattered points, kept apart."""
+    """Generate chips of marble in pale cement: the cells of scattered points, kept apart."""
     rng = np.random.default_rng(seed)
     picture = np.broadcast_to((0.56, 0.54, 0.50), (size, size, 3)) * 1.0
     colors = np.array(
@@ -46,7 +46,7 @@ def terrazzo(size: int, seed: int) -> Array:
 
 
 def frosted(width: int, height: int, seed: int) -> Array:
-    """What a garden is through reeded glass: foliage and sky smeared sideways, in vertical flutes; 0..1."""
+    """Generate a garden seen through reeded glass: smeared foliage and sky in vertical flutes, 0..1."""
     v = 1.0 - (np.arange(height)[:, None] + 0.5) / height
     u = (np.arange(width)[None, :] + 0.5) / width
     blur = spectral((height, width), seed, (0.12, 0.30), slope=2.2)

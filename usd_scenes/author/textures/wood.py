@@ -15,16 +15,22 @@ STRIPS = 12
 
 
 @dataclass(frozen=True)
-class WoodSurface:
-    """color: [h, w, 3] linear; roughness: [h, w]; normal: [h, w, 3]."""
+class SurfaceTextures:
+    """Textures of a surface.
+
+    Attributes:
+        color: [h, w, 3], linear.
+        roughness: [h, w].
+        normal: [h, w, 3], unit length.
+    """
 
     color: Array
     roughness: Array
     normal: Array
 
 
-def board(rows: int, columns: int, seed: int, length: float, light: object, dark: object) -> WoodSurface:
-    """A board, `length` m along the grain and in proportion across it, between two albedos."""
+def board(rows: int, columns: int, seed: int, length: float, light: object, dark: object) -> SurfaceTextures:
+    """Generate a board, `length` m along the grain and in proportion across it, between two albedos."""
     shape = (rows, columns)
     width = length * rows / columns
     drift = spectral(shape, seed, (0.06 / width, 1.1 / length), slope=2.5)
@@ -38,11 +44,11 @@ def board(rows: int, columns: int, seed: int, length: float, light: object, dark
     color = mix(light, dark, tone) * (1.0 - 0.35 * pores * (0.3 + 0.7 * late_wood))[..., None]
     height = -3.0e-5 * late_wood - 1.2e-4 * pores + 1.0e-5 * streaks
     roughness = 0.40 + 0.07 * late_wood + 0.22 * pores + 0.02 * streaks
-    return WoodSurface(color, roughness, normals_from_height(height, columns / length))
+    return SurfaceTextures(color, roughness, normals_from_height(height, columns / length))
 
 
-def boards(size: int, seed: int, length: float, light: object, dark: object) -> WoodSurface:
-    """STRIPS different boards one above the other, each its own tree: hue, tone and figure differ."""
+def boards(size: int, seed: int, length: float, light: object, dark: object) -> SurfaceTextures:
+    """Generate STRIPS different boards one above the other, of differing hue, tone and figure."""
     rng = np.random.default_rng(seed)
     edges = np.round(np.linspace(0, size, STRIPS + 1)).astype(int)
     colors, roughnesses, normals = [], [], []
@@ -54,4 +60,4 @@ def boards(size: int, seed: int, length: float, light: object, dark: object) -> 
         colors.append(surface.color * gain * warmth)
         roughnesses.append(surface.roughness + rng.normal(0.0, 0.025))
         normals.append(surface.normal)
-    return WoodSurface(np.concatenate(colors), np.concatenate(roughnesses), np.concatenate(normals))
+    return SurfaceTextures(np.concatenate(colors), np.concatenate(roughnesses), np.concatenate(normals))
