@@ -59,8 +59,8 @@ def moving_scenario() -> ts.Scenario:
 
 
 def same(left: ts.Frame, right: ts.Frame) -> bool:
-    return left.index == right.index and all(
-        left.buffers[name].tobytes() == right.buffers[name].tobytes() for name in BUFFERS
+    return left.index == right.index and list(left) == list(right) and all(
+        left[name].tobytes() == right[name].tobytes() for name in left
     )
 
 
@@ -162,7 +162,7 @@ def test_denoising_changes_rgb_and_never_hdr():
 def test_paths_until_the_error_is_small_enough():
     settings = {**SETTINGS, "buffers": ("hdr", "depth"), "incremental": None, "spp": 48, "relative_error": 0.1}
     stream = ts.Stream(moving_scenario(), **settings)
-    assert not stream.incremental  # though it is endless
+    assert not stream.render_settings.incremental  # though it is endless
     frame = stream[4]
     assert 16 < frame.spp < 48
     again = ts.Stream(moving_scenario(), **settings)[4]

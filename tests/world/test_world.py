@@ -344,7 +344,7 @@ class OwnDynamic(Dynamic):
 def test_impossible_worlds_are_refused():
     with pytest.raises(TemplateNotFound, match="Did you mean 'Chair 01'"):
         world(ts.Object("a", "Chair 1"))
-    with pytest.raises(ScenarioError, match="object 'a': the template 'Empty' holds no mesh"):
+    with pytest.raises(ScenarioError, match="object 'a': the template 'Empty' has no mesh"):
         world(ts.Object("a", "Empty"))
     with pytest.raises(ScenarioError, match=r"\('a'\): dynamic=.* must be a dynamic in closed form"):
         world(ts.Object("a", "Ball", dynamic=OwnDynamic()))

@@ -199,8 +199,10 @@ class Stream(Iterator[Frame]):
 
     def close(self) -> None:
         """Free the memory of the device and of caches. `restart` makes the stream usable again."""
-        for name in ("world", "_renderer"):
-            vars(self).pop(name, None)
+        vars(self).pop("world", None)
+        renderer = vars(self).pop("_renderer", None)
+        if renderer is not None:
+            renderer.close()
 
     def __enter__(self) -> Stream:
         return self

@@ -64,6 +64,10 @@ class ViewRenderer:
         self.world = world
         self._exposure = world.camera.exposure
 
+    def close(self) -> None:
+        """Drop all arrays at once. The world refers back to this object, so they would wait for the cyclic collector."""
+        vars(self).clear()
+
     def mesh_trees(self) -> MeshTrees:
         """Return the bounding volume hierarchies of the meshes, which serve collisions too."""
         self._upload_descriptions()
