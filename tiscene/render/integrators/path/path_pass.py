@@ -305,7 +305,7 @@ class PathPass:
 
     def vector_mode(self) -> contextlib.AbstractContextManager[None]:
         """Return the context in which kernels whose vector operations permit it compile faster."""
-        return vector_mode() if self.scene.traversal == "wide" else contextlib.nullcontext()
+        return vector_mode() if self.scene.traversal == "bvh8" else contextlib.nullcontext()
 
     def scene_arrays(self, lights: LightArrays | None = None) -> PathScene:
         """Return the scene's data as it is now; BSDF energy tables are recomputed when glass materials change.
