@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names to files."""
+"""Scenes and templates are found by name on the search path."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from pxr import Sdf
 
 from tiscene import catalog
-from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, TemplateNotFound
+from tiscene.catalog import SceneEntry, TemplateEntry
+from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, StageError, TemplateNotFound
+from tiscene.usd.read.template import read_template
 
 
 def touch(path: Path) -> Path:
@@ -18,7 +23,7 @@ def touch(path: Path) -> Path:
 
 @pytest.fixture
 def shelf(tmp_path, monkeypatch):
-    """Two folders of scenes on the search path; the first one hides a scene of the second."""
+    """Put two folders of scenes on the search path; both have a scene `kitchen`."""
     first, second = tmp_path / "first", tmp_path / "second"
     touch(first / "kitchen" / "scene.usda")
     touch(first / "templates" / "chair_77" / "template.usda")
@@ -29,20 +34,21 @@ def shelf(tmp_path, monkeypatch):
     return first, second
 
 
-def test_user_folders_come_first_and_only_folders_with_a_stage_count(shelf):
+def test_scenes_lists_folders_with_a_stage_and_the_first_folder_of_a_name_wins(shelf):
     first, second = shelf
     scenes = catalog.scenes()
-    assert scenes["kitchen"] == first / "kitchen" / "scene.usda"
-    assert scenes["attic"] == second / "attic" / "scene.usdc"
+    assert scenes["kitchen"] == SceneEntry("kitchen", first / "kitchen" / "scene.usda")
+    assert scenes["attic"] == SceneEntry("attic", second / "attic" / "scene.usdc")
     assert not {"notes", "templates", "author"} & set(scenes)
     assert list(scenes) == sorted(scenes)
-    assert catalog.find_scene("attic") == scenes["attic"]
+    assert catalog.find_scene("attic") == scenes["attic"].path
 
 
-def test_template_names_come_from_their_folders(shelf):
+def test_template_is_named_after_its_folder(shelf):
     first, _ = shelf
-    assert catalog.templates()["Chair 77"] == first / "templates" / "chair_77" / "template.usda"
-    assert catalog.find_template("Chair 77") == catalog.templates()["Chair 77"]
+    path = first / "templates" / "chair_77" / "template.usda"
+    assert catalog.templates()["Chair 77"] == TemplateEntry("Chair 77", path)
+    assert catalog.find_template("Chair 77") == path
     assert [catalog.template_name(folder) for folder in ("cube", "remote_controller_01", "cube_x_trail")] == [
         "Cube",
         "Remote Controller 01",
@@ -50,7 +56,77 @@ def test_template_names_come_from_their_folders(shelf):
     ]
 
 
-def test_variants_are_chosen_after_a_template_name(shelf):
+def test_category_of_every_shipped_template_is_that_of_the_objects_made_of_it():
+    for entry in catalog.templates().values():
+        assert entry.category == read_template(entry.path).category != ""
+
+
+CHAIR = """#usda 1.0
+(
+    defaultPrim = "Chair"
+)
+def Xform "Chair" (
+    prepend apiSchemas = ["SemanticsLabelsAPI:class"]
+)
+{
+    token[] semantics:labels:class = ["armchair"]
+    def Cube "Seat"
+    {
+    }
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("replaced", "replacement", "category"),
+    [
+        ("", "", "armchair"),
+        ("labels:class", "labels:other", ""),  # no API schema for the taxonomy of that label
+        ("LabelsAPI:class", "LabelsAPI:other", ""),
+        ('["SemanticsLabelsAPI:class"]', '["SemanticsLabelsAPI:class", "SemanticsLabelsAPI:a"]', "armchair"),
+        ('["armchair"]', '["sofa", "armchair"]', "sofa"),
+        ("class", "category", "armchair"),
+    ],
+)
+def test_category_is_the_label_that_usd_reads(tmp_path, monkeypatch, replaced, replacement, category):
+    path = touch(tmp_path / "templates" / "chair" / "template.usda")
+    path.write_text(CHAIR.replace(replaced, replacement) if replaced else CHAIR)
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
+    assert catalog.templates()["Chair"].category == read_template(path).category == category
+
+
+def test_category_of_a_binary_file_and_of_a_changed_file(tmp_path, monkeypatch):
+    path = touch(tmp_path / "templates" / "chair" / "template.usda")
+    path.write_text(CHAIR)
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
+    chair = catalog.templates()["Chair"]
+    assert chair.category == "armchair"
+    path.write_text(CHAIR.replace("armchair", "stool"))
+    assert chair.category == "stool"
+    Sdf.Layer.FindOrOpen(str(path)).Export(str(path.with_suffix(".usdc")))
+    path.unlink()
+    chair = catalog.templates()["Chair"]
+    assert chair.path.suffix == ".usdc"
+    assert chair.category == "stool"
+
+
+def test_category_of_a_damaged_file_raises_stage_error(shelf):
+    with pytest.raises(StageError):
+        catalog.templates()["Chair 77"].category  # noqa: B018
+
+
+def test_listing_scenes_and_shipped_templates_imports_neither_usd_nor_taichi(monkeypatch):
+    monkeypatch.delenv("TISCENE_PATH", raising=False)
+    program = (
+        "import sys, tiscene as ts\n"
+        "assert 'chair' in {entry.category for entry in ts.templates().values()} and ts.scenes()\n"
+        "print(*sys.modules)"
+    )
+    modules = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"taichi", "pxr", "numpy"} & set(modules)
+
+
+def test_variants_follow_a_template_name_in_braces(shelf):
     assert catalog.template_variants("Chair 77") == ("Chair 77", {})
     assert catalog.template_variants("Chair 77{color=red}") == ("Chair 77", {"color": "red"})
     two = catalog.template_variants("a/b.usda{color=red}{appearance=primitives}")
@@ -62,18 +138,18 @@ def test_variants_are_chosen_after_a_template_name(shelf):
 @pytest.mark.parametrize(
     "name", ["Chair 77{", "Chair 77{color}", "Chair 77{=red}", "Chair 77{a=b}}", "Chair 77{a=b} c"]
 )
-def test_braces_that_choose_nothing_are_refused(shelf, name):
+def test_malformed_variants_raise_argument_error(shelf, name):
     with pytest.raises(ArgumentError, match="color=walnut"):
         catalog.find_template(name)
 
 
-def test_the_package_is_searched_without_any_setting(monkeypatch):
+def test_search_path_is_the_package_without_tiscene_path(monkeypatch):
     monkeypatch.delenv("TISCENE_PATH", raising=False)
     assert [folder.name for folder in catalog.search_path()] == ["usd_scenes"]
 
 
 @pytest.mark.parametrize("name", ["mine.usda", "mine.usd", "mine.usdc", "mine.usdz", "run.json", "MINE.USDA"])
-def test_paths_pass_through(tmp_path, monkeypatch, name):
+def test_find_scene_returns_the_path_of_an_existing_file(tmp_path, monkeypatch, name):
     path = touch(tmp_path / name)
     assert catalog.find_scene(path) == path
     assert catalog.find_scene(str(path)) == path
@@ -81,7 +157,7 @@ def test_paths_pass_through(tmp_path, monkeypatch, name):
     assert catalog.find_scene(name) == Path(name)
 
 
-def test_unknown_scene_names_the_nearest_and_the_way_on(shelf, monkeypatch):
+def test_unknown_scene_suggests_the_nearest_name_and_missing_folders(shelf, monkeypatch):
     with pytest.raises(SceneNotFound, match=r"no scene 'kitchn'\. Did you mean 'kitchen'\? `tiscene list` lists all"):
         catalog.find_scene("kitchn")
     monkeypatch.setenv("TISCENE_PATH", "/no/such/shelf")
@@ -89,7 +165,7 @@ def test_unknown_scene_names_the_nearest_and_the_way_on(shelf, monkeypatch):
         catalog.find_scene("kitchen")
 
 
-def test_unknown_template_names_the_nearest_and_the_way_on(shelf):
+def test_unknown_template_suggests_the_nearest_name_and_the_command_that_lists_all(shelf):
     count = len(catalog.templates())
     with pytest.raises(TemplateNotFound) as caught:
         catalog.find_template("Chair 7", scene="kitchen")
@@ -100,14 +176,14 @@ def test_unknown_template_names_the_nearest_and_the_way_on(shelf):
         catalog.find_template("chair_77")
 
 
-def test_what_cannot_be_looked_into_is_passed_over(shelf, monkeypatch):
-    """As another user's folder on the search path is."""
-    looked = os.stat
+def test_unreadable_folders_on_the_search_path_are_skipped(shelf, monkeypatch):
+    """For example a folder of another user."""
+    original = os.stat
 
     def stat(path, *rest, **named):
         if "private" in os.fspath(path):
             raise PermissionError(13, "Permission denied", path)
-        return looked(path, *rest, **named)
+        return original(path, *rest, **named)
 
     monkeypatch.setenv(
         "TISCENE_PATH", os.pathsep.join(["/private", "~nobody-here/x", *map(str, catalog.search_path())])
@@ -121,19 +197,19 @@ def test_what_cannot_be_looked_into_is_passed_over(shelf, monkeypatch):
 @pytest.mark.parametrize(
     "missing", ["gone.usda", "folder/gone", "gone.json", "~nobody-here/gone.usda", f"{'x' * 5000}gone.usda"]
 )
-def test_missing_file(tmp_path, monkeypatch, missing):
+def test_missing_file_raises_missing_file(tmp_path, monkeypatch, missing):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MissingFile, match=r"no file '.*gone"):
         catalog.find_scene(missing)
 
 
-def test_a_thing_of_the_stage_is_no_template():
+def test_path_of_a_prim_is_no_template_file():
     with pytest.raises(MissingFile, match=r"no file '/World/Chair'; .*`world.move`"):
         catalog.find_template("/World/Chair")
 
 
-def test_folder_and_wrong_kind_of_file(tmp_path):
-    with pytest.raises(ArgumentError, match=r"is a folder; expected a file that ends in \.usda"):
+def test_folder_or_file_of_another_type_raises_argument_error(tmp_path):
+    with pytest.raises(ArgumentError, match=r"is a folder; expected a file with the suffix \.usda"):
         catalog.find_scene(tmp_path)
     with pytest.raises(ArgumentError, match=r"is a \.txt file"):
         catalog.find_scene(touch(tmp_path / "x.txt"))

@@ -29,11 +29,32 @@ import importlib
 import os
 from typing import Any
 
-# Taichi prints a banner and asks the network for its newest version unless told not to, before its first import.
+# Before Taichi is first imported: without these it prints a banner and looks up its newest version on the network.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
-_HOME = {
+
+def _set_cache_folder() -> None:
+    """Set XDG_CACHE_HOME where HOME is not set either. Without both, Taichi aborts the process at its import."""
+    if os.name != "posix" or "HOME" in os.environ or "XDG_CACHE_HOME" in os.environ:
+        return
+    import pwd
+
+    try:
+        folder = os.path.join(pwd.getpwuid(os.getuid()).pw_dir, ".cache")
+    except KeyError:  # a user without an entry, as in containers: nothing is kept for later processes
+        import atexit
+        import shutil
+        import tempfile
+
+        folder = tempfile.mkdtemp(prefix="tiscene-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["XDG_CACHE_HOME"] = folder
+
+
+_set_cache_folder()
+
+_MODULES = {
     "AllTogether": "dynamics",
     "Camera": "tiscene.scene.camera",
     "CatmullWaypoints": "dynamics",
@@ -56,18 +77,20 @@ _HOME = {
     "WaitUntilComplete": "dynamics",
     "Waypoint": "dynamics",
     "World": "tiscene.world.world",
+    "scenes": "tiscene.catalog",
+    "templates": "tiscene.catalog",
 }
-__all__ = ["__version__", *sorted(_HOME)]
+__all__ = ["__version__", *sorted(_MODULES)]
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _MODULES:
         raise AttributeError(f"module 'tiscene' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
+    value = getattr(importlib.import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted(set(globals()) | set(__all__))
+    return sorted(__all__)

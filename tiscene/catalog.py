@@ -1,110 +1,180 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names to files: the scenes and object templates that can be asked for by name.
+"""Catalog of scenes and object templates: finds their files by name.
 
-A folder of scenes looks like the package `usd_scenes`::
+A folder of scenes has the layout of the package `usd_scenes`::
 
     <scene>/scene.usda                      the scene `<scene>`
-    templates/<folder>/template.usda        the template whose name is the folder's: chair_01 is "Chair 01"
+    templates/<folder>/template.usda        a template; its name is that of the folder: chair_01 is "Chair 01"
 
-(or `.usd`, `.usdc`, `.usdz`). The folders that the environment variable TISCENE_PATH lists are searched first, then the
-package; the first to know a name wins.
+(`.usd`, `.usdc` and `.usdz` are found as well). The folders in the environment variable TISCENE_PATH are searched
+first, then the package. The first folder that has a name defines it.
 """
 
 from __future__ import annotations
 
+import functools
+import importlib
 import os
+import re
+import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import usd_scenes
-from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, TemplateNotFound
+from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, StageWarning, TemplateNotFound
 
 STAGE_SUFFIXES = (".usda", ".usdc", ".usd", ".usdz")
-LAYER_SUFFIXES = (".usda", ".usdc", ".usd")  # those that can be written
+LAYER_SUFFIXES = (".usda", ".usdc", ".usd")  # USD files that can be written
 SCENARIO_SUFFIXES = (".json",)
+
+# The reader of templates. Called by name, since `tiscene.usd` imports this module.
+TEMPLATE_READER = ("tiscene.usd.read.template", "read_template")
+
+_TEXT_HEADER_BYTES = 1 << 16  # how much of a .usda file is searched for a label
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """A scene of the catalog.
+
+    Attributes:
+        name: The name that `Stream` and `Scenario` take.
+        path: The USD file.
+    """
+
+    name: str
+    path: Path
+
+
+@dataclass(frozen=True)
+class TemplateEntry:
+    """An object template of the catalog.
+
+    Attributes:
+        name: The name that `Object` and `World.spawn` take.
+        path: The USD file.
+    """
+
+    name: str
+    path: Path
+
+    @property
+    def category(self) -> str:
+        """The semantic category of objects made of this template, "" for none.
+
+        Read from the file at first access: from the text of a .usda file whose default prim has a label of the taxonomy
+        `class`, else through USD.
+
+        Raises:
+            StageError: The file cannot be read.
+        """
+        status = self.path.stat()
+        return _category(self.path, status.st_mtime_ns, status.st_size)
 
 
 def search_path() -> list[Path]:
-    """The folders of scenes, in the order in which they are searched. Those that do not exist are listed too."""
+    """Return the folders of scenes in search order, including those that do not exist."""
     listed = os.environ.get("TISCENE_PATH", "").split(os.pathsep)
     return [Path(os.path.expanduser(folder)) for folder in listed if folder] + [Path(usd_scenes.__path__[0])]
 
 
-def scenes() -> dict[str, Path]:
-    """Every scene by its name, sorted."""
-    return _stages("*", "scene")
+def scenes() -> dict[str, SceneEntry]:
+    """Return the scenes that can be asked for by name, sorted by name. Opens no file."""
+    return {name: SceneEntry(name, path) for name, path in _stages("*", "scene").items()}
 
 
-def templates() -> dict[str, Path]:
-    """Every object template by its name ("Chair 01"), sorted."""
-    files = _stages("templates/*", "template")
-    return {template_name(folder): path for folder, path in files.items()}
+def templates() -> dict[str, TemplateEntry]:
+    """Return the object templates that can be asked for by name ("Chair 01"), sorted by name. Opens no file."""
+    files = {template_name(folder): path for folder, path in _stages("templates/*", "template").items()}
+    return {name: TemplateEntry(name, path) for name, path in files.items()}
 
 
 def template_name(folder: str) -> str:
-    """The name of the template that lives in a folder: "chair_01" is "Chair 01"."""
+    """Return the name of the template in a folder: "chair_01" is "Chair 01"."""
     return folder.replace("_", " ").title()
 
 
 def find_scene(scene: str | os.PathLike[str]) -> Path:
-    """The file of a scene, given by name or as the path of a USD stage or of a scenario (.json).
+    """Return the file of a scene.
 
-    Raises SceneNotFound for an unknown name, MissingFile for a path where no file is.
+    Args:
+        scene: The name of a scene, or the path of a USD stage or of a scenario (.json).
+
+    Raises:
+        SceneNotFound: No scene has that name.
+        MissingFile: No file is at that path.
+        ArgumentError: The path is a folder or a file of another type.
     """
-    path = _as_path(scene, STAGE_SUFFIXES + SCENARIO_SUFFIXES)
+    path = _existing_file(scene, STAGE_SUFFIXES + SCENARIO_SUFFIXES)
     if path is not None:
         return path
     known = scenes()
     if scene not in known:
-        raise SceneNotFound("scene", str(scene), known, hint=f"`tiscene list` lists all {len(known)}.{_unsearched()}")
-    return known[str(scene)]
+        hint = f"`tiscene list` lists all {len(known)}.{_missing_folders()}"
+        raise SceneNotFound("scene", str(scene), known, hint=hint)
+    return known[str(scene)].path
 
 
 def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
-    """The file of an object template, given by name or as the path of a USD file, with or without variants.
+    """Return the file of an object template.
 
-    scene: where it is to be spawned, only for the message.
-    Raises TemplateNotFound for an unknown name, MissingFile for a path where no file is.
+    Args:
+        template: The name of a template or the path of a USD file, with or without variants (see `template_variants`).
+        scene: The scene that the template is for; used in error messages only.
+
+    Raises:
+        TemplateNotFound: No template has that name.
+        MissingFile: No file is at that path.
+        ArgumentError: The variants are malformed, or the path is a folder or a file of another type.
     """
     template = template_variants(os.fspath(template))[0]
     if is_prim_path(template) and not os.path.exists(template):
-        raise MissingFile(f"no file {template!r}; a thing of the stage is there already, and `world.move` moves it")
-    path = _as_path(template, STAGE_SUFFIXES)
+        raise MissingFile(
+            f"no file {template!r}; if it is the path of a prim on the stage, that object exists already: "
+            "move it with `world.move`"
+        )
+    path = _existing_file(template, STAGE_SUFFIXES)
     if path is not None:
         return path
     known = templates()
     if template not in known:
         where = f" in scene {scene!r}" if scene else ""
         command = f"tiscene show {scene}" if scene else "tiscene list"
-        hint = f"`{command}` lists all {len(known)}.{_unsearched()}"
+        hint = f"`{command}` lists all {len(known)}.{_missing_folders()}"
         raise TemplateNotFound("template", str(template), known, where=where, hint=hint)
-    return known[str(template)]
+    return known[str(template)].path
 
 
 def template_variants(template: str) -> tuple[str, dict[str, str]]:
-    """A template and the variants that are chosen after it: "Chair 01{color=walnut}" is "Chair 01" in that color.
+    """Split a template into its name and the variants selected after it: "Chair 01{color=walnut}".
 
-    As in a USD path, each set has braces of its own: "Cup 01{color=green}{appearance=untextured}".
-    Raises ArgumentError for braces that hold anything else.
+    As in a USD path, each variant set has its own braces: "Cup 01{color=green}{appearance=untextured}".
+
+    Returns:
+        The name or path, and the selected variant of each variant set.
+
+    Raises:
+        ArgumentError: The braces hold anything else.
     """
     name, brace, rest = template.partition("{")
     if not brace:
         return template, {}
-    chosen: dict[str, str] = {}
-    for choice in rest.removesuffix("}").split("}{"):
-        variant_set, equals, variant = choice.partition("=")
-        if not (rest.endswith("}") and variant_set and equals and variant) or set(choice) & set("{}"):
-            raise ArgumentError(f"template {template!r}: variants are chosen as in 'Chair 01{{color=walnut}}'")
-        chosen[variant_set] = variant
-    return name, chosen
+    selected: dict[str, str] = {}
+    for selection in rest.removesuffix("}").split("}{"):
+        variant_set, equals, variant = selection.partition("=")
+        if not (rest.endswith("}") and variant_set and equals and variant) or set(selection) & set("{}"):
+            raise ArgumentError(f"template {template!r}: variants are selected as in 'Chair 01{{color=walnut}}'")
+        selected[variant_set] = variant
+    return name, selected
 
 
 def is_prim_path(template: str) -> bool:
-    """Whether a template's name means a prim on the scene's own stage ("/World/Chair"), which then moves."""
+    """Return whether a template is a prim on the scene's own stage ("/World/Chair"), which then becomes dynamic."""
     return template.startswith("/") and Path(template.partition("{")[0]).suffix.lower() not in STAGE_SUFFIXES
 
 
 def _stages(pattern: str, stem: str) -> dict[str, Path]:
-    """Folder name to the file `stem`.usd* inside, for the folders that match the pattern on the search path."""
+    """Return the file `stem`.usd* of each folder that matches the pattern on the search path, by folder name."""
     found: dict[str, Path] = {}
     for root in search_path():
         for folder in root.glob(pattern) if os.path.isdir(root) else ():
@@ -115,21 +185,51 @@ def _stages(pattern: str, stem: str) -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
-def _as_path(text: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path | None:
-    """The file that a path names, which must be there; None if the text is a name."""
+@functools.lru_cache(maxsize=4096)
+def _category(path: Path, modified: int, size: int) -> str:
+    """Return the category of a template file; cached until its modification time or size changes."""
+    label = _class_label(path)
+    if label is not None:
+        return label
+    module, function = TEMPLATE_READER
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)  # given again when the template is spawned
+        category: str = getattr(importlib.import_module(module), function)(path).category
+    return category
+
+
+def _class_label(path: Path) -> str | None:
+    """Return the label in the taxonomy `class` that a .usda file gives its default prim; None if only USD can tell.
+
+    No other layer or taxonomy overrides that label, so that the text is enough to know the category.
+    """
+    with path.open("rb") as file:
+        text = file.read(_TEXT_HEADER_BYTES).decode("utf-8", errors="replace")
+    default = re.search(r'^\s*defaultPrim = "(\w+)"', text, re.MULTILINE)
+    start = default and re.search(rf'^def (?:\w+ )?"{default[1]}"', text, re.MULTILINE)
+    if not text.startswith("#usda") or not start:
+        return None
+    # Metadata and properties of the prim end where its first child or variant set begins.
+    own = re.split(r"^\s+(?:def|over|class|variantSet)\b", text[start.end() :], maxsplit=1, flags=re.MULTILINE)[0]
+    label = re.search(r'^\s*token\[\] semantics:labels:class = \["([^"\\]+)"', own, re.MULTILINE)
+    return label[1] if label and '"SemanticsLabelsAPI:class"' in own else None
+
+
+def _existing_file(text: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path | None:
+    """Return the file at a path, or None if the text is a name and no path."""
     path = Path(os.path.expanduser(text))
     is_name = isinstance(text, str) and path.suffix.lower() not in suffixes and len(path.parts) == 1
     if is_name:
         return None
     if not os.path.exists(path):
-        raise MissingFile(f"no file {str(path)!r} (looked from {str(Path.cwd())!r})")
+        raise MissingFile(f"no file {str(path)!r} (working directory: {str(Path.cwd())!r})")
     if path.is_dir() or path.suffix.lower() not in suffixes:
-        kind = "a folder" if path.is_dir() else f"a {path.suffix or 'nameless kind of'} file"
-        raise ArgumentError(f"{str(path)!r} is {kind}; expected a file that ends in {', '.join(suffixes)}")
+        kind = "a folder" if path.is_dir() else f"a {path.suffix} file" if path.suffix else "a file without a suffix"
+        raise ArgumentError(f"{str(path)!r} is {kind}; expected a file with the suffix {', '.join(suffixes)}")
     return path
 
 
-def _unsearched() -> str:
-    """A sentence about folders of TISCENE_PATH that are not there, for they are often the mistake."""
+def _missing_folders() -> str:
+    """Return a sentence about folders of TISCENE_PATH that do not exist, "" for none: a frequent cause of errors."""
     missing = [str(folder) for folder in search_path() if not os.path.isdir(folder)]
     return f" TISCENE_PATH names folders that do not exist: {', '.join(missing)}." if missing else ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stream at the exporters' seam that renders nothing: every buffer, small, different in every frame."""
+"""A stream for tests of exporters and commands: renders nothing; has every buffer, different in every frame."""
 
 from collections.abc import Sequence
 from types import SimpleNamespace
@@ -31,8 +31,8 @@ CHAIR = SimpleNamespace(
 )
 
 
-class Measured:
-    """Measures of the chair, which is half hidden by nothing in particular and has no amodal box."""
+class ChairMeasurements:
+    """Measurements of the chair: half of its pixels are visible, and it has no amodal box."""
 
     visible_pixels = np.array([5])
     pixels_in_frame = np.array([8])
@@ -44,13 +44,13 @@ class Measured:
 
 
 def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
-    """Numbers in the range of the buffer, a function of name and index; the first row is background."""
-    aov = BUFFERS[name]
+    """Return values in the range of the buffer that depend on name and index; the first row is background."""
+    buffer = BUFFERS[name]
     random = np.random.default_rng([index, *name.encode()])
-    unit = random.random(aov.shape(width, height))
-    if aov.dtype == "bool":
+    unit = random.random(buffer.shape(width, height))
+    if buffer.dtype == "bool":
         values = unit > 0.5
-    elif aov.dtype == "uint8":
+    elif buffer.dtype == "uint8":
         values = unit * 256
     elif name in ("semantic", "instance", "part"):
         values = unit * 6
@@ -62,14 +62,19 @@ def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:
         values = 0.5 + 5.0 * unit
     else:
         values = unit
-    array = values.astype(aov.dtype)
-    if aov.background is not None:
-        array[0] = aov.background
+    array = values.astype(buffer.dtype)
+    if buffer.background is not None:
+        array[0] = buffer.background
     return array
 
 
 class FakeStream:
-    """What `tiscene.export` and the commands use of a Stream. `rendered` lists the indices that were asked for."""
+    """The part of Stream that `tiscene.export` and the commands use.
+
+    Attributes:
+        rendered: The indices of the frames that were requested.
+        interrupt_at: The index at which a KeyboardInterrupt is raised; None for never.
+    """
 
     def __init__(self, buffers: Sequence[str] = tuple(BUFFERS), *, width=12, height=8, frames=None, seed=0) -> None:
         for name in buffers:
@@ -94,7 +99,7 @@ class FakeStream:
         self.rendered.append(index)
         buffers = {name: fake_buffer(name, index, self.width, self.height) for name in self.buffers}
         camera = FrameCamera(Camera(), self.width, self.height)
-        table = ObjectTable([CHAIR], Measured())
+        table = ObjectTable([CHAIR], ChairMeasurements())
         return Frame(
             index, index / self.fps, camera, buffers, table, self.categories, materials={0: "", 1: "/Looks/Oak"}
         )

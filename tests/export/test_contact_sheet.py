@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sheet of all buffers, and the animation."""
+"""Contact sheets and animations."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tiscene.export.contact_sheet import GAP, contact_sheet
 from tiscene.frame.buffers import BUFFERS
 
 
-def test_the_sheet_holds_every_buffer_once():
+def test_sheet_has_room_for_every_buffer():
     frame = FakeStream(width=40, height=30)[0]
     sheet = contact_sheet(frame, tile_width=80)
     tall = contact_sheet(frame, tile_width=80, columns=2)
@@ -22,7 +22,7 @@ def test_the_sheet_holds_every_buffer_once():
     assert tall.shape[0] > 60 * len(BUFFERS) / 2
 
 
-def test_tiles_are_the_pictures_in_the_order_asked_for():
+def test_tiles_are_in_the_requested_order():
     frame = FakeStream(width=40, height=30)[0]
     sheet = contact_sheet(frame, ("depth", "rgb"), columns=2, tile_width=40)
     np.testing.assert_array_equal(sheet[GAP : GAP + 30, 40 + 2 * GAP : 80 + 2 * GAP], frame.buffers["rgb"])
@@ -36,13 +36,13 @@ def test_ids_are_not_blended():
     assert len(colors) <= 7
 
 
-def test_a_sheet_of_nothing_is_an_error():
+def test_sheet_without_buffers_is_an_error():
     with pytest.raises(ArgumentError, match="one at least"):
         contact_sheet(FakeStream()[0], ())
 
 
 @pytest.mark.parametrize("suffix", [".webp", ".gif", ".png"])
-def test_animation_loops_at_the_right_pace(tmp_path, suffix):
+def test_animation_has_all_frames_at_the_requested_rate(tmp_path, suffix):
     images = [np.full((20, 30, 3), 60 * k, np.uint8) for k in range(4)]
     path = tmp_path / f"a{suffix}"
     write_animation(path, images, fps=25)
@@ -58,7 +58,7 @@ def test_animation_loops_at_the_right_pace(tmp_path, suffix):
         assert abs(np.asarray(movie.convert("RGB")).mean() - 120) < 4
 
 
-def test_animation_refuses_what_it_cannot_write(tmp_path):
+def test_animation_raises_for_wrong_suffixes_sizes_and_folders(tmp_path):
     image = np.zeros((4, 4, 3), np.uint8)
     with pytest.raises(ArgumentError, match=r"ends in \.webp, \.gif, \.png"):
         write_animation(tmp_path / "a.mp4", [image], 25)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cryptomatte: hashes that others have published, and mattes that come back as the labels they were."""
+"""Cryptomatte export: published hashes, file contents, and mattes compared with labels."""
 
 import json
 import math
@@ -28,8 +28,8 @@ OBJECTS = (
     row(2, "left", "chair", "/Room/Left", "Oak Chair"),
     row(7, 'Mädchen, the "2nd"', "chair", "", "Oak Chair"),
     row(9, "nobody", "ghost", "/Room/Nobody"),
-    row(10, "Mover", "ghost", template="/Room/Mover"),  # a prim of the stage that moves by itself
-    row(11, "again", "ghost", template="/Room/Mover"),  # another one of it
+    row(10, "Mover", "ghost", template="/Room/Mover"),  # a dynamic prim of the stage
+    row(11, "again", "ghost", template="/Room/Mover"),  # a second object of the same prim
 )
 
 
@@ -37,7 +37,7 @@ MATERIALS = {0: "", 1: "/Looks/Plaster", 2: "Oak Chair/Looks/Oak", 3: "displayCo
 
 
 def frame(coverage, **buffers):
-    """Walls are of plaster, the left chair of oak, the other one of no material."""
+    """Return a frame whose wall is of plaster, the left chair of oak, the other one without a material."""
     ids = np.select([coverage[..., 0] == id for id in (1, 2, 7)], [1, 2, 3], 0)
     of_materials = np.stack([ids, coverage[..., 1]], axis=-1).astype(np.float32)
     return SimpleNamespace(
@@ -48,7 +48,7 @@ def frame(coverage, **buffers):
 
 @pytest.fixture
 def coverage():
-    """Left half wall; in the middle wall, both chairs and background; right column background."""
+    """Left half: wall. Third column: wall, both chairs and background. Right column: background."""
     pixels = np.zeros((HEIGHT, WIDTH, 6, 2), np.float32)
     pixels[:, :2, 0] = 1, 1.0
     pixels[:, 2, 0], pixels[:, 2, 1], pixels[:, 2, 2] = (1, 0.375), (2, 0.25), (7, 0.1875)
@@ -68,7 +68,7 @@ def as_float(bits):
     return struct.unpack("<f", struct.pack("<I", bits))[0]
 
 
-def test_hashes_are_those_that_the_reference_tools_test_for():
+def test_hashes_are_those_of_the_reference_tools():
     # From the tests of Psyop's Nuke tools.
     expected = {
         "hello": 6.07056271024e-17, "cube": -4.08461912519e15, "sphere": 2.79018604383e15, "plane": 3.66557617593e-11,
@@ -81,15 +81,15 @@ def test_hashes_are_those_that_the_reference_tools_test_for():
     assert murmur3(b"") == 0
 
 
-def test_hashes_are_normal_numbers():
+def test_hashes_are_normal_floats():
     values = [as_float(hash_of(f"object {number}")) for number in range(5000)]
     assert all(math.isfinite(value) and abs(value) >= 2.0**-126 for value in values)
     exponents = [murmur3(f"object {number}".encode()) >> 23 & 0xFF for number in range(5000)]
     assert 0 in exponents
-    assert 255 in exponents  # such names were among them
+    assert 255 in exponents  # both are replaced
 
 
-def test_the_file_has_what_the_specification_asks_for(written):
+def test_file_has_the_channels_and_attributes_of_the_specification(written):
     with OpenEXR.File(str(written), separate_channels=True) as file:
         assert len(file.parts) == 1
         header, channels, compression = dict(file.header()), file.channels(), file.parts[0].compression()
@@ -109,7 +109,7 @@ def test_the_file_has_what_the_specification_asks_for(written):
     assert set(manifest) == names
 
 
-def test_mattes_of_objects_come_back(written, coverage):
+def test_object_mattes_are_the_coverage(written, coverage):
     objects = decode(written)["CryptoObject"]
     for each in OBJECTS[:4]:
         expected = np.where(coverage[..., 0] == each.id, coverage[..., 1], 0.0).sum(axis=-1)
@@ -119,7 +119,7 @@ def test_mattes_of_objects_come_back(written, coverage):
         objects.matte("left")
 
 
-def test_what_shares_a_category_shares_a_matte_and_is_ranked_anew(written):
+def test_objects_of_one_category_share_a_matte_and_ranks_are_sorted(written):
     categories = decode(written)["CryptoCategory"]
     np.testing.assert_array_equal(categories.matte("chair")[:, 2], 0.4375)
     np.testing.assert_array_equal(categories.matte("structure")[0], [1.0, 1.0, 0.375, 0.0])
@@ -128,15 +128,15 @@ def test_what_shares_a_category_shares_a_matte_and_is_ranked_anew(written):
     np.testing.assert_array_equal(categories.ids[0, 3], 0)
 
 
-def test_what_is_of_one_asset_shares_a_matte(written):
+def test_objects_of_one_asset_share_a_matte(written):
     assets = decode(written)["CryptoAsset"]
-    of_none = {"/Room/Wall", "/Room/Nobody", "/Room/Mover", "again"}  # as the objects
+    of_none = {"/Room/Wall", "/Room/Nobody", "/Room/Mover", "again"}  # named after the objects
     assert set(assets.names) == {"Oak Chair"} | of_none
     np.testing.assert_array_equal(assets.matte("Oak Chair")[:, 2], 0.4375)
     np.testing.assert_array_equal(assets.weights[0, 2], [0.4375, 0.375, 0, 0, 0, 0])
 
 
-def test_mattes_of_materials(written):
+def test_material_mattes_are_named_by_prim_path(written):
     materials = decode(written)["CryptoMaterial"]
     assert set(materials.names) == {name for name in MATERIALS.values() if name}
     np.testing.assert_array_equal(materials.matte("/Looks/Plaster")[0], [1.0, 1.0, 0.375, 0.0])
@@ -144,8 +144,8 @@ def test_mattes_of_materials(written):
     np.testing.assert_array_equal(materials.matte("displayColor")[0], [0, 0, 0.1875, 0])
 
 
-def read_as_the_specification_says(path):
-    """Weights by set, name and pixel: {"CryptoObject": {"/Room/Wall": {(x, y): 0.5}}}, value by value."""
+def read_by_the_specification(path):
+    """Return weights by set, name and pixel, read value by value: {"CryptoObject": {"/Room/Wall": {(x, y): 0.5}}}."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
         header, planes = dict(file.header()), {name: each.pixels for name, each in file.channels().items()}
     result = {}
@@ -170,24 +170,24 @@ def test_two_exports_have_the_same_bytes(coverage):
     assert cryptomatte.encode(frame(coverage)) == cryptomatte.encode(frame(coverage))
 
 
-def test_other_files_are_told_apart(tmp_path):
+def test_decode_raises_for_files_without_cryptomatte(tmp_path):
     from tiscene.export import exr
 
     ((name, data),) = exr.encode(FakeStream(("depth",))[0]).items()
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(ExportError, match="holds no Cryptomatte"):
+    with pytest.raises(ExportError, match="has no Cryptomatte"):
         decode(tmp_path / name)
     with pytest.raises(MissingFile, match="no file"):
         decode(tmp_path / "nowhere.exr")
 
 
-def test_without_coverage_there_is_nothing_to_write():
+def test_encode_without_coverage_raises_buffer_not_found():
     for buffers in (("depth",), ("coverage",)):
         with pytest.raises(BufferNotFound, match=r"coverage.*Ask for it"):
             cryptomatte.encode(FakeStream(buffers)[0])
 
 
-def test_mattes_of_a_stream_are_its_labels(tmp_path):
+def test_mattes_of_a_stream_match_its_labels(tmp_path):
     import tiscene as ts
     from tiscene.export import export
 
@@ -201,7 +201,7 @@ def test_mattes_of_a_stream_are_its_labels(tmp_path):
     export(stream, tmp_path, format="cryptomatte", frames=[0])
     sets = decode(tmp_path / "000000.exr")
     frame = stream[0]
-    whole = np.isin(frame.coverage[..., 0, 1], (0.0, 1.0))  # of one thing, or nothing
+    whole = np.isin(frame.coverage[..., 0, 1], (0.0, 1.0))  # one object, or none
     assert 0.5 < whole.mean() < 1.0
     names = {row.id: row.prim_path or row.name for row in frame.objects}
     assert {"cube", "dish"} <= set(names.values())
@@ -217,7 +217,7 @@ def test_mattes_of_a_stream_are_its_labels(tmp_path):
                 assert matte.sum() == pytest.approx(np.count_nonzero(labels == id), rel=0.1, abs=4)
     edge = sets["CryptoObject"].matte("cube")
     assert ((edge > 0.0) & (edge < 1.0)).any()
-    again = read_as_the_specification_says(tmp_path / "000000.exr")
+    again = read_by_the_specification(tmp_path / "000000.exr")
     assert set(again) == set(sets) == set(LAYERS)
     for layer in LAYERS:
         total = np.zeros((36, 48))

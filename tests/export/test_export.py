@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A folder of frames and its manifest: complete, repeatable, resumable, never silently mixed."""
+"""Exports: complete, repeatable, continued after an interruption, never mixed with other settings."""
 
 import hashlib
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +15,7 @@ from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import EXPORTERS, SUMMARIES, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest
+from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import FrameCamera
 from tiscene.scene.camera import Camera
 
@@ -21,7 +25,7 @@ def contents(folder):
 
 
 @pytest.mark.parametrize("format", EXPORTERS)
-def test_the_same_frames_are_the_same_bytes_and_nothing_else_is_left(tmp_path, format):
+def test_export_writes_the_same_bytes_again_and_only_listed_files(tmp_path, format):
     for folder in ("a", "b"):
         export(FakeStream(), tmp_path / folder, format=format, frames=range(3))
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
@@ -31,7 +35,7 @@ def test_the_same_frames_are_the_same_bytes_and_nothing_else_is_left(tmp_path, f
     assert set(contents(tmp_path / "a")) == listed | {NAME, *summary}
 
 
-def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
+def test_manifest_has_provenance_and_digests(tmp_path):
     stream = FakeStream(("rgb", "depth"), seed=7)
     export(stream, tmp_path, frames=[4, 2])
     raw = json.loads((tmp_path / NAME).read_text())
@@ -42,14 +46,14 @@ def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
         "objects",
         "settings",
         "scenario",
-        "layers",
+        "file_digests",
         "categories",
         "materials",
         "frames",
     ]
     assert raw["settings"]["seed"] == 7
     assert raw["categories"] == {"0": "", "1": "chair", "2": "table"}
-    assert raw["materials"] == {}  # nobody asked for their coverage
+    assert raw["materials"] == {}  # the stream has no material_coverage
     assert list(raw["frames"]) == ["2", "4"]
     entry = raw["frames"]["4"]
     frame = stream[4]
@@ -59,16 +63,16 @@ def test_the_manifest_says_how_it_was_made_and_what_is_there(tmp_path):
     assert entry["files"]["rgb/000004.png"] == hashlib.sha256(png).hexdigest()
 
 
-def test_the_manifest_names_the_materials_that_a_buffer_shows(tmp_path):
+def test_manifest_names_the_materials_of_material_coverage(tmp_path):
     export(FakeStream(("material_coverage",)), tmp_path, frames=[0])
     assert Manifest.load(tmp_path).materials == {0: "", 1: "/Looks/Oak"}
     raw = json.loads((tmp_path / NAME).read_text())
     del raw["materials"]
     (tmp_path / NAME).write_text(json.dumps(raw))
-    assert Manifest.load(tmp_path).materials == {}  # one written before there were any
+    assert Manifest.load(tmp_path).materials == {}  # as of an earlier version
 
 
-def test_an_interrupted_run_goes_on_and_ends_in_the_same_folder(tmp_path):
+def test_interrupted_export_is_continued_to_the_same_files(tmp_path):
     export(FakeStream(), tmp_path / "whole", frames=range(6))
     stream = FakeStream()
     stream.interrupt_at = 4
@@ -84,7 +88,7 @@ def test_an_interrupted_run_goes_on_and_ends_in_the_same_folder(tmp_path):
     assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
 
 
-def test_lost_or_changed_files_are_made_again(tmp_path):
+def test_missing_or_changed_files_are_written_again(tmp_path):
     export(FakeStream(), tmp_path, frames=range(4))
     before = contents(tmp_path)
     (tmp_path / "rgb" / "000001.png").unlink()
@@ -95,7 +99,7 @@ def test_lost_or_changed_files_are_made_again(tmp_path):
     assert contents(tmp_path) == before
 
 
-def test_other_settings_are_refused_and_told(tmp_path):
+def test_export_with_other_settings_is_refused_and_names_them(tmp_path):
     export(FakeStream(seed=1), tmp_path, frames=range(3))
     before = contents(tmp_path)
     with pytest.raises(ExportError, match=r"settings\.seed: 1 there, 2 now(.|\n)*--overwrite") as caught:
@@ -106,10 +110,67 @@ def test_other_settings_are_refused_and_told(tmp_path):
     assert contents(tmp_path) == before
 
 
-def test_overwrite_removes_what_the_manifest_lists_and_nothing_else(tmp_path):
+@pytest.mark.parametrize(
+    ("first", "then", "sentence"),
+    [
+        ({"seed": 1}, {"seed": 2}, r"To continue that export, pass seed=1 (--seed 1). To replace them, pass"),
+        ({"width": 8, "height": 4}, {}, "pass height=4, width=8 (--height 4 --width 8)"),
+        ({"format": "npz", "seed": 1}, {}, "pass format='npz', seed=1 (--format npz --seed 1)"),
+        ({"objects": "visible"}, {}, "pass objects='visible' (--objects visible)"),
+        ({}, {"objects": "all"}, "pass objects=None (no --objects)"),
+        ({"buffers": ("rgb", "depth")}, {}, "pass buffers=['rgb', 'depth'] (--buffers rgb,depth)"),
+    ],
+)
+def test_refused_export_names_the_arguments_that_continue_the_earlier_one(tmp_path, first, then, sentence):
+    def run(**arguments):
+        to_export = {name: arguments.pop(name) for name in ("format", "objects") if name in arguments}
+        export(FakeStream(arguments.pop("buffers", tuple(BUFFERS)), **arguments), tmp_path, frames=[0], **to_export)
+
+    run(**first)
+    with pytest.raises(ExportError) as caught:
+        run(**then)
+    assert sentence in str(caught.value)
+    run(**first)
+
+
+def test_second_export_into_a_folder_is_refused_while_the_first_one_runs(tmp_path):
+    def export_again(index, frame):
+        with pytest.raises(ExportError, match=rf"process {os.getpid()} on .* writes into it\. Wait until it is done"):
+            export(FakeStream(), tmp_path, frames=[7])
+
+    export(FakeStream(), tmp_path, frames=range(2), progress=export_again)
+    export(FakeStream(), tmp_path, frames=[7])
+    assert sorted(Manifest.load(tmp_path).frames) == [0, 1, 7]
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from tests.export.fake_stream import FakeStream
+from tiscene.export import export
+
+def kill(index, frame):
+    if index == 1:
+        Path(sys.argv[1], "rgb", f".000002.png.{os.getpid()}.part").write_bytes(b"half a file")
+        os.kill(os.getpid(), 9)
+
+export(FakeStream(), sys.argv[1], frames=range(4), progress=kill)
+"""
+
+
+def test_export_takes_over_the_lock_of_a_killed_process_and_removes_its_partial_files(tmp_path):
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "parts")], check=False)
+    assert killed.returncode == -9
+    assert list(tmp_path.rglob("*.part"))
+    export(FakeStream(), tmp_path / "parts", frames=range(4))
+    export(FakeStream(), tmp_path / "whole", frames=range(4))
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+
+
+def test_overwrite_deletes_only_files_of_the_manifest(tmp_path):
     export(FakeStream(seed=1), tmp_path, frames=range(3))
-    mine = tmp_path / "notes.txt"
-    mine.write_text("keep")
+    notes = tmp_path / "notes.txt"
+    notes.write_text("keep")
     raw = json.loads((tmp_path / NAME).read_text())
     outside = tmp_path.parent / "outside.txt"
     outside.write_text("keep")
@@ -120,10 +181,10 @@ def test_overwrite_removes_what_the_manifest_lists_and_nothing_else(tmp_path):
     assert outside.exists()
 
 
-def test_bad_calls(tmp_path):
+def test_invalid_arguments_and_folders_raise(tmp_path):
     with pytest.raises(ArgumentError, match="format='jpg': must be one of cryptomatte, exr, npz, png, sailenv"):
         export(FakeStream(), tmp_path, format="jpg", frames=range(1))
-    with pytest.raises(ArgumentError, match=r"frames=range"):
+    with pytest.raises(ArgumentError, match=r"the stream is endless; pass the frames"):
         export(FakeStream(), tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(ExportError, match="it is a file, not a folder"):
@@ -133,39 +194,40 @@ def test_bad_calls(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"frames": {}}', '{"frames": {"0": {}}, "categories": {}}'])
-def test_a_foreign_manifest_is_left_alone(tmp_path, text):
+def test_file_that_is_no_manifest_is_not_overwritten(tmp_path, text):
     (tmp_path / NAME).write_text(text)
     with pytest.raises(ExportError, match="is not a manifest of tiscene"):
         export(FakeStream(), tmp_path, frames=range(1), overwrite=True)
     assert contents(tmp_path) == {NAME: text.encode()}
 
 
-def test_digests_see_type_shape_and_every_byte():
+def test_buffer_digest_depends_on_type_shape_and_values_alone():
     array = np.arange(6, dtype=np.float32).reshape(2, 3)
     variants = [array, array.T, array.reshape(3, 2), array.astype(np.float64), array + np.float32(1e-7)]
     assert len({buffer_digest(variant) for variant in variants}) == 5
     assert buffer_digest(array) == buffer_digest(np.asfortranarray(array)) == buffer_digest(array.astype(">f4"))
 
 
-class Several(FakeStream):
-    """A stream that three cameras watch."""
+class ThreeCameraStream(FakeStream):
+    """A fake stream with three cameras."""
 
     names = ("Main", "Over the door", "a/b:..")
 
     def __getitem__(self, index):
         first, *others = [
-            replace(super(Several, self).__getitem__(100 * row + index), index=index) for row in range(len(self.names))
+            replace(super(ThreeCameraStream, self).__getitem__(100 * row + index), index=index)
+            for row in range(len(self.names))
         ]
         first, *others = [
             replace(each, camera=FrameCamera(Camera(name=name), self.width, self.height))
             for each, name in zip((first, *others), self.names, strict=True)
         ]
-        return replace(first, others=tuple(others))
+        return replace(first, _other_views=tuple(others))
 
 
 @pytest.mark.parametrize("format", EXPORTERS)
-def test_several_cameras_have_a_folder_each(tmp_path, format):
-    manifest = export(Several(), tmp_path / "all", format=format, frames=range(3))
+def test_several_cameras_have_one_folder_each(tmp_path, format):
+    manifest = export(ThreeCameraStream(), tmp_path / "all", format=format, frames=range(3))
     folders = ("Main", "Over the door", "a_b_._")
     assert manifest.folders == [f"{each}/" for each in folders]
     found = contents(tmp_path / "all")
@@ -178,14 +240,14 @@ def test_several_cameras_have_a_folder_each(tmp_path, format):
             assert found[f"Main/{name}"] == data
     different = [name.removeprefix("Main/") for name in found if name.startswith("Main/") and "labels" not in name]
     assert any(found[f"Main/{name}"] != found[f"a_b_._/{name}"] for name in different)
-    assert manifest.frames[0]["digest"] == frame_digest(Several()[0])
+    assert manifest.frames[0]["digest"] == frame_digest(ThreeCameraStream()[0])
 
 
-def test_a_run_of_several_cameras_goes_on_and_can_be_replaced(tmp_path):
-    export(Several(), tmp_path, frames=range(3))
+def test_export_of_several_cameras_is_continued_and_replaced(tmp_path):
+    export(ThreeCameraStream(), tmp_path, frames=range(3))
     before = contents(tmp_path)
     (tmp_path / "a_b_._" / "rgb" / "000001.png").unlink()
-    again, seen = Several(), []
+    again, seen = ThreeCameraStream(), []
     export(again, tmp_path, frames=range(3), progress=lambda index, frame: seen.append(frame is None))
     assert seen == [True, False, True]
     assert contents(tmp_path) == before
@@ -193,8 +255,8 @@ def test_a_run_of_several_cameras_goes_on_and_can_be_replaced(tmp_path):
     assert not [name for name in contents(tmp_path) if name.startswith(("Main", "Over", "a_b"))]
 
 
-def test_cameras_that_would_share_a_folder_are_refused(tmp_path):
-    stream = Several()
+def test_cameras_with_equal_folder_names_are_refused(tmp_path):
+    stream = ThreeCameraStream()
     stream.names = ("a/b", "A:B")
-    with pytest.raises(ExportError, match="'a/b', 'A:B' two would write into the folder 'A_B/'"):
+    with pytest.raises(ExportError, match="two of the cameras 'a/b', 'A:B' would write into the folder 'A_B/'"):
         export(stream, tmp_path, frames=range(1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""EXR export: parts, channel names, types, and values that come back."""
+"""EXR export: parts, channel names, types and values."""
 
 from types import SimpleNamespace
 
@@ -60,7 +60,7 @@ def test_every_buffer_is_a_part_of_its_type(parts):
             np.testing.assert_array_equal(planes.reshape(buffer.shape), buffer.astype(np.float32))
 
 
-def test_display_bytes_survive_the_way_through_half(parts):
+def test_rgb_is_recovered_exactly_from_half_floats(parts):
     values = np.arange(256, dtype=np.uint8).reshape(16, 16)
     frame = SimpleNamespace(index=0, buffers={"rgb": np.stack([values] * 3, axis=2)})
     linear = parts(frame)["rgb"]["G"].astype(np.float64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""NPZ export: every buffer exactly, by numpy alone."""
+"""NPZ export: every buffer exactly, read by NumPy alone."""
 
 import io
 import zipfile
@@ -10,7 +10,7 @@ from tests.export.fake_stream import FakeStream
 from tiscene.export import npz
 
 
-def test_every_buffer_comes_back_with_its_type():
+def test_every_buffer_is_read_back_exactly():
     frame = FakeStream()[7]
     files = npz.encode(frame)
     assert list(files) == ["000007.npz"]
@@ -21,6 +21,6 @@ def test_every_buffer_comes_back_with_its_type():
         np.testing.assert_array_equal(loaded[name], buffer)
 
 
-def test_no_member_carries_the_time_of_writing():
+def test_members_have_a_fixed_date():
     (data,) = npz.encode(FakeStream()[7]).values()
     assert {member.date_time for member in zipfile.ZipFile(io.BytesIO(data)).infolist()} == {(1980, 1, 1, 0, 0, 0)}

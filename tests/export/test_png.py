@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PNG export: every buffer comes back from its file, exactly or within what the table of `png.py` says."""
+"""PNG export: every buffer is read back exactly, or within the precision stated in `png.py`."""
 
 import io
 import struct
@@ -30,7 +30,7 @@ def frame(**buffers):
     return SimpleNamespace(index=3, buffers=buffers)
 
 
-def test_every_buffer_comes_back():
+def test_every_buffer_is_read_back():
     original = FakeStream()[12]
     files = png.encode(original)
     assert len(files) == len(BUFFERS)
@@ -49,7 +49,7 @@ def test_every_buffer_comes_back():
             np.testing.assert_array_equal(loaded, buffer)
 
 
-def test_suffixes_are_those_of_the_table():
+def test_suffixes_are_those_of_the_documentation():
     suffixes = {name.split("/")[0]: name.rpartition(".")[2] for name in png.encode(FakeStream()[0])}
     assert {name for name, suffix in suffixes.items() if suffix == "flo"} == {"forward_flow", "backward_flow"}
     assert {name for name, suffix in suffixes.items() if suffix == "png"} == {
@@ -57,13 +57,13 @@ def test_suffixes_are_those_of_the_table():
     }
 
 
-def test_depth_at_its_ends():
+def test_depth_is_rounded_to_millimeters_and_clipped():
     depth = np.array([[0.0001, 0.0015, 65.5349, 65.535, 1e6, np.inf]], np.float32)
     loaded = read("x.png", png.encode(frame(depth=depth))["depth/000003.png"])
     assert loaded.tolist() == [[1, 2, 65535, 65535, 65535, 0]]
 
 
-def test_an_id_beyond_sixteen_bits_is_refused():
+def test_id_beyond_16_bits_raises_export_error():
     ids = np.array([[0, 65535]], np.int32)
     assert read("x.png", png.encode(frame(instance=ids))["instance/000003.png"]).tolist() == [[0, 65535]]
     with pytest.raises(ExportError, match=r"'instance' holds the id 65536.*exr or npz"):

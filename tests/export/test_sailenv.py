@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's recordings: read back, and as the lab's programs read them."""
+"""The layout of SAILenv's recordings, read back by `Recording` and by plain NumPy."""
 
 import gzip
 import json
@@ -9,12 +9,12 @@ import pytest
 
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError, MissingFile
-from tiscene.export import NEEDED, export
+from tiscene.export import REQUIRED_BUFFERS, export
 from tiscene.export.sailenv_layout import Recording
 
 
-def test_a_recording_reads_back(tmp_path):
-    stream = FakeStream(NEEDED["sailenv"])
+def test_recording_returns_the_exported_frames(tmp_path):
+    stream = FakeStream(REQUIRED_BUFFERS["sailenv"])
     export(stream, tmp_path, format="sailenv", frames=[0, 1, 99, 100, 101])
     recording = Recording(tmp_path)
     assert (len(recording), recording.fps, recording.categories) == (102, 25.0, {1: "chair", 2: "table"})
@@ -30,8 +30,8 @@ def test_a_recording_reads_back(tmp_path):
         recording[50]
 
 
-def test_the_layout_is_the_labs(tmp_path):
-    stream = FakeStream(NEEDED["sailenv"])
+def test_layout_of_folders_and_files(tmp_path):
+    stream = FakeStream(REQUIRED_BUFFERS["sailenv"])
     export(stream, tmp_path, format="sailenv", frames=[0, 99, 100])
     for place in ("00000001/001", "00000001/100", "00000002/001"):
         for name in (
@@ -55,21 +55,23 @@ def test_the_layout_is_the_labs(tmp_path):
         assert np.load(file).shape == (8, 12, 2)
 
 
-def test_what_replaces_a_recording_leaves_nothing_of_it(tmp_path):
-    export(FakeStream(NEEDED["sailenv"]), tmp_path, format="sailenv", frames=[0])
+def test_overwriting_a_recording_deletes_all_of_its_files(tmp_path):
+    export(FakeStream(REQUIRED_BUFFERS["sailenv"]), tmp_path, format="sailenv", frames=[0])
     export(FakeStream(("rgb",)), tmp_path, format="npz", frames=[0], overwrite=True)
     left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert left == {"000000.npz", "000000.json", "tiscene.json"}
 
 
-def test_mistakes_are_said(tmp_path):
+def test_missing_buffers_and_damaged_files_raise(tmp_path):
     stream = FakeStream(("rgb", "semantic"))
-    with pytest.raises(ArgumentError, match=r"needs the buffer 'backward_flow'; ask for buffers=\('rgb', "):
+    with pytest.raises(
+        ArgumentError, match=r"requires the buffer 'backward_flow': make the stream with buffers=\('rgb', "
+    ):
         export(stream, tmp_path, format="sailenv", frames=[0])
     assert stream.rendered == []
     with pytest.raises(MissingFile, match=r"fps\.json"):
         Recording(tmp_path / "nowhere")
-    export(FakeStream(NEEDED["sailenv"]), tmp_path, format="sailenv", frames=[0], overwrite=True)
+    export(FakeStream(REQUIRED_BUFFERS["sailenv"]), tmp_path, format="sailenv", frames=[0], overwrite=True)
     (tmp_path / "motion/00000001/001.bin").write_bytes(b"nothing")
     with pytest.raises(ExportError, match=r"001\.bin"):
         Recording(tmp_path)[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Buffers as pictures."""
+"""Buffers as images: color maps, limits and legends."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tiscene.frame.buffers import BUFFERS
 
 
 @pytest.mark.parametrize("name", BUFFERS)
-def test_every_buffer_has_a_picture(name):
+def test_every_buffer_has_an_image(name):
     shown = picture(name, fake_buffer(name, 1, 40, 30))
     assert shown.image.shape == (30, 40, 3)
     assert shown.image.dtype == np.uint8
@@ -20,7 +20,7 @@ def test_every_buffer_has_a_picture(name):
 
 
 @pytest.mark.parametrize("name", [name for name, aov in BUFFERS.items() if aov.background is not None])
-def test_a_frame_of_nothing_but_background_has_a_picture_too(name):
+def test_buffer_of_background_alone_has_a_uniform_image(name):
     aov = BUFFERS[name]
     image = picture(name, np.full(aov.shape(6, 4), aov.background, aov.dtype)).image
     assert image.shape == (4, 6, 3)
@@ -32,20 +32,20 @@ def luminance(colors):
     return linear @ (0.2126, 0.7152, 0.0722)
 
 
-def test_sequential_colors_grow_lighter_all_the_way():
+def test_sequential_colors_rise_in_luminance():
     ramp = visualize.sequential(np.linspace(0.0, 1.0, 64))
     assert (np.diff(luminance(ramp)) > 0).all()
     assert luminance(ramp[0]) < 0.03
     assert luminance(ramp[-1]) > 0.75
 
 
-def test_depth_near_is_bright_and_no_hit_is_background():
+def test_depth_image_is_brighter_nearby_and_background_without_a_hit():
     image = visualize.depth_picture(np.array([[1.0, 3.0, np.inf]]), 1.0, 3.0)
     assert luminance(image[0, 0]) > luminance(image[0, 1])
     assert tuple(image[0, 2]) == BACKGROUND
 
 
-def test_flow_colors_point_as_the_wheel_does():
+def test_flow_image_has_the_hues_of_the_wheel():
     flow = np.array([[[1, 0], [0, 1], [-1, 0], [0, -1], [0, 0], [0.5, 0], [np.nan, 0]]], np.float32)
     right, down, left, up, still, half, invalid = visualize.flow_picture(flow, 1.0, legend=False)[0].tolist()
     assert right == [255, 0, 0]
@@ -60,7 +60,7 @@ def test_flow_colors_point_as_the_wheel_does():
     assert invalid == [0, 0, 0]
 
 
-def test_the_legend_lies_in_the_lower_right_corner():
+def test_legend_of_flow_is_in_the_lower_right_corner():
     still = np.zeros((90, 120, 2), np.float32)
     plain, marked = (visualize.flow_picture(still, 1.0, legend=legend) for legend in (False, True))
     y, x = np.nonzero((plain != marked).any(axis=2))
@@ -70,7 +70,7 @@ def test_the_legend_lies_in_the_lower_right_corner():
     assert tuple(marked[center]) == (255, 255, 255)
 
 
-def test_ids_keep_their_colors_and_lie_apart():
+def test_id_colors_are_fixed_and_distinct():
     colors = visualize.id_colors(np.arange(0, 41)).astype(int)
     assert tuple(colors[0]) == BACKGROUND
     apart = np.abs(colors[:, None] - colors[None]).max(axis=2) + 1000 * np.eye(41, dtype=int)
@@ -82,7 +82,7 @@ def test_ids_keep_their_colors_and_lie_apart():
     assert visualize.id_picture(np.array([[2**31 - 1]], np.int32)).shape == (1, 1, 3)
 
 
-def test_limits_hold_over_several_frames_and_ignore_the_background():
+def test_limits_of_several_frames_ignore_the_background():
     frames = [np.array([[1.0, np.inf]], np.float32), np.array([[3.0, np.inf]], np.float32)]
     low, high = visualize.limits_of("depth", frames)
     assert 1.0 <= low < 1.1
@@ -92,7 +92,7 @@ def test_limits_hold_over_several_frames_and_ignore_the_background():
     assert visualize.limits_of("depth", [np.full((2, 2), np.inf, np.float32)]) == (0.0, 1.0)
 
 
-def test_oklch_meets_known_colors():
+def test_oklch_matches_known_colors():
     assert visualize.oklch(1.0, 0.0, 0.0).tolist() == [255, 255, 255]
     assert visualize.oklch(0.0, 0.0, 0.0).tolist() == [0, 0, 0]
     # sRGB red is L 0.628, C 0.2577, h 29.23 degrees.

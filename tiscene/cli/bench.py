@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene bench`: frames per second on this machine, at a glance."""
+"""`tiscene bench`: measure frames per second on this machine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 
 SIZES = ((256, 192), (640, 480))
-# name, buffers, quality, incremental
+# Rows of the table for each size: name, buffers, quality, incremental.
 KINDS = (
     ("labels", tuple(name for name in DEFAULT_BUFFERS if name != "rgb"), "preview", False),
     ("labels, rgb fast", DEFAULT_BUFFERS, "fast", False),
@@ -26,17 +26,23 @@ KINDS = (
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print the table."""
+    """Print the table of times."""
     source = args.scene or SCENE
     if not args.seconds >= 0.0:
         raise ArgumentError(f"--seconds {args.seconds:g}: must be 0 or more")
-    Stream(source, width=8, height=8, buffers=("depth",), arch=args.arch)  # what cannot be is said before the table
+    Stream(source, width=8, height=8, buffers=("depth",), arch=args.arch)  # raises errors before the table is begun
     note(f"{source}, {args.arch or 'cpu'}, {os.cpu_count()} logical cores; the first frame includes compiling")
     print_table(source, seconds=args.seconds, arch=args.arch)
 
 
 def print_table(source: str | Scenario, *, seconds: float, arch: str | None = None) -> None:
-    """One line for each size and kind of frame, as soon as it is measured."""
+    """Measure each kind of frame at each size, and print a line as soon as it is measured.
+
+    Args:
+        source: The source of the streams, as of `Stream`.
+        seconds: The duration of each measurement, s; the first frame is extra.
+        arch: "cpu" or "cuda"; None for "cpu".
+    """
     print(f"{'buffers':<22} {'size':>9} {'spp':>4} {'first frame':>12} {'frame':>10} {'frames/s':>9}")
     for width, height in SIZES:
         for kind, buffers, quality, incremental in KINDS:
@@ -49,16 +55,19 @@ def print_table(source: str | Scenario, *, seconds: float, arch: str | None = No
                 arch=arch,
                 incremental=incremental,
             )
-            first, each = measure(stream, seconds)
-            spp = stream.quality.spp if "rgb" in buffers else 0
-            row = (
-                f"{kind:<22} {f'{width}x{height}':>9} {spp:>4} {first:>10.2f} s {1e3 * each:>7.1f} ms {1 / each:>9.2f}"
-            )
-            print(row, flush=True)
+            first, mean = measure(stream, seconds)
+            spp = stream.render_settings.spp if "rgb" in buffers else 0
+            size = f"{width}x{height}"
+            print(f"{kind:<22} {size:>9} {spp:>4} {first:>10.2f} s {1e3 * mean:>7.1f} ms {1 / mean:>9.2f}", flush=True)
 
 
 def measure(stream: Stream, seconds: float) -> tuple[float, float]:
-    """Time of the next frame, and the mean of those after it for so many seconds (one at least); s."""
+    """Return the time of the next frame and the mean time of the frames after it, s.
+
+    Args:
+        stream: The stream; its position moves on.
+        seconds: For how long frames after the first are rendered, s; at least one is.
+    """
     began = time.perf_counter()
     next(stream)
     first = time.perf_counter() - began

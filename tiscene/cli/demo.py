@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene demo`: a short scenario, from nothing to pictures."""
+"""`tiscene demo`: render a short scenario with every buffer, as a contact sheet and an animation."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from tiscene.stream.stream import Stream
 
 SCENE = "room_02"
 FPS = 8.0
-SECONDS = 3.0  # for one round of everything
+SECONDS = 3.0  # the period of all trajectories
 ANIMATED = ("rgb", "instance", "depth", "forward_flow")
 
 
 def scenario() -> Scenario:
-    """Four things on closed curves through the free middle of the living room."""
+    """Return a scenario of four objects on closed curves through the free space of the living room."""
 
-    def loop(*stations: tuple[tuple[float, float, float], tuple[float, float, float]]) -> CatmullWaypoints:
-        return CatmullWaypoints([Waypoint(position, rotation) for position, rotation in stations], total_time=SECONDS)
+    def loop(*poses: tuple[tuple[float, float, float], tuple[float, float, float]]) -> CatmullWaypoints:
+        return CatmullWaypoints([Waypoint(position, rotation) for position, rotation in poses], total_time=SECONDS)
 
     chair = loop(
         ((-1.22, 1.0, -2.09), (0, 0, 0)), ((-0.06, 1.35, -2.22), (25, 120, 0)), ((-0.41, 0.8, -1.6), (0, 240, 15))
@@ -63,14 +63,14 @@ def scenario() -> Scenario:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write the pictures and print where they are."""
+    """Render the scenario, write the images, and print their paths."""
     if args.frames < 1:
         raise ArgumentError(f"--frames {args.frames}: must be at least 1")
     folder = Path(args.output)
-    what = scenario()
-    with progress(f"reading {what.scene}", args.frames) as step:
+    demo = scenario()
+    with progress(f"reading {demo.scene}", args.frames) as step:
         stream = Stream(
-            what,
+            demo,
             width=args.width,
             height=args.height,
             fps=FPS,
@@ -78,11 +78,11 @@ def run(args: argparse.Namespace) -> None:
             buffers=tuple(BUFFERS),
             quality=args.quality,
             arch=args.arch,
-            progress=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
+            progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
         )
-        _make(folder)
-        what.save(folder / "scenario.json")
-        step(0, doing="compiling, the first time only")
+        _make_folder(folder)
+        demo.save(folder / "scenario.json")
+        step(0, task="compiling kernels, in the first run only")
         frames, middle = [], args.frames // 2
         for index in range(args.frames):
             frame = stream[index]
@@ -92,20 +92,20 @@ def run(args: argparse.Namespace) -> None:
             if index == middle:
                 write_png(folder / "contact_sheet.png", contact_sheet(frame))
             frames.append(replace(frame, buffers={name: frame.buffers[name] for name in ANIMATED}))
-            step(doing="rendering")
+            step(task="rendering")
     write_animation(folder / "animation.webp", animated(frames), FPS)
-    print(f"Every buffer of frame {middle}: {folder / 'contact_sheet.png'}")
-    print(f"The stream in motion:      {folder / 'animation.webp'}")
-    print(f"Render it as you like:     tiscene render {folder / 'scenario.json'} --frames 0:100 -o frames")
+    print(f"All buffers of frame {middle}: {folder / 'contact_sheet.png'}")
+    print(f"Animation:               {folder / 'animation.webp'}")
+    print(f"To render the scenario:  tiscene render {folder / 'scenario.json'} --frames 0:100 -o frames")
 
 
 def animated(frames: list[Frame]) -> list[NDArray[np.uint8]]:
-    """Four buffers side by side for each frame, in colors that mean the same in all of them."""
+    """Return a sheet of four buffers for each frame, with the same color scales in all frames."""
     limits: dict[str, Limits] = {name: limits_of(name, [frame.buffers[name] for frame in frames]) for name in ANIMATED}
     return [contact_sheet(frame, ANIMATED, columns=2, limits=limits) for frame in frames]
 
 
-def _make(folder: Path) -> None:
+def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

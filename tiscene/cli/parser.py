@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments of all commands."""
+"""Command-line arguments of all commands.
+
+`parser` builds the argparse parser. Values that only a command can check, such as names of scenes, are checked there.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,10 @@ Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def parser() -> argparse.ArgumentParser:
-    """Every command and its arguments."""
+    """Return the parser of all commands."""
     top = argparse.ArgumentParser(
-        prog="tiscene", description="Labelled, path-traced, exactly repeatable frame streams from USD scenes."
+        prog="tiscene",
+        description="Endless, exactly repeatable streams of path-traced, labeled frames from USD scenes.",
     )
     top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
@@ -24,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _demo(commands: Commands) -> None:
-    demo = commands.add_parser("demo", help="render a short scenario and show every buffer of it")
+    demo = commands.add_parser("demo", help="render a short scenario with every buffer")
     demo.add_argument(
         "-o", "--output", metavar="DIR", default="tiscene-demo", help="folder to write (default: %(default)s)"
     )
@@ -40,24 +44,39 @@ def _render(commands: Commands) -> None:
     render = commands.add_parser(
         "render",
         help="write frames of a scene or scenario into a folder",
-        description="Write frames into a folder, beside a manifest (tiscene.json). The same command goes on after an "
-        "interruption: frames whose files are there are not rendered again.",
+        description="Write frames into a folder, with a manifest (tiscene.json). The same command continues after an "
+        "interruption: frames whose files are there are not rendered again. One command at a time may write into a "
+        "folder.",
     )
-    render.add_argument("source", metavar="SCENE_OR_SCENARIO", help="a scene's name, a USD file, or a scenario (.json)")
+    render.add_argument(
+        "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
+    )
     render.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     render.add_argument(
-        "--frames", metavar="A:B", type=_frames, default=range(1), help="frames A to B - 1, or one frame K (default: 0)"
+        "--frames",
+        metavar="A:B[:STEP]",
+        type=_frames,
+        help="frames as a Python slice: 3:10 is 3 to 9, :10 is 0 to 9, 0:10:2 is every second one; 5: is from 5 on and "
+        "needs --count; 7 is frame 7 alone (default: 0; with --count 0:)",
+    )
+    render.add_argument(
+        "--count", metavar="N", type=int, help="at most N of these frames: --frames 5: --count 10 is 5:15"
     )
     render.add_argument(
         "--buffers",
         metavar="NAME,...",
         type=_names,
-        help="or 'all' (default: what the format needs, else rgb,semantic,instance,depth,forward_flow)",
+        help="buffers to write, or 'all' (default: those that the format requires, else "
+        "rgb,semantic,instance,depth,forward_flow)",
     )
     render.add_argument(
         "--format", metavar="NAME", default="png", help="png, exr, npz, cryptomatte or sailenv (default: %(default)s)"
     )
-    render.add_argument("--objects", action="store_true", help="write the table of objects of each frame as well")
+    render.add_argument(
+        "--objects",
+        choices=("moving", "visible", "all"),
+        help="write the table of the moving, visible or all objects of each frame (default: no table)",
+    )
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
     _add_size(render, width=256, height=192)
     render.add_argument(
@@ -65,88 +84,104 @@ def _render(commands: Commands) -> None:
     )
     _add_quality(render, "standard")
     _add_spp(render)
-    render.add_argument("--max-depth", metavar="N", type=int, help="edges of a path, instead of the quality's")
     render.add_argument(
-        "--denoise", action=argparse.BooleanOptionalAction, help="take the noise out of rgb (default: yes)"
+        "--max-depth", metavar="N", type=int, help="maximum path depth in segments (default: by --quality)"
     )
+    render.add_argument("--denoise", action=argparse.BooleanOptionalAction, help="denoise rgb (default: yes)")
     render.add_argument(
-        "--error",
-        metavar="PART",
+        "--relative-error",
+        metavar="FRACTION",
         type=float,
-        help="samples until a pixel's error is this part of its light, such as 0.02 (at most --spp)",
+        help="sample each pixel until its estimated standard error is this fraction of its luminance, such as 0.02 "
+        "(at most --spp samples)",
     )
     render.add_argument(
-        "--clamp", metavar="MOST", type=float, help="the most that one sample brings, W/m²/sr: less noise, less light"
+        "--clamp",
+        metavar="MAX",
+        type=float,
+        help="maximum radiance of a sample, W/m²/sr: removes fireflies and some light (default: none)",
     )
-    render.add_argument("--pixel-filter", metavar="NAME", help="box, triangle, gaussian, mitchell or blackman-harris")
+    render.add_argument(
+        "--pixel-filter",
+        metavar="NAME",
+        help="box, triangle, gaussian, mitchell or blackman-harris (default: by --quality)",
+    )
     render.add_argument(
         "--shutter",
         metavar="OPEN,CLOSE",
         type=_times,
-        help="blur what moves between these frames from each frame, such as 0,0.5 (default: as the camera says)",
+        help="motion blur of color: when the shutter opens and closes, in frames from each frame, such as 0,0.5 "
+        "(default: the camera's)",
     )
     _add_seed(render)
     render.add_argument(
         "--camera",
         metavar="NAME,...",
         type=_names,
-        help="a camera of the scene (default: its first); of several each writes into a folder of its own",
+        help="one or more cameras of the scene (default: its first); each of several writes into its own folder",
     )
     render.add_argument(
-        "--time-code", metavar="T", type=float, help="show the stage as it is then, still (default: it plays)"
+        "--time-code", metavar="T", type=float, help="show the stage at this time code, static (default: it plays)"
     )
     render.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
-        help="trace only what moves before a camera that does not (default: if there are frames enough for it to pay)",
+        help="render frames of a static camera as a base image plus what movers change (default: by --quality)",
     )
     _add_reading(render)
     _add_arch(render)
 
 
 def _list(commands: Commands) -> None:
-    commands.add_parser("list", help="list scenes, object templates and buffers")
+    listing = commands.add_parser("list", help="list scenes, object templates and buffers")
+    listing.add_argument("--json", action="store_true", help="print JSON, with the categories of templates")
 
 
 def _show(commands: Commands) -> None:
-    show = commands.add_parser("show", help="show what a scene holds: size, cameras, lights, objects, templates")
-    show.add_argument("scene", metavar="SCENE", help="a scene's name, a USD file, or a scenario (.json)")
+    show = commands.add_parser("show", help="show the size, cameras, lights, objects and templates of a scene")
+    show.add_argument("scene", metavar="SCENE", help="the name of a scene, a USD file, or a scenario (.json)")
 
 
 def _inspect(commands: Commands) -> None:
     inspect = commands.add_parser(
-        "inspect", help="say what is in a USD file, what is rendered of it, what is not and why"
+        "inspect", help="report the contents of a USD file, which of them are rendered, and which are not and why"
     )
-    inspect.add_argument("file", metavar="FILE", help="a USD file, a scene's name, or a scenario (.json)")
+    inspect.add_argument("file", metavar="FILE", help="a USD file, the name of a scene, or a scenario (.json)")
     _add_reading(inspect)
 
 
 def _import(commands: Commands) -> None:
     importer = commands.add_parser(
         "import",
-        help="make a template of a model: OBJ, glTF, PLY, STL, USD, or a catalog of furniture (.sh3f)",
+        help="make a template of a model (OBJ, glTF, PLY, STL, USD) or of each model of a furniture catalog (.sh3f)",
         description="Make a template of a model file. Its license files are kept in the template's metadata.",
     )
-    importer.add_argument("file", metavar="FILE", help="the model, or a Sweet Home 3D catalog for all of its models")
+    importer.add_argument("file", metavar="FILE", help="the model, or a Sweet Home 3D furniture catalog")
     importer.add_argument("-o", "--output", metavar="DIR", help="library (default: the first folder of TISCENE_PATH)")
-    importer.add_argument("--name", metavar="TEXT", default="", help="such as 'Chair 03' (default: the file's)")
+    importer.add_argument(
+        "--name", metavar="TEXT", default="", help="name, such as 'Chair 03' (default: from the file name)"
+    )
     importer.add_argument("--label", metavar="TEXT", default="", help="semantic class, such as chair")
     importer.add_argument(
-        "--unit", metavar="M", type=float, help="meters per unit of the file (default: as the format has it)"
+        "--unit", metavar="M", type=float, help="meters per unit of the file (default: by the format)"
     )
-    importer.add_argument("--up", choices=("Y", "Z"), help="the file's up axis (default: as the format has it)")
-    importer.add_argument("--keep-origin", action="store_true", help="do not move the origin to the box's center")
-    importer.add_argument("--author", metavar="TEXT", default="", help="who made it")
+    importer.add_argument("--up", choices=("Y", "Z"), help="up axis of the file (default: by the format)")
     importer.add_argument(
-        "--license", metavar="TEXT", default="", help="its text, or a file (default: the license files beside it)"
+        "--keep-origin", action="store_true", help="do not move the origin to the center of the bounding box"
+    )
+    importer.add_argument("--author", metavar="TEXT", default="", help="author of the model")
+    importer.add_argument(
+        "--license", metavar="TEXT", default="", help="license text or file (default: the license files beside it)"
     )
 
 
 def _bench(commands: Commands) -> None:
     bench = commands.add_parser("bench", help="measure frames per second on this machine")
-    bench.add_argument("scene", metavar="SCENE", nargs="?", help="a scene's name or a USD file (default: the demo's)")
     bench.add_argument(
-        "--seconds", metavar="S", type=float, default=3.0, help="for each line of the table (default: %(default)g)"
+        "scene", metavar="SCENE", nargs="?", help="the name of a scene or a USD file (default: the demo's)"
+    )
+    bench.add_argument(
+        "--seconds", metavar="S", type=float, default=3.0, help="duration of each measurement (default: %(default)g)"
     )
     _add_arch(bench)
 
@@ -154,48 +189,55 @@ def _bench(commands: Commands) -> None:
 def _serve(commands: Commands) -> None:
     serve = commands.add_parser(
         "serve",
-        help="speak SAILenv's protocol, for its unmodified clients",
-        description="Serve one world to SAILenv's clients (see docs/sailenv.md). Ends cleanly by Ctrl-C or SIGTERM.",
+        help="serve unmodified SAILenv clients",
+        description="Serve one world to SAILenv clients (see docs/sailenv.md). Ctrl-C or SIGTERM stops it cleanly.",
     )
-    serve.add_argument("scene", metavar="SCENE", nargs="?", help="where the world begins (default: SAILenv's)")
+    serve.add_argument("scene", metavar="SCENE", nargs="?", help="first scene (default: SAILenv's)")
     serve.add_argument(
         "--host",
         metavar="ADDRESS",
         default="127.0.0.1",
-        help="address to listen at (default: %(default)s, this machine)",
+        help="address to listen on (default: %(default)s, this machine alone)",
     )
-    serve.add_argument("--port", metavar="N", type=int, default=8085, help="0: any that is free (default: %(default)s)")
     serve.add_argument(
-        "--fps", metavar="N", type=float, default=25.0, help="frames are 1 / fps s apart (default: %(default)g)"
+        "--port", metavar="N", type=int, default=8085, help="port; 0: any free one (default: %(default)s)"
     )
+    serve.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
     _add_quality(serve, "preview")
     _add_spp(serve)
     _add_seed(serve)
     serve.add_argument(
-        "--wait", type=float, default=1.0, metavar="S", help="for a client that is behind (default: %(default)g)"
+        "--wait",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="how long the clock waits for a slow client (default: %(default)g)",
     )
     _add_arch(serve)
-    serve.add_argument("-v", "--verbose", action="count", default=0, help="a line for each event; -vv: for each frame")
+    serve.add_argument("-v", "--verbose", action="count", default=0, help="log each event; -vv: each frame too")
 
 
 def _add_size(command: argparse.ArgumentParser, width: int, height: int) -> None:
-    command.add_argument("--width", metavar="PX", type=int, default=width, help="(default: %(default)s)")
-    command.add_argument("--height", metavar="PX", type=int, default=height, help="(default: %(default)s)")
+    command.add_argument("--width", metavar="PX", type=int, default=width, help="image width (default: %(default)s)")
+    command.add_argument("--height", metavar="PX", type=int, default=height, help="image height (default: %(default)s)")
 
 
 def _add_quality(command: argparse.ArgumentParser, default: str) -> None:
     command.add_argument(
-        "--quality", metavar="NAME", default=default, help="fast, preview, standard or photo (default: %(default)s)"
+        "--quality",
+        metavar="NAME",
+        default=default,
+        help="preset: fast, preview, standard or photo (default: %(default)s)",
     )
 
 
 def _add_spp(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--spp", metavar="N", type=int, help="samples per pixel, instead of the quality's")
+    command.add_argument("--spp", metavar="N", type=int, help="samples per pixel (default: by --quality)")
 
 
 def _add_seed(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--seed", metavar="N", type=int, default=0, help="of the rendering's random numbers (default: %(default)s)"
+        "--seed", metavar="N", type=int, default=0, help="seed of the rendering (default: %(default)s)"
     )
 
 
@@ -204,7 +246,7 @@ def _add_arch(command: argparse.ArgumentParser) -> None:
 
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
-    """How a stage is read."""
+    """Add the arguments that decide how a stage is read."""
     command.add_argument(
         "--variant",
         metavar="PRIM{SET}=NAME",
@@ -213,29 +255,35 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
         default=[],
         help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
     )
-    command.add_argument("--taxonomy", metavar="NAME", help="of the semantic labels (default: class, else category)")
+    command.add_argument(
+        "--taxonomy", metavar="NAME", help="taxonomy of semantic labels (default: class, else category)"
+    )
     command.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
-    command.add_argument("--untrusted", action="store_true", help="read it in a process of its own, with limits")
+    command.add_argument("--untrusted", action="store_true", help="read the stage in a separate process with limits")
 
 
-def _frames(text: str) -> range:
-    """Python's slices: "3:10" is 3 to 9, ":10" is 0 to 9, "0:10:2" every second one; and "3" is frame 3 alone."""
-    mistake = argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B, such as 0:100")
+def _frames(text: str) -> slice:
+    """Return the slice of "A:B", "A:B:STEP", "A:" or "K"; frame indices are 0 or more."""
+    mistake = argparse.ArgumentTypeError(
+        f"{text!r} is neither A:B with 0 <= A < B, such as 0:100, nor A: with --count, nor one frame K"
+    )
     try:
-        parts = text.split(":")
-        start = int(parts[0] or "0")
-        frames = range(int(text), int(text) + 1) if len(parts) == 1 else range(start, *map(int, parts[1:]))
+        numbers = [int(part) if part else None for part in text.split(":")]
+        if len(numbers) == 1:
+            numbers = [int(text), int(text) + 1]
+        frames = slice(*numbers)
+        start, stop, step = frames.start or 0, frames.stop, frames.step if frames.step is not None else 1
     except (ValueError, TypeError):
         raise mistake from None
-    if len(frames) == 0 or min(frames) < 0:
+    if start < 0 or step == 0 or (step < 0 if stop is None else len(range(start, stop, step)) == 0 or stop < 0):
         raise mistake
-    return frames
+    return slice(start, stop, step)
 
 
 def _names(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not names:
-        raise argparse.ArgumentTypeError(f"{text!r} names nothing")
+        raise argparse.ArgumentTypeError(f"{text!r} has no names; expected names separated by commas")
     return names
 
 
@@ -243,12 +291,12 @@ def _times(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(word) for word in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not two numbers of frames, such as 0,0.5") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not OPEN,CLOSE in frames, such as 0,0.5") from None
 
 
 def _variant(text: str) -> tuple[str, str]:
-    """ "/Room{lighting}=evening" as ("/Room{lighting}", "evening")."""
-    place, _, choice = text.partition("=")
-    if not (place.startswith("/") and "{" in place and place.endswith("}") and choice):
+    """Split "/Room{lighting}=evening" into ("/Room{lighting}", "evening")."""
+    place, _, variant = text.partition("=")
+    if not (place.startswith("/") and "{" in place and place.endswith("}") and variant):
         raise argparse.ArgumentTypeError(f"{text!r} is not PRIM{{SET}}=NAME, such as /Room{{lighting}}=evening")
-    return place, choice
+    return place, variant

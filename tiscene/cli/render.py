@@ -1,25 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene render`: frames of a scene or scenario into a folder."""
+"""`tiscene render`: write frames of a scene or scenario into a folder."""
 
 from __future__ import annotations
 
 import argparse
 
 from tiscene.cli.terminal import note, progress
-from tiscene.export import NEEDED, export
+from tiscene.errors import ArgumentError
+from tiscene.export import REQUIRED_BUFFERS, export
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
-from tiscene.stream.incremental import pays
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 
 
 def run(args: argparse.Namespace) -> None:
-    """Render, and print the folder. When interrupted, say how to go on."""
-    usual = ("rgb", *NEEDED[args.format]) if args.format in NEEDED else DEFAULT_BUFFERS
-    buffers = tuple(BUFFERS) if args.buffers == ("all",) else args.buffers or usual
+    """Render, and print the folder. An interrupted run prints how to continue it."""
+    frames = selected_frames(args.frames, args.count)
+    default = ("rgb", *REQUIRED_BUFFERS[args.format]) if args.format in REQUIRED_BUFFERS else DEFAULT_BUFFERS
+    buffers = tuple(BUFFERS) if args.buffers == ("all",) else args.buffers or default
     done = 0
     try:
-        with progress(f"reading {args.source}", len(args.frames)) as step:
+        with progress(f"reading {args.source}", len(frames)) as step:
             stream = Stream(
                 args.source,
                 width=args.width,
@@ -30,45 +31,65 @@ def run(args: argparse.Namespace) -> None:
                 spp=args.spp,
                 max_depth=args.max_depth,
                 denoise=args.denoise,
-                error=args.error,
+                relative_error=args.relative_error,
                 clamp=args.clamp,
                 pixel_filter=args.pixel_filter,
-                shutter=args.shutter,
+                incremental=args.incremental,
                 seed=args.seed,
                 camera=args.camera[0] if args.camera and len(args.camera) == 1 else args.camera,
-                variants=dict(args.variant),
+                shutter=args.shutter,
                 time_code=args.time_code,
+                variants=dict(args.variant),
                 taxonomy=args.taxonomy,
                 root=args.root,
                 untrusted=args.untrusted,
                 arch=args.arch,
-                incremental=_differential(args),
-                progress=lambda doing, done: step(0, doing=f"{doing}: {done:.0%}"),
+                progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
             )
-            step(0, doing="first frame")
+            step(0, task="first frame")
 
             def frame_done(index: int, frame: Frame | None) -> None:
                 nonlocal done
                 done += 1
-                step(doing=f"frame {index}")
+                step(task=f"frame {index}")
 
             export(
                 stream,
                 args.output,
                 format=args.format,
-                frames=args.frames,
+                frames=frames,
                 objects=args.objects,
                 overwrite=args.overwrite,
                 progress=frame_done,
             )
     except KeyboardInterrupt:
-        total = len(args.frames)
-        note(f"Interrupted: {done} of {total} frames are in {args.output}. The same command goes on from there.")
+        note(
+            f"Interrupted: {done} of {len(frames)} frames are in {args.output}. The same command continues from there."
+        )
         raise
     print(args.output)
 
 
-def _differential(args: argparse.Namespace) -> bool | None:
-    """What was asked for, else whether it pays for so many frames; the stream knows whether it can be."""
-    wanted: bool | None = args.incremental
-    return wanted if wanted is not None or pays(len(args.frames)) else False
+def selected_frames(frames: slice | None, count: int | None) -> range:
+    """Return the frames that `--frames` and `--count` select.
+
+    Args:
+        frames: A slice with start, stop (None: no end) and step; None for frame 0, or for all from 0 on with a count.
+        count: The maximum number of frames; None: no limit.
+
+    Raises:
+        ArgumentError: The count is not positive, or the frames have no end.
+    """
+    if count is not None and count < 1:
+        raise ArgumentError(f"--count {count}: must be at least 1")
+    if frames is None:
+        return range(count or 1)
+    if frames.stop is not None:
+        return range(frames.start, frames.stop, frames.step)[:count]
+    if count is None:
+        start = frames.start
+        raise ArgumentError(
+            f"--frames {start}: has no end, and neither has a stream: give an end, such as {start}:{start + 100}, "
+            "or --count"
+        )
+    return range(frames.start, frames.start + count * frames.step, frames.step)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How commands tell a person what they are doing: on stderr, so that stdout holds only what was asked for."""
+"""Progress bars and notes on stderr, so that stdout has nothing but a command's result."""
 
 from __future__ import annotations
 
@@ -11,8 +11,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 
 
 @contextmanager
-def progress(doing: str, total: int) -> Iterator[Callable[..., None]]:
-    """A progress bar, on a terminal; call what it yields after each step, with `doing=` to change the text."""
+def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
+    """Show a progress bar, on terminals only.
+
+    Args:
+        task: The text beside the bar.
+        total: The number of steps.
+
+    Yields:
+        `step(advance=1, task=None)`, to be called after each step; `task` replaces the text.
+    """
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -22,14 +30,14 @@ def progress(doing: str, total: int) -> Iterator[Callable[..., None]]:
     )
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(doing, total=total)
+        bar_task = bar.add_task(task, total=total)
 
-        def step(advance: int = 1, doing: str | None = None) -> None:
-            bar.update(task, advance=advance, description=doing)
+        def step(advance: int = 1, task: str | None = None) -> None:
+            bar.update(bar_task, advance=advance, description=task)
 
         yield step
 
 
 def note(text: str) -> None:
-    """One line for the person who waits."""
+    """Print a line to stderr."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(text, markup=False)

@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames to files.
+"""Frames to files: `export` writes frames of a stream into a folder, in one of several formats.
 
 ::
 
     exporter        export
-    manifest        tiscene.json: contents of a folder, digests, settings
+    manifest        tiscene.json: provenance, and digests of frames, buffers and files
+    manifest_difference  settings that keep an export from being continued
     png             one file per buffer
     exr             multi-part OpenEXR
     npz             NumPy archives
     cryptomatte     object and material mattes
     sailenv_layout  the layout of SAILenv's recordings
     frame_json      camera, events and objects of a frame
-    visualize       buffers as pictures
-    contact_sheet   one picture of many buffers
+    visualize       buffers as images
+    contact_sheet   one image of many buffers
     animated_image  WebP, GIF and APNG
 """
 
-from tiscene.export.exporter import EXPORTERS, NEEDED, SUMMARIES, export, made_by
+from tiscene.export.exporter import EXPORTERS, REQUIRED_BUFFERS, SUMMARIES, export, provenance
 from tiscene.export.manifest import Manifest
 
-__all__ = ["EXPORTERS", "NEEDED", "SUMMARIES", "Manifest", "export", "made_by"]
+__all__ = ["EXPORTERS", "REQUIRED_BUFFERS", "SUMMARIES", "Manifest", "export", "provenance"]

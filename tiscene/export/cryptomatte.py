@@ -90,7 +90,7 @@ def decode(path: str | Path) -> dict[str, Mattes]:
         header, channels = file.header(), file.channels()
         keys = [key.split("/")[1] for key in header if key.startswith("cryptomatte/") and key.endswith("/name")]
         if not keys:
-            raise ExportError(f"{str(path)!r} has no attribute cryptomatte/.../name: it holds no Cryptomatte")
+            raise ExportError(f"{str(path)!r} has no attribute cryptomatte/.../name: it has no Cryptomatte")
         result = {}
         for key in keys:
             layer = header[f"cryptomatte/{key}/name"]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write frames into a folder, with a manifest by which an interrupted export continues.
+"""Write frames of a stream into a folder, with a manifest by which an interrupted export is continued.
 
-A format is a module of this package with `encode(frame) -> {file name: contents}` and a line in EXPORTERS. Views of
-several cameras are written into one folder per camera.
+A format is a module of this package with `encode(frame) -> {file name: contents}` and an entry in EXPORTERS. The views
+of several cameras go into one folder per camera. One process at a time may write into a folder.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import tiscene
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import cryptomatte, exr, frame_json, npz, png, sailenv_layout
 from tiscene.export.manifest import NAME, Manifest, views_by_folder
-from tiscene.files import write_atomically
+from tiscene.export.manifest_difference import cure, differences
+from tiscene.files import FolderLockedError, lock_folder, write_atomically
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
@@ -29,12 +30,16 @@ EXPORTERS: Mapping[str, Callable[[Frame], dict[str, bytes]]] = {
     "png": png.encode,
     "sailenv": sailenv_layout.encode,
 }
-# What a format has to say of all frames together: names of the files, and their contents.
+# Files that a format writes once for all frames: their names, and the function that makes their contents.
 SUMMARIES: Mapping[str, tuple[Sequence[str], Callable[[Stream, Manifest], dict[str, bytes]]]] = {
     "sailenv": (sailenv_layout.SUMMARY, sailenv_layout.summary)
 }
-# What a format cannot do without.
-NEEDED: Mapping[str, Sequence[str]] = {"cryptomatte": cryptomatte.BUFFERS, "sailenv": sailenv_layout.BUFFERS}
+REQUIRED_BUFFERS: Mapping[str, Sequence[str]] = {
+    "cryptomatte": cryptomatte.BUFFERS,
+    "sailenv": sailenv_layout.BUFFERS,
+}
+MIN_SAVE_INTERVAL = 2.0  # s between two writes of the manifest
+MAX_SAVE_SHARE = 0.05  # of the time, spent on writing the manifest
 
 
 def export(
@@ -43,45 +48,65 @@ def export(
     *,
     format: str = "png",
     frames: Iterable[int] | None = None,
-    objects: bool = False,
+    objects: str | None = None,
     overwrite: bool = False,
     progress: Callable[[int, Frame | None], None] | None = None,
 ) -> Manifest:
-    """Write frames of a stream into a folder; return the manifest, which is saved there as `tiscene.json`.
+    """Write frames of a stream into a folder.
 
-    format: a key of EXPORTERS. frames: their indices, in any order; None for all of a finite stream.
-    objects: write the table of objects of each frame too, into the `labels` file that has the camera.
-    overwrite: remove what an earlier export with other settings left in the folder, instead of refusing.
-    progress: called after each frame with its index and the frame, or None where the files were already there.
+    A frame whose files are in the folder with the recorded bytes is not rendered again, so that the same call continues
+    an interrupted export.
 
-    A frame whose files are in the folder with the very bytes is not rendered again, so the same call goes on after an
-    interruption. Raises ExportError if the folder holds frames that were made otherwise, or cannot be written.
+    Args:
+        stream: The source of the frames.
+        folder: The folder to write; created if it does not exist.
+        format: A key of EXPORTERS.
+        frames: Frame indices in any order; None for all frames of a finite stream.
+        objects: Which rows of `frame.objects` are written to the `labels` file of each frame: "moving" (objects of the
+            scenario, and objects of the stage that have a velocity in that frame), "visible" (with at least one pixel
+            in the view) or "all"; None writes none.
+        overwrite: Delete the frames of an earlier export with other settings instead of refusing.
+        progress: Called after each frame with its index and the frame; None in place of a frame that was there already.
+
+    Returns:
+        The manifest, which is saved as `tiscene.json`.
+
+    Raises:
+        ArgumentError: An argument is invalid, or the format requires a buffer that the stream does not have.
+        ExportError: The folder holds frames of other settings, is being written by another process, or cannot be
+            written.
     """
     if format not in EXPORTERS:
         raise ArgumentError(f"format={format!r}: must be one of {', '.join(EXPORTERS)}")
-    missing = [name for name in NEEDED.get(format, ()) if name not in stream.buffers]
+    if objects is not None and objects not in frame_json.OBJECT_SELECTIONS:
+        raise ArgumentError(f"objects={objects!r}: must be None or one of {', '.join(frame_json.OBJECT_SELECTIONS)}")
+    missing = [name for name in REQUIRED_BUFFERS.get(format, ()) if name not in stream.buffers]
     if missing:
-        all_of_them = (*stream.buffers, *missing)
-        raise ArgumentError(f"format={format!r}: needs the buffer {missing[0]!r}; ask for buffers={all_of_them!r}")
+        required = (*stream.buffers, *missing)
+        raise ArgumentError(f"format={format!r} requires the buffer {missing[0]!r}: make the stream with buffers={required!r}")
     if frames is None:
         if stream.frames is None:
-            raise ArgumentError("an endless stream needs frames=range(...) to be exported")
+            raise ArgumentError("frames=None: the stream is endless; pass the frames to export, such as range(100)")
         frames = range(stream.frames)
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ExportError(f"cannot write into {str(folder)!r}: it is a file, not a folder")
-    wanted = made_by(stream, format, objects)
-    manifest = _continued(folder, wanted, overwrite)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_frames(stream, folder, frames, manifest, progress)
+        with lock_folder(folder):
+            manifest = _open_manifest(folder, provenance(stream, format, objects), overwrite)
+            _write_frames(stream, folder, frames, manifest, progress)
+    except FolderLockedError as error:
+        raise ExportError(
+            f"cannot write into {str(folder)!r}: {error}. Wait until it is done, or choose another folder."
+        ) from error
     except OSError as error:
         raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
     return manifest
 
 
-def made_by(stream: Stream, format: str, objects: bool) -> dict[str, Any]:
-    """Everything that decides the contents of the files, JSON-ready."""
+def provenance(stream: Stream, format: str, objects: str | None) -> dict[str, Any]:
+    """Return everything that decides the contents of the files, as JSON values."""
     return {
         "tiscene": tiscene.__version__,
         "format": format,
@@ -89,23 +114,24 @@ def made_by(stream: Stream, format: str, objects: bool) -> dict[str, Any]:
         "objects": objects,
         "settings": stream.settings(),
         "scenario": stream.scenario.to_json(),
-        "layers": stream.file_digests(),
+        "file_digests": stream.file_digests(),
     }
 
 
-def _continued(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Manifest:
-    """The folder's manifest if it was made in the same way, else a new one."""
+def _open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Manifest:
+    """Return the folder's manifest if it has the wanted provenance, else a new one."""
     present = Manifest.load(folder)
     if present is None:
         return Manifest(wanted)
-    differences = present.differences(wanted)
-    if not differences:
+    found = differences(present.provenance, wanted)
+    if not found:
         return present
     if not overwrite:
-        listing = "".join(f"\n  {line}" for line in differences)
+        listing = "".join(f"\n  {each}" for each in found)
         raise ExportError(
-            f"{str(folder)!r} holds frames that were made otherwise:{listing}\n"
-            "Choose another folder, or replace them with --overwrite (overwrite=True)."
+            f"{str(folder)!r} holds frames that were made with other settings:{listing}\n"
+            f"{cure(found, present.provenance)}To replace them, pass overwrite=True (--overwrite). "
+            "Otherwise choose another folder."
         )
     _remove(folder, present)
     return Manifest(wanted)
@@ -119,7 +145,7 @@ def _remove(folder: Path, manifest: Manifest) -> None:
             path = (folder / name).resolve()
             if path.is_relative_to(root):
                 path.unlink(missing_ok=True)
-    for name in SUMMARIES.get(manifest.made_by["format"], ((), None))[0]:
+    for name in SUMMARIES.get(manifest.provenance["format"], ((), None))[0]:
         for camera in manifest.folders:
             (folder / camera / name).unlink(missing_ok=True)
     (folder / NAME).unlink()
@@ -132,8 +158,9 @@ def _write_frames(
     manifest: Manifest,
     progress: Callable[[int, Frame | None], None] | None,
 ) -> None:
-    encode, objects = EXPORTERS[manifest.made_by["format"]], bool(manifest.made_by["objects"])
-    saved_at, saving_took = time.monotonic(), 0.0
+    """Render and write the frames that are not in the folder yet, and save the manifest now and then."""
+    encode, objects = EXPORTERS[manifest.provenance["format"]], manifest.provenance["objects"]
+    saved_at, save_duration = time.monotonic(), 0.0
     try:
         for index in indices:
             frame = None
@@ -152,15 +179,14 @@ def _write_frames(
                 manifest.record(frame, files)
             if progress is not None:
                 progress(index, frame)
-            # Often enough to lose little if killed, seldom enough that a long manifest costs less than 5 %.
-            if time.monotonic() - saved_at > max(2.0, 20.0 * saving_took):
+            if time.monotonic() - saved_at > max(MIN_SAVE_INTERVAL, save_duration / MAX_SAVE_SHARE):
                 began = time.monotonic()
                 manifest.save(folder)
                 saved_at = time.monotonic()
-                saving_took = saved_at - began
+                save_duration = saved_at - began
     finally:
         manifest.save(folder)
-        if manifest.made_by["format"] in SUMMARIES:
-            for name, data in SUMMARIES[manifest.made_by["format"]][1](stream, manifest).items():
+        if manifest.provenance["format"] in SUMMARIES:
+            for name, data in SUMMARIES[manifest.provenance["format"]][1](stream, manifest).items():
                 for camera in manifest.folders:
                     write_atomically(folder / camera / name, data)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a frame knows beside its pixels, as one JSON file: the camera, events, and the table of objects.
+"""The metadata of a frame as one JSON file: camera, events and object table.
 
-``labels/000012.json`` holds
+`labels/000012.json` holds
 
 - `index`, `time` (s), `spp`,
 - `camera`: `name`, `position` (m), `rotation` (w, x, y, z), `K` (3x3, px, pixel centers at whole numbers) and
   `world_from_camera` (4x4; x right, y down, z forward), `width`, `height` (px),
-- `events`: a row for each of `frame.events`, with the fields of `Event`,
-- `objects`, if asked for: a row for each live object with the columns of `ObjectTable.columns` and the names of its
-  `parts`; null stands for None.
+- `events`: one row for each of `frame.events`, with the fields of `Event`,
+- `objects`, if requested: one row for each selected object, with the columns of `ObjectTable.columns` and the names of
+  its `parts`; null for None.
 """
 
 from __future__ import annotations
@@ -20,16 +20,25 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
+    from tiscene.frame.object_table import ObjectRow
+
+OBJECT_SELECTIONS = ("moving", "visible", "all")
 
 
-def encode(frame: Frame, objects: bool) -> dict[str, bytes]:
-    """The file of a frame, name to contents."""
+def encode(frame: Frame, objects: str | None) -> dict[str, bytes]:
+    """Return the file of a frame by its name."""
     text = json.dumps(frame_labels(frame, objects), allow_nan=False, separators=(",", ":"))
     return {f"labels/{frame.index:06d}.json": text.encode() + b"\n"}
 
 
-def frame_labels(frame: Frame, objects: bool) -> dict[str, Any]:
-    """The labels as JSON values. objects: with the rows of `frame.objects`, whose pixel counts cost some rays."""
+def frame_labels(frame: Frame, objects: str | None) -> dict[str, Any]:
+    """Return the metadata of a frame as JSON values.
+
+    Args:
+        frame: The frame.
+        objects: Which rows of `frame.objects` are included, one of OBJECT_SELECTIONS (see `tiscene.export.export`);
+            None for no table. Amodal pixel counts cost extra rays.
+    """
     camera = frame.camera
     labels: dict[str, Any] = {
         "index": frame.index,
@@ -46,17 +55,27 @@ def frame_labels(frame: Frame, objects: bool) -> dict[str, Any]:
         },
         "events": [asdict(event) for event in frame.events],
     }
-    if objects:
+    if objects is not None:
         columns = {name: column.tolist() for name, column in frame.objects.columns().items()}
         labels["objects"] = [
-            {name: _plain(name, values[row]) for name, values in columns.items()} | {"parts": list(item.parts)}
+            {name: _json_cell(name, values[row]) for name, values in columns.items()} | {"parts": list(item.parts)}
             for row, item in enumerate(frame.objects)
+            if _is_selected(item, objects)
         ]
     return labels
 
 
-def _plain(name: str, value: Any) -> Any:
-    """A cell as JSON: null where the row has None, which a column writes as nan or as the last frame -1."""
+def _is_selected(row: ObjectRow, selection: str) -> bool:
+    match selection:
+        case "moving":
+            return bool(row.template) or any(row.velocity)
+        case "visible":
+            return row.visible_pixels > 0
+    return True
+
+
+def _json_cell(name: str, value: Any) -> Any:
+    """Return a cell of a column as JSON: null for nan, and for -1 in `last_frame`."""
     if name == "last_frame" and value == -1:
         return None
     if isinstance(value, list):

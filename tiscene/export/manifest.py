@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene.json`: what an export folder holds and how it was made, so that it can be verified and gone on with."""
+"""The manifest `tiscene.json` of an export folder: how its frames were made, and digests of frames, buffers and files.
+
+With it an interrupted export is continued, and a replay is verified. Digests are SHA-256, as hexadecimal digits.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +29,29 @@ NAME = "tiscene.json"
 class Manifest:
     """The contents of `tiscene.json`.
 
-    made_by: everything that decides the contents of the files (version, format, buffers, settings, scenario, layers).
-    categories: what the ids of `semantic` mean. materials: those of `material_coverage`, where that was asked for.
-    frames: for each index the digest of the frame, of each buffer (`buffer_digest`, whatever the file format) and of
-    each file (SHA-256 of its bytes). Where several cameras took it, names of buffers and files begin with a folder for
-    each.
+    Where several cameras took the frames, the names of buffers and files begin with a folder for each camera.
+
+    Attributes:
+        provenance: Everything that decides the contents of the files: version, format, buffers, objects, settings,
+            scenario, file_digests (of the scene and its templates).
+        categories: The names of the ids in `semantic`.
+        materials: The names of the ids in `material_coverage`; empty without that buffer.
+        frames: For each frame index the `digest` of the frame, of each of its `buffers` (`buffer_digest`, the same in
+            every format) and of each of its `files` (the bytes).
     """
 
-    made_by: dict[str, Any]
+    provenance: dict[str, Any]
     categories: dict[int, str] = field(default_factory=dict)
     materials: dict[int, str] = field(default_factory=dict)
     frames: dict[int, dict[str, Any]] = field(default_factory=dict)
 
     @classmethod
     def load(cls, folder: Path) -> Manifest | None:
-        """The manifest of a folder, None if it has none. Raises ExportError for a file that is not one."""
+        """Read the manifest of a folder; return None if it has none.
+
+        Raises:
+            ExportError: The file is not a manifest.
+        """
         path = folder / NAME
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
@@ -55,26 +66,27 @@ class Manifest:
             return None
         except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
             raise ExportError(
-                f"{path} is not a manifest of tiscene ({error!r}); choose another folder, or delete that file"
+                f"{path} is not a manifest of tiscene ({error!r}): choose another folder, or delete that file"
             ) from error
         return cls(content, categories, materials, frames)
 
     def save(self, folder: Path) -> None:
-        """Write it in one step: a reader sees the old manifest or the new one, never a part."""
+        """Write the file atomically: a reader sees the old manifest or the new one."""
         content = {
-            **self.made_by,
+            **self.provenance,
             "categories": {str(key): self.categories[key] for key in sorted(self.categories)},
             "materials": {str(key): self.materials[key] for key in sorted(self.materials)},
             "frames": {str(index): self.frames[index] for index in sorted(self.frames)},
         }
         write_atomically(folder / NAME, (json.dumps(content, indent=1) + "\n").encode())
 
-    def differences(self, made_by: dict[str, Any]) -> list[str]:
-        """One line for each thing that was made otherwise: "settings.seed: 0 there, 1 now"."""
-        return _differences("", self.made_by, json.loads(json.dumps(made_by)))
-
     def record(self, frame: Frame, files: dict[str, bytes]) -> None:
-        """Note a frame whose files are written."""
+        """Add a frame whose files have been written.
+
+        Args:
+            frame: The frame.
+            files: The contents of its files, by path relative to the folder.
+        """
         buffers = _buffer_digests(frame)
         self.frames[frame.index] = {
             "digest": _digest_of(buffers),
@@ -84,42 +96,44 @@ class Manifest:
 
     @property
     def folders(self) -> list[str]:
-        """Those of the cameras, each with a "/" at its end; [""] where only one took the frames."""
+        """The folders of the cameras, each with a "/" at its end; [""] for a single camera."""
         folders = {"".join(name.rpartition("/")[:2]) for entry in self.frames.values() for name in entry["buffers"]}
         return sorted(folders) or [""]
 
     def holds(self, folder: Path, index: int) -> bool:
-        """Whether every file of a frame is in the folder, with the very bytes."""
+        """Return whether every file of a frame is in the folder with the recorded digest."""
         files = self.frames.get(index, {}).get("files", {})
         return bool(files) and all(_file_digest(folder / name) == digest for name, digest in files.items())
 
 
 def buffer_digest(buffer: NDArray[Any]) -> str:
-    """SHA-256 of dtype, shape and little-endian bytes of an array, as hexadecimal digits."""
+    """Return the digest of the dtype, shape and little-endian bytes of an array."""
     array = np.ascontiguousarray(buffer, dtype=buffer.dtype.newbyteorder("<"))
     header = f"{array.dtype.str} {array.shape}\n"
     return hashlib.sha256(header.encode() + array.tobytes()).hexdigest()
 
 
 def frame_digest(frame: Frame) -> str:
-    """SHA-256 over the names and digests of a frame's buffers, in the order of the names."""
+    """Return the digest of the names and digests of a frame's buffers, sorted by name."""
     return _digest_of(_buffer_digests(frame))
 
 
 def views_by_folder(frame: Frame) -> dict[str, Frame]:
-    """What each camera saw, by the folder that its files are in, a "/" at its end; "" for a camera alone.
+    """Return the view of each camera by the folder of its files, which ends in "/"; {"": frame} for a single camera.
 
-    A folder is called as the camera, with `_` for what names of files should not hold. Raises ExportError if two
-    cameras would share one.
+    A folder has the camera's name, with `_` for characters that are unsafe in file names.
+
+    Raises:
+        ExportError: Two cameras would share a folder.
     """
-    if not frame.others:
+    if len(frame.views) == 1:
         return {"": frame}
     result: dict[str, Frame] = {}
     for name, view in frame.views.items():
         folder = re.sub(r"[^\w .-]|^[ .]|[ .]$", "_", name) + "/"
         if folder.lower() in map(str.lower, result):
             names = ", ".join(map(repr, frame.views))
-            raise ExportError(f"of the cameras {names} two would write into the folder {folder!r}: rename one")
+            raise ExportError(f"two of the cameras {names} would write into the folder {folder!r}: rename one")
         result[folder] = view
     return result
 
@@ -143,17 +157,3 @@ def _file_digest(path: Path) -> str | None:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None
-
-
-def _differences(where: str, there: Any, now: Any) -> list[str]:
-    if isinstance(there, dict) and isinstance(now, dict):
-        lines = []
-        for key in sorted({*there, *now}):
-            lines += _differences(f"{where}.{key}" if where else key, there.get(key), now.get(key))
-        return lines
-    return [] if there == now else [f"{where}: {_short(there)} there, {_short(now)} now"]
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
