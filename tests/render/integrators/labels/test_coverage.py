@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage: what fills how much of a pixel."""
+"""Coverage buffers: fractions of pixels by object and by material."""
 
 from dataclasses import replace
 
@@ -18,10 +18,11 @@ VIEW = still(CAMERA, WIDTH, HEIGHT)
 
 
 def weight_of(coverage: np.ndarray, id: int) -> np.ndarray:
+    """Return the fraction of each pixel that an id covers."""
     return np.where(coverage[..., 0] == id, coverage[..., 1], 0.0).sum(axis=-1)
 
 
-def test_edges_within_pixels_are_measured_to_a_sixteenth() -> None:
+def test_fractions_of_aligned_edges_are_exact() -> None:
     # 1 m is 25 px: the left edge at pixel corner 10.25, the right one at 30.75, upper and lower on corners.
     wide = Stage([plate(20.5 / 25, 10 / 25)], [Thing(0, [pose((0.5 / 25, 0, -2))], id=7)])
     coverage = wide.render(VIEW, "coverage")["coverage"]
@@ -32,8 +33,8 @@ def test_edges_within_pixels_are_measured_to_a_sixteenth() -> None:
     assert not coverage[..., 1:, :].any()
 
 
-def test_what_shares_a_pixel_is_ranked() -> None:
-    # From the left: 4 columns of sixteenths of 3, then of 9, and 5 behind both.
+def test_objects_in_pixel_are_ranked_by_fraction_then_id() -> None:
+    # A quarter of the pixel shows object 3, a quarter object 9, and the rest object 5 behind both.
     stage = Stage(
         [plate(1.0, 1.0)],
         [
@@ -47,7 +48,7 @@ def test_what_shares_a_pixel_is_ranked() -> None:
     assert not pixel[3:].any()
 
 
-def test_weights_are_those_of_a_picture_with_more_pixels() -> None:
+def test_fractions_match_larger_image() -> None:
     stage = crowd(60)
     view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 32, 24)
     coverage = stage.render(view, "coverage")["coverage"]
@@ -66,9 +67,9 @@ def test_weights_are_those_of_a_picture_with_more_pixels() -> None:
     np.testing.assert_array_equal(coverage[..., 0, 0][alone], center[alone])
 
 
-def test_materials_share_a_pixel_as_objects_do() -> None:
-    # A plate of two materials, 20.5 px wide, the diagonal from its lower left corner between them; the bar before it
-    # has the material of its upper half, and an id of its own.
+def test_material_fractions_within_one_object() -> None:
+    # A plate, 20.5 px wide, whose two triangles have different materials. The bar before it has the material of the
+    # upper one, and its own id.
     sheet = plate(20.5 / 25, 10 / 25)
     two = replace(sheet, materials=np.array([1, 2], np.int32))
     materials = [Material(name, prim_path=f"/Looks/{name}") for name in ("Unused", "Lower", "Upper")]
@@ -83,7 +84,7 @@ def test_materials_share_a_pixel_as_objects_do() -> None:
     assert lower[:, :9].max() == 0.0
     assert lower[19, 29] == 1.0
     assert upper[11, 11] == 1.0
-    np.testing.assert_array_equal(upper[13:17], 1.0)  # the bar hides the plate there, and has its material alone
+    np.testing.assert_array_equal(upper[13:17], 1.0)  # only the bar is visible there
     assert lower[17:20].sum() == pytest.approx(3 * 20.5 - upper[17:20].sum(), abs=1e-6)
     shared = (lower > 0.0) & (upper > 0.0) & (lower + upper == 1.0)
     shared[12:18] = False
@@ -93,8 +94,8 @@ def test_materials_share_a_pixel_as_objects_do() -> None:
     np.testing.assert_array_equal(alone, by_material)
 
 
-def test_materials_of_one_name_are_one() -> None:
-    # As of one prim whose inputs differ between the meshes that it is bound to.
+def test_materials_of_same_prim_share_number() -> None:
+    # One prim may give several materials, if its inputs differ between the meshes that it is bound to.
     materials = [
         Material("a", prim_path="/Looks/A"),
         Material("b"),
@@ -107,8 +108,8 @@ def test_materials_of_one_name_are_one() -> None:
     np.testing.assert_array_equal(coverage[15, [12, 20, 28], 0], [[1, 1.0], [2, 1.0], [1, 1.0]])
 
 
-def test_more_objects_than_ranks_leave_out_the_smallest() -> None:
-    # One in each cell of 4 x 4 in a pixel, which is 4 cm wide there.
+def test_more_objects_than_ranks_keep_lowest_ids() -> None:
+    # One object per cell of a 4 x 4 grid in a pixel, which is 4 cm wide there.
     things = [Thing(0, [pose((0.02 + 0.01 * (i % 4 - 1.5), 0.02 + 0.01 * (i // 4 - 1.5), -2))]) for i in range(16)]
     pixel = Stage([plate(0.01, 0.01)], things).render(VIEW, "coverage")["coverage"][14, 20]
     np.testing.assert_array_equal(pixel, [[id, 1 / 16] for id in range(1, 7)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of meshes that deform: every buffer follows the points of the surface."""
+"""Labels of deforming meshes, and refitted BVHs."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ SECONDS = np.array([0.25, 0.5, 0.75])
 
 
 def stretching(width: float = 2.0, height: float = 1.0):
-    """A plate that becomes twice as wide in one second, by its middle line, and comes a meter nearer."""
+    """Return a plate that doubles its width about its middle line and comes one meter nearer within one second."""
     still_plate = plate(width, height)
     start = still_plate.positions
     end = start * np.array([2.0, 1.0, 1.0], np.float32) + np.array([0.0, 0.0, 1.0], np.float32)
@@ -32,11 +32,12 @@ def stretching(width: float = 2.0, height: float = 1.0):
 
 
 def pixel_of(point):
+    """Project world points to px."""
     return np.array([point[..., 0], -point[..., 1]]).transpose(1, 2, 0) / -point[..., 2:] * FOCAL + (31.5, 23.5)
 
 
-def test_flow_follows_the_points_of_the_surface():
-    """Where a point will be is known in closed form: x grows by 1 + t, z by t."""
+def test_flow_follows_surface_points():
+    """Closed form: x scales by 1 + t, z grows by t."""
     stage = Stage([stretching()], [Thing(0, [pose((0.1, 0.0, -5.0))])])
     stage.scene.place(replace(stage.placement, seconds=SECONDS), ALL_TIMES)
     labels = stage.render(VIEW, *LABELS)
@@ -56,8 +57,8 @@ def test_flow_follows_the_points_of_the_surface():
     np.testing.assert_allclose(labels["position"][hit], at_half[hit], atol=1e-5)
 
 
-def test_a_camera_and_an_instance_that_move_add_to_it():
-    """A sphere that only grows, seen from a moving camera: as the same sphere scaled by its instance."""
+def test_flow_combines_deformation_instance_and_camera_motion():
+    """A sphere that grows by deformation equals the same sphere scaled by its instance, before a moving camera."""
     ball = mesh_of(trimesh.creation.icosphere(subdivisions=2, radius=0.5), smooth=True)
     grown = np.stack([ball.positions, ball.positions * np.float32(2.0)])
     growing = replace(ball, deformation=Deformation(np.array([0.0, 1.0]), grown, np.stack([ball.normals] * 2)))
@@ -77,8 +78,8 @@ def test_a_camera_and_an_instance_that_move_add_to_it():
         assert near.mean() > 0.999, name
 
 
-def test_occlusion_is_of_the_other_time_s_shape():
-    """A strip that grows over a resting wall: what it will cover is hidden at the next frame, not before."""
+def test_occlusion_uses_shape_at_other_time():
+    """A strip that grows in front of a static wall occludes at the next frame what it will cover."""
     strip = plate(1.0, 10.0)
     wide = strip.positions * np.array([3.0, 1.0, 1.0], np.float32)
     growing = replace(strip, deformation=Deformation(np.array([0.0, 1.0]), np.stack([strip.positions, wide])))
@@ -93,7 +94,7 @@ def test_occlusion_is_of_the_other_time_s_shape():
     assert not labels["backward_occlusion"][24].any()
 
 
-def test_a_point_at_rest_of_a_mesh_that_deforms_has_no_flow():
+def test_static_points_of_deforming_mesh_have_zero_flow():
     square = plate(2.0, 2.0)
     end = square.positions.copy()
     end[2:, 1] += 0.5
@@ -107,12 +108,12 @@ def test_a_point_at_rest_of_a_mesh_that_deforms_has_no_flow():
 
 
 @pytest.mark.parametrize("traversal", ["bvh8", "bvh2"])
-def test_a_refitted_tree_finds_what_a_new_one_finds(traversal):
-    """A sphere whose points all go astray, in several instances; its triangles begin as one point each."""
+def test_refitted_bvh_finds_same_hits_as_new_one(traversal):
+    """A sphere whose vertices move randomly, in several instances; its triangles begin degenerate."""
     random = np.random.default_rng(3)
     ball = shape(trimesh.creation.icosphere(subdivisions=3))
-    astray = (ball.positions * random.uniform(0.3, 2.0, (len(ball.positions), 1))).astype(np.float32)
-    samples = np.stack([np.zeros_like(astray), astray, ball.positions])
+    displaced = (ball.positions * random.uniform(0.3, 2.0, (len(ball.positions), 1))).astype(np.float32)
+    samples = np.stack([np.zeros_like(displaced), displaced, ball.positions])
     deforming = replace(ball, positions=samples[0], deformation=Deformation(np.array([0.0, 1.0, 2.0]), samples))
     matrices = [pose((0, 0, 0)), pose((3, 1, 0), (0.3, 1, 0, 0.2), 0.5)]
     placement = placed([0, 0], matrices)
@@ -128,7 +129,7 @@ def test_a_refitted_tree_finds_what_a_new_one_finds(traversal):
     assert trace_rays(scene, rays, PREVIOUS).instance.max() == -1
 
 
-def test_what_was_shown_before_does_not_matter():
+def test_labels_do_not_depend_on_earlier_placements():
     made = []
     for order in ((0.1, 0.9, 0.4), (0.4,)):
         stage = Stage([stretching()], [Thing(0, [pose((0.1, 0.0, -5.0))])])
@@ -140,7 +141,7 @@ def test_what_was_shown_before_does_not_matter():
         np.testing.assert_array_equal(made[0][name], made[1][name], name)
 
 
-def test_meshes_added_later_leave_it_where_it_is():
+def test_adding_meshes_does_not_change_deforming_mesh():
     scene = DeviceScene()
     scene.add(described(stretching()))
     placement = replace(placed([0], pose((0, 0, -5))[None]), seconds=SECONDS)

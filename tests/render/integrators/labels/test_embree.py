@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The label pass against Embree, which sees the same triangles as one flat mesh in the world."""
+"""The label pass against Embree, on the same triangles as one mesh in world space."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ CAMERA = Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0))
 
 
 def flattened(stage: Stage) -> tuple[trimesh.Trimesh, NDArray[np.int32]]:
-    """All triangles in the world, and the instance id of each."""
+    """Return all triangles in world space, and the instance id of each."""
     vertices, faces, ids, count = [], [], [], 0
     for row, thing in enumerate(stage.things):
         mesh = stage.meshes[thing.mesh]
@@ -31,7 +31,7 @@ def flattened(stage: Stage) -> tuple[trimesh.Trimesh, NDArray[np.int32]]:
 
 @pytest.fixture(scope="module")
 def compared() -> dict[str, NDArray]:
-    """Labels, and Embree's triangle normal, instance and depth at each pixel."""
+    """Labels, and Embree's instance, depth, distance, position and normal at each pixel."""
     stage = crowd()
     assert len(stage.things) >= 200
     whole, ids = flattened(stage)
@@ -56,24 +56,24 @@ def compared() -> dict[str, NDArray]:
     }
 
 
-def test_the_scene_is_worth_comparing(compared: dict[str, NDArray]) -> None:
+def test_scene_shows_many_instances_and_background(compared: dict[str, NDArray]) -> None:
     assert len(np.unique(compared["instance"])) > 150
     assert 0.01 < np.mean(compared["instance"] == 0) < 0.5
 
 
-def test_instances_agree(compared: dict[str, NDArray]) -> None:
+def test_instances_match_embree(compared: dict[str, NDArray]) -> None:
     assert np.mean(compared["instance"] == compared["embree_instance"]) >= 0.999
 
 
 @pytest.mark.parametrize("name", ["depth", "distance"])
-def test_distances_agree(compared: dict[str, NDArray], name: str) -> None:
+def test_distances_match_embree(compared: dict[str, NDArray], name: str) -> None:
     ours, theirs = compared[name], compared[f"embree_{name}"]
     assert np.mean(np.isclose(ours, theirs, rtol=1e-4, atol=0.0)) >= 0.999
 
 
-def test_positions_and_normals_agree(compared: dict[str, NDArray]) -> None:
+def test_positions_and_normals_match_embree(compared: dict[str, NDArray]) -> None:
     same = (compared["instance"] == compared["embree_instance"]) & (compared["instance"] > 0)
     apart = np.linalg.norm(compared["position"] - compared["embree_position"], axis=-1)[same]
     assert np.mean(apart < 1e-4) >= 0.999
     cosine = np.sum(compared["geometric_normal"] * compared["embree_normal"], axis=-1)[same]
-    assert np.mean(cosine > 0.9999) >= 0.998  # a hit on the edge of two triangles may be either's
+    assert np.mean(cosine > 0.9999) >= 0.998  # on a shared edge either triangle may be hit

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flow and scene flow against plain numpy in double precision: boxes hit by slabs, moved, and projected with K."""
+"""Flow and scene flow against NumPy in double precision: ray-box slabs, rigid motion, projection with K."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ OTHER_TIMES = [("forward_flow", NEXT), ("backward_flow", PREVIOUS)]
 
 
 def moving_boxes(origin: tuple[float, float, float]) -> Stage:
-    """Nine boxes that fly and tumble about a place in the world."""
+    """Return nine boxes around `origin` that translate and rotate."""
     random = np.random.default_rng(3)
     things = []
     for cell in range(9):
@@ -31,7 +31,7 @@ def moving_boxes(origin: tuple[float, float, float]) -> Stage:
 
 
 def moving_view(origin: tuple[float, float, float]) -> View:
-    """A camera that travels, turns and zooms."""
+    """Return a view whose camera translates, rotates and zooms."""
     cameras = [
         Camera.look_at(
             tuple(np.array([0.3 + 0.05 * time, 0.4, 4.0 - 0.07 * time]) + origin),
@@ -44,21 +44,21 @@ def moving_view(origin: tuple[float, float, float]) -> View:
 
 
 def pixel_directions(camera: Camera) -> NDArray[np.float64]:
-    """Through every pixel's center, world, z = 1 in the camera: [height, width, 3]."""
+    """Return world directions through the pixel centers, with z = 1 in the camera, [height, width, 3]."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
     return pixels @ np.linalg.inv(camera.intrinsics(WIDTH, HEIGHT)).T @ camera.world_from_camera()[:3, :3].T
 
 
 def projected(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """World points in px."""
+    """Project world points to px."""
     inverse = np.linalg.inv(camera.world_from_camera())
     seen = (points @ inverse[:3, :3].T + inverse[:3, 3]) @ camera.intrinsics(WIDTH, HEIGHT).T
     return seen[..., :2] / seen[..., 2:]
 
 
 def points_on_boxes(stage: Stage, view: View, instance: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Where each pixel's ray enters the box of its instance, in the box's own space: [height, width, 3]."""
+    """Return where each pixel's ray enters its instance's box, in the box's object space, [height, width, 3]."""
     rows = np.maximum(instance - 1, 0)
     matrices = stage.placement.world_from_object[CURRENT][rows]
     inverse = np.linalg.inv(matrices[..., :3])
@@ -71,13 +71,13 @@ def points_on_boxes(stage: Stage, view: View, instance: NDArray[np.int32]) -> ND
 
 
 def moved(stage: Stage, time: int, instance: NDArray[np.int32], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of boxes in the world at a time."""
+    """Transform points of boxes to world space at a time."""
     matrices = stage.placement.world_from_object[time][np.maximum(instance - 1, 0)]
     return np.einsum("yxij,yxj->yxi", matrices[..., :3], points) + matrices[..., 3]
 
 
 def flow_errors(name: str, time: int, origin: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Of all pixels that show a box, px."""
+    """Return the errors of a flow buffer at all pixels that show a box, px."""
     stage, view = moving_boxes(origin), moving_view(origin)
     labels = stage.render(view, name, "instance")
     instance = labels["instance"]
@@ -93,20 +93,20 @@ def flow_errors(name: str, time: int, origin: tuple[float, float, float]) -> NDA
 
 
 @pytest.mark.parametrize(("name", "time"), OTHER_TIMES)
-def test_flow_is_the_projection_of_the_moved_point(name: str, time: int) -> None:
+def test_flow_is_projection_of_moved_point(name: str, time: int) -> None:
     assert flow_errors(name, time, (0.0, 0.0, 0.0)).max() < 2e-4
 
 
 @pytest.mark.parametrize(("name", "time"), OTHER_TIMES)
-def test_flow_stays_exact_a_kilometer_from_the_origin(name: str, time: int) -> None:
-    """Rays start at rounded places there (0.06 mm), which only surfaces seen at a grazing angle notice."""
+def test_flow_is_exact_one_kilometer_from_origin(name: str, time: int) -> None:
+    """Ray origins are rounded there (0.06 mm), which affects surfaces at grazing angles only."""
     errors = flow_errors(name, time, (300.0, -20.0, 1000.0))
     assert np.mean(errors < 1e-3) > 0.99
     assert errors.max() < 0.05
 
 
 @pytest.mark.parametrize(("name", "time"), OTHER_TIMES)
-def test_background_flow_is_the_camera_s_turn(name: str, time: int) -> None:
+def test_background_flow_is_camera_rotation(name: str, time: int) -> None:
     stage, view = moving_boxes((0.0, 0.0, 0.0)), moving_view((0.0, 0.0, 0.0))
     labels = stage.render(view, name, "instance")
     # Infinitely far: 1e9 m is near enough for a camera that moved by centimeters.
@@ -117,7 +117,7 @@ def test_background_flow_is_the_camera_s_turn(name: str, time: int) -> None:
     np.testing.assert_allclose(labels[name][background], expected[background], atol=1e-3)
 
 
-def test_scene_flow_is_the_displacement_in_the_world() -> None:
+def test_scene_flow_is_world_displacement() -> None:
     stage, view = moving_boxes((0.0, 0.0, 0.0)), moving_view((0.0, 0.0, 0.0))
     labels = stage.render(view, "scene_flow", "instance")
     instance = labels["instance"]
@@ -127,7 +127,7 @@ def test_scene_flow_is_the_displacement_in_the_world() -> None:
     np.testing.assert_allclose(labels["scene_flow"], expected, atol=1e-5)
 
 
-def test_what_stands_still_before_a_still_camera_has_exactly_no_flow() -> None:
+def test_static_objects_before_static_camera_have_zero_flow() -> None:
     stage = crowd(60)
     for thing in stage.things:
         thing.poses = [thing.poses[-1]] * 3
@@ -138,8 +138,8 @@ def test_what_stands_still_before_a_still_camera_has_exactly_no_flow() -> None:
         assert not flow.any(), name
 
 
-def test_forward_and_backward_are_each_other_s_inverse() -> None:
-    """Where the point of a pixel goes to, the next frame's backward flow points home (on smooth interiors)."""
+def test_backward_flow_inverts_forward_flow() -> None:
+    """Where a pixel's point moves to, the next frame's backward flow points back, on the interior of a face."""
     positions = [(0.0, 0.0, -4.0), (0.11, 0.05, -4.0), (0.22, 0.1, -4.0), (0.33, 0.15, -4.0)]
     box = mesh_of(trimesh.creation.box((2.0, 2.0, 0.5)))
     view = still(Camera(position=(0.0, 0.0, 0.0)), WIDTH, HEIGHT)
@@ -159,7 +159,7 @@ def test_forward_and_backward_are_each_other_s_inverse() -> None:
     np.testing.assert_allclose(back[interior], -flow[interior], atol=1e-3)
 
 
-def test_a_point_that_goes_behind_the_camera_has_a_finite_flow_and_is_occluded() -> None:
+def test_point_moving_behind_camera_has_finite_flow_and_is_occluded() -> None:
     box = mesh_of(trimesh.creation.box((1.0, 1.0, 1.0)))
     poses = [pose((0, 0, z)) for z in (-4.0, -2.0, 3.0)]
     stage = Stage([box], [Thing(0, poses)])
@@ -172,8 +172,8 @@ def test_a_point_that_goes_behind_the_camera_has_a_finite_flow_and_is_occluded()
     assert labels["forward_occlusion"][hit].all()
 
 
-def test_poses_in_any_row_of_a_placement_give_the_same_bytes() -> None:
-    """Vectorised sums may round differently at the end of an array; ours do not."""
+def test_instance_motion_bytes_do_not_depend_on_row() -> None:
+    """SIMD sums may round differently at the end of an array."""
     stage = crowd(37)
     same = np.repeat(stage.placement.world_from_object[:, 5:6], 37, axis=1)
     placement = type(stage.placement)(**{**vars(stage.placement), "world_from_object": same})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each label buffer says about surfaces and the background."""
+"""Each label buffer on surfaces and on the background: values, types, independence of other buffers and threads."""
 
 import json
 import subprocess
@@ -28,21 +28,21 @@ VIEW = still(CAMERA, WIDTH, HEIGHT)
 QUARTER_TURN = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)  # about y: +z becomes +x
 
 
-def test_every_label_has_its_type_shape_and_background() -> None:
+def test_labels_have_registered_type_shape_and_background() -> None:
     stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 5))])])  # behind the camera
     labels = stage.render(VIEW, *LABELS)
     assert list(labels) == list(LABELS)
     for name, array in labels.items():
-        aov = BUFFERS[name]
-        assert array.shape == aov.shape(WIDTH, HEIGHT)
-        assert array.dtype == aov.dtype
+        buffer = BUFFERS[name]
+        assert array.shape == buffer.shape(WIDTH, HEIGHT)
+        assert array.dtype == buffer.dtype
         assert array.flags.writeable
-        if aov.background is not None:
-            np.testing.assert_array_equal(array, np.full_like(array, aov.background), name)
-    assert not labels["forward_flow"].any()  # the camera rests
+        if buffer.background is not None:
+            np.testing.assert_array_equal(array, np.full_like(array, buffer.background), name)
+    assert not labels["forward_flow"].any()  # the camera is static
 
 
-def test_parts_count_on_from_that_of_their_instance() -> None:
+def test_part_numbers_add_first_part_of_instance() -> None:
     corners = [[-9, -9, -3], [9, -9, -3], [9, 9, -3], [-9, 9, -3]]
     in_two = replace(mesh(corners, [[0, 1, 2], [0, 2, 3]]), parts=np.array([0, 2], np.int32))
     scene = DeviceScene()
@@ -56,7 +56,7 @@ def test_parts_count_on_from_that_of_their_instance() -> None:
     assert set(np.unique(LabelPass(scene).render(VIEW, ("part",))["part"])) == {1, 3}
 
 
-def test_an_empty_scene_is_all_background() -> None:
+def test_empty_scene_is_background() -> None:
     scene = DeviceScene()
     scene.place(scene.placement, (0, 1, 2))
     labels = LabelPass(scene).render(VIEW, LABELS)
@@ -65,7 +65,7 @@ def test_an_empty_scene_is_all_background() -> None:
     assert labels["forward_occlusion"].all()
 
 
-def test_a_plate_across_the_view() -> None:
+def test_geometry_labels_of_plate_match_closed_form() -> None:
     stage = Stage([plate(2.0, 1.0)], [Thing(0, [pose((0.52, 0.25, -2.0))], category=700, id=41)])
     labels = stage.render(VIEW, *LABELS)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -87,7 +87,7 @@ def test_a_plate_across_the_view() -> None:
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-def test_normals_face_the_viewer_from_both_sides_and_under_a_mirror(smooth: bool) -> None:
+def test_normals_face_camera_from_inside_and_in_mirrored_instances(smooth: bool) -> None:
     ball = mesh_of(trimesh.creation.icosphere(subdivisions=3, radius=1.0), smooth=smooth)
     mirrored = pose((0, 0, -3)) * (-1.0, 1.0, 1.0, 1.0)
     outside = Stage([ball], [Thing(0, [pose((0, 0, -3))])]).render(VIEW, "normal", "position")
@@ -103,12 +103,12 @@ def test_normals_face_the_viewer_from_both_sides_and_under_a_mirror(smooth: bool
         np.testing.assert_allclose(np.linalg.norm(labels["normal"][hit], axis=1), 1.0, atol=1e-6)
 
 
-def test_materials_are_read_at_the_surface_and_mirrors_show_what_they_reflect() -> None:
+def test_material_labels_of_mirrors_are_those_of_reflected_surfaces() -> None:
     materials = [
         Material("red", diffuse_color=(0.8, 0.1, 0.1), roughness=0.7, metallic=0.2),
         Material("mirror", diffuse_color=(0.9, 0.9, 0.9), roughness=0.0, metallic=1.0),
     ]
-    # A mirror at 45 degrees in the middle of the view shows a red strip that stands far to the left, out of sight.
+    # A mirror at 45 degrees in the middle of the view shows a red strip far to the left, outside the view.
     stage = Stage(
         [plate(3.0, 1.0, material=1), plate(40.0, 0.5, material=0), plate(0.5, 0.5, material=0)],
         [
@@ -133,7 +133,7 @@ def test_materials_are_read_at_the_surface_and_mirrors_show_what_they_reflect() 
     assert labels["roughness"][rows[0], 40] == 0.0
 
 
-def test_albedo_of_a_textured_plate() -> None:
+def test_albedo_follows_texture() -> None:
     pixels = np.zeros((1, 2, 4), np.float32)
     pixels[0, 0], pixels[0, 1] = (1.0, 0.5, 0.0, 1.0), (0.0, 0.5, 1.0, 1.0)
     texture = Texture("two", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
@@ -148,7 +148,7 @@ def test_albedo_of_a_textured_plate() -> None:
     np.testing.assert_allclose(albedo[:, -15:], np.broadcast_to((0.0, 0.5, 1.0), (HEIGHT, 15, 3)), atol=1e-5)
 
 
-def test_filtered_albedo_is_the_mean_of_what_a_pixel_cannot_tell_apart() -> None:
+def test_filtered_albedo_averages_texels_within_pixel() -> None:
     codes = np.random.default_rng(0).integers(0, 2, (1024, 1024, 1), np.uint8) * 255
     pixels = np.concatenate([np.repeat(codes, 3, axis=2), np.full_like(codes, 255)], axis=2)
     stage = Stage(
@@ -167,7 +167,15 @@ def test_filtered_albedo_is_the_mean_of_what_a_pixel_cannot_tell_apart() -> None
 
 
 def curtain(rows: int, step: float = 0.0) -> tuple[Stage, np.ndarray]:
-    """Plates 2 m away, one behind the other, each with a hole (opacity 0) for its right half, before a wall."""
+    """Return plates 2 m away, one behind the other, whose right halves have opacity 0, before a wall.
+
+    Args:
+        rows: Number of plates.
+        step: Movement of the wall per frame, m.
+
+    Returns:
+        The stage, and the mask of opaque plate pixels [HEIGHT, WIDTH].
+    """
     pixels = np.ones((1, 2, 4), np.float32)
     pixels[0, 1, 3] = 0.0
     holes = TextureLookup(0, channel="a")
@@ -180,11 +188,11 @@ def curtain(rows: int, step: float = 0.0) -> tuple[Stage, np.ndarray]:
         [Texture("hole", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")],
     )
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    return stage, (np.abs(x - 39.5) < 25) & (np.abs(y - 29.5) < 25) & (x < 40)  # where there is lace
+    return stage, (np.abs(x - 39.5) < 25) & (np.abs(y - 29.5) < 25) & (x < 40)  # opaque half
 
 
 @pytest.mark.parametrize("rows", [1, 5])
-def test_what_is_painted_absent_is_not_there(rows: int) -> None:
+def test_alpha_rejected_surfaces_are_not_labeled(rows: int) -> None:
     stage, lace = curtain(rows)
     labels = stage.render(VIEW, "instance", "depth", "distance", "albedo")
     np.testing.assert_array_equal(labels["instance"], np.where(lace, 1, rows + 1))
@@ -193,7 +201,7 @@ def test_what_is_painted_absent_is_not_there(rows: int) -> None:
     np.testing.assert_allclose(wall, np.broadcast_to((0.1, 0.2, 0.3), wall.shape), atol=1e-6)
 
 
-def test_what_is_painted_absent_hides_nothing() -> None:
+def test_alpha_rejected_surfaces_do_not_occlude() -> None:
     stage, lace = curtain(3, step=0.4)  # wall points move by 5 px
     occluded = stage.render(VIEW, "forward_occlusion")["forward_occlusion"]
     arrives = np.zeros_like(lace)
@@ -202,7 +210,7 @@ def test_what_is_painted_absent_hides_nothing() -> None:
     np.testing.assert_array_equal(occluded, ~lace & (arrives | outside))
 
 
-def test_a_buffer_does_not_depend_on_which_others_are_asked_for() -> None:
+def test_buffer_does_not_depend_on_other_requested_buffers() -> None:
     stage = crowd(40)
     view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), WIDTH, HEIGHT)
     together = stage.render(view, *LABELS)
@@ -212,7 +220,7 @@ def test_a_buffer_does_not_depend_on_which_others_are_asked_for() -> None:
         assert alone[name].tobytes() == together[name].tobytes(), name
 
 
-def test_sizes_may_change_from_frame_to_frame() -> None:
+def test_image_size_may_change_between_frames() -> None:
     stage = Stage([plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -2))])])
     for width, height in ((33, 7), (1, 1), (64, 64), (5, 90)):
         labels = stage.render(still(CAMERA, width, height), "instance", "forward_occlusion", "albedo")
@@ -221,7 +229,7 @@ def test_sizes_may_change_from_frame_to_frame() -> None:
         assert not labels["forward_occlusion"].any()
 
 
-def test_only_labels_can_be_asked_for() -> None:
+def test_unknown_label_raises_and_suggests() -> None:
     stage = Stage([plate(1.0, 1.0)], [])
     with pytest.raises(BufferNotFound, match="Did you mean 'depth'"):
         stage.render(VIEW, "dept")
@@ -231,7 +239,7 @@ def test_only_labels_can_be_asked_for() -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (8, 8), (9, 17), (256, 192), (7, 100)])
-def test_the_tiled_order_visits_every_pixel_once(width: int, height: int) -> None:
+def test_tiled_order_is_a_permutation(width: int, height: int) -> None:
     order = tiled_order(width, height)
     assert order.dtype == np.int32
     np.testing.assert_array_equal(np.sort(order), np.arange(width * height))
@@ -243,7 +251,7 @@ from tiscene.device import runtime
 runtime.start(threads=int(sys.argv[1]))
 from tests.render.label_scenes import crowd
 from tiscene.scene.camera import Camera
-from tiscene.render.aovs import LABELS
+from tiscene.frame.buffers import LABELS
 from tiscene.render.view import View
 camera = Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0))
 view = View(camera, camera, camera.with_pose((1.1, 0.8, 7.5), camera.rotation), 96, 72)
@@ -252,7 +260,7 @@ print(json.dumps({name: hashlib.sha256(array.tobytes()).hexdigest() for name, ar
 """
 
 
-def test_one_thread_and_two_give_the_same_bytes() -> None:
+def test_bytes_do_not_depend_on_threads() -> None:
     digests = []
     for threads in ("1", "2"):
         done = subprocess.run([sys.executable, "-c", _DIGESTS, threads], capture_output=True, text=True, check=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Occlusion masks on scenes of plates, where lines of sight can be worked out by hand."""
+"""Occlusion masks of plates, for which lines of sight are known in closed form."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,13 @@ MASKS = ("forward_occlusion", "backward_occlusion")
 
 
 def centers() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of all pixels, from the picture's center, px right and up."""
+    """Return the pixel coordinates relative to the image center, px right and up."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     return x - 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1) - y
 
 
-def test_a_plate_that_passes_before_another_one() -> None:
-    # The near plate, 1 m wide at 2 m, steps 0.4 m = 20 px to the right; the far one covers the picture and rests.
+def test_plate_passing_in_front_occludes() -> None:
+    # The near plate, 1 m wide at 2 m, steps 0.4 m = 20 px to the right; the far one covers the image and is static.
     near, far = plate(1.0, 1.0), plate(20.0, 20.0)
     stage = Stage(
         [near, far], [Thing(0, [pose((0.4 * time, 0, -2)) for time in (-1, 0, 1)]), Thing(1, [pose((0, 0, -4))])]
@@ -36,8 +36,8 @@ def test_a_plate_that_passes_before_another_one() -> None:
     np.testing.assert_array_equal(labels["backward_occlusion"], before & ~now)
 
 
-def test_a_plate_that_leaves_the_picture() -> None:
-    # 1 m wide at 2 m, its right edge 5 px inside the picture; it steps 15 px to the right.
+def test_points_leaving_the_image_are_occluded() -> None:
+    # 1 m wide at 2 m, its right edge 5 px inside the image; it steps 15 px to the right.
     start = (80 - 5 - 25) * 2.0 / FOCAL
     stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((start + 0.3 * time, 0, -2)) for time in (-1, 0, 1)])])
     labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
@@ -48,7 +48,7 @@ def test_a_plate_that_leaves_the_picture() -> None:
     np.testing.assert_array_equal(labels["backward_occlusion"], ~hit)
 
 
-def test_what_is_despawned_or_not_yet_spawned_is_occluded_and_hides_nothing() -> None:
+def test_absent_instances_are_occluded_and_do_not_occlude() -> None:
     left, right = pose((-1, 0, -2)), pose((1, 0, -2))
     stage = Stage(
         [plate(1.0, 1.0), plate(20.0, 20.0)],
@@ -61,10 +61,10 @@ def test_what_is_despawned_or_not_yet_spawned_is_occluded_and_hides_nothing() ->
     labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance", "forward_flow")
     np.testing.assert_array_equal(labels["forward_occlusion"], labels["instance"] == 1)
     np.testing.assert_array_equal(labels["backward_occlusion"], labels["instance"] == 2)
-    assert not labels["forward_flow"].any()  # the flow is that of the planned pose
+    assert not labels["forward_flow"].any()  # flow follows the planned pose
 
 
-def test_what_appears_in_front_hides() -> None:
+def test_instance_spawned_in_front_occludes() -> None:
     stage = Stage(
         [plate(1.0, 1.0), plate(20.0, 20.0)],
         [Thing(0, [pose((0, 0, -2))], present=(False, False, True)), Thing(1, [pose((0, 0, -4))])],
@@ -76,8 +76,8 @@ def test_what_appears_in_front_hides() -> None:
     assert not labels["backward_occlusion"].any()
 
 
-def test_a_camera_that_steps_aside_uncovers_by_parallax() -> None:
-    # A 1 m plate at 2 m before a wall at 4 m; the camera steps 0.48 m to the right. In the new picture the plate
+def test_camera_translation_occludes_by_parallax() -> None:
+    # A 1 m plate at 2 m before a wall at 4 m; the camera steps 0.48 m to the right. In the new image the plate
     # covers -49..1 px and a wall point moves by 12 px, so old wall pixels x with -49 < x - 12 < 1 lose sight.
     stage = Stage([plate(1.0, 1.0), plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -2))]), Thing(1, [pose((0, 0, -4))])])
     after = CAMERA.with_pose((0.48, 0.0, 0.0), CAMERA.rotation)
@@ -90,8 +90,8 @@ def test_a_camera_that_steps_aside_uncovers_by_parallax() -> None:
     np.testing.assert_array_equal(labels["backward_occlusion"], np.zeros_like(wall))
 
 
-def test_grazing_surfaces_do_not_hide_themselves() -> None:
-    # A floor seen at under one degree, rolling past a camera that moves: everything in view stays in view.
+def test_grazing_surfaces_do_not_occlude_themselves() -> None:
+    # A moving floor at a grazing angle below one degree, before a moving camera: all visible points stay visible.
     turn = (np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0)
     stage = Stage([plate(400.0, 400.0)], [Thing(0, [pose((0.01 * time, -0.3, 0), turn) for time in (-1, 0, 1)])])
     view = View(*(CAMERA.with_pose((0, 0, 0.05 * time), CAMERA.rotation) for time in (-1, 0, 1)), WIDTH, HEIGHT)
@@ -105,7 +105,7 @@ def test_grazing_surfaces_do_not_hide_themselves() -> None:
         np.testing.assert_array_equal(labels[mask], ~(floor & inside), mask)
 
 
-def test_the_background_is_occluded() -> None:
+def test_background_is_occluded() -> None:
     stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 5))])])
     labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS)
     assert labels["forward_occlusion"].all()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Label pass: one ray through each pixel center.
+"""The label pass: one ray through each pixel center; exact, without sampling.
 
 ::
 
-    label_pass      LabelPass
-    label_kernels   its kernels
+    label_pass      LabelPass, the host side
+    label_kernels   kernels for rays, motion and occlusion
     first_hits      first hit, skipping alpha-rejected surfaces
-    surface_labels  values of label buffers at a hit
+    surface_labels  the kernel that writes label buffers at the hits
     coverage        fractional coverage by objects and materials
     static_labels   cache for static objects before a static camera
 """

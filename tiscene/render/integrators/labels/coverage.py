@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage: which objects and materials a pixel shows, and how much of it each fills, by fixed rays through it."""
+"""Coverage buffers: which objects and materials each pixel shows, and which fraction of it each fills.
+
+Sixteen rays per pixel, at the points of a Hammersley set. The results are ids ranked by their number of samples.
+"""
 
 from dataclasses import dataclass
 from typing import Any, Self
@@ -19,7 +22,7 @@ from tiscene.scene.placement import CURRENT, MOVERS
 
 COVERAGES = ("coverage", "material_coverage")
 
-# Rays through a pixel, at the points of Hammersley's set: one in each row, column and cell of a 4 x 4 grid.
+# Rays per pixel, at the points of a Hammersley set: one in each row, each column and each cell of a 4 x 4 grid.
 SAMPLES_LOG2 = 4
 SAMPLES = 1 << SAMPLES_LOG2
 _BATCH = 1 << 14  # pixels
@@ -27,8 +30,13 @@ _BATCH = 1 << 14  # pixels
 
 @dataclass(frozen=True, eq=False)
 class CoverageSamples:
-    """What the rays of each pixel meet. distance: float32 [pixels, SAMPLES], m. ids: int32, of instances; 0: none.
-    materials: int32, numbers in `MaterialTable.labels`; 0: none, or not asked for."""
+    """Hits of the coverage rays of each pixel.
+
+    Attributes:
+        distance: float32 [pixels, SAMPLES], m.
+        ids: int32 [pixels, SAMPLES], instance ids; 0 for none.
+        materials: int32 [pixels, SAMPLES], numbers in `MaterialTable.labels`; 0 for none or if not requested.
+    """
 
     distance: NDArray[np.float32]
     ids: NDArray[np.int32]
@@ -36,13 +44,17 @@ class CoverageSamples:
 
     @classmethod
     def empty(cls, pixels: int) -> Self:
-        """For so many pixels, not set."""
+        """Return uninitialized samples of this many pixels."""
         shape = (pixels, SAMPLES)
         return cls(np.empty(shape, np.float32), np.empty(shape, np.int32), np.empty(shape, np.int32))
 
 
 class CoverageLabels:
-    """The part of the label pass that looks at all of a pixel, not at its center."""
+    """Renders the buffers of COVERAGES for the label pass.
+
+    Args:
+        scene: The scene.
+    """
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
@@ -56,37 +68,42 @@ class CoverageLabels:
         queue: Any,
         count: int,
         arrays: dict[str, NDArray[Any]],
-        reach: NDArray[np.float32],
-        still: CoverageSamples | None = None,
-        kept: CoverageSamples | None = None,
+        max_distance: NDArray[np.float32],
+        static: CoverageSamples | None = None,
+        result: CoverageSamples | None = None,
     ) -> None:
-        """Fill the pixels of a queue in those of COVERAGES that are among the arrays; raise `reach` [h, w] to the
-        distance of the farthest thing that they show, m.
+        """Write the coverage buffers at the queued pixels.
 
-        still: what stands still: only the tree MOVERS is looked at besides. kept: is filled with what is met.
+        Args:
+            view: Camera and image size.
+            queue: i32 pixel numbers on the device; count: their number.
+            arrays: Output, buffers by name; those not in COVERAGES are ignored.
+            max_distance: Output, float32 [h, w], raised to the distance of the farthest hit of each pixel, m.
+            static: Samples of the static instances; only the tree MOVERS is traced in addition. None: all is traced.
+            result: Output, samples of all pixels of the image; None: not needed.
         """
-        tree, behind = (CURRENT, self._none) if still is None else (MOVERS, still)
-        if kept is None and len(self._batch.ids) < min(count, _BATCH):
+        tree, behind = (CURRENT, self._none) if static is None else (MOVERS, static)
+        if result is None and len(self._batch.ids) < min(count, _BATCH):
             self._batch = CoverageSamples.empty(min(count, _BATCH))
-        samples = self._batch if kept is None else kept
+        samples = self._batch if result is None else result
         materials = self.scene.materials.label_of_row()
         for first in range(0, count, _BATCH):
             pixels = min(_BATCH, count - first)
             wave = self._wave.reserved(pixels * SAMPLES)
             coverage_rays(
                 queue, first, pixels, view.array(), view.width, view.height,
-                int(still is not None), behind.distance, wave.rays,
+                int(static is not None), behind.distance, wave.rays,
             )  # fmt: skip
-            first_hits(self.scene, tree, wave, wave.queue, pixels * SAMPLES, together=True)
+            first_hits(self.scene, tree, wave, wave.queue, pixels * SAMPLES, coherent=True)
             coverage_samples(
                 queue, first, pixels, wave.hits, wave.hit_ids, self.scene.instance_info,
                 int("material_coverage" in arrays), self.scene.triangle_material, materials, view.width,
-                int(still is not None), behind.distance, behind.ids, behind.materials,
-                int(kept is not None), samples.distance, samples.ids, samples.materials, reach,
+                int(static is not None), behind.distance, behind.ids, behind.materials,
+                int(result is not None), samples.distance, samples.ids, samples.materials, max_distance,
             )  # fmt: skip
             for name, ids in (("coverage", samples.ids), ("material_coverage", samples.materials)):
                 if name in arrays:
-                    rank_samples(queue, first, pixels, int(kept is not None), ids, view.width, arrays[name])
+                    rank_samples(queue, first, pixels, int(result is not None), ids, view.width, arrays[name])
 
 
 @ti.kernel
@@ -101,7 +118,12 @@ def coverage_rays(
     bounds: Floats2,
     rays: Rays,
 ):
-    """Where `is_bounded` is set, rays end at the bounds, and meet what is there: the lower id counts then."""
+    """Generate the rays of the queued pixels, SAMPLES per pixel.
+
+    Args:
+        is_bounded: 1: rays end just behind `bounds`, so that hits at equal distance are found and the lower id wins.
+        bounds: f32 [pixels, SAMPLES], m.
+    """
     for i in range(count * SAMPLES):
         pixel, sample = queue[first + i // SAMPLES], i % SAMPLES
         mirrored = 0
@@ -128,23 +150,29 @@ def coverage_samples(
     triangle_material: Ints1,
     label_of_material: Ints1,
     width: ti.i32,
-    is_before: ti.i32,
-    still_distance: Floats2,
-    still_ids: Ints2,
-    still_materials: Ints2,
+    has_static: ti.i32,
+    static_distance: Floats2,
+    static_ids: Ints2,
+    static_materials: Ints2,
     by_pixel: ti.i32,
     distances: Floats2,
     ids: Ints2,
     materials: Ints2,
-    reach: Floats2,
+    max_distance: Floats2,
 ):
-    """What the rays of each pixel met, before what stands still if that is given, in the rows of the pixels
-    (`by_pixel`) or one after another."""
+    """Write the hits of the rays, merged with those of static instances.
+
+    Args:
+        names_materials: 1: write materials, else 0.
+        has_static: 1: the nearer of the hit and the static sample counts, at equal distance the lower id.
+        by_pixel: 1: write to the row of the pixel, 0: to that of the queue.
+        max_distance: Raised to the distance of the farthest sample.
+    """
     for i in range(count):
         pixel = queue[first + i]
         x, y = pixel % width, pixel // width
         to = pixel if by_pixel != 0 else i
-        farthest = reach[y, x]
+        farthest = max_distance[y, x]
         for s in range(SAMPLES):
             ray = i * SAMPLES + s
             row, distance = hit_ids[ray][0], hits[ray][0]
@@ -153,13 +181,13 @@ def coverage_samples(
                 id = instance_info[row, INFO_INSTANCE_ID]
                 if names_materials != 0:
                     material = label_of_material[triangle_material[hit_ids[ray][1]]]
-            if is_before != 0:
-                other = still_distance[pixel, s]
-                if row < 0 or other < distance or (other == distance and still_ids[pixel, s] < id):
-                    id, material, distance = still_ids[pixel, s], still_materials[pixel, s], other
+            if has_static != 0:
+                other = static_distance[pixel, s]
+                if row < 0 or other < distance or (other == distance and static_ids[pixel, s] < id):
+                    id, material, distance = static_ids[pixel, s], static_materials[pixel, s], other
             ids[to, s], materials[to, s], distances[to, s] = id, material, distance
             farthest = ti.max(farthest, distance)
-        reach[y, x] = farthest
+        max_distance[y, x] = farthest
 
 
 @ti.kernel
@@ -172,31 +200,31 @@ def rank_samples(
     width: ti.i32,
     coverage: Floats4,
 ):
-    """Of what the rays of each pixel met the most first, of equals the lower id."""
+    """Write the RANKS most frequent ids of each pixel and their fractions, at equal counts the lower id first."""
     for i in range(count):
         pixel = queue[first + i]
         x, y = pixel % width, pixel // width
         at = pixel if by_pixel != 0 else i
         ids = ti.Vector([0] * SAMPLES)
-        alike = True
+        uniform = True
         for s in range(SAMPLES):
             ids[s] = samples[at, s]
-            alike &= ids[s] == ids[0]
+            uniform &= ids[s] == ids[0]
         for rank in range(RANKS):
             coverage[y, x, rank, 0] = 0.0
             coverage[y, x, rank, 1] = 0.0
-        if alike:
+        if uniform:
             if ids[0] > 0:
                 coverage[y, x, 0, 0] = ti.cast(ids[0], ti.f32)
                 coverage[y, x, 0, 1] = 1.0
         else:
-            counts = ti.Vector([0] * SAMPLES)  # of an id, where it is met for the first time
+            counts = ti.Vector([0] * SAMPLES)  # of an id, at its first sample
             for s in range(SAMPLES):
-                place = s
+                first_sample = s
                 for earlier in range(s):
-                    if place == s and ids[earlier] == ids[s]:
-                        place = earlier
-                counts[place] += 1
+                    if first_sample == s and ids[earlier] == ids[s]:
+                        first_sample = earlier
+                counts[first_sample] += 1
             for rank in range(RANKS):
                 best = -1
                 for s in range(SAMPLES):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""First hits as labels see them: a surface that is more than half absent where a ray meets it is not there.
+"""First hits for labels: a surface is present where its opacity is at least one half, and invisible elsewhere.
 
-Leaves and lace are rectangles whose opacity is painted (`material_table.COVERAGE`). The path pass lets a part of the
-light through; a label has to decide.
+Leaves and lace are often rectangles with an opacity texture (`material_table.COVERAGE`). The path pass accepts a hit
+with probability `opacity`; a label has to decide.
 """
 
 from typing import Any
@@ -20,26 +20,32 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY
 from tiscene.scene.placement import CURRENT, MOVERS
 
-PRESENT_FROM = 0.5  # opacity
-MAX_LAYERS = 32  # the last of so many absent surfaces behind each other counts as present
-TRAVELLED = 3  # column of a ray: how far from its first origin it starts
+OPACITY_THRESHOLD = 0.5
+MAX_LAYERS = 32  # after this many rejected hits, the next one counts as present
+TRAVELED = 3  # column of a ray: distance of its origin from the original one
 
 
 def first_hits(
-    scene: DeviceScene, time: int, rays: RayArrays | RayWave, queue: Any, count: int, *, together: bool = False
+    scene: DeviceScene, time: int, rays: RayArrays | RayWave, queue: Any, count: int, *, coherent: bool = False
 ) -> None:
-    """Trace rays of a queue and fill their hits and hit_ids; distances count from where the rays began.
+    """Trace rays and write their hits and hit_ids, skipping alpha-rejected surfaces.
 
-    time: or MOVERS.
-    Rays that pass through something are moved on: their rows are not what they were. together: as for `closest`.
+    Distances are measured from the original origins. Rays that passed a surface are modified.
+
+    Args:
+        scene: The scene.
+        time: PREVIOUS, CURRENT, NEXT or MOVERS.
+        rays: The rays and their hits.
+        queue: i32 rows on the device; count: their number.
+        coherent: See `closest`.
     """
-    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, coherent=together)
+    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, coherent=coherent)
     if not scene.materials.any_coverage:
         return
     for layer in range(MAX_LAYERS):
-        further = rays.next_queues[layer % 2]
+        next_queue = rays.next_queues[layer % 2]
         found = np.zeros(1, np.int32)
-        pass_absent(
+        reject_transparent_hits(
             queue,
             count,
             rays.rays,
@@ -49,17 +55,17 @@ def first_hits(
             *scene.materials.arrays(),
             *scene.textures.arrays(),
             CURRENT if time == MOVERS else time,
-            further,
+            next_queue,
             found,
         )
-        queue, count = further, int(found[0])
+        queue, count = next_queue, int(found[0])
         if count == 0:
             return
         closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids)
 
 
 @ti.kernel
-def pass_absent(
+def reject_transparent_hits(
     queue: Ints1,
     count: ti.i32,
     rays: Rays,
@@ -80,10 +86,10 @@ def pass_absent(
     texture_words: Ints1,
     texture_floats: Floats1,
     time: ti.i32,
-    further: Ints1,
-    further_count: Ints1,
+    next_queue: Ints1,
+    next_count: Ints1,
 ):
-    """Put rays that met something absent into the queue `further`, to go on behind it."""
+    """Move rays with alpha-rejected hits behind the surface and append them to `next_queue`."""
     geometry = ti.static(
         Geometry(
             vertex_position,
@@ -102,17 +108,17 @@ def pass_absent(
         ray = queue[i]
         row = hit_ids[ray][0]
         step = hits[ray][0]
-        hits[ray][0] = rays[ray][TRAVELLED] + step
-        may_be_absent = False
+        hits[ray][0] = rays[ray][TRAVELED] + step
+        may_be_rejected = False
         if row >= 0:
-            may_be_absent = material_info[triangle_material[hit_ids[ray][1]], FLAGS] & COVERAGE != 0
-        if may_be_absent:
+            may_be_rejected = material_info[triangle_material[hit_ids[ray][1]], FLAGS] & COVERAGE != 0
+        if may_be_rejected:
             direction = ray_direction(rays, ray)
             surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], time, direction)
-            if material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity < PRESENT_FROM:
+            if material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity < OPACITY_THRESHOLD:
                 origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):
                     rays[ray][c] = origin[c]
-                rays[ray][TRAVELLED] += step
+                rays[ray][TRAVELED] += step
                 rays[ray][7] -= step
-                further[ti.atomic_add(further_count[0], 1)] = ray
+                next_queue[ti.atomic_add(next_count[0], 1)] = ray

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernels of the label pass. One loop turn is one pixel of a queue; nothing is summed over pixels."""
+"""Kernels of the label pass for rays and motion. One loop iteration is one pixel of a queue; no sums over pixels."""
 
 import taichi as ti
 
@@ -9,21 +9,22 @@ from tiscene.render.intersect.surface_interaction import INFO_MOVED, object_poin
 from tiscene.render.view import FORWARD, POSITION, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
-# Columns of the instance motion array: three matrices to camera coordinates, then these.
+# Columns of the instance motion array after the three matrices to camera coordinates, see `instance_motion`.
 DISPLACEMENT, PRESENT, MOTION_COLUMNS = 36, 48, 51
-FOCAL_LENGTH, ORTHOGRAPHIC = 9, 10  # of the camera motion array, after a rotation
+FOCAL_LENGTH, ORTHOGRAPHIC = 9, 10  # columns of the camera motion array, after the rotation
 
-# A point closer to a camera's plane than this, or behind it, is projected as if it were here: it has no place in that
-# picture, and so gets a finite flow that leads far out of it. m
-_NEAREST = 1e-4
-# A hit this much short of a point, as a part of its distance, is the point itself: on another instance, on its own.
+# Minimum depth for projection, m. Points nearer than this or behind the camera get a finite flow that leads far out of
+# the image.
+_MIN_DEPTH = 1e-4
+# A hit in front of a point by less than this fraction of its distance is the point itself: on any instance, and on the
+# point's own instance.
 _TOLERANCE = 1e-5
 _OWN_TOLERANCE = 1e-4
 
 
 @ti.func
 def affine(rows: Template, row: ti.i32, column: ti.i32, p: vec3) -> vec3:
-    """A point by the 3x4 matrix that starts at a column of a row."""
+    """Transform a point by the 3x4 matrix that starts at a column of a row."""
     return vec3(
         rows[row, column] * p.x + rows[row, column + 1] * p.y + rows[row, column + 2] * p.z + rows[row, column + 3],
         rows[row, column + 4] * p.x + rows[row, column + 5] * p.y + rows[row, column + 6] * p.z + rows[row, column + 7],
@@ -34,7 +35,7 @@ def affine(rows: Template, row: ti.i32, column: ti.i32, p: vec3) -> vec3:
 
 @ti.func
 def rotate(rows: Template, row: ti.i32, v: vec3) -> vec3:
-    """A vector by the 3x3 matrix in the first columns of a row."""
+    """Transform a vector by the 3x3 matrix in the first columns of a row."""
     return vec3(
         rows[row, 0] * v.x + rows[row, 1] * v.y + rows[row, 2] * v.z,
         rows[row, 3] * v.x + rows[row, 4] * v.y + rows[row, 5] * v.z,
@@ -44,15 +45,15 @@ def rotate(rows: Template, row: ti.i32, v: vec3) -> vec3:
 
 @ti.func
 def from_principal_point(p: vec3, camera_motion: Template, time: ti.i32) -> vec2:
-    """Where a point in camera coordinates of that time appears, px right and down of the picture's center."""
+    """Project a point in camera coordinates: px right and down of the image center."""
     scale = camera_motion[time, FOCAL_LENGTH]
     if camera_motion[time, ORTHOGRAPHIC] == 0.0:
-        scale = scale / ti.max(p.z, _NEAREST)
+        scale = scale / ti.max(p.z, _MIN_DEPTH)
     return vec2(p.x, p.y) * scale
 
 
 @ti.func
-def seen_from(
+def camera_point(
     time: ti.i32,
     row: ti.i32,
     object_point: vec3,
@@ -60,8 +61,10 @@ def seen_from(
     instance_motion: Template,
     camera_motion: Template,
 ) -> vec3:
-    """A pixel's point in the coordinates of the camera of that time; of the background (row < 0) its direction, which
-    is infinitely far and so only turns."""
+    """Return a pixel's surface point in the coordinates of the camera at a time.
+
+    The background (row < 0) is infinitely far: its direction is only rotated.
+    """
     point = rotate(camera_motion, time, towards)
     if row >= 0:
         point = affine(instance_motion, row, 12 * time, object_point)
@@ -69,7 +72,7 @@ def seen_from(
 
 
 @ti.func
-def point_then(
+def deformed_point(
     vertex_position: Template,
     triangle_vertices: Template,
     instance_info: Template,
@@ -80,7 +83,7 @@ def point_then(
     now: vec3,
     time: ti.i32,
 ) -> vec3:
-    """Where a point that is at `now` in the space of its mesh is there at another time."""
+    """Return where a point at `now` in the space of its mesh is at another time, if the mesh deforms."""
     point = now
     if row >= 0:
         if instance_info[row, INFO_MOVED] > 0:
@@ -91,6 +94,7 @@ def point_then(
 
 @ti.kernel
 def primary_rays(queue: Ints1, count: ti.i32, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays):
+    """Generate the rays through the centers of the queued pixels."""
     for i in range(count):
         pixel = queue[i]
         origin, direction = camera_ray(
@@ -118,9 +122,10 @@ def occlusion_rays(
     rays: Rays,
     expected: Floats1,
 ):
-    """Rays from the camera of another time to where each pixel's point is then; `expected`: its distance, m.
+    """Generate rays from the camera of another time to where each pixel's surface point is at that time.
 
-    A ray that need not be traced, because the point is not in that picture at all, gets t_max 0 and expects -1.
+    Args:
+        expected: Output, f32 [pixels], distance of the point, m; -1, and t_max 0, if it is outside of that image.
     """
     for i in range(count):
         pixel = queue[i]
@@ -133,20 +138,24 @@ def occlusion_rays(
             object_point = object_point_at(
                 vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], moved
             )
-            seen = affine(instance_motion, row, 12 * time, object_point)
-            place = from_principal_point(seen, camera_motion, time)
-            inside = ti.abs(place.x) < 0.5 * width and ti.abs(place.y) < 0.5 * height and seen.z > _NEAREST
+            target_in_camera = affine(instance_motion, row, 12 * time, object_point)
+            projected = from_principal_point(target_in_camera, camera_motion, time)
+            inside = (
+                ti.abs(projected.x) < 0.5 * width
+                and ti.abs(projected.y) < 0.5 * height
+                and target_in_camera.z > _MIN_DEPTH
+            )
             if inside and instance_motion[row, PRESENT + time] > 0.0:
                 target = transform_point(world_from_instance, time, row, object_point)
                 if camera_motion[time, ORTHOGRAPHIC] == 0.0:
                     length = (target - origin).norm()
                     direction = (target - origin) / length
                 else:
-                    length = seen.z
+                    length = target_in_camera.z
                     origin = target - length * direction
-                # Coordinates far from the world's origin are coarse, however near the camera is.
-                coarse = ti.max(ti.abs(target.x), ti.abs(target.y), ti.abs(target.z))
-                t_max = length - _TOLERANCE * (length + 0.1 * coarse)
+                # Rounding grows with the coordinates, however near the camera is.
+                magnitude = ti.max(ti.abs(target.x), ti.abs(target.y), ti.abs(target.z))
+                t_max = length - _TOLERANCE * (length + 0.1 * magnitude)
         write_ray(rays, pixel, origin, direction, t_max)
         expected[pixel] = length
 
@@ -162,10 +171,10 @@ def occlusion_labels(
     width: ti.i32,
     occluded: Bytes2,
 ):
-    """From what the rays of `occlusion_rays` met: whether something else lies before the point.
+    """Write whether another surface occludes each pixel's point, from the hits of `occlusion_rays`.
 
-    The point's own triangle, or its own mesh just short of it, is no obstacle: at a grazing angle the rounding of a
-    direction moves the hit far along the ray.
+    The point's own triangle, or its own instance just in front of it, does not occlude: at grazing angles the rounding
+    of the direction moves the hit far along the ray.
     """
     for i in range(count):
         pixel = queue[i]

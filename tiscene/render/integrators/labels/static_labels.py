@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of what stands still before a camera that does not move: rendered once, not for every frame.
+"""Cache of the labels of static instances before a static camera: later frames redraw only the pixels that may change.
 
-Of a picture seen before, only the pixels that something else may cover are rendered anew, and those whose mirrors may
-show it. The bytes are those of the whole picture: a ray that meets only what stands still finds the same whatever else
-is there.
+A pixel changes if the bounding box of a non-static instance may cover it, or if it shows a mirror. The bytes equal
+those of drawing the whole image: a ray that hits only static instances finds the same hit whatever else is placed.
 """
 
 from __future__ import annotations
@@ -21,106 +20,126 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
-KEPT_VIEWS = 4  # those not seen for longest go first
-KEPT_PIXELS = 1 << 19  # larger pictures are rendered whole: this many take 130 MB with all buffers
+MAX_VIEWS = 4  # the least recently used one is dropped first
+MAX_PIXELS = 1 << 19  # larger images are not cached: this many take 130 MB with all buffers
 ALL_TIMES = PREVIOUS, CURRENT, NEXT
-MOST_CHANGED = 0.6  # of the pixels; where more change, the picture is rendered whole
-_MARGIN = 1e-3  # of a distance; far more than rays and boxes are rounded by
+MAX_CHANGED = 0.6  # fraction of the pixels; if more may change, the whole image is drawn
+_MARGIN = 1e-3  # relative to a distance; far more than the rounding of rays and boxes
 
 
 @dataclass(eq=False)
 class StaticImage:
-    """Labels of a view. arrays: buffers by name. reach: float32 [h, w], the distance beyond which nothing can change a
-    pixel, m. mirrors: bool [h, w], where another thing than the first one is shown. samples: what coverages are made
-    of, if they are among the buffers."""
+    """Labels of the static instances in a view.
+
+    Attributes:
+        arrays: Buffers by name.
+        max_distance: float32 [h, w], m; instances beyond cannot change the pixel.
+        mirrors: bool [h, w], pixels whose first hit is a mirror.
+        samples: Coverage samples, if coverage is among the buffers.
+    """
 
     arrays: dict[str, NDArray[Any]]
-    reach: NDArray[np.float32]
+    max_distance: NDArray[np.float32]
     mirrors: NDArray[np.bool_]
     samples: CoverageSamples | None
 
 
 @dataclass(eq=False)
-class _Seen:
-    """What was in a view when it was rendered last, which instances have stood still since, and their picture."""
+class _ViewRecord:
+    """The placement rendered last in a view, the instances static since the first time, and their image."""
 
     placement: Placement
-    still: NDArray[np.bool_]
-    picture: StaticImage | None = None
+    static: NDArray[np.bool_]
+    image: StaticImage | None = None
 
 
-class StillLabels:
-    """Pictures of what stands still in the views of a scene."""
+class StaticLabelCache:
+    """Images of the static instances of a scene, by view.
+
+    Args:
+        scene: The scene.
+    """
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
-        self._seen: dict[tuple[Camera, int, int], _Seen] = {}
+        self._records: dict[tuple[Camera, int, int], _ViewRecord] = {}
 
-    def picture(
+    def lookup(
         self,
         view: View,
         buffers: Iterable[str],
         times: Iterable[int],
         draw: Callable[[View, tuple[str, ...]], StaticImage],
     ) -> tuple[StaticImage, NDArray[np.bool_], NDArray[np.bool_]] | None:
-        """A picture of what stands still, with those buffers; bool [h, w]: the pixels where more is to be seen; and
-        bool [n]: the instances that may be there.
+        """Return the image of the static instances and what has to be drawn over it.
 
-        times: for which those buffers need the scene placed, as it is again when this returns. draw: renders a picture
-        of all that is placed. None: the whole picture is to be rendered; the view is new, changes too much or is too
-        large to keep.
+        Args:
+            view: Camera and image size.
+            buffers: Names of the label buffers.
+            times: Times at which these buffers need the scene placed. It is placed the same way on return.
+            draw: Draws an image of all that is placed.
+
+        Returns:
+            The image; bool [h, w], the pixels that may change; bool [n], the instances that are not static. None if
+            the whole image has to be drawn: the view is new, changes too much or is too large to cache.
         """
         placement = self.scene.placement
-        seen = self._look(view, placement)
-        if seen is None or not seen.still.any():
+        record = self._update(view, placement)
+        if record is None or not record.static.any():
             return None
-        if seen.picture is None or not seen.picture.arrays.keys() >= set(buffers):
-            names = tuple(dict.fromkeys([*(seen.picture.arrays if seen.picture else ()), *buffers]))
-            self.scene.place(replace(placement, present=placement.present & seen.still), ALL_TIMES)
-            seen.picture = draw(view, names)
+        if record.image is None or not record.image.arrays.keys() >= set(buffers):
+            names = tuple(dict.fromkeys([*(record.image.arrays if record.image else ()), *buffers]))
+            self.scene.place(replace(placement, present=placement.present & record.static), ALL_TIMES)
+            record.image = draw(view, names)
             self.scene.place(placement, ALL_TIMES)
-        changed = self._changed(view, np.flatnonzero(~seen.still), times, seen.picture)
-        if changed.mean() > MOST_CHANGED:
+        changed = self._changed_pixels(view, np.flatnonzero(~record.static), times, record.image)
+        if changed.mean() > MAX_CHANGED:
             return None
-        return seen.picture, changed, ~seen.still
+        return record.image, changed, ~record.static
 
-    def _look(self, view: View, placement: Placement) -> _Seen | None:
-        """What is known of a view, None if it is new, or orthographic; what moves now stands still no more."""
+    def _update(self, view: View, placement: Placement) -> _ViewRecord | None:
+        """Update a view's record with a placement; None if the view is new or cannot be cached.
+
+        Instances that have moved are static no more.
+        """
         fixed = view.previous == view.current == view.next
-        if not fixed or view.orthographic or view.width * view.height > KEPT_PIXELS:
+        if not fixed or view.orthographic or view.width * view.height > MAX_PIXELS:
             return None
         key = view.current, view.width, view.height
-        seen = self._seen.pop(key, None)
-        new = seen is None
-        if seen is None:
+        record = self._records.pop(key, None)
+        is_new = record is None
+        if record is None:
             deforms = np.array([mesh.deformation is not None for mesh in self.scene.meshes], bool)
-            seen = _Seen(placement, ~deforms[placement.mesh])
-            if len(self._seen) >= KEPT_VIEWS:
-                del self._seen[next(iter(self._seen))]
-        self._seen[key] = seen
-        still = _unchanged(seen.placement, placement, seen.still)
-        if still.sum() != seen.still.sum():
-            seen.picture = None
-        seen.still = still
-        seen.placement = placement
-        return None if new else seen
+            record = _ViewRecord(placement, ~deforms[placement.mesh])
+            if len(self._records) >= MAX_VIEWS:
+                del self._records[next(iter(self._records))]
+        self._records[key] = record
+        static = _unchanged(record.placement, placement, record.static)
+        if static.sum() != record.static.sum():
+            record.image = None
+        record.static = static
+        record.placement = placement
+        return None if is_new else record
 
-    def _changed(
-        self, view: View, rows: NDArray[np.int64], times: Iterable[int], picture: StaticImage
+    def _changed_pixels(
+        self, view: View, rows: NDArray[np.int64], times: Iterable[int], image: StaticImage
     ) -> NDArray[np.bool_]:
-        """The pixels that the boxes of those instances may cover, before what stands still there, at any of the times,
-        and all mirrors if they are anywhere."""
+        """Return the pixels that instances may change at any of the times, bool [h, w].
+
+        These are the pixels within the projected boxes of the instances, where the boxes are nearer than
+        `max_distance`, and all mirrors if an instance is present at CURRENT.
+        """
         placement, boxes = self.scene.placement, self.scene.mesh_boxes
         changed = np.zeros((view.height, view.width), bool)
         size = np.array([view.width, view.height])
         camera, focal = view.camera_from_world()[CURRENT], view.focal_lengths()[CURRENT]
         for time in times:
-            there = placement.present[time, rows]
-            if not there.any():
+            present = placement.present[time, rows]
+            if not present.any():
                 continue
             if time == CURRENT:
-                changed |= picture.mirrors
-            shown = rows[there]
+                changed |= image.mirrors
+            shown = rows[present]
             matrices = placement.world_from_object[time, shown]
             corners = boxes[time, placement.mesh[shown]][:, _CORNERS, np.arange(3)]
             world = np.einsum("nij,nkj->nki", matrices[:, :, :3], corners) + matrices[:, None, :, 3]
@@ -129,26 +148,27 @@ class StillLabels:
             with np.errstate(divide="ignore", invalid="ignore"):
                 pixels = seen[..., :2] / seen[..., 2:] * focal + 0.5 * size
             low, high = np.floor(pixels.min(axis=1)) - 1.0, np.ceil(pixels.max(axis=1)) + 1.0
-            around = nearest <= _MARGIN  # of the camera's plane: it may be anywhere
-            low[around], high[around] = 0.0, size
+            crosses_camera_plane = nearest <= _MARGIN  # its projection is unbounded
+            low[crosses_camera_plane], high[crosses_camera_plane] = 0.0, size
             low, high = np.clip(low, 0, size).astype(int), np.clip(high, 0, size).astype(int)
             sides = np.concatenate([seen[..., :2], -seen[..., :2]], axis=2) * focal
             sides += seen[..., 2:] * (0.5 * np.concatenate([size, size]) + 1.0)
-            ahead = (sides.max(axis=1) > 0.0).all(axis=1) & (seen[..., 2].max(axis=1) > 0.0)
-            for (x0, y0), (x1, y1), z in zip(low[ahead], high[ahead], nearest[ahead] * (1.0 - _MARGIN), strict=True):
-                changed[y0:y1, x0:x1] |= picture.reach[y0:y1, x0:x1] >= z
+            visible = (sides.max(axis=1) > 0.0).all(axis=1) & (seen[..., 2].max(axis=1) > 0.0)
+            bounds = zip(low[visible], high[visible], nearest[visible] * (1.0 - _MARGIN), strict=True)
+            for (x0, y0), (x1, y1), z in bounds:
+                changed[y0:y1, x0:x1] |= image.max_distance[y0:y1, x0:x1] >= z
         return changed
 
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
-def _unchanged(before: Placement, now: Placement, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which instances of `now` are there and stand still at the three times, as they did `before`, and are `still`."""
+def _unchanged(before: Placement, now: Placement, static: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the `static` instances are present at all times, do not move, and are as they were `before`."""
     result = np.zeros(len(now.mesh), bool)
     count = min(len(before.mesh), len(now.mesh))
     world = now.world_from_object[:, :count]
-    same = still[:count] & now.present[:, :count].all(axis=0) & before.present[:, :count].all(axis=0)
+    same = static[:count] & now.present[:, :count].all(axis=0) & before.present[:, :count].all(axis=0)
     for a, b in ((world[0], world[1]), (world[2], world[1]), (before.world_from_object[CURRENT, :count], world[1])):
         same &= (a == b).all(axis=(1, 2))
     for a, b in zip(_identity(before, count), _identity(now, count), strict=True):
@@ -159,5 +179,6 @@ def _unchanged(before: Placement, now: Placement, still: NDArray[np.bool_]) -> N
 
 
 def _identity(placement: Placement, count: int) -> tuple[NDArray[np.int32], ...]:
+    """Return mesh, instance id, category and part of the first `count` instances."""
     part = np.zeros(count, np.int32) if placement.part is None else placement.part[:count]
     return placement.mesh[:count], placement.instance_id[:count], placement.category_id[:count], part

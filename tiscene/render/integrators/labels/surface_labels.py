@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The labels of surfaces: what each ray met, where that moves, what it is made of; mirrors show what is behind them.
+"""The kernel that writes the label buffers of surfaces: geometry, identity, motion and materials at each pixel's hit.
 
-One loop turn is one pixel of a queue; nothing is summed over pixels.
+Material buffers see through mirrors: where a material is mirror-like, its ray is reflected and traced again. One loop
+iteration is one pixel of a queue; no sums over pixels.
 """
 
 import taichi as ti
@@ -20,9 +21,9 @@ from tiscene.render.integrators.labels.label_kernels import (
     FOCAL_LENGTH,
     ORTHOGRAPHIC,
     affine,
+    camera_point,
+    deformed_point,
     from_principal_point,
-    point_then,
-    seen_from,
 )
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import (
@@ -41,9 +42,9 @@ from tiscene.render.view import FORWARD, HALF_HEIGHT, RIGHT, TANGENT, UP, view_v
 from tiscene.scene.material_table import DIFFUSE, FLAGS, MAY_MIRROR, METALLIC, NORMAL, ROUGHNESS, SPECULAR
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
-# The buffers that `surface_labels` writes, in the order of its arguments; a buffer's number is its place in `wanted`.
-FILTERED_ALBEDO = "filtered_albedo"  # the mean over a pixel, nearly: for whoever shows it and does not label
-MATERIAL_BUFFERS = ("albedo", "roughness", "metallic", FILTERED_ALBEDO)  # of the first surface that is not a mirror
+# The buffers that `surface_labels` writes, in the order of its arguments. A buffer's index in `wanted` is OF_<NAME>.
+FILTERED_ALBEDO = "filtered_albedo"  # approximate mean over the pixel: guides upsampling, and is not a label
+MATERIAL_BUFFERS = ("albedo", "roughness", "metallic", FILTERED_ALBEDO)  # of the first surface that is no mirror
 SURFACE_BUFFERS = (
     "depth",
     "distance",
@@ -65,24 +66,27 @@ OF_DEPTH, OF_DISTANCE, OF_POSITION, OF_NORMAL, OF_GEOMETRIC_NORMAL, OF_NORMAL_CA
 OF_SEMANTIC, OF_INSTANCE, OF_PART, OF_FORWARD_FLOW, OF_BACKWARD_FLOW, OF_SCENE_FLOW = range(6, 12)
 OF_UV, OF_OBJECT_COORDINATES, OF_ALBEDO, OF_ROUGHNESS, OF_METALLIC, OF_FILTERED_ALBEDO = range(12, 18)
 
-_OF_MIRRORS = 1 << ROUGHNESS | 1 << METALLIC | 1 << SPECULAR | 1 << NORMAL  # inputs that tell what one sees in them
+# Material inputs that decide whether a surface is mirror-like, and where it reflects.
+_MIRROR_INPUTS = 1 << ROUGHNESS | 1 << METALLIC | 1 << SPECULAR | 1 << NORMAL
 
 
 @ti.func
 def write2(array: Template, y: ti.i32, x: ti.i32, value: vec2):
+    """Write a pixel of a two-channel buffer."""
     for c in ti.static(range(2)):
         array[y, x, c] = value[c]
 
 
 @ti.func
 def write3(array: Template, y: ti.i32, x: ti.i32, value: vec3):
+    """Write a pixel of a three-channel buffer."""
     for c in ti.static(range(3)):
         array[y, x, c] = value[c]
 
 
 @ti.func
 def reflection(surface: Template, point: Template, direction: vec3) -> vec3:
-    """The direction in which a ray leaves a mirror: on the side from which it came, whatever the bumps are."""
+    """Reflect a ray by the shading normal, or by the geometric normal if it would go below the surface."""
     n = shading_normal(surface, point, -direction)
     reflected = direction - 2.0 * direction.dot(n) * n
     if reflected.dot(surface.geometric_normal) <= 0.0:
@@ -142,8 +146,18 @@ def surface_labels(
     metallic: Floats2,
     filtered_albedo: Floats3,
 ):
-    """Write what each ray of the queue met. Where `follow` is set and a material is wanted of a mirror, the ray becomes
-    its reflection instead, in the queue `mirrored`."""
+    """Write the label buffers at the hits of the rays in the queue.
+
+    The arguments from vertex_position to texture_floats are geometry, materials and textures of the scene; those from
+    `depth` on are the buffers, in the order of SURFACE_BUFFERS, of one pixel where not wanted.
+
+    Args:
+        instance_motion, camera_motion: See the functions of these names in `label_pass`.
+        follow: 1: where a material buffer is wanted and the surface is mirror-like, nothing is written to it and the
+            ray is replaced by its reflection and appended to `mirrored`.
+        mirrored_count: i32 [1], number of reflected rays, incremented.
+        wanted: i32 [len(SURFACE_BUFFERS)], 1 for the buffers to write.
+    """
     geometry = ti.static(
         Geometry(
             vertex_position,
@@ -163,7 +177,7 @@ def surface_labels(
         x, y = pixel % width, pixel // width
         row = hit_ids[pixel][0]
         focal = camera_motion[CURRENT, FOCAL_LENGTH]
-        # Before an orthographic camera the background has no direction of its own: it turns as the picture does.
+        # The background of an orthographic camera has no direction per pixel: it only turns with the image.
         ahead = 1.0 - camera_motion[CURRENT, ORTHOGRAPHIC]
         towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, ahead)
         object_point = vec3(0.0)
@@ -172,13 +186,13 @@ def surface_labels(
                 vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], 0
             )
         triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
-        now = seen_from(CURRENT, row, object_point, towards, instance_motion, camera_motion)
-        here = from_principal_point(now, camera_motion, CURRENT)
+        camera_space = camera_point(CURRENT, row, object_point, towards, instance_motion, camera_motion)
+        image_point = from_principal_point(camera_space, camera_motion, CURRENT)
 
         if wanted[OF_DEPTH]:
-            depth[y, x] = now.z if row >= 0 else ti.math.inf
+            depth[y, x] = camera_space.z if row >= 0 else ti.math.inf
         if wanted[OF_DISTANCE]:
-            length = now.norm() if ahead > 0.0 else now.z
+            length = camera_space.norm() if ahead > 0.0 else camera_space.z
             distance[y, x] = length if row >= 0 else ti.math.inf
         if wanted[OF_SEMANTIC]:
             category = instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
@@ -188,77 +202,82 @@ def surface_labels(
         if wanted[OF_PART]:
             part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel][1]] if row >= 0 else 0
         if wanted[OF_FORWARD_FLOW]:
-            then = point_then(
+            moved_point = deformed_point(
                 vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
             )
-            after = seen_from(NEXT, row, then, towards, instance_motion, camera_motion)
-            write2(forward_flow, y, x, from_principal_point(after, camera_motion, NEXT) - here)
+            after = camera_point(NEXT, row, moved_point, towards, instance_motion, camera_motion)
+            write2(forward_flow, y, x, from_principal_point(after, camera_motion, NEXT) - image_point)
         if wanted[OF_BACKWARD_FLOW]:
-            then = point_then(
+            moved_point = deformed_point(
                 vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, PREVIOUS
             )
-            before = seen_from(PREVIOUS, row, then, towards, instance_motion, camera_motion)
-            write2(backward_flow, y, x, from_principal_point(before, camera_motion, PREVIOUS) - here)
+            before = camera_point(PREVIOUS, row, moved_point, towards, instance_motion, camera_motion)
+            write2(backward_flow, y, x, from_principal_point(before, camera_motion, PREVIOUS) - image_point)
         if wanted[OF_SCENE_FLOW]:
             displacement = vec3(0.0)
             if row >= 0:
-                then = point_then(
+                moved_point = deformed_point(
                     vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
                 )
-                displacement = affine(instance_motion, row, DISPLACEMENT, then)
+                displacement = affine(instance_motion, row, DISPLACEMENT, moved_point)
                 if instance_info[row, INFO_MOVED] > 0:
-                    displacement += transform_vector(world_from_instance, CURRENT, row, then - object_point)
+                    displacement += transform_vector(world_from_instance, CURRENT, row, moved_point - object_point)
             write3(scene_flow, y, x, displacement)
         if wanted[OF_OBJECT_COORDINATES]:
-            place = vec3(0.0)
+            coordinates = vec3(0.0)
             if row >= 0:
-                place = ti.math.clamp(affine(box_from_instance, row, 0, object_point), 0.0, 1.0)
-            write3(object_coordinates, y, x, place)
+                coordinates = ti.math.clamp(affine(box_from_instance, row, 0, object_point), 0.0, 1.0)
+            write3(object_coordinates, y, x, coordinates)
 
-        exactly = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC]
-        of_material = exactly | wanted[OF_FILTERED_ALBEDO]
-        of_normals = wanted[OF_NORMAL] | wanted[OF_GEOMETRIC_NORMAL] | wanted[OF_NORMAL_CAMERA]
-        if wanted[OF_POSITION] | of_normals | wanted[OF_UV] | of_material:
+        unfiltered = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC]
+        any_material = unfiltered | wanted[OF_FILTERED_ALBEDO]
+        any_normal = wanted[OF_NORMAL] | wanted[OF_GEOMETRIC_NORMAL] | wanted[OF_NORMAL_CAMERA]
+        if wanted[OF_POSITION] | any_normal | wanted[OF_UV] | any_material:
             point = vec3(ti.math.nan)
-            shading, flat = vec3(0.0), vec3(0.0)
+            shading, geometric = vec3(0.0), vec3(0.0)
             texture = vec2(0.0)
             color, rough, metal, filtered_color = vec3(0.0), 0.0, 0.0, vec3(0.0)
             is_mirror = False
             if row >= 0:
                 direction = ray_direction(rays, pixel)
-                s = surface_at(geometry, row, triangle, b1, b2, CURRENT, direction)
-                point, shading, flat, texture = s.position, s.normal, s.geometric_normal, s.uv
-                if of_material:
+                surface = surface_at(geometry, row, triangle, b1, b2, CURRENT, direction)
+                point, shading, geometric, texture = (
+                    surface.position,
+                    surface.normal,
+                    surface.geometric_normal,
+                    surface.uv,
+                )
+                if any_material:
                     inputs = wanted[OF_ALBEDO] << DIFFUSE
                     inputs |= wanted[OF_ROUGHNESS] << ROUGHNESS | wanted[OF_METALLIC] << METALLIC
-                    may_mirror = follow != 0 and (material_info[s.material, FLAGS] & MAY_MIRROR) != 0
+                    may_mirror = follow != 0 and (material_info[surface.material, FLAGS] & MAY_MIRROR) != 0
                     if may_mirror:
-                        inputs |= _OF_MIRRORS
-                    for filtered in range(2):  # not unrolled: reading textures is much code
-                        is_needed, reads, footprint = exactly != 0 or may_mirror, inputs, Footprint()
+                        inputs |= _MIRROR_INPUTS
+                    for filtered in range(2):  # not unrolled: texture lookups compile slowly
+                        is_needed, reads, footprint = unfiltered != 0 or may_mirror, inputs, Footprint()
                         if filtered == 1:
                             is_needed, reads = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror, 1 << DIFFUSE
-                            wide = 2.0 * (view[CURRENT, TANGENT] + view[CURRENT, HALF_HEIGHT]) / height
+                            footprint_width = 2.0 * (view[CURRENT, TANGENT] + view[CURRENT, HALF_HEIGHT]) / height
                             if ahead > 0.0:
-                                wide *= hits[pixel][0]
-                            footprint = footprint_at(s, direction, wide, ti.u32(0))
+                                footprint_width *= hits[pixel][0]
+                            footprint = footprint_at(surface, direction, footprint_width, ti.u32(0))
                         if is_needed:
-                            material = material_at(materials, textures, s, reads, footprint)
+                            material = material_at(materials, textures, surface, reads, footprint)
                             if filtered == 1:
                                 filtered_color = material.diffuse_color
                             else:
                                 color, rough, metal = material.diffuse_color, material.roughness, material.metallic
                                 is_mirror = may_mirror and is_mirror_like(material) != 0
                                 if is_mirror:
-                                    reflected = reflection(s, material, direction)
-                                    write_ray(rays, pixel, offset_origin(s, reflected), reflected, ti.math.inf)
+                                    reflected = reflection(surface, material, direction)
+                                    write_ray(rays, pixel, offset_origin(surface, reflected), reflected, ti.math.inf)
                                     mirrored[ti.atomic_add(mirrored_count[0], 1)] = pixel
             if wanted[OF_POSITION]:
                 write3(position, y, x, point)
             if wanted[OF_NORMAL]:
                 write3(normal, y, x, shading)
             if wanted[OF_GEOMETRIC_NORMAL]:
-                write3(geometric_normal, y, x, flat)
+                write3(geometric_normal, y, x, geometric)
             if wanted[OF_NORMAL_CAMERA]:
                 right, up = view_vector(view, CURRENT, RIGHT), view_vector(view, CURRENT, UP)
                 forward = view_vector(view, CURRENT, FORWARD)
