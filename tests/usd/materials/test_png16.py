@@ -54,9 +54,9 @@ def test_every_filter_and_interlacing_round_trips(shape, interlaced):
     values = np.random.default_rng(1).integers(0, 1 << 16, shape).astype(np.uint16)
     data = png(values, [4, 3, 2, 1, 0], interlaced=interlaced)
     assert is_deep_color(data)
-    pixels, says_srgb = read_deep_color(data)
+    pixels, transfer = read_deep_color(data)
     np.testing.assert_array_equal(pixels, values)
-    assert not says_srgb
+    assert transfer is None
 
 
 @pytest.mark.parametrize("more", [chunk(b"sRGB", b"\0"), chunk(b"gAMA", struct.pack(">I", 45455))])

@@ -8,4 +8,5 @@
     texture          the texture table: image files, UDIM tiles, color spaces
     image            decoding of image files
     png16            decoding of 16-bit PNG files
+    color_profile    color space metadata of image files
 """

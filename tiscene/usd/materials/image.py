@@ -21,6 +21,7 @@ from PIL import Image
 
 from tiscene.scene.description import FloatArray
 from tiscene.usd.core.package import split_package
+from tiscene.usd.materials.color_profile import declared_transfer
 from tiscene.usd.materials.png16 import is_deep_color, read_deep_color
 
 
@@ -30,8 +31,8 @@ class ImageData:
 
     Attributes:
         pixels: uint8 or float32 [h, w, 4]; gray is repeated to RGB, missing alpha is opaque.
-        srgb: whether UsdUVTexture's sourceColorSpace "auto" reads the values as sRGB: 8 bits of 3 or 4 channels, or
-            metadata of the file that says so.
+        srgb: whether UsdUVTexture's sourceColorSpace "auto" reads the values as sRGB: by the file's metadata, or, if
+            it has none, for 8 bits of 3 or 4 channels.
     """
 
     pixels: NDArray[np.uint8] | FloatArray
@@ -73,8 +74,8 @@ def _decode(data: bytes, suffix: str) -> ImageData:
     if data[:2] == b"#?":
         return ImageData(_with_alpha(read_radiance(data)), srgb=False)
     if is_deep_color(data):
-        values, says_srgb = read_deep_color(data)
-        return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
+        values, transfer = read_deep_color(data)
+        return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=transfer == "srgb")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow's warnings about metadata
@@ -87,17 +88,19 @@ def _decode(data: bytes, suffix: str) -> ImageData:
 
 def _from_pillow(image: Image.Image) -> ImageData:
     """Return an image of Pillow as 8-bit, 16-bit (scaled to 0..1) or float pixels."""
-    says_srgb = "srgb" in image.info or abs(image.info.get("gamma", 1.0) - 0.45455) < 0.01
+    transfer = declared_transfer(
+        profile=image.info.get("icc_profile"), has_srgb_chunk="srgb" in image.info, gamma=image.info.get("gamma")
+    )
     if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV", "PA", "RGBX", "1"):
         transparent = "transparency" in image.info or image.mode == "PA"
         image = image.convert("L" if image.mode == "1" else "RGBA" if transparent else "RGB")
     values = np.asarray(image)
     if image.mode.startswith("I") or values.dtype in (np.uint16, np.int32, np.uint32):
-        return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=says_srgb)
+        return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=transfer == "srgb")
     if values.dtype == np.float32:
         return ImageData(_with_alpha(values), srgb=False)
     channels = 1 if values.ndim == 2 else values.shape[2]
-    return ImageData(_with_alpha(values), srgb=says_srgb or channels >= 3)
+    return ImageData(_with_alpha(values), srgb=transfer == "srgb" or (transfer is None and channels >= 3))
 
 
 def _with_alpha(values: NDArray[Any]) -> NDArray[Any]:

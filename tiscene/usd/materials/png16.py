@@ -6,6 +6,7 @@ Follows the PNG specification (ISO/IEC 15948): chunks, zlib stream, filters, Ada
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import zlib
 from collections.abc import Iterator
@@ -13,8 +14,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.usd.materials.color_profile import Transfer, declared_transfer
+
 _CHANNELS = {2: 3, 4: 2, 6: 4}  # by color type: RGB, gray and alpha, RGBA
 _MAX_SIDE = 1 << 16  # pixels
+_MAX_PROFILE = 1 << 24  # bytes of an ICC profile
 # Passes of Adam7 interlacing: first column, first row, column step, row step.
 _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 
@@ -24,11 +28,11 @@ def is_deep_color(data: bytes) -> bool:
     return data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) > 33 and data[24] == 16 and data[25] in _CHANNELS
 
 
-def read_deep_color(data: bytes) -> tuple[NDArray[np.uint16], bool]:
+def read_deep_color(data: bytes) -> tuple[NDArray[np.uint16], Transfer | None]:
     """Decode a PNG for which `is_deep_color` holds.
 
     Returns:
-        The pixels [h, w, channels], and whether the file declares them as sRGB.
+        The pixels [h, w, channels], and the transfer function that the file declares.
 
     Raises:
         ValueError: the file is damaged or too large.
@@ -36,11 +40,12 @@ def read_deep_color(data: bytes) -> tuple[NDArray[np.uint16], bool]:
     width, height, _, kind, _, _, interlaced = struct.unpack(">IIBBBBB", data[16:29])
     if not (0 < width <= _MAX_SIDE and 0 < height <= _MAX_SIDE):
         raise ValueError(f"a PNG of {width} x {height} pixels; each side must be in 1..{_MAX_SIDE}")
-    channels, compressed, says_srgb = _CHANNELS[kind], [], False
+    channels, compressed, metadata = _CHANNELS[kind], [], {}
     for name, content in _chunks(data):
         if name == b"IDAT":
             compressed.append(content)
-        says_srgb |= name == b"sRGB" or (name == b"gAMA" and content == struct.pack(">I", 45455))
+        elif name in (b"iCCP", b"sRGB", b"gAMA"):
+            metadata[name] = content
     passes = _PASSES if interlaced else ((0, 0, 1, 1),)
     sizes = [(-(-(height - y) // dy), -(-(width - x) // dx)) for x, y, dx, dy in passes]
     sizes = [(rows, columns) if rows > 0 and columns > 0 else (0, 0) for rows, columns in sizes]
@@ -59,7 +64,22 @@ def read_deep_color(data: bytes) -> tuple[NDArray[np.uint16], bool]:
             part = _unfilter(np.frombuffer(raw, np.uint8, size, at).reshape(rows, -1), 2 * channels)
             pixels[y::dy, x::dx] = part.view(">u2").reshape(rows, columns, channels)
         at += size
-    return pixels, says_srgb
+    return pixels, _transfer(metadata)
+
+
+def _transfer(metadata: dict[bytes, bytes]) -> Transfer | None:
+    """Return the transfer function that the chunks iCCP, sRGB and gAMA declare."""
+    profile = None
+    if b"iCCP" in metadata:
+        with contextlib.suppress(zlib.error):  # a name, a zero, the compression method, then the profile
+            compressed = metadata[b"iCCP"].partition(b"\0")[2][1:]
+            profile = zlib.decompressobj().decompress(compressed, _MAX_PROFILE)
+    gamma = metadata.get(b"gAMA")
+    return declared_transfer(
+        profile=profile,
+        has_srgb_chunk=b"sRGB" in metadata,
+        gamma=struct.unpack(">I", gamma)[0] / 100000.0 if gamma is not None and len(gamma) == 4 else None,
+    )
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
