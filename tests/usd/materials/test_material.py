@@ -280,10 +280,44 @@ def test_damaged_texture_file_gives_fallback(tmp_path):
     assert only_material(read_with_warning(tmp_path, body, expected)).diffuse_color == (0.5, 0.25, 0.0)
 
 
-def test_texture_without_file_gives_fallback(tmp_path):
-    description = read(tmp_path, texture("float4 inputs:fallback = (0.5, 0.25, 0, 1)"))
+@pytest.mark.parametrize("file", ["", "asset inputs:file", "asset inputs:file = @@"])
+def test_texture_without_file_gives_fallback_and_is_reported(tmp_path, file):
+    expected = "a UsdUVTexture without a file; its fallback is used: </Looks/L/Image>"
+    description = read_with_warning(tmp_path, texture(FALLBACK + file), expected)
     assert only_material(description).diffuse_color == (0.5, 0.25, 0.0)
     assert not description.textures
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("float inputs:{} = 0.5", (0.5, 0.5, 0.5, 0.5)),
+        ("float2 inputs:{} = (0.5, 0.25)", (0.5, 0.25, None, None)),
+        ("float3 inputs:{} = (0.5, 0.25, 2)", (0.5, 0.25, 2.0, None)),
+        ("color3f inputs:{} = (0.5, 0.25, 2)", (0.5, 0.25, 2.0, None)),
+        ("color4f inputs:{} = (0.5, 0.25, 2, 4)", (0.5, 0.25, 2.0, 4.0)),
+    ],
+)
+@pytest.mark.parametrize(("name", "default"), [("scale", (1.0, 1.0, 1.0, 1.0)), ("bias", (0.0, 0.0, 0.0, 0.0))])
+def test_scale_and_bias_of_any_width_are_read(textures, name, default, value, expected):
+    lines = f"asset inputs:file = @./textures/color.png@\n{value.format(name)}"
+    lookup = only_material(read(textures, texture(lines))).diffuse_color
+    filled = tuple(own if own is not None else other for own, other in zip(expected, default, strict=True))
+    assert getattr(lookup, name) == filled
+
+
+def test_fallback_of_three_numbers_is_opaque(tmp_path):
+    surface = shader("Surface", "UsdPreviewSurface", "float inputs:opacity.connect = </Looks/L/Image.outputs:a>")
+    image = shader("Image", "UsdUVTexture", "float3 inputs:fallback = (0.5, 0.25, 0)", "float outputs:a")
+    description = read_with_warning(tmp_path, material(surface + image), "without a file")
+    assert only_material(description).opacity == 1.0
+
+
+def test_connected_scale_is_reported(textures):
+    lines = "asset inputs:file = @./textures/color.png@\nfloat4 inputs:scale.connect = </Looks/L/R.outputs:result>"
+    reader = shader("R", "UsdPrimvarReader_float4", 'string inputs:varname = "s"', "float4 outputs:result")
+    description = read_with_warning(textures, texture(lines, reader), "scale of a texture cannot come from a shader")
+    assert only_material(description).diffuse_color.scale == (1.0, 1.0, 1.0, 1.0)
 
 
 def test_udim_tiles_are_merged_side_by_side(tmp_path):

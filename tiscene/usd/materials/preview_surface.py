@@ -205,7 +205,9 @@ class NetworkReader:
         scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
         file = inputs.get("file")
         row, window = None, _IDENTITY
-        if file is not None and isinstance(file.value, Sdf.AssetPath) and file.value.path:
+        if file is None or not isinstance(file.value, Sdf.AssetPath) or not file.value.path:
+            self._report.omission(source.shader.GetPath(), "a UsdUVTexture without a file; its fallback is used")
+        else:
             space = self._token(inputs, "sourceColorSpace", "auto")
             wrap_s, wrap_t = (self._token(inputs, wrap, "useMetadata") for wrap in ("wrapS", "wrapT"))
             if "<UDIM>" in file.value.path:
@@ -236,9 +238,21 @@ class NetworkReader:
         return 1
 
     def _four(self, inputs: dict[str, ShaderConnection], name: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        """Return an input of a UsdUVTexture as four numbers, whatever its width.
+
+        One number is repeated; two and three are followed by the default's.
+        """
         connection = inputs.get(name)
-        value = self._numbers(connection.value, name) if connection and connection.value is not None else None
-        return default if value is None or len(value) != 4 else value
+        if connection is None:
+            return default
+        if connection.source is not None:
+            path = connection.source.shader.GetPath()
+            self._report.omission(path, f"{name} of a texture cannot come from a shader; {default} is used")
+            return default
+        value = self._numbers(connection.value, name)
+        if value is None or len(value) > 4:
+            return default
+        return value * 4 if len(value) == 1 else value + default[len(value) :]
 
     def _coordinates(self, st: ShaderConnection | None) -> tuple[np.ndarray[Any, Any], str]:
         """Return the affine map [3, 3] of a texture's coordinates and the primvar they come from ("": the default)."""
