@@ -19,6 +19,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
+from inspect import isabstract
 from pathlib import Path
 from typing import Any
 
@@ -236,7 +237,7 @@ class Scenario:
         file = catalog.find_scene(source)
         authored = provider("read_usd")(file, variants=variants)
         content = {"format": FORMAT, "version": VERSION, "scene": os.fspath(source)} | authored.content
-        content["variants"] = dict(variants or {})
+        content["variants"] = content.get("variants", {}) | dict(variants or {})
         try:
             return cls.from_json(content)
         except ScenarioError as error:
@@ -281,7 +282,7 @@ class _Dynamics(Mapping[str, type]):
         pending: list[type] = [Dynamic]
         while pending:
             derived: list[type] = pending.pop().__subclasses__()
-            classes |= {cls.__name__: cls for cls in derived if is_dataclass(cls)}
+            classes |= {cls.__name__: cls for cls in derived if is_dataclass(cls) and not isabstract(cls)}
             pending += derived
         return classes | self._LIBRARY
 

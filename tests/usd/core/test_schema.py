@@ -13,7 +13,7 @@ from pxr import Sdf
 
 import dynamics
 from tiscene.usd.core import schema
-from tiscene.usd.scenario.motion_schema import _CLASSES, _KEYS, _PARAMETERS, STEPPED
+from tiscene.usd.scenario.motion_schema import CLASS_BY_TYPE, KEYS_BY_CLASS, PARAMETERS, STEPPED
 
 
 def test_usd_knows_the_schema_as_soon_as_the_reader_is_imported():
@@ -48,14 +48,14 @@ def test_every_dynamic_and_each_of_its_fields_has_its_attributes():
     layer = Sdf.Layer.OpenAsAnonymous(str(schema.FOLDER / "generatedSchema.usda"))
     prim = layer.GetPrimAtPath(f"/{schema.MOTION}")
     kinds = prim.attributes["tiscene:motion:type"].allowedTokens
-    assert set(kinds) == {"none", *_CLASSES, STEPPED}
-    for name, keys in _KEYS.items():
+    assert set(kinds) == {"none", *CLASS_BY_TYPE, STEPPED}
+    for name, keys in KEYS_BY_CLASS.items():
         cls = getattr(dynamics, name)
         assert {field.name for field in dataclasses.fields(cls)} == set(keys)
         for field in dataclasses.fields(cls):
-            if field.name not in _PARAMETERS:
+            if field.name not in PARAMETERS:
                 continue
-            parameter = _PARAMETERS[field.name]
+            parameter = PARAMETERS[field.name]
             attribute = prim.attributes[f"tiscene:motion:{parameter.attribute}"]
             assert attribute.typeName == parameter.type
             # What is not authored has the class's default: the schema must not promise another.

@@ -198,3 +198,28 @@ def test_the_variants_of_a_template_are_chosen_in_the_file_too(tmp_path):
     }
     assert chosen == {"teal": "teal", "white": "white"}
     assert sorted(stream.world.templates) == ["Cube{color=teal}", "Cube{color=white}"]
+
+
+def test_variants_of_the_scene_are_selected_in_the_layer(tmp_path):
+    body = """
+def "Room" (
+    variants = { string light = "day" }
+    prepend variantSets = "light"
+)
+{
+    variantSet "light" = {
+        "day" {
+        }
+        "night" {
+            def Sphere "Lamp"
+            {
+            }
+        }
+    }
+}
+"""
+    path = write(tmp_path, body)
+    stream = ts.Stream(path, variants={"/Room{light}": "night"}, width=8, height=6, buffers=("instance",))
+    stream.to_usd(tmp_path / "motion.usda", 2)
+    assert not read_stage(path).objects
+    assert [each.name for each in read_stage(tmp_path / "motion.usda").objects] == ["Lamp"]

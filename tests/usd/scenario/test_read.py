@@ -368,7 +368,7 @@ MOTION = 'def Cube "A" (prepend apiSchemas = ["TisceneMotionAPI"])\n{{\n{}\n}}'
         (
             MOTION.format('uniform token tiscene:motion:type = "stepped"'),
             StageError,
-            "tiscene:motion:class does not name",
+            "tiscene:motion:class is empty",
         ),
         (
             MOTION.format(
@@ -401,7 +401,7 @@ MOTION = 'def Cube "A" (prepend apiSchemas = ["TisceneMotionAPI"])\n{{\n{}\n}}'
             'def Scope "S" (prepend apiSchemas = ["TisceneScenarioAPI"])\n{\n'
             "rel tiscene:scenario:objects = </Gone>\nrel tiscene:scenario:camera = </S>\n}",
             StageError,
-            "</Gone> is no prim(.|\n)*</S> is no Camera",
+            "</Gone> is not a transformable prim(.|\n)*</S> is not a Camera",
         ),
     ],
 )
@@ -421,7 +421,7 @@ def test_a_bad_scenario_leaves_the_file_alone(room, tmp_path):
     with pytest.raises(StageError, match="not within 64 bits"):
         Scenario(str(room), [Object("a", "Ball", dynamic=seed)]).save(target)
     assert target.read_text() == "mine"
-    with pytest.raises(ExportError, match="is there a folder"):
+    with pytest.raises(ExportError, match="exists and is writable"):
         Scenario(str(room)).save(tmp_path / "nowhere" / "run.usda")
     with pytest.raises(ArgumentError, match=r"ends in \.json, \.usda, \.usdc, \.usd"):
         Scenario(str(room)).save(tmp_path / "run.usdz")
@@ -513,3 +513,34 @@ def test_damaged_scenarios_are_read_or_refused(tmp_path):
     outcomes = read_all("tiscene.scenario.scenario:Scenario.load", files, seconds=20.0, total=180.0)
     assert {READ, REFUSED} <= set(outcomes)
     assert outcomes.count(STOPPED) <= 3  # a damaged count can keep USD itself busy
+
+
+VARIANTS = """
+def Xform "Room" (
+    variants = { string lighting = "day" }
+    prepend variantSets = "lighting"
+)
+{
+    variantSet "lighting" = {
+        "day" {
+            def Cube "Window"
+            {
+            }
+        }
+        "night" {
+            def Sphere "Lamp" (kind = "component")
+            {
+            }
+        }
+    }
+}
+"""
+
+
+def test_a_layer_keeps_the_variants_of_its_scenario(tmp_path):
+    path = write(tmp_path, VARIANTS)
+    scenario = Scenario(str(path), [Object("a", "/Room/Lamp", (1, 2, 3))], variants={"/Room{lighting}": "night"})
+    scenario.save(tmp_path / "run.usda")
+    assert Scenario.load(tmp_path / "run.usda") == scenario
+    names = {each.name for each in read_stage(tmp_path / "run.usda").objects}
+    assert names == {"a"}  # the layer itself selects them: any program shows the lamp where the object is

@@ -115,12 +115,13 @@ def _set_missing_range(stage: Usd.Stage) -> None:
         session.startTimeCode, session.endTimeCode = min(times), max(times)
 
 
-def select_variants(stage: Usd.Stage, variants: Variants) -> None:
-    """Select variants in the session layer, so that no file changes.
+def select_variants(stage: Usd.Stage, variants: Variants, layer: Sdf.Layer | None = None) -> None:
+    """Select variants.
 
     Args:
         stage: the stage.
         variants: `{"/Room{lighting}": "night"}` or `{"/Room": {"lighting": "night"}}`.
+        layer: layer of the stage to author the selections in; None: the session layer, so that no file changes.
 
     Raises:
         UnknownName: a prim, variant set or variant that the stage does not have.
@@ -128,7 +129,7 @@ def select_variants(stage: Usd.Stage, variants: Variants) -> None:
     """
     if not isinstance(variants, Mapping):
         raise ArgumentError(f"variants={variants!r} must be a mapping such as {{'/Room{{lighting}}': 'night'}}")
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
+    with Usd.EditContext(stage, layer or stage.GetSessionLayer()):
         for prim_path, set_name, choice in _selections(variants):
             prim = stage.GetPrimAtPath(prim_path)
             if not prim:

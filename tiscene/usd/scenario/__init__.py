@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios on USD stages.
+"""Scenarios and motion on USD stages, read and written.
 
 ::
 
-    read                scenario authored on a stage
-    write               scenario as a layer over its scene
+    read                read the scenario of a stage
+    write               write a scenario as a layer over its scene
     motion_schema       trajectories as attributes of TisceneMotionAPI
     layer               layers over a scene: references, cameras, poses
     bake                a stream's motion as time samples
-    light_time_samples  animated lights, both ways
+    light_time_samples  animated lights, read and written
 """

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stream's motion as a USD layer over its scene: time samples of poses and visibility, for any USD program."""
+"""write_motion: bake a stream's motion into a USD layer over its scene, as time samples that any USD program plays.
+
+Objects, cameras and lights are sampled once per frame; time code k is frame k. `tiscene.usd` does not import
+`tiscene.world`: `BakedWorld` and the protocols before it state what is needed of a `World`.
+"""
 
 from __future__ import annotations
 
 import itertools
 import operator
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,10 +27,12 @@ from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.light_time_samples import emitted, write_emission
 
 Array = NDArray[np.float64]
+Poses = dict[int, Array]  # by frame: position (m) and quaternion [7]
+Offsets = dict[int, Array]  # by frame: float64 [4, 4], from the authored pose to the current one
 
 
-class Posed(Protocol):
-    """An object at one frame: rows of `World.objects`."""
+class BakedObject(Protocol):
+    """A live object at one frame. Attributes as of `tiscene.world.object_registry.WorldObject`."""
 
     @property
     def id(self) -> int: ...
@@ -40,24 +46,47 @@ class Posed(Protocol):
     def rotation(self) -> Quaternion: ...
 
 
-class State(Protocol):
-    """A world at one frame."""
+class BakedCamera(Protocol):
+    """A camera at one frame."""
 
     @property
-    def objects(self) -> Sequence[Posed]: ...
+    def current(self) -> Camera: ...
+
+
+class BakedState(Protocol):
+    """A world at one frame: live objects, lights, and one row per camera."""
+
+    @property
+    def objects(self) -> Sequence[BakedObject]: ...
     @property
     def lights(self) -> Sequence[Light]: ...
     @property
-    def cameras(self) -> Sequence[tuple[Camera, Camera, Camera]]: ...
+    def cameras(self) -> Sequence[BakedCamera]: ...
 
 
-class Motion(Protocol):
-    """What is written of a world: its scenario, and where everything is at each frame."""
+class BakedScenario(Protocol):
+    """The scenario of a world: its objects with their edits, and which lights are animated."""
 
     @property
-    def scenario(self) -> Any:
-        """A Scenario."""
+    def scene(self) -> str: ...
+    @property
+    def variants(self) -> Mapping[str, str]: ...
+    @property
+    def lights(self) -> Sequence[Any]:
+        """Light motions; `light` is a light's path or name."""
 
+    def lives(self) -> Sequence[Any]:
+        """Return histories of the objects; `spec` has `id`, `template` and `scale`."""
+
+    def stage_lives(self) -> Mapping[str, Any]:
+        """Return histories of the stage's objects that edits have changed, by prim path."""
+
+
+class BakedWorld(Protocol):
+    """A world that can be baked."""
+
+    @property
+    def scenario(self) -> BakedScenario: ...
     @property
     def stage(self) -> SceneDescription: ...
     @property
@@ -65,149 +94,177 @@ class Motion(Protocol):
     @property
     def cameras(self) -> Sequence[Camera]: ...
     @property
-    def initial_objects(self) -> Sequence[Posed]: ...
-    def state(self, frame: int) -> State: ...
+    def initial_objects(self) -> Sequence[BakedObject]:
+        """The stage's objects as authored, before any edit."""
+
+    def state(self, frame: int) -> BakedState: ...
 
 
-def write_motion(world: Motion, path: str | os.PathLike[str], frames: int | Iterable[int]) -> None:
-    """Write where everything is at some frames of a world as a layer (.usda, .usdc, .usd) over its scene.
+def write_motion(world: BakedWorld, path: str | os.PathLike[str], frames: int | Iterable[int]) -> None:
+    """Write the poses, lifespans and lights of some frames of a world as a layer over its scene.
 
-    frames: how many, from 0 on; or their numbers. Time code k is frame k, and the stage plays fps of them a second.
-    Objects are references to their templates, with translate and orient in double precision, and are visible while they
-    are alive; so are things of the stage that edits have moved or taken away. Cameras that move or that are not on the
-    stage, and lights that move or change, are written too. `read_stage` at a time code gives the world of that frame.
-    Raises ArgumentError (frames, suffix), ExportError, and what is raised for scenes and templates that are gone.
+    Objects are references to their templates, with translate and orient in double precision; they are visible while
+    they are alive. Objects of the stage that edits have changed, cameras that move or are not on the stage, and
+    animated lights are written too. `read_stage` at time code k gives the world of frame k.
+
+    Args:
+        world: the world.
+        path: file to write (.usda, .usdc, .usd).
+        frames: number of frames from 0 on, or their increasing indices. The stage plays `world.fps` frames per second.
+
+    Raises:
+        ArgumentError: invalid frames or suffix, or an edited object that is not a prim.
+        ExportError: the file cannot be written.
+        TisceneError: the scene or a template does not exist any more.
     """
     numbers = _frame_numbers(frames)
+    scenario = world.scenario
     with quiet(), readable(os.fspath(path)):
-        over = OverLayer(world.scenario.scene, "Motion")
+        over = OverLayer(scenario.scene, "Motion", scenario.variants)
         over.set_time(numbers[0], numbers[-1], world.fps)
-        _write_objects(over, world, numbers)
-        _write_things(over, world, numbers)
-        _write_lights(over, world, numbers)
-        _write_cameras(over, world, numbers)
+        recorded = _Recording(world, numbers)
+        _write_objects(over, scenario, recorded, numbers)
+        _write_edited_stage_objects(over, scenario, recorded, numbers)
+        _write_lights(over, world, recorded)
+        _write_cameras(over, world, recorded)
         over.export(path)
 
 
-def _write_objects(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
-    standing = len(world.stage.objects)
-    asked = {life.spec.id: life.spec for life in world.scenario.lives()}
-    poses: dict[str, dict[int, Array]] = {}
-    for frame in frames:
-        for row in world.state(frame).objects:
-            if row.id > standing:
-                poses.setdefault(row.name, {})[frame] = np.array([*row.position, *row.rotation])
+class _Recording:
+    """Poses and lights of a world at some frames. Each frame's state is computed once and not kept.
+
+    Attributes:
+        objects: poses of the scenario's objects, by name.
+        stage_objects: offsets of the stage's objects that edits have changed, by prim path.
+        lights: animated lights, by prim path and frame.
+        cameras: poses, one row per camera.
+    """
+
+    def __init__(self, world: BakedWorld, frames: Sequence[int]) -> None:
+        """Record the frames of a world."""
+        initial = {each.prim_path: each for each in world.initial_objects}
+        animated = {motion.light for motion in world.scenario.lights}
+        paths = [each.prim_path for each in world.stage.lights if animated & {each.prim_path, each.name}]
+        self.objects: dict[str, Poses] = {}
+        self.stage_objects: dict[str, Offsets] = {path: {} for path in world.scenario.stage_lives()}
+        self.lights: dict[str, dict[int, Light]] = {path: {} for path in paths}
+        self.cameras: list[Poses] = [{} for _ in world.cameras]
+        stage_count = len(world.stage.objects)
+        for frame in frames:
+            state = world.state(frame)
+            for each in state.objects:
+                if each.id > stage_count:
+                    self.objects.setdefault(each.name, {})[frame] = np.array([*each.position, *each.rotation])
+                elif each.prim_path in self.stage_objects:
+                    offset = _offset(_matrix(initial[each.prim_path]), _matrix(each))
+                    self.stage_objects[each.prim_path][frame] = offset
+            for light in state.lights:
+                if light.prim_path in self.lights:
+                    self.lights[light.prim_path][frame] = light
+            for poses, camera in zip(self.cameras, state.cameras, strict=True):
+                poses[frame] = np.array([*camera.current.position, *camera.current.rotation])
+
+
+def _write_objects(over: OverLayer, scenario: BakedScenario, recorded: _Recording, frames: Sequence[int]) -> None:
+    specs = {history.spec.id: history.spec for history in scenario.lives()}
     prims = []
-    for each in asked.values():
-        if each.id not in poses:
+    for spec in specs.values():
+        if spec.id not in recorded.objects:
             continue
-        prim, operations = over.define_object(each.id, each.template, scale=_three(each.scale))
+        prim, operations = over.define_object(spec.id, spec.template, scale=_three(spec.scale))
         prims.append(prim.GetPath())
         if schema.has(prim, schema.MOTION) or schema.has(prim, schema.OBJECT):
-            _play_samples(prim)
-        alive = poses[each.id]
-        _write_poses(operations, alive, over)
-        _write_visibility(prim, [frame in alive for frame in frames], frames)
-    # Whoever streams this file plays these, and not what the scene's author meant to move.
+            _disable_schema_motion(prim)
+        poses = recorded.objects[spec.id]
+        _write_poses(operations, poses, over)
+        _write_visibility(prim, [frame in poses for frame in frames], frames)
+    # Streaming this layer plays these objects instead of those that the scene's author animated.
     root = over.stage.GetPrimAtPath(over.root)
     root.AddAppliedSchema(schema.SCENARIO)
     root.CreateRelationship("tiscene:scenario:objects", False).SetTargets(prims)
 
 
-def _play_samples(prim: Usd.Prim) -> None:
-    """A prim of the scene has a motion by its author already: here its time samples take the place of that."""
+def _disable_schema_motion(prim: Usd.Prim) -> None:
+    """Turn off the motion that the scene's author gave a prim by the schema: time samples replace it."""
     boolean, token = Sdf.ValueTypeNames.Bool, Sdf.ValueTypeNames.Token
     prim.CreateAttribute("tiscene:motion:type", token, False, Sdf.VariabilityUniform).Set("none")
     for name in ("collide", "frustumLimited"):
         prim.CreateAttribute(f"tiscene:object:{name}", boolean, False, Sdf.VariabilityUniform).Set(False)
 
 
-def _write_things(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
-    """Where things of the stage are that edits have moved or taken away."""
-    initial_objects = {row.prim_path: row for row in world.initial_objects}
-    for path in world.scenario.stage_lives():
-        start = initial_objects[path]
-        moved: dict[int, Array] = {}
-        for frame in frames:
-            for row in world.state(frame).objects:
-                if row.prim_path == path:
-                    moved[frame] = _between(_placed(start), _placed(row))
-        prim = _write_moved(over, path, moved)
-        if prim:
-            _write_visibility(prim, [frame in moved for frame in frames], frames)
+def _write_edited_stage_objects(
+    over: OverLayer, scenario: BakedScenario, recorded: _Recording, frames: Sequence[int]
+) -> None:
+    for path, offsets in recorded.stage_objects.items():
+        prim = _write_offsets(over, path, offsets)
+        _write_visibility(prim, [frame in offsets for frame in frames], frames)
 
 
-def _write_lights(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
-    """Lights with motions: their poses, and what they emit."""
-    first = {light.prim_path: light for light in world.stage.lights}
-    if not world.scenario.lights:
-        return
-    by_frame = {frame: {light.prim_path: light for light in world.state(frame).lights} for frame in frames}
-    wanted = {motion.light for motion in world.scenario.lights}
-    for path, start in first.items():
-        if not wanted & {path, start.name}:
-            continue
-        lights = {frame: lights[path] for frame, lights in by_frame.items() if path in lights}
-        moved = {frame: _between(start.world_from_light, light.world_from_light) for frame, light in lights.items()}
+def _write_lights(over: OverLayer, world: BakedWorld, recorded: _Recording) -> None:
+    """Write the poses and the emission of animated lights where they differ from the scene's."""
+    authored = {light.prim_path: light for light in world.stage.lights}
+    for path, lights in recorded.lights.items():
+        start = authored[path]
+        offsets = {frame: _offset(start.world_from_light, light.world_from_light) for frame, light in lights.items()}
         prim = over.stage.GetPrimAtPath(path)
-        if any(not np.array_equal(by, np.eye(4)) for by in moved.values()):
-            prim = _write_moved(over, path, moved)
+        if any(not np.array_equal(offset, np.eye(4)) for offset in offsets.values()):
+            prim = _write_offsets(over, path, offsets)
         if any(emitted(light) != emitted(start) for light in lights.values()):
             write_emission(prim, {frame: emitted(light) for frame, light in lights.items()})
 
 
-def _write_moved(over: OverLayer, path: str, moved: dict[int, Array]) -> Usd.Prim | None:
-    """A prim of the scene elsewhere: by frame, what takes it there from where the scene has it, 4x4.
+def _write_offsets(over: OverLayer, path: str, offsets: Offsets) -> Usd.Prim:
+    """Write the poses of a prim of the scene, given relative to its authored pose.
 
-    Raises ArgumentError for what cannot be pose_matrix, such as one point of an instancer.
+    Raises ArgumentError for a path that is not a transformable prim, such as one point of an instancer.
     """
     prim = over.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-    start = read_pose(prim, reading_time(over.stage, None), over.units) if prim else "it is no prim of its own"
+    start = read_pose(prim, reading_time(over.stage, None), over.units) if prim else "it is not a prim of its own"
     if prim is None or isinstance(start, str):
-        raise ArgumentError(f"what {path!r} does cannot be written: {start}")
-    matrix = pose_matrix(start.position, start.rotation)
+        raise ArgumentError(f"the motion of {path!r} cannot be written: {start}")
+    authored = pose_matrix(start.position, start.rotation)
     poses = {}
-    for frame, by in moved.items():
-        now = by @ matrix if not np.array_equal(by, np.eye(4)) else matrix
-        poses[frame] = np.array([*now[:3, 3], *quaternion_from_matrix(now[:3, :3])])
+    for frame, offset in offsets.items():
+        matrix = offset @ authored if not np.array_equal(offset, np.eye(4)) else authored
+        poses[frame] = np.array([*matrix[:3, 3], *quaternion_from_matrix(matrix[:3, :3])])
     operations = pose_operations(prim, euler=False, scale=start.scale, stretch=start.stretch)
-    # Nothing above moves it any more.
-    UsdGeom.Xformable(prim).SetResetXformStack(True)
+    UsdGeom.Xformable(prim).SetResetXformStack(True)  # the pose is that in the world
     if poses:
         _write_poses(operations, poses, over)
     return prim
 
 
-def _placed(row: Posed) -> Array:
-    return pose_matrix(row.position, row.rotation)
+def _matrix(each: BakedObject) -> Array:
+    return pose_matrix(each.position, each.rotation)
 
 
-def _between(start: Array, now: Array) -> Array:
-    """What leads from one pose to another, 4x4; the identity, to the bit, where nothing has changed."""
-    return np.eye(4) if np.array_equal(start, now) else now @ np.linalg.inv(start)
+def _offset(start: Array, current: Array) -> Array:
+    """Return the 4x4 from one pose to another; exactly the identity if they are equal."""
+    return np.eye(4) if np.array_equal(start, current) else current @ np.linalg.inv(start)
 
 
-def _write_cameras(over: OverLayer, world: Motion, frames: Sequence[int]) -> None:
-    """The cameras that watch: new ones, unless they are the stage's and stand still."""
+def _write_cameras(over: OverLayer, world: BakedWorld, recorded: _Recording) -> None:
+    """Write the cameras of the world, except for static ones of the stage."""
     paths = []
     on_stage = {prim.GetName(): prim for prim in over.stage.Traverse() if prim.IsA(UsdGeom.Camera)}
-    for row, camera in enumerate(world.cameras):
+    for camera, poses in zip(world.cameras, recorded.cameras, strict=True):
         if camera.dynamic is None and camera in world.stage.cameras:
             if camera.name in on_stage:
                 paths.append(on_stage[camera.name].GetPath())
             continue
         prim, operations = over.define_camera(camera)
         paths.append(prim.GetPath())
-        views = [world.state(frame).cameras[row][1] for frame in frames]
-        poses = [np.array([*view.position, *view.rotation]) for view in views]
-        _write_poses(operations, dict(zip(frames, poses, strict=True)), over)
+        _write_poses(operations, poses, over)
     if len(paths) > 1 or world.cameras[0].dynamic is not None or world.cameras[0] not in world.stage.cameras:
         root = over.stage.GetPrimAtPath(over.root)
         root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
 
 
-def _write_poses(operations: PoseOperations, poses: dict[int, Array], over: OverLayer) -> None:
-    """One value if it never changes, else a sample a frame. Quaternions stay on one side, for USD interpolates them."""
+def _write_poses(operations: PoseOperations, poses: Poses, over: OverLayer) -> None:
+    """Write one value for a static pose, else a sample per frame.
+
+    USD interpolates quaternions by components: consecutive ones are kept in the same hemisphere.
+    """
     first = next(iter(poses.values()))
     if all(np.array_equal(pose, first) for pose in poses.values()):
         operations.set(first[:3].tolist(), first[3:].tolist(), over.units)
@@ -219,24 +276,25 @@ def _write_poses(operations: PoseOperations, poses: dict[int, Array], over: Over
 
 
 def _write_visibility(prim: Usd.Prim, alive: Sequence[bool], frames: Sequence[int]) -> None:
-    """Visibility is held until its next sample: one where it changes will do."""
+    """Write a sample wherever visibility changes: USD holds it until the next sample."""
     visibility = UsdGeom.Imageable(prim).CreateVisibilityAttr()
-    names = [UsdGeom.Tokens.inherited if each else UsdGeom.Tokens.invisible for each in alive]
-    if len(set(names)) == 1:
-        visibility.Set(names[0])
+    tokens = [UsdGeom.Tokens.inherited if each else UsdGeom.Tokens.invisible for each in alive]
+    if len(set(tokens)) == 1:
+        visibility.Set(tokens[0])
         return
-    for row, (frame, name) in enumerate(zip(frames, names, strict=True)):
-        if row == 0 or name != names[row - 1]:
-            visibility.Set(name, Usd.TimeCode(frame))
+    for row, (frame, token) in enumerate(zip(frames, tokens, strict=True)):
+        if row == 0 or token != tokens[row - 1]:
+            visibility.Set(token, Usd.TimeCode(frame))
 
 
 def _frame_numbers(frames: int | Iterable[int]) -> list[int]:
+    """Return the indices of frames. Raises ArgumentError unless they are integers, 0 or more, increasing, not empty."""
     try:
         numbers = [operator.index(each) for each in frames] if isinstance(frames, Iterable) else list(range(frames))
     except TypeError:
-        raise ArgumentError(f"frames={frames!r}: must be a number of frames, or whole numbers of frames") from None
+        raise ArgumentError(f"frames={frames!r}: must be a number of frames, or the indices of frames") from None
     if not numbers or numbers[0] < 0 or any(b <= a for a, b in itertools.pairwise(numbers)):
-        raise ArgumentError(f"frames={frames!r}: must be one frame or more, from 0 on and increasing")
+        raise ArgumentError(f"frames={frames!r}: must be at least one frame, 0 or more, and increasing")
     return numbers
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layers over a scene's: objects by reference to their templates, and cameras, with what places them."""
+"""OverLayer: a new layer over a scene, with objects that reference their templates, cameras, and their poses."""
 
 from __future__ import annotations
 
@@ -17,26 +17,45 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.core.semantics import spaced
-from tiscene.usd.core.stage import open_stage, reading_time
+from tiscene.usd.core.stage import Variants, open_stage, reading_time, select_variants
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.template import TEMPLATES_PRIM, display_name, root_prim
 
-_APERTURE = 0.024  # m, the height of the film in cameras that are written
+_APERTURE = 0.024  # m, vertical aperture of written cameras
 _METADATA = ("timeCodesPerSecond", "framesPerSecond", "startTimeCode", "endTimeCode")
 
 
 class OverLayer:
-    """A new layer on top of a scene's, made in memory. `export` writes it, with relative paths to the files it uses."""
+    """A new layer with a scene as its sublayer, made in memory. `export` writes it, with relative asset paths.
 
-    def __init__(self, scene: str, name: str) -> None:
-        """scene: its name or file. name: of the root prim that holds what is new, unless the scene has one such."""
+    Attributes:
+        layer: the layer.
+        stage: the scene with the layer on top.
+        units: unit of length of the scene.
+        up_axis: "Y" or "Z", as of the scene.
+        root: path of the Scope that holds the new prims.
+    """
+
+    def __init__(self, scene: str, name: str, variants: Variants | None = None) -> None:
+        """Create the layer.
+
+        Args:
+            scene: name or file of the scene.
+            name: name of the new root prim; a number is appended if the scene has a prim of that name.
+            variants: variant selections, `{"/Room{lighting}": "night"}`, which are authored in the layer.
+
+        Raises:
+            SceneNotFound, MissingFile, StageError: the scene cannot be read.
+            UnknownName: a variant that the scene does not have.
+        """
         file = catalog.find_scene(scene).resolve()
-        below = open_stage(file)
+        below = open_stage(file, variants)
         self.layer = Sdf.Layer.CreateAnonymous(".usda")
         self.layer.subLayerPaths.append(str(file))
         self.stage = Usd.Stage.Open(self.layer)
-        # These are read from a stage's own layer only.
+        select_variants(self.stage, variants or {}, self.layer)
+        # USD reads this metadata from the root layer only.
         UsdGeom.SetStageMetersPerUnit(self.stage, UsdGeom.GetStageMetersPerUnit(below))
         UsdGeom.SetStageUpAxis(self.stage, UsdGeom.GetStageUpAxis(below))
         for key in ("defaultPrim", *_METADATA):
@@ -55,14 +74,14 @@ class OverLayer:
         self._hidden: set[str] = set()
 
     def set_time(self, first: float, last: float, rate: float) -> None:
-        """The range of time codes, and how many of them make a second."""
+        """Set the range of time codes, and their rate per second."""
         self.stage.SetStartTimeCode(first)
         self.stage.SetEndTimeCode(last)
         self.stage.SetTimeCodesPerSecond(rate)
         self.stage.SetFramesPerSecond(rate)
 
     def unused_path(self, folder: Sdf.Path, name: str) -> Sdf.Path:
-        """A path for a new prim that is called `name` as nearly as USD allows."""
+        """Return a path for a new prim below `folder`, named as closely to `name` as USD allows."""
         identifier = name if Sdf.Path.IsValidIdentifier(name) else Tf.MakeValidIdentifier(name)
         path, number = folder.AppendChild(identifier), 1
         while self.stage.GetPrimAtPath(path):
@@ -71,17 +90,29 @@ class OverLayer:
         return path
 
     def folder(self, name: str) -> Sdf.Path:
-        """A Scope below the root prim."""
+        """Return the path of a Scope below the root prim, which is created if needed."""
         path = self.root.AppendChild(name)
         return path if self.stage.GetPrimAtPath(path) else self._scope(path)
 
     def define_object(
         self, name: str, template: str, *, euler: bool = False, scale: Sequence[float] = (1.0, 1.0, 1.0)
     ) -> tuple[Usd.Prim, PoseOperations]:
-        """A prim that refers to a template (a name, a file, or a prim on the stage), and what places it.
+        """Create a prim that references a template.
 
-        A prim on the stage that serves as a template is hidden, for it is the one that moves.
-        Raises TemplateNotFound, MissingFile and StageError.
+        A prim of the stage that serves as a template is hidden: the object replaces it.
+
+        Args:
+            name: name of the object.
+            template: name, file, or path of a prim on the stage.
+            euler: whether its rotation is written as Euler angles, else as a quaternion.
+            scale: along its own axes.
+
+        Returns:
+            The prim, and the operations to write its pose to.
+
+        Raises:
+            TemplateNotFound, MissingFile, StageError: the template cannot be read.
+            ArgumentError: the template has no prim to reference.
         """
         prim = self.stage.DefinePrim(self.unused_path(self.folder("Objects"), name))
         references = prim.GetReferences()
@@ -98,19 +129,19 @@ class OverLayer:
             below = open_stage(file)
             root = root_prim(below)
             if root is None:
-                raise ArgumentError(f"template {template!r}: {file.name} has no default prim to refer to")
+                raise ArgumentError(f"template {template!r}: {file.name} has no default prim to reference")
             references.AddReference(str(file), root.GetPath())
             for variant_set, variant in catalog.template_variants(template)[1].items():
                 prim.GetVariantSets().SetSelection(variant_set, variant)
             stretch = self._own_stretch(root)
-        if not prim.IsA(UsdGeom.Xformable):  # a template may be one mesh, or have no type at all
+        if not prim.IsA(UsdGeom.Xformable):  # a template may be a single mesh, or a prim without type
             prim.SetTypeName("Xform")
         if not prim.HasMetadata("kind"):
             Usd.ModelAPI(prim).SetKind("component")
         return prim, pose_operations(prim, euler=euler, scale=scale, stretch=stretch)
 
     def _own_stretch(self, root: Usd.Prim) -> Matrix:
-        """What of a template's own transform stays when it is placed, in this stage's unit and axes."""
+        """Return the linear part of a template's own transform, its unit and up axis converted to the scene's."""
         stage = root.GetStage()
         stretch = np.eye(4)
         if root.IsA(UsdGeom.Xformable):
@@ -124,9 +155,9 @@ class OverLayer:
         return stretch
 
     def _hide(self, path: str) -> Matrix:
-        """Hide a prim of the scene; what of its transform is not a pose."""
+        """Hide a prim of the scene and return its scale and stretch."""
         prim = self._below.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-        pose = read_pose(prim, reading_time(self._below, None), self.units) if prim else "it is not there"
+        pose = read_pose(prim, reading_time(self._below, None), self.units) if prim else "it does not exist"
         if isinstance(pose, str):
             raise ArgumentError(f"the stage's prim {path!r} cannot serve as a template: {pose}")
         if path not in self._hidden:
@@ -136,11 +167,11 @@ class OverLayer:
         return stretch
 
     def define_camera(self, camera: Camera) -> tuple[Usd.Prim, PoseOperations]:
-        """A camera with another's lens, and what places it."""
+        """Create a camera with the lens of another; return its prim and the operations to write its pose to."""
         path = self.unused_path(self.folder("Cameras"), camera.name)
         lens = UsdGeom.Camera.Define(self.stage, path)
         per_meter = 1.0 / self.units.meters
-        height = _APERTURE * per_meter * 10.0  # apertures and focal length are tenths of a stage unit
+        height = _APERTURE * per_meter * 10.0  # apertures and focal length are in tenths of a stage unit
         focal_length = height / (2.0 * math.tan(0.5 * camera.vertical_fov))
         if camera.orthographic_height is not None:
             lens.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
@@ -160,7 +191,15 @@ class OverLayer:
         return lens.GetPrim(), pose_operations(lens.GetPrim(), euler=False)
 
     def export(self, path: str | os.PathLike[str]) -> None:
-        """Write the layer as a file. Raises ArgumentError (its suffix), ExportError."""
+        """Write the layer to a file.
+
+        Args:
+            path: file that ends in .usda, .usdc or .usd.
+
+        Raises:
+            ArgumentError: another suffix.
+            ExportError: the file cannot be written.
+        """
         path = Path(path)
         if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
             raise ArgumentError(
@@ -175,14 +214,14 @@ class OverLayer:
         except Tf.ErrorException as error:
             raise ExportError(f"{path} cannot be written") from error
         if not written:
-            raise ExportError(f"{path} cannot be written: is there a folder {str(folder)!r}, and may it be written to?")
+            raise ExportError(f"{path} cannot be written: check that the folder {str(folder)!r} exists and is writable")
 
     def _scope(self, path: Sdf.Path) -> Sdf.Path:
         return self.stage.DefinePrim(path, "Scope").GetPath()
 
 
 def _relative(asset: str, folder: Path) -> str:
-    """An absolute path as one relative to a folder; as it is on another drive."""
+    """Return an absolute path relative to a folder; unchanged if it is on another drive."""
     try:
         relative = Path(os.path.relpath(asset, folder)).as_posix()
     except ValueError:

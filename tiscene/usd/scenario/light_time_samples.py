@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lights that move or change by time samples, and back: what a stream's lights do, as time samples."""
+"""Animated lights: time samples of UsdLux to light motions of a scenario, and a stream's emission to time samples."""
 
 from __future__ import annotations
 
@@ -22,22 +22,27 @@ from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.scenario.motion_schema import read_dynamic
 
 _LINEAR = ("inputs:intensity", "inputs:color")
-_CURVED = ("inputs:exposure", "inputs:colorTemperature")  # what the light is does not change in proportion to these
+_NONLINEAR = ("inputs:exposure", "inputs:colorTemperature")  # radiance is not proportional to these
 
 
 def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict[str, Any] | None:
-    """How a light moves and shines as the JSON object of LightMotion; None if it does neither.
+    """Return the animation of a light's pose and radiance as the JSON object of LightMotion; None if it has none.
 
     Time 0 is the start of the stage's range of time codes.
+
+    Args:
+        prim: the light.
+        units: unit of length of its stage.
+        report: receives problems of its motion.
     """
-    moves = sample_times(prim)
-    shines = _emission_times(prim)
+    pose_times = sample_times(prim)
+    emission_times = _emission_times(prim)
     has_schema = schema.has(prim, schema.MOTION)
     content: dict[str, Any] = {"light": str(prim.GetPath())}
     if has_schema:
         content["dynamic"] = read_dynamic(prim, units, report)
-    elif len(moves) > 1:
-        lights = _lights(prim, moves)
+    elif len(pose_times) > 1:
+        lights = _lights(prim, pose_times)
         if len(lights) > 1:
             waypoints = [
                 {
@@ -48,8 +53,8 @@ def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict
             ]
             seconds = _seconds(prim, lights)
             content["dynamic"] = {"type": "Keyframes", "times": seconds, "waypoints": waypoints, "repeat": False}
-    if len(shines) > 1:
-        lights = _lights(prim, shines)
+    if len(emission_times) > 1:
+        lights = _lights(prim, emission_times)
         colors = [list(emitted(light)) for light in lights.values()]
         if any(color != colors[0] for color in colors):
             content |= {"times": _seconds(prim, lights), "radiance": colors}
@@ -57,22 +62,22 @@ def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict
 
 
 def emitted(light: Light) -> Color:
-    """The radiance of a light, of a distant one its irradiance."""
+    """Return the radiance of a light, the irradiance of a distant one."""
     color: Color = light.irradiance if isinstance(light, DistantLight) else light.radiance  # type: ignore[attr-defined]
     return color
 
 
 def _emission_times(prim: Usd.Prim) -> list[float]:
-    """The time codes at which a light's emission is authored; of what changes it otherwise than in proportion, all."""
+    """Return the time codes of a light's emission samples, and all whole ones between those of nonlinear inputs."""
     times: set[float] = set()
-    for name in (*_LINEAR, *_CURVED):
+    for name in (*_LINEAR, *_NONLINEAR):
         samples = prim.GetAttribute(name).GetTimeSamples() if prim.HasAttribute(name) else []
-        times.update(dense_times(samples, MAX_TIMES) if name in _CURVED else samples)
+        times.update(dense_times(samples, MAX_TIMES) if name in _NONLINEAR else samples)
     return sorted(times)
 
 
 def _lights(prim: Usd.Prim, times: list[float]) -> dict[float, Light]:
-    """The light at time codes from the start of the stage's range on."""
+    """Return the light at time codes; those before the stage's range are clamped to its start."""
     start = prim.GetStage().GetStartTimeCode()
     result = {}
     for time in sorted({max(time, start) for time in times}):
@@ -83,9 +88,9 @@ def _lights(prim: Usd.Prim, times: list[float]) -> dict[float, Light]:
 
 
 def _light(prim: Usd.Prim, time: Usd.TimeCode) -> Light | None:
-    stage, unheard = prim.GetStage(), StageReport("")
+    stage, ignored = prim.GetStage(), StageReport("")
     meters = UsdGeom.GetStageMetersPerUnit(stage)
-    reader = LightReader(TextureTable(unheard), time, unheard, meters, str(UsdGeom.GetStageUpAxis(stage)))
+    reader = LightReader(TextureTable(ignored), time, ignored, meters, str(UsdGeom.GetStageUpAxis(stage)))
     reader.add(prim, to_matrix(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time), meters))
     return reader.lights[0] if reader.lights else None
 
@@ -96,7 +101,12 @@ def _seconds(prim: Usd.Prim, lights: Mapping[float, Light]) -> list[float]:
 
 
 def write_emission(prim: Usd.Prim, radiance: Mapping[int, Color]) -> None:
-    """Author what a light emits at some time codes: intensity and color, without exposure or temperature."""
+    """Author a light's emission as time samples of intensity and color, without exposure or color temperature.
+
+    Args:
+        prim: the light.
+        radiance: `emitted` by time code.
+    """
     values: dict[str, Any] = {
         "intensity": 1.0,
         "exposure": 0.0,
@@ -104,17 +114,17 @@ def write_emission(prim: Usd.Prim, radiance: Mapping[int, Color]) -> None:
         "enableColorTemperature": False,
     }
     types = {"color": Sdf.ValueTypeNames.Color3f, "enableColorTemperature": Sdf.ValueTypeNames.Bool}
-    made = {}
+    attributes = {}
     for name, value in values.items():
         kind = types.get(name, Sdf.ValueTypeNames.Float)
-        made[name] = prim.CreateAttribute(f"inputs:{name}", kind, False)
-        made[name].Clear()
-        made[name].Set(value)
+        attributes[name] = prim.CreateAttribute(f"inputs:{name}", kind, False)
+        attributes[name].Clear()
+        attributes[name].Set(value)
     one = _light(prim, Usd.TimeCode.Default())
     per_intensity = max(emitted(one)) if one is not None else 1.0
     for time, color in radiance.items():
         emission = np.array(color) / per_intensity
         intensity = float(emission.max())
         tint = emission / intensity if intensity > 0.0 else np.ones(3)
-        made["intensity"].Set(intensity, Usd.TimeCode(time))
-        made["color"].Set(Gf.Vec3f(*tint.tolist()), Usd.TimeCode(time))
+        attributes["intensity"].Set(intensity, Usd.TimeCode(time))
+        attributes["color"].Set(Gf.Vec3f(*tint.tolist()), Usd.TimeCode(time))

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamics as attributes of TisceneMotionAPI, both ways: to and from the JSON values of a scenario's dynamics.
+"""Trajectories as attributes of TisceneMotionAPI: conversion from and to the JSON objects of a scenario.
 
-The attributes of a kind of motion are those of its JSON object, by the table below. Values on the stage are stage units
-and camelCase, those of JSON meters and snake_case. What is not authored is left out, and so has the default of the
-class that reads the JSON.
+`PARAMETERS` maps the keys of the JSON objects to attributes. Attributes are in camelCase and stage units, JSON keys in
+snake_case and meters. An attribute that is not authored is left out of the JSON object, whose class has the default.
 
-A motion that somebody wrote in Python is of type `stepped`: its class by name, its fields as in JSON, in meters.
+A trajectory that a user has written in Python has type `stepped`: the name of its class, and its fields as JSON in
+meters.
 """
 
 from __future__ import annotations
@@ -28,33 +28,39 @@ NO_MOTION, STEPPED = "none", "stepped"
 
 
 @dataclass(frozen=True)
-class _Parameter:
-    """attribute: its name below `tiscene:motion`. length: m in JSON, stage units on the stage."""
+class MotionAttribute:
+    """An attribute of a trajectory.
+
+    Attributes:
+        attribute: name below `tiscene:motion`.
+        type: its type in USD.
+        length: whether it is a length: meters in JSON, stage units on the stage.
+    """
 
     attribute: str
     type: Sdf.ValueTypeName
     length: bool = False
 
 
-_PARAMETERS = {
-    "total_time": _Parameter("totalTime", _TYPES.Double),
-    "pacing": _Parameter("pacing", _TYPES.Token),
-    "rotation": _Parameter("interpolation", _TYPES.Token),
-    "times": _Parameter("times", _TYPES.DoubleArray),
-    "repeat": _Parameter("repeat", _TYPES.Bool),
-    "speed": _Parameter("speed", _TYPES.Double, length=True),
-    "angular_speed": _Parameter("angularSpeed", _TYPES.Double),
-    "start_direction": _Parameter("startDirection", _TYPES.Vector3d),
-    "seed": _Parameter("seed", _TYPES.Int64),
-    "center": _Parameter("center", _TYPES.Point3d, length=True),
-    "period": _Parameter("period", _TYPES.Double),
-    "axis": _Parameter("axis", _TYPES.Vector3d),
-    "target": _Parameter("target", _TYPES.Point3d, length=True),
-    "up": _Parameter("up", _TYPES.Vector3d),
+PARAMETERS = {
+    "total_time": MotionAttribute("totalTime", _TYPES.Double),
+    "pacing": MotionAttribute("pacing", _TYPES.Token),
+    "rotation": MotionAttribute("interpolation", _TYPES.Token),
+    "times": MotionAttribute("times", _TYPES.DoubleArray),
+    "repeat": MotionAttribute("repeat", _TYPES.Bool),
+    "speed": MotionAttribute("speed", _TYPES.Double, length=True),
+    "angular_speed": MotionAttribute("angularSpeed", _TYPES.Double),
+    "start_direction": MotionAttribute("startDirection", _TYPES.Vector3d),
+    "seed": MotionAttribute("seed", _TYPES.Int64),
+    "center": MotionAttribute("center", _TYPES.Point3d, length=True),
+    "period": MotionAttribute("period", _TYPES.Double),
+    "axis": MotionAttribute("axis", _TYPES.Vector3d),
+    "target": MotionAttribute("target", _TYPES.Point3d, length=True),
+    "up": MotionAttribute("up", _TYPES.Vector3d),
 }
 _WAYPOINT_LOOP = ("waypoints", "total_time", "pacing", "rotation")
-# The keys of each class's JSON object. `waypoints` are three arrays, `motion` and `parts` other prims.
-_KEYS = {
+# Keys of the JSON object of each class. `waypoints` become three arrays; `motion` and `parts` are other prims.
+KEYS_BY_CLASS = {
     "Still": (),
     "LinearWaypoints": _WAYPOINT_LOOP,
     "CatmullWaypoints": _WAYPOINT_LOOP,
@@ -64,11 +70,11 @@ _KEYS = {
     "LookAt": ("target", "motion", "up"),
     "Composite": ("parts",),
 }
-_CLASSES = {name[0].lower() + name[1:]: name for name in _KEYS}
+CLASS_BY_TYPE = {name[0].lower() + name[1:]: name for name in KEYS_BY_CLASS}
 
 
 def read_dynamic(prim: Usd.Prim, units: Units, report: StageReport) -> dict[str, Any] | None:
-    """The motion authored on a prim as a JSON object; None if there is none. Faults go to the report."""
+    """Return the trajectory authored on a prim as a JSON object; None if there is none, or an invalid one."""
     return _read(prim, units, report, ())
 
 
@@ -79,16 +85,16 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
         return None
     if kind == STEPPED:
         return _read_stepped(prim, report)
-    if kind not in _CLASSES:
-        known = ", ".join((NO_MOTION, *_CLASSES, STEPPED))
+    if kind not in CLASS_BY_TYPE:
+        known = ", ".join((NO_MOTION, *CLASS_BY_TYPE, STEPPED))
         report.problem(path, "motion", f"tiscene:motion:type is {str(kind)!r}; it must be one of {known}")
         return None
     if path in above:
         report.problem(path, "motion", "it is a part of itself")
         return None
-    name = _CLASSES[str(kind)]
+    name = CLASS_BY_TYPE[str(kind)]
     content: dict[str, Any] = {"type": name}
-    for key in _KEYS[name]:
+    for key in KEYS_BY_CLASS[name]:
         if key == "waypoints":
             content[key] = read_waypoints(prim, units, report)
         elif key in ("motion", "parts"):
@@ -96,11 +102,11 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
             if key == "parts":
                 content[key] = parts
             elif len(parts) > 1:
-                report.problem(path, "motion", f"lookAt takes its position from one motion, not from {len(parts)}")
+                report.problem(path, "motion", f"lookAt has {len(parts)} parts; it takes its position from one")
             elif parts:
                 content[key] = parts[0]
         else:
-            parameter = _PARAMETERS[key]
+            parameter = PARAMETERS[key]
             value = _authored(prim, parameter.attribute)
             if value is not None:
                 content[key] = units.to_json(value, parameter.length)
@@ -110,7 +116,7 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
 def _read_stepped(prim: Usd.Prim, report: StageReport) -> dict[str, Any] | None:
     name, text = _authored(prim, "class"), _authored(prim, "fields")
     if not name:
-        report.problem(prim.GetPath(), "motion", "it is stepped, but tiscene:motion:class does not name its class")
+        report.problem(prim.GetPath(), "motion", "its type is stepped, but tiscene:motion:class is empty")
         return None
     try:
         fields = json.loads(text or "{}")
@@ -124,7 +130,7 @@ def _read_stepped(prim: Usd.Prim, report: StageReport) -> dict[str, Any] | None:
 
 
 def read_waypoints(prim: Usd.Prim, units: Units, report: StageReport) -> list[dict[str, Any]]:
-    """Waypoints from the arrays `positions`, `rotations` and `orientations`."""
+    """Return the waypoints of the arrays `positions`, `rotations` and `orientations` as JSON objects."""
     positions = _authored(prim, "positions") or ()
     rotations = _authored(prim, "rotations") or ()
     orientations = _authored(prim, "orientations") or ()
@@ -158,23 +164,28 @@ def _read_parts(prim: Usd.Prim, units: Units, report: StageReport, above: Sequen
 def write_dynamic(
     prim: Usd.Prim, content: Content | None, units: Units, part_path: Callable[[], Sdf.Path], report: StageReport
 ) -> None:
-    """Author a dynamic's JSON object on a prim, or that it has none.
+    """Author a trajectory on a prim.
 
-    part_path: gives a path for the Scope of each motion that is a part of this one.
+    Args:
+        prim: the prim.
+        content: the trajectory's JSON object; None: static.
+        units: unit of length of the stage.
+        part_path: returns a path for the Scope of the next part of the trajectory.
+        report: receives a problem for a value that does not fit USD.
     """
     prim.AddAppliedSchema(schema.MOTION)
     if content is None:
         _author(prim, "type", _TYPES.Token, NO_MOTION)
         return
     name = str(content["type"])
-    if name not in _KEYS:
+    if name not in KEYS_BY_CLASS:
         fields = {key: value for key, value in content.items() if key != "type"}
         _author(prim, "type", _TYPES.Token, STEPPED)
         _author(prim, "class", _TYPES.String, name)
         _author(prim, "fields", _TYPES.String, json.dumps(fields))
         return
     _author(prim, "type", _TYPES.Token, name[0].lower() + name[1:])
-    for key in _KEYS[name]:
+    for key in KEYS_BY_CLASS[name]:
         value = content[key]
         if key == "waypoints":
             _write_waypoints(prim, value, units)
@@ -188,7 +199,7 @@ def write_dynamic(
         elif key == "seed" and not -(2**63) <= value < 2**63:
             report.problem(prim.GetPath(), "motion", f"seed={value} is not within 64 bits")
         else:
-            parameter = _PARAMETERS[key]
+            parameter = PARAMETERS[key]
             _author(prim, parameter.attribute, parameter.type, units.to_stage(value, parameter.length))
 
 
@@ -197,10 +208,10 @@ def _write_waypoints(prim: Usd.Prim, waypoints: Sequence[Content], units: Units)
     eulers = [each["rotation"] if len(each["rotation"]) == 3 else (0.0, 0.0, 0.0) for each in waypoints]
     quaternions = [each["rotation"] if len(each["rotation"]) == 4 else (0.0, 0.0, 0.0, 0.0) for each in waypoints]
     _author(prim, "positions", _TYPES.Point3dArray, Vt.Vec3dArray(positions))
-    some_turn, some_quaternions = any(map(any, eulers)), any(map(any, quaternions))
-    rotations = [Gf.Vec3d(*each) for each in eulers] * some_turn
+    has_rotations, has_quaternions = any(map(any, eulers)), any(map(any, quaternions))
+    rotations = [Gf.Vec3d(*each) for each in eulers] * has_rotations
     _author(prim, "rotations", _TYPES.Double3Array, Vt.Vec3dArray(rotations))
-    orientations = [Gf.Quatd(*each) for each in quaternions] * some_quaternions
+    orientations = [Gf.Quatd(*each) for each in quaternions] * has_quaternions
     _author(prim, "orientations", _TYPES.QuatdArray, Vt.QuatdArray(orientations))
 
 
@@ -209,7 +220,7 @@ def _authored(prim: Usd.Prim, name: str) -> Any:
 
 
 def _author(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
-    """Author a value, unless it is there already: by default, or in what the prim refers to."""
+    """Author a value, unless the attribute has it already, by default or from a reference."""
     name = f"{_PREFIX}:{name}"
     value = kind.type.pythonClass(value) if isinstance(value, tuple) else value
     if prim.HasAttribute(name) and prim.GetAttribute(name).Get() == value:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios on the stage: what an artist, or `Scenario.save`, authored by the schema of tiscene.
+"""read_scenario: the scenario that an artist, or `Scenario.save`, has authored on a stage by tiscene's schema.
 
-Scenarios pass through here as JSON values, the ones of `Scenario.to_json`: this folder knows stages, not scenarios.
+The result is the JSON object of a scenario (`Scenario.to_json`), since `tiscene.usd` does not import
+`tiscene.scenario`. Objects and cameras animated by time samples get `Keyframes`.
 """
 
 from __future__ import annotations
@@ -42,9 +43,11 @@ _TIMINGS = {
 
 @dataclass(frozen=True)
 class AuthoredScenario:
-    """content: the members of a scenario's JSON object; without `scene` if the stage itself is the scene.
+    """A scenario as read from a stage.
 
-    prim_paths: where its objects were authored, in their order.
+    Attributes:
+        content: members of the scenario's JSON object; without `scene` if the stage itself is the scene.
+        prim_paths: prims of its objects, in their order.
     """
 
     content: dict[str, Any]
@@ -133,59 +136,62 @@ class _ScenarioReader:
         return AuthoredScenario(content, tuple(paths))
 
     def _strongest(self, scenarios: list[Usd.Prim]) -> Usd.Prim | None:
-        """The scenario of the strongest layer: one that was written over a scene takes the place of the scene's own."""
+        """Return the scenario prim of the strongest layer: a scenario written over a scene replaces the scene's own."""
         layers = self._stage.GetLayerStack()
-        ranks = [min((layers.index(layer) for layer in _saying_layers(prim, layers)), default=0) for prim in scenarios]
+        ranks = [
+            min((layers.index(layer) for layer in _authoring_layers(prim, layers)), default=0) for prim in scenarios
+        ]
         best = [prim for prim, rank in zip(scenarios, ranks, strict=True) if rank == min(ranks)]
         for other in best[1:]:
             self._report.problem(other.GetPath(), "scenario", f"<{best[0].GetPath()}> is the scenario already")
         return best[0] if best else None
 
     def _lights_of(self, prim: Usd.Prim, is_object: bool) -> list[dict[str, Any]]:
-        """Motions of a light, or of those inside a thing."""
+        """Return the motions of a light, or of the lights within an object of the stage."""
         lights = []
         with self._report.guard(prim.GetPath()):
-            inside = Usd.PrimRange(prim) if _is_thing(prim) and not is_object else [prim]
+            inside = Usd.PrimRange(prim) if _is_stage_object(prim) and not is_object else [prim]
             for each in inside:
-                motion = read_light_motion(each, self._units, self._report) if _is_lamp(each) else None
+                motion = read_light_motion(each, self._units, self._report) if _is_light_only(each) else None
                 if motion is not None:
                     lights.append(motion)
         return lights
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
-        """Every prim that may say something, and whether it is an object; not what is inside an object or a thing."""
+        """Yield each prim and whether it is an object of the scenario. Prims within an object are left out."""
         prims = iter(Usd.PrimRange(self._stage.GetPseudoRoot()))
         for prim in prims:
-            is_thing = is_object = False
+            is_stage_object = is_object = False
             with self._report.guard(prim.GetPath()):
-                is_thing = _is_thing(prim)
+                is_stage_object = _is_stage_object(prim)
                 is_object = self._is_object(prim)
             yield prim, is_object
-            if is_thing or is_object:
+            if is_stage_object or is_object:
                 prims.PruneChildren()
 
     def _is_object(self, prim: Usd.Prim) -> bool:
-        """Whether a prim is an object of the scenario, if nobody lists them."""
-        if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable) or _is_lamp(prim):
+        """Return whether a prim is an object of a scenario that does not list its objects."""
+        if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable) or _is_light_only(prim):
             return False
         if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
             return True
-        if not _is_thing(prim):
+        if not _is_stage_object(prim):
             return False
         return bool(read_lifespan(prim, self._report) or read_keyframes(prim, self._units, self._report))
 
     def _target(self, root: Usd.Prim, path: Sdf.Path) -> Usd.Prim | None:
-        """A prim that the scenario lists."""
+        """Return a prim that the scenario lists; None, with a problem, if it cannot be an object."""
         prim = self._stage.GetPrimAtPath(path)
         if prim and prim.IsA(UsdGeom.Xformable):
             return prim
-        self._report.problem(root.GetPath(), "scenario", f"its object <{path}> is no prim that can be placed")
+        self._report.problem(root.GetPath(), "scenario", f"its object <{path}> is not a transformable prim")
         return None
 
     def _object(self, prim: Usd.Prim) -> dict[str, Any] | None:
+        """Return an object's JSON object; None for an invisible prim or, with a problem, for an invalid transform."""
         visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
         if not visibility.GetNumTimeSamples() and visibility.Get() == UsdGeom.Tokens.invisible:
-            return None  # what is never seen is not there
+            return None
         pose = read_pose(prim, self._time, self._units)
         if isinstance(pose, str):
             self._report.problem(prim.GetPath(), "transform", pose)
@@ -195,25 +201,25 @@ class _ScenarioReader:
         if exact is not None and is_same_pose(exact, position, rotation):
             position, rotation = list(exact[:3]), list(exact[3:])
         template = authored(prim, "tiscene:object:template")
-        life: dict[str, int | None] = {}
+        lifespan: dict[str, int | None] = {}
         for key, name in (("first_frame", "firstFrame"), ("last_frame", "lastFrame")):
             value = authored(prim, f"tiscene:object:{name}")
             if value is not None and value != -1:
-                life[key] = int(value)
-        described = schema.has(prim, schema.OBJECT)
-        shown = None if described else read_lifespan(prim, self._report)
-        if shown:
-            life = {"first_frame": shown[0], "last_frame": shown[1]}
+                lifespan[key] = int(value)
+        has_schema = schema.has(prim, schema.OBJECT)
+        visible = None if has_schema else read_lifespan(prim, self._report)
+        if visible:
+            lifespan = {"first_frame": visible[0], "last_frame": visible[1]}
         content: dict[str, Any] = {
             "id": authored(prim, "tiscene:object:id") or "",
             "template": template or str(prim.GetPath()),
             "position": position,
             "rotation": rotation,
-            "dynamic": self._dynamic(prim, life.get("first_frame") or 0),
-        } | life
-        if not described and not schema.has(prim, schema.MOTION):  # an animation is played as it is
+            "dynamic": self._dynamic(prim, lifespan.get("first_frame") or 0),
+        } | lifespan
+        if not has_schema and not schema.has(prim, schema.MOTION):  # animation by time samples is played exactly
             content |= {"frustum_limited": False, "collide": False}
-        if template:  # otherwise the scale is the template's own
+        if template:  # else the scale is part of the template
             content["scale"] = list(pose.scale)
         for key, name in (("frustum_limited", "frustumLimited"), ("collide", "collide")):
             value = authored(prim, f"tiscene:object:{name}")
@@ -227,7 +233,7 @@ class _ScenarioReader:
 
     @staticmethod
     def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:
-        """Ids for the objects without: the prim's name, or its path where that is taken."""
+        """Give objects without an id the name of their prim, or its path if that name is taken."""
         taken = {each["id"] for each in objects if each["id"]}
         for content, path in zip(objects, paths, strict=True):
             if not content["id"]:
@@ -236,7 +242,7 @@ class _ScenarioReader:
                 taken.add(content["id"])
 
     def _scenario(self, root: Usd.Prim) -> dict[str, Any]:
-        """The members of the scenario's JSON object that its own prim has."""
+        """Return the members of the scenario's JSON object that are authored on its own prim."""
         content: dict[str, Any] = {}
         scene = authored(root, "tiscene:scenario:scene")
         if scene:
@@ -244,7 +250,7 @@ class _ScenarioReader:
         far = authored(root, "tiscene:scenario:frustumFar")
         if far:
             content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far, True)}
-        for key in ("edits", "lights"):
+        for key in ("edits", "lights", "variants"):
             text = authored(root, f"tiscene:scenario:{key}")
             if text:
                 try:
@@ -267,38 +273,40 @@ class _ScenarioReader:
         return content | {"timings": timings}
 
     def _turns(self, root: Usd.Prim) -> list[list[Any]]:
+        """Return the turns of DictTimings: id or index of the object, seconds."""
         ids, indices, times = (
             list(authored(root, f"tiscene:scenario:{name}") or ()) for name in ("turns", "turnIndices", "turnTimes")
         )
         if len(ids) != len(times) or (indices and len(indices) != len(ids)):
-            text = f"{len(ids)} turns, {len(indices)} turnIndices and {len(times)} turnTimes do not belong together"
+            text = f"{len(ids)} turns, {len(indices)} turnIndices and {len(times)} turnTimes must be equally many"
             self._report.problem(root.GetPath(), "scenario", text)
             return []
         indices = indices or [0] * len(ids)
         return [[each or index, time] for each, index, time in zip(ids, indices, times, strict=True)]
 
     def _camera(self, root: Usd.Prim | None, cameras: list[Usd.Prim]) -> Any:
-        """The camera as a JSON object if it moves or was written by us; its name if it was chosen; else None.
+        """Return the camera, or a list of them if the scenario lists several.
 
-        A list of such if several were chosen.
+        A camera that is animated or of TisceneCameraAPI is a JSON object; another one that is listed is a name, else
+        None.
         """
-        chosen = targets(root, "tiscene:scenario:camera") if root else []
-        if not chosen:
+        listed = targets(root, "tiscene:scenario:camera") if root else []
+        if not listed:
             return self._one_camera(cameras[0], False) if cameras else None
         found = []
-        for path in chosen:
+        for path in listed:
             prim = self._stage.GetPrimAtPath(path)
             if not prim or not prim.IsA(UsdGeom.Camera):
                 assert root is not None
-                self._report.problem(root.GetPath(), "scenario", f"its camera <{path}> is no Camera")
+                self._report.problem(root.GetPath(), "scenario", f"its camera <{path}> is not a Camera")
                 return None
             found.append(self._one_camera(prim, True))
         return found if len(found) > 1 else found[0]
 
-    def _one_camera(self, prim: Usd.Prim, chosen: bool) -> dict[str, Any] | str | None:
+    def _one_camera(self, prim: Usd.Prim, is_listed: bool) -> dict[str, Any] | str | None:
         dynamic = self._dynamic(prim)
         if dynamic is None and not schema.has(prim, schema.CAMERA):
-            return str(prim.GetName()) if chosen else None
+            return str(prim.GetName()) if is_listed else None
         world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
         meters = self._units.meters
         camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report)
@@ -309,7 +317,7 @@ class _ScenarioReader:
 
     @staticmethod
     def _exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose) -> dict[str, Any]:
-        """A camera's JSON object, with what TisceneCameraAPI states to the last bit."""
+        """Return a camera's JSON object, with the exact values of TisceneCameraAPI where they agree with the camera."""
         content = dataclasses.asdict(dataclasses.replace(camera, dynamic=None))
         content["position"] = list(pose.position)
         if len(pose.rotation) == 4:
@@ -326,7 +334,7 @@ class _ScenarioReader:
         return content
 
 
-# Members of a camera's JSON object, and the attributes of TisceneCameraAPI that state them exactly.
+# Members of a camera's JSON object, and the attributes of TisceneCameraAPI that hold their exact values.
 CAMERA_VALUES = {
     "vertical_fov": "verticalFov",
     "lens_radius": "lensRadius",
@@ -338,8 +346,8 @@ CAMERA_VALUES = {
 }
 
 
-def _saying_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:
-    """Those of the stage's own layers that make a prim the scenario."""
+def _authoring_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:
+    """Return the layers of the stage's layer stack that make a prim the scenario."""
     return [
         spec.layer
         for spec in prim.GetPrimStack()
@@ -348,11 +356,11 @@ def _saying_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:
     ]
 
 
-def _is_thing(prim: Usd.Prim) -> bool:
-    """Whether a prim, met from above, is a thing with an identity of its own."""
+def _is_stage_object(prim: Usd.Prim) -> bool:
+    """Return whether a prim is an object, given that none of its ancestors is."""
     return is_component(prim) or is_object_instance(prim) or prim.IsA(UsdGeom.Gprim)
 
 
-def _is_lamp(prim: Usd.Prim) -> bool:
-    """Whether a prim is a light that is nothing else; a mesh that shines is a thing."""
+def _is_light_only(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a light and not a gprim: a mesh light is an object."""
     return is_light(prim) and not prim.IsA(UsdGeom.Gprim)

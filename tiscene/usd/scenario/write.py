@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios written as USD layers over their scenes, by the schema of tiscene. `scenario.py` reads them back."""
+"""write_scenario: a scenario as a USD layer over its scene, by tiscene's schema. `read` is its inverse."""
 
 from __future__ import annotations
 
@@ -24,14 +24,23 @@ _TYPES = Sdf.ValueTypeNames
 
 
 def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write a scenario, given as its JSON object, as a USD layer (.usda, .usdc, .usd) over its scene.
+    """Write a scenario as a USD layer over its scene. `read_scenario` returns the same JSON values.
 
-    Objects stand at their start poses; `read_scenario` gives the same JSON values back. (In a scene whose unit is not
-    the meter, lengths of more than 15 digits may change in the last one.)
-    Raises SceneNotFound, TemplateNotFound, CameraNotFound, StageError, ArgumentError and ExportError.
+    Objects are at their start poses. In a scene whose unit is not the meter, lengths of more than 15 digits may change
+    in the last one.
+
+    Args:
+        content: the scenario's JSON object, of `Scenario.to_json`.
+        path: file that ends in .usda, .usdc or .usd.
+
+    Raises:
+        SceneNotFound, TemplateNotFound, CameraNotFound: a name that does not exist.
+        StageError: the scene or a template cannot be read, or a value does not fit USD.
+        ArgumentError: another suffix, or a prim that cannot be a template.
+        ExportError: the file cannot be written.
     """
     with quiet(), readable(os.fspath(path)):
-        over = OverLayer(content["scene"], "Scenario")
+        over = OverLayer(content["scene"], "Scenario", content.get("variants"))
         report = StageReport(os.fspath(path))
         root = over.stage.GetPrimAtPath(over.root)
         root.AddAppliedSchema(schema.SCENARIO)
@@ -51,8 +60,8 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
             ]
             paths = [prim.GetPath() for prim in cameras]
             root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
-        for key in ("edits", "lights"):
-            if content[key]:
+        for key in ("edits", "lights", "variants"):
+            if content.get(key):
                 _set(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
         report.raise_problems()
         over.export(path)
@@ -81,7 +90,7 @@ def _write_object(over: OverLayer, content: Mapping[str, Any], report: StageRepo
 
 
 def _part_path(over: OverLayer, prim: Usd.Prim) -> Sdf.Path:
-    """Where the next motion that is a part of a prim's motion is kept."""
+    """Return the path for the next part of a prim's composite motion."""
     return over.unused_path(over.folder("Motions"), f"{prim.GetName()}_part")
 
 
@@ -118,7 +127,7 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
 
 
 def _camera_named(over: OverLayer, name: str) -> Usd.Prim:
-    """The scene's first camera of a name, as the world chooses it."""
+    """Return the scene's first camera of a name, which is the one that a world chooses."""
     cameras = [prim for prim in over.stage.Traverse() if prim.IsA(UsdGeom.Camera)]
     for prim in cameras:
         if prim.GetName() == name:
@@ -127,7 +136,7 @@ def _camera_named(over: OverLayer, name: str) -> Usd.Prim:
 
 
 def _set(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
-    """Author a value, unless it is there already: by default, or in what the prim refers to."""
+    """Author a value, unless the attribute has it already, by default or from a reference."""
     if prim.HasAttribute(name) and prim.GetAttribute(name).Get() == value:
         return
     prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)
