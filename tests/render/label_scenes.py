@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes for the tests of labels: plates, boxes and crowds, described without any file."""
+"""Scenes for tests of labels: plates, boxes and many random instances, built in code."""
 
 from __future__ import annotations
 
@@ -21,7 +21,14 @@ ALL_TIMES = (PREVIOUS, CURRENT, NEXT)
 
 
 def mesh_of(shape: trimesh.Trimesh, material: int = 0, *, smooth: bool = False, uv: bool = False) -> Mesh:
-    """A mesh of the same triangles; uv: its x and y."""
+    """Convert a trimesh.
+
+    Args:
+        shape: The triangles.
+        material: Material of all triangles.
+        smooth: Whether to add vertex normals.
+        uv: Whether to add texture coordinates, the x and y of the positions.
+    """
     positions = np.asarray(shape.vertices, np.float32)
     return Mesh(
         name="mesh",
@@ -34,7 +41,7 @@ def mesh_of(shape: trimesh.Trimesh, material: int = 0, *, smooth: bool = False, 
 
 
 def plate(width: float, height: float, material: int = 0) -> Mesh:
-    """A rectangle about the origin in the xy plane, facing +z; uv 0..1."""
+    """Return a rectangle about the origin in the xy plane, facing +z, with uv 0..1."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32)
     return Mesh(
         name="plate",
@@ -46,14 +53,28 @@ def plate(width: float, height: float, material: int = 0) -> Mesh:
 
 
 def pose(position: Sequence[float] = (0, 0, 0), rotation: Sequence[float] = (1, 0, 0, 0), scale: float = 1.0):
-    """A 3x4 matrix; rotation: quaternion (w, x, y, z), normalized here."""
+    """Return a 3x4 matrix.
+
+    Args:
+        position: Translation, m.
+        rotation: Quaternion (w, x, y, z), normalized here.
+        scale: Uniform scale.
+    """
     quaternion = np.asarray(rotation, float) / np.linalg.norm(rotation)
     return np.column_stack([matrix_from_quaternion(tuple(quaternion)) * scale, np.asarray(position, float)])
 
 
 @dataclass
-class Thing:
-    """An instance: its mesh row, its poses at the three times (one: it rests), its presence."""
+class PlacedMesh:
+    """An instance of a mesh.
+
+    Attributes:
+        mesh: Row of the mesh.
+        poses: 3x4 matrices at the three times, or one for all.
+        present: Whether it is present at each time.
+        category: Category id.
+        id: Instance id; None: its row + 1.
+    """
 
     mesh: int
     poses: Sequence[NDArray[np.float64]]
@@ -62,36 +83,36 @@ class Thing:
     id: int | None = None
 
 
-def placement_of(things: Sequence[Thing], meshes: Sequence[Mesh]) -> Placement:
-    """Things in the order of their ids (by default 1, 2, ...)."""
+def placement_of(instances: Sequence[PlacedMesh], meshes: Sequence[Mesh]) -> Placement:
+    """Return the placement of the instances, in order of their ids."""
     boxes = []
-    for thing in things:
-        low, high = meshes[thing.mesh].positions.min(axis=0), meshes[thing.mesh].positions.max(axis=0)
+    for instance in instances:
+        low, high = meshes[instance.mesh].positions.min(axis=0), meshes[instance.mesh].positions.max(axis=0)
         scale = 1.0 / np.maximum(high - low, 1e-6)
         boxes.append(np.column_stack([np.diag(scale), -low * scale]))
-    poses = [thing.poses if len(thing.poses) == 3 else [thing.poses[0]] * 3 for thing in things]
+    poses = [instance.poses if len(instance.poses) == 3 else [instance.poses[0]] * 3 for instance in instances]
     return Placement(
-        mesh=np.array([thing.mesh for thing in things], np.int32),
-        instance_id=np.array([thing.id or row + 1 for row, thing in enumerate(things)], np.int32),
-        category_id=np.array([thing.category for thing in things], np.int32),
+        mesh=np.array([instance.mesh for instance in instances], np.int32),
+        instance_id=np.array([instance.id or row + 1 for row, instance in enumerate(instances)], np.int32),
+        category_id=np.array([instance.category for instance in instances], np.int32),
         world_from_object=np.array(poses, float).reshape(-1, 3, 3, 4).transpose(1, 0, 2, 3),
         box_from_object=np.array(boxes).reshape(-1, 3, 4),
-        present=np.array([thing.present for thing in things], bool).reshape(-1, 3).T,
+        present=np.array([instance.present for instance in instances], bool).reshape(-1, 3).T,
     )
 
 
 class Stage:
-    """Meshes on the device, and things placed among them."""
+    """A DeviceScene with placed meshes, and its label pass."""
 
     def __init__(
         self,
         meshes: Sequence[Mesh],
-        things: Sequence[Thing],
+        instances: Sequence[PlacedMesh],
         materials: Sequence[Material] = (),
         textures: Sequence[Texture] = (),
     ) -> None:
         self.meshes = meshes
-        self.things = things
+        self.instances = instances
         self.scene = DeviceScene()
         self.scene.add(
             SceneDescription(
@@ -101,7 +122,7 @@ class Stage:
                 textures=tuple(textures),
             )
         )
-        self.placement = placement_of(things, meshes)
+        self.placement = placement_of(instances, meshes)
         self.scene.place(self.placement, ALL_TIMES)
         self.labels = LabelPass(self.scene)
 
@@ -109,13 +130,13 @@ class Stage:
         return self.labels.render(view, buffers)
 
 
-def still(camera: Camera, width: int, height: int) -> View:
-    """A view whose camera rests."""
+def static_view(camera: Camera, width: int, height: int) -> View:
+    """Return a view with a static camera."""
     return View(camera, camera, camera, width, height)
 
 
 def crowd(count: int = 240, seed: int = 5) -> Stage:
-    """A room's worth of turned, scaled, moving things before a wall."""
+    """Return a wall and count - 1 moving instances before it, randomly rotated and scaled."""
     random = np.random.default_rng(seed)
     meshes = [
         mesh_of(trimesh.creation.icosphere(subdivisions=2, radius=0.3), smooth=True, uv=True),
@@ -123,7 +144,7 @@ def crowd(count: int = 240, seed: int = 5) -> Stage:
         mesh_of(trimesh.creation.torus(0.3, 0.1, major_sections=24, minor_sections=12), smooth=True),
         plate(12.0, 9.0),
     ]
-    things = [Thing(3, [pose((0, 0, -6))], category=9)]
+    instances = [PlacedMesh(3, [pose((0, 0, -6))], category=9)]
     for row in range(count - 1):
         start = random.uniform((-4, -3, -5), (4, 3, 3))
         turn, step = random.normal(size=4), random.normal(size=3) * 0.05
@@ -132,5 +153,5 @@ def crowd(count: int = 240, seed: int = 5) -> Stage:
         for time in (-1, 0, 1):
             nudged = turn + time * 0.03 * random.normal(size=4)
             poses.append(pose(start + time * step, nudged, scale))
-        things.append(Thing(row % 3, poses, category=1 + row % 3))
-    return Stage(meshes, things)
+        instances.append(PlacedMesh(row % 3, poses, category=1 + row % 3))
+    return Stage(meshes, instances)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small scenes for the tests of the path pass, described without any file, and rendering them in one call."""
+"""Small scenes for tests of path tracing, built in code, and a function that renders them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ WHITE = (1.0, 1.0, 1.0)
 
 
 def matte(name: str, color: tuple[float, float, float], **others: object) -> Material:
-    """Lambertian, and nothing else."""
+    """Return a purely Lambertian material."""
     return Material(name, diffuse_color=color, ior=1.0, **others)
 
 
 def quad(*corners: tuple[float, float, float], material: int = 0) -> Mesh:
-    """Two triangles, counter-clockwise; uv 0..1."""
+    """Return a quadrilateral of two counter-clockwise triangles, with uv 0..1."""
     return Mesh(
         "quad",
         np.array(corners, np.float32),
@@ -34,7 +34,7 @@ def quad(*corners: tuple[float, float, float], material: int = 0) -> Mesh:
 
 
 def ball(center: tuple[float, float, float], radius: float, material: int = 0, subdivisions: int = 4) -> Mesh:
-    """A smooth sphere."""
+    """Return a sphere with smooth normals."""
     sphere = trimesh.creation.icosphere(subdivisions, radius=radius)
     return Mesh(
         "ball",
@@ -48,7 +48,7 @@ def ball(center: tuple[float, float, float], radius: float, material: int = 0, s
 def described(
     meshes: list[Mesh], materials: list[Material], lights: list[Light] = (), textures: list[Texture] = ()
 ) -> SceneDescription:
-    """Each mesh once, where it is."""
+    """Return a scene with one instance of each mesh, at the identity."""
     return SceneDescription(
         "test",
         meshes=tuple(meshes),
@@ -56,12 +56,12 @@ def described(
         textures=tuple(textures),
         lights=tuple(lights),
         instances=tuple(Instance(row, row, np.eye(4)) for row in range(len(meshes))),
-        objects=tuple(SceneObject(f"object_{row}", f"/object_{row}", "thing") for row in range(len(meshes))),
+        objects=tuple(SceneObject(f"object_{row}", f"/object_{row}", "object") for row in range(len(meshes))),
     )
 
 
 def device_scene(description: SceneDescription, traversal: str | None = None) -> DeviceScene:
-    """The description, placed."""
+    """Return the scene on the device, placed."""
     scene = DeviceScene(traversal)
     scene.add(description)
     scene.place(static_placement(description))
@@ -80,7 +80,7 @@ def render(
     batch_size: int | None = None,
     mis: bool = True,
 ) -> PathImage:
-    """A picture of a still scene; fails on samples that are no numbers."""
+    """Path trace a static scene. Asserts that all samples are finite."""
     if isinstance(scene, SceneDescription):
         scene = device_scene(scene)
     view = View(camera, camera, camera, *size)
@@ -91,7 +91,11 @@ def render(
 
 
 def box(colors: list[tuple[float, float, float]]) -> tuple[list[Mesh], list[Material]]:
-    """A room like Cornell's, 2 m wide about the origin, open towards +z: left, right and other walls, two blocks."""
+    """Return a Cornell box, 2 m wide about the origin and open toward +z, with two blocks.
+
+    Args:
+        colors: Of the left wall, the right wall, and everything else.
+    """
     a, b = -1.0, 1.0
     walls = [
         quad((a, a, b), (a, a, a), (a, b, a), (a, b, b), material=0),
@@ -121,7 +125,7 @@ BOX_CAMERA = Camera.look_at((0.0, 0.0, 3.6), (0.0, 0.0, 0.0), vertical_fov=np.ra
 
 
 def towards(position: tuple[float, float, float], direction: tuple[float, float, float]) -> NDArray[np.float64]:
-    """A light's matrix: at a position, its -z pointing in a direction."""
+    """Return a light's matrix: at a position, with -z along a direction."""
     z = -np.asarray(direction, float) / np.linalg.norm(direction)
     x = np.cross((0.1, 0.2, 1.0), z)
     x /= np.linalg.norm(x)

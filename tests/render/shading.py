@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One material or one light as numpy functions, for tests."""
+"""NumPy functions that sample and evaluate one material or one light, for tests."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +34,7 @@ Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 
 @ti.func
 def row_of(array: ti.template(), i: ti.i32) -> vec3:
+    """Read a row of three columns."""
     return vec3(array[i, 0], array[i, 1], array[i, 2])
 
 
@@ -55,7 +56,11 @@ def scatter(
     incoming: Floats2,
     values: Floats2,
 ):
-    """samples 1: directions from numbers into `incoming`. Always: (f |cos|, density) of `incoming` into `values`."""
+    """Evaluate a material: (f |cos|, density) of the directions `incoming` into `values`.
+
+    Args:
+        samples: 1: first sample `incoming` from `numbers`.
+    """
     materials = ti.static(Materials(material_values, material_info, material_lookups))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(outgoing.shape[0]):
@@ -73,7 +78,13 @@ def scatter(
 
 @dataclass
 class Bsdf:
-    """A material in its shading frame. front: seen from outside."""
+    """A material in its shading frame.
+
+    Args:
+        material: The material.
+        textures: Its textures.
+        front: Whether it is seen from outside.
+    """
 
     material: Material
     textures: tuple[Texture, ...] = ()
@@ -85,12 +96,12 @@ class Bsdf:
         self.arrays: tuple[Any, ...] = (*table.arrays(), *atlas.arrays(), upload(energy_tables(table.glass_iors)))
 
     def sample(self, outgoing: NDArray[Any], numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Directions [n, 3] from numbers [n, 3], and their (f |cos|, density) [n, 4]."""
+        """Sample directions [n, 3] from numbers [n, 3]; return them and their (f |cos|, density) [n, 4]."""
         incoming = np.empty((len(outgoing), 3), np.float32)
         return incoming, self._run(outgoing, incoming, numbers)
 
     def evaluate(self, outgoing: NDArray[Any], incoming: NDArray[Any]) -> NDArray[np.float64]:
-        """(f |cos|, density) [n, 4] of pairs of directions."""
+        """Return (f |cos|, density) [n, 4] of pairs of directions."""
         return self._run(outgoing, np.ascontiguousarray(incoming, np.float32), None)
 
     def _run(self, outgoing: NDArray[Any], incoming: NDArray[Any], numbers: NDArray[Any] | None) -> NDArray[np.float64]:
@@ -124,9 +135,12 @@ def illuminate(
     radiance: Floats2,
     results: Floats2,
 ):
-    """samples 1: directions to the first light from numbers, with their radiance and (density, distance, delta).
+    """Sample or intersect the first light.
 
-    Always afterwards: what a ray in that direction would see, as (density, distance, radiance's green) from column 3.
+    Args:
+        samples: 1: sample directions from numbers, with their radiance; write (density, distance, delta) to columns 0-2
+            of `results`.
+        results: Columns 3-5 always receive (density, distance, green radiance) of a ray in each direction.
     """
     lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
@@ -156,7 +170,13 @@ def illuminate(
 
 @dataclass
 class Illumination:
-    """One light as seen from a point."""
+    """One light as seen from a point.
+
+    Args:
+        light: The light.
+        origin: The point.
+        textures: The light's textures.
+    """
 
     light: Light
     origin: tuple[float, float, float]
@@ -168,12 +188,12 @@ class Illumination:
         self.arrays: tuple[Any, ...] = (*table.arrays(atlas), *atlas.arrays())
 
     def sample(self, numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """(directions [n, 3], radiance [n, 3], results [n, 6]) as `illuminate` says."""
+        """Return (directions [n, 3], radiance [n, 3], results [n, 6]), see `illuminate`."""
         directions = np.empty((len(numbers), 3), np.float32)
         return directions, *self._run(directions, numbers)
 
     def seen(self, directions: NDArray[Any]) -> NDArray[Any]:
-        """(density, distance, green) [n, 3] of rays."""
+        """Return (density, distance, green radiance) [n, 3] of rays."""
         return self._run(np.ascontiguousarray(directions, np.float32), None)[1][:, 3:]
 
     def _run(self, directions: NDArray[Any], numbers: NDArray[Any] | None) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where paths begin: on the pixel by its filter, on the lens by its area, one knowing nothing of the other."""
+"""Distribution of camera rays: over the pixel by its filter, uniformly over the lens, and independent of each other."""
 
 from dataclasses import replace
 
@@ -22,8 +22,11 @@ LENS = replace(CAMERA, lens_radius=0.2, focus_distance=1.7)
 
 
 def camera_rays(camera: Camera, filter: str = "box", seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """One ray of each pixel: where it begins on the lens [n, 2], m, by how much it
-    misses the pixel's center where the picture is sharp [n, 2], px, and its direction [n, 3]."""
+    """Generate one ray per pixel.
+
+    Returns:
+        Position on the lens [n, 2], m; offset from the pixel center in the focal plane [n, 2], px; direction [n, 3].
+    """
     view, order = View(camera, camera, camera, SIZE, SIZE), tiled_order(SIZE, SIZE)
     s = PathState(SIZE * SIZE)
     wavefront_kernels.start_paths(
@@ -41,7 +44,7 @@ def camera_rays(camera: Camera, filter: str = "box", seed: int = 1) -> tuple[np.
 
 
 @pytest.mark.parametrize("name", PIXEL_FILTERS)
-def test_paths_go_through_the_pixel_by_its_filter(name: str) -> None:
+def test_pixel_offsets_follow_filter(name: str) -> None:
     _, offset, _ = camera_rays(CAMERA, name)
     filter = PIXEL_FILTERS[name]
     fine = np.linspace(-filter.radius, filter.radius, 100_001)
@@ -55,9 +58,9 @@ def test_paths_go_through_the_pixel_by_its_filter(name: str) -> None:
     assert chi_square(offset, density, low, high, (20, 20)) > MIN_P_VALUE
 
 
-def test_the_lens_is_used_evenly() -> None:
+def test_lens_samples_are_uniform_and_independent_of_pixel() -> None:
     lens, offset, direction = camera_rays(LENS)
-    assert np.abs(offset).max() < 0.501  # whatever the place on the lens, the pixel's point is sharp
+    assert np.abs(offset).max() < 0.501  # the focal plane is sharp for every point on the lens
     assert np.abs(np.linalg.norm(direction, axis=1) - 1.0).max() < 1e-6
     squared = (lens**2).sum(axis=1) / LENS.lens_radius**2
     assert squared.max() < 1.0 + 1e-4
@@ -68,7 +71,7 @@ def test_the_lens_is_used_evenly() -> None:
         return np.full(len(at), 0.5 / np.pi)
 
     assert chi_square(disk, even, (0.0, 0.0), (1.0, 2.0 * np.pi)) > MIN_P_VALUE
-    # A place on the pixel and one on the lens are independent.
+    # Positions on the pixel and on the lens are independent.
     for column in (0, 1):
         for other in (disk[:, 0], disk[:, 1] / (2.0 * np.pi)):
             both = np.column_stack([np.clip(offset[:, column] + 0.5, 0.0, 1.0 - 1e-9), other])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The three pictures of one frame: as traced, without its noise, and as the screen shows it."""
+"""Color buffers of a frame: `hdr`, `denoised` and `rgb`."""
 
 from typing import Any
 
@@ -15,10 +15,12 @@ from tiscene.render.view import View
 from tiscene.scene.description import RectLight
 
 EXPOSURE = 1.25
-PICTURES = ("rgb", "hdr", "denoised")
+COLOR_BUFFERS = ("rgb", "hdr", "denoised")
 
 
-def pictures(denoise: bool, buffers: tuple[str, ...] = PICTURES, spp: int = 4) -> dict[str, np.ndarray[Any, Any]]:
+def color_buffers(
+    denoise: bool, buffers: tuple[str, ...] = COLOR_BUFFERS, spp: int = 4
+) -> dict[str, np.ndarray[Any, Any]]:
     lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
     room = described(*box(CORNELL), [lamp])
     renderer = Renderer(device_scene(room), 40, 30, RenderSettings(spp=spp, max_depth=4, denoise=denoise))
@@ -26,24 +28,24 @@ def pictures(denoise: bool, buffers: tuple[str, ...] = PICTURES, spp: int = 4) -
     return renderer.render(view, static_placement(room), buffers, frame_index=0, seed=1, exposure=EXPOSURE)
 
 
-def test_without_a_denoiser_no_pixel_is_touched() -> None:
-    found = pictures(denoise=False)
+def test_denoise_false_leaves_radiance_unchanged() -> None:
+    found = color_buffers(denoise=False)
     assert found["denoised"].tobytes() == found["hdr"].tobytes()
     assert found["rgb"].tobytes() == tone_map(found["hdr"], EXPOSURE).tobytes()
 
 
-def test_each_picture_is_there() -> None:
-    found, raw = pictures(denoise=True), pictures(denoise=False)
-    assert list(found) == list(PICTURES)
+def test_color_buffers_are_consistent_and_independent() -> None:
+    found, raw = color_buffers(denoise=True), color_buffers(denoise=False)
+    assert list(found) == list(COLOR_BUFFERS)
     assert found["hdr"].tobytes() == raw["hdr"].tobytes()
     assert found["rgb"].tobytes() == tone_map(found["denoised"], EXPOSURE).tobytes()
     assert found["denoised"].mean() == pytest.approx(raw["hdr"].mean(), rel=0.05)
 
-    exact = pictures(denoise=False, buffers=("hdr",), spp=512)["hdr"]
+    exact = color_buffers(denoise=False, buffers=("hdr",), spp=512)["hdr"]
 
     def error(image: np.ndarray[Any, Any]) -> float:
         return float(np.median(np.abs(image - exact)[exact > 0.0]))
 
     assert error(found["denoised"]) < 0.5 * error(raw["hdr"])
-    alone = pictures(denoise=True, buffers=("denoised",))
+    alone = color_buffers(denoise=True, buffers=("denoised",))
     assert alone["denoised"].tobytes() == found["denoised"].tobytes()

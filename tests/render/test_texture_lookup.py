@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene.render.texture_lookup import Textures, level_of, lookup, lookup_one
+from tiscene.render.texture_lookup import Textures, lookup, lookup_stochastic, mip_level
 from tiscene.scene.description import Texture
 from tiscene.scene.textures.atlas import COARSER, HEIGHT, LEVELS, WIDTH, TextureAtlas, linear_pixels
 from tiscene.scene.textures.mipmaps import coarser_copies
@@ -94,7 +94,7 @@ def look_up_one(
     textures = ti.static(Textures(info, words, floats))
     for i in range(uv.shape[0]):
         numbers = ti.math.vec3(u[i, 0], u[i, 1], u[i, 2])
-        value = lookup_one(textures, row, ti.math.vec2(uv[i, 0], uv[i, 1]), area, numbers)
+        value = lookup_stochastic(textures, row, ti.math.vec2(uv[i, 0], uv[i, 1]), area, numbers)
         for c in ti.static(range(4)):
             values[i, c] = value[c]
 
@@ -162,7 +162,7 @@ def test_copies_halve_and_small_images_have_none() -> None:
 @ti.kernel
 def levels_of(areas: Floats1, levels: Floats1):
     for i in range(areas.shape[0]):
-        levels[i] = level_of(areas[i])
+        levels[i] = mip_level(areas[i])
 
 
 def test_a_level_is_half_a_binary_logarithm() -> None:

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Views: camera rays and projection against the intrinsic matrix, and the device array."""
+
 import numpy as np
 import pytest
 import taichi as ti
@@ -32,7 +34,7 @@ def projections_of(view: Floats2, time: ti.i32, points: Floats2, w: ti.i32, h: t
 
 
 @pytest.mark.parametrize(("time", "camera"), [(CURRENT, CAMERA), (NEXT, OTHER)])
-def test_rays_pass_through_what_k_projects_onto_the_pixel(time: int, camera: Camera) -> None:
+def test_camera_rays_match_intrinsics(time: int, camera: Camera) -> None:
     pixels = np.array([[0, 0], [63, 47], [31.5, 23.5], [10.25, 40.75], [-30, 90]], np.float32)
     rays = np.zeros((len(pixels), 6), np.float32)
     rays_through(View(CAMERA, CAMERA, OTHER, WIDTH, HEIGHT).array(), time, pixels, WIDTH, HEIGHT, rays)
@@ -43,7 +45,7 @@ def test_rays_pass_through_what_k_projects_onto_the_pixel(time: int, camera: Cam
     np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], pixels, atol=1e-4)
 
 
-def test_project_agrees_with_the_intrinsic_matrix() -> None:
+def test_project_matches_intrinsics() -> None:
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3)).astype(np.float32)
     pixels = np.zeros_like(points)
     view = View(CAMERA, CAMERA, OTHER, WIDTH, HEIGHT)
@@ -56,7 +58,7 @@ def test_project_agrees_with_the_intrinsic_matrix() -> None:
     assert view.focal_lengths()[NEXT] == pytest.approx(OTHER.intrinsics(WIDTH, HEIGHT)[0, 0])
 
 
-def test_the_array_is_made_once_and_sizes_are_checked() -> None:
+def test_array_is_cached_and_empty_size_raises() -> None:
     view = View(CAMERA, CAMERA, CAMERA, WIDTH, HEIGHT)
     assert view.array() is view.array()
     np.testing.assert_array_equal(view.array().to_numpy(), view.rows())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small scenes and rays for tests, and tracing as one call from numpy to numpy."""
+"""Small scenes and rays for tests of intersection, and a function that traces NumPy rays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import taichi as ti
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.render.intersect import trace
 from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
 from tiscene.scene.description import Material, Mesh, SceneDescription
@@ -19,7 +19,7 @@ from tiscene.scene.placement import CURRENT, Placement
 
 
 class Traced(NamedTuple):
-    """What `intersect.closest` wrote, and `intersect.occluded`."""
+    """Results of `trace.closest` and `trace.occluded`."""
 
     t: NDArray[np.float32]
     barycentrics: NDArray[np.float32]
@@ -35,7 +35,7 @@ def mesh(positions: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Mesh
 
 
 def soup(corners: ArrayLike) -> Mesh:
-    """A mesh of separate triangles [n, 3, 3]."""
+    """Return a mesh of unconnected triangles [n, 3, 3]."""
     corners = np.asarray(corners, np.float32).reshape(-1, 3)
     return mesh(corners, np.arange(len(corners)))
 
@@ -51,7 +51,14 @@ def described(*meshes: Mesh) -> SceneDescription:
 def placed(
     rows: ArrayLike, matrices: ArrayLike | None = None, present: ArrayLike | None = None, **others: NDArray[np.float64]
 ) -> Placement:
-    """Instances of mesh rows; matrices: [n, 3, 4] for all times or [3, n, 3, 4], default the identity."""
+    """Return a placement of instances.
+
+    Args:
+        rows: Mesh of each instance.
+        matrices: [n, 3, 4] for all times or [3, n, 3, 4]; None: the identity.
+        present: bool [3, n]; None: always.
+        others: `box_from_object`, [n, 3, 4].
+    """
     rows = np.asarray(rows, np.int32)
     count = len(rows)
     matrices = np.eye(3, 4)[None] if matrices is None else np.asarray(matrices, np.float64)
@@ -82,14 +89,14 @@ def rays_of(origins: ArrayLike, directions: ArrayLike, t_max: ArrayLike = np.inf
 
 
 def random_rays(random: np.random.Generator, count: int, extent: float) -> NDArray[np.float32]:
-    """Rays from and to random points of a cube about the origin."""
+    """Return rays between random points of a cube about the origin."""
     origins, targets = random.uniform(-extent, extent, (2, count, 3))
     directions = targets - origins
     return rays_of(origins, directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def random_matrices(random: np.random.Generator, count: int, extent: float) -> NDArray[np.float64]:
-    """Rotation, scale by axis, every other one mirrored, and translation: [n, 3, 4]."""
+    """Return random matrices [n, 3, 4]: rotation, scale per axis, translation; every other one mirrored."""
     matrices = np.zeros((count, 3, 4))
     for k in range(count):
         rotation = trimesh.transformations.random_rotation_matrix(random.random(3))[:3, :3]
@@ -99,20 +106,20 @@ def random_matrices(random: np.random.Generator, count: int, extent: float) -> N
     return matrices
 
 
-def untouched(count: int) -> tuple[Any, Any]:
-    """Hits and hit ids, all 7."""
-    hits, hit_ids = ti.ndarray(hit, count), ti.ndarray(hit_id, count)
+def sentinel_hits(count: int) -> tuple[Any, Any]:
+    """Return arrays of hits and hit ids filled with 7, to detect rows that are not written."""
+    hits, hit_ids = device_array(hit, count), device_array(hit_id, count)
     hits.from_numpy(np.full((count, 4), 7.0, np.float32))
     hit_ids.from_numpy(np.full((count, 2), 7, np.int32))
     return hits, hit_ids
 
 
 def trace_rays(scene: DeviceScene, rays: NDArray[np.float32], time: int = CURRENT) -> Traced:
-    """All rays, closest hit and any hit."""
+    """Trace all rays, closest hit and any hit."""
     count = len(rays)
     on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
-    hits, hit_ids = untouched(count)
-    result = ti.ndarray(ti.i32, count)
+    hits, hit_ids = sentinel_hits(count)
+    result = device_array(ti.i32, count)
     result.fill(7)
     trace.closest(scene, time, on_device, queue, count, hits, hit_ids)
     trace.occluded(scene, time, on_device, queue, count, result)

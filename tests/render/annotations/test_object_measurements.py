@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.render.label_scenes import ALL_TIMES, Stage, Thing, crowd, mesh_of, placement_of, plate, pose, still
+from tests.render.label_scenes import (
+    ALL_TIMES,
+    PlacedMesh,
+    Stage,
+    crowd,
+    mesh_of,
+    placement_of,
+    plate,
+    pose,
+    static_view,
+)
 from tiscene.errors import ObjectNotFound
 from tiscene.frame.object_table import ObjectTable
 from tiscene.render.annotations.amodal_masks import MAX_SAMPLES, PixelCounter
@@ -18,7 +28,7 @@ from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 
 SIZE = 200
-VIEW = still(Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5), near=0.1), SIZE, SIZE)
+VIEW = static_view(Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5), near=0.1), SIZE, SIZE)
 
 
 @dataclass(frozen=True)
@@ -48,7 +58,7 @@ def test_a_plate_half_out_of_the_picture_and_half_hidden() -> None:
     # 2 m at 4 m: 100 px square, its center on the right edge. A nearer plate covers the upper half of what is seen.
     stage = Stage(
         [plate(2.0, 2.0), plate(4.0, 0.5)],
-        [Thing(0, [pose((2, 0, -4))]), Thing(1, [pose((0, 0.25, -2))])],
+        [PlacedMesh(0, [pose((2, 0, -4))]), PlacedMesh(1, [pose((0, 0.25, -2))])],
     )
     seen = table(stage).by_id(1)
     assert seen.amodal_box == pytest.approx((150, 50, 250, 150))
@@ -68,10 +78,10 @@ def test_out_of_sight() -> None:
     stage = Stage(
         [plate(2.0, 2.0), plate(9.0, 9.0)],
         [
-            Thing(0, [pose((0, 0, -4))]),
-            Thing(0, [pose((0, 0, 4))]),
-            Thing(0, [pose((5, 0, -4))]),
-            Thing(1, [pose((0, 0, -2))]),
+            PlacedMesh(0, [pose((0, 0, -4))]),
+            PlacedMesh(0, [pose((0, 0, 4))]),
+            PlacedMesh(0, [pose((5, 0, -4))]),
+            PlacedMesh(1, [pose((0, 0, -2))]),
         ],
     )
     hidden, behind, aside, _ = table(stage)
@@ -91,9 +101,9 @@ def test_an_object_of_several_parts_counts_each_pixel_once() -> None:
     stage = Stage(
         [plate(2.0, 2.0)],
         [
-            Thing(0, [pose((0, 0, -4))], id=7),
-            Thing(0, [pose((0, 0, -4.001))], id=7),
-            Thing(0, [pose((2, 0, -4))], id=7),
+            PlacedMesh(0, [pose((0, 0, -4))], id=7),
+            PlacedMesh(0, [pose((0, 0, -4.001))], id=7),
+            PlacedMesh(0, [pose((2, 0, -4))], id=7),
         ],
     )
     row = table(stage).by_id(7)
@@ -107,7 +117,7 @@ def test_an_object_of_several_parts_counts_each_pixel_once() -> None:
 
 def test_what_lies_far_out_is_counted_by_samples() -> None:
     # 40 m at 4 m: 2000 px square, of which the picture shows 200 px square.
-    row = table(Stage([plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -4))])]))[0]
+    row = table(Stage([plate(40.0, 40.0)], [PlacedMesh(0, [pose((0, 0, -4))])]))[0]
     assert 10 * MAX_SAMPLES < 2000 * 2000
     assert row.amodal_pixels == pytest.approx(2000 * 2000, rel=0.01)
     assert row.fraction_in_frame == pytest.approx(0.01, rel=0.01)
@@ -116,7 +126,7 @@ def test_what_lies_far_out_is_counted_by_samples() -> None:
 
 def test_a_floor_that_passes_below_the_camera_is_cut_at_the_near_plane() -> None:
     turn = (np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0)
-    row = table(Stage([plate(4.0, 20.0)], [Thing(0, [pose((0, -1, 0), turn)])]))[0]
+    row = table(Stage([plate(4.0, 20.0)], [PlacedMesh(0, [pose((0, -1, 0), turn)])]))[0]
     # Nearest, at z = 0.1 m, 2 m right and 1 m down are 4000 and 2000 px; farthest, at z = 10 m, 1 m down is 20 px.
     assert row.amodal_box == pytest.approx((100 - 4000, 120, 100 + 4000, 2100), rel=1e-5)
     assert row.visible_box == (0, 120, 200, 200)
@@ -126,7 +136,8 @@ def test_a_floor_that_passes_below_the_camera_is_cut_at_the_near_plane() -> None
 
 def test_boxes_in_space() -> None:
     turn = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
-    stage = Stage([mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))], [Thing(0, [pose((1, 2, -5), turn, scale=2.0)])])
+    box = mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))
+    stage = Stage([box], [PlacedMesh(0, [pose((1, 2, -5), turn, scale=2.0)])])
     row = table(stage)[0]
     box = row.box_3d
     assert box.center == pytest.approx((1, 2, -5))
@@ -138,7 +149,7 @@ def test_boxes_in_space() -> None:
 
 
 def test_a_mirrored_object_has_a_proper_rotation() -> None:
-    stage = Stage([mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))], [Thing(0, [pose((0, 0, -5)) * (-1, 1, 1, 1)])])
+    stage = Stage([mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))], [PlacedMesh(0, [pose((0, 0, -5)) * (-1, 1, 1, 1)])])
     box = table(stage)[0].box_3d
     assert np.linalg.norm(box.rotation) == pytest.approx(1.0)
     np.testing.assert_allclose(np.sort(box.corners(), axis=0)[[0, -1]], [[-1, -0.5, -5.25], [1, 0.5, -4.75]], atol=1e-6)
@@ -146,10 +157,10 @@ def test_a_mirrored_object_has_a_proper_rotation() -> None:
 
 def test_rows_can_be_looked_at_after_the_stream_has_moved_on() -> None:
     stage = crowd(30)
-    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     at_once = table(stage, view).columns()
     late = table(stage, view)
-    elsewhere = [Thing(thing.mesh, [pose((0, 0, -40))]) for thing in stage.things[:5]]
+    elsewhere = [PlacedMesh(instance.mesh, [pose((0, 0, -40))]) for instance in stage.instances[:5]]
     stage.scene.place(placement_of(elsewhere, stage.meshes), ALL_TIMES)
     columns = late.columns()
     for name, column in at_once.items():
@@ -160,7 +171,7 @@ def test_rows_can_be_looked_at_after_the_stream_has_moved_on() -> None:
 
 def test_the_sum_of_visible_pixels_is_the_picture() -> None:
     stage = crowd(30)
-    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     image = stage.render(view, "instance")["instance"]
     rows = table(stage, view)
     assert sum(row.visible_pixels for row in rows) == np.count_nonzero(image)
@@ -171,7 +182,7 @@ def test_the_sum_of_visible_pixels_is_the_picture() -> None:
 
 
 def test_the_table() -> None:
-    stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((x, 0, -4))]) for x in (-1, 1)])
+    stage = Stage([plate(1.0, 1.0)], [PlacedMesh(0, [pose((x, 0, -4))]) for x in (-1, 1)])
     rows = table(stage)
     assert len(rows) == 2
     assert [row.name for row in rows] == ["thing 1", "thing 2"]
@@ -191,7 +202,7 @@ def test_the_table() -> None:
 
 def test_what_stands_still_is_measured_once_and_nobody_can_tell(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = crowd(12)
-    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     measurer = Measurer(stage.scene)
     states = [State(id, f"thing {id}") for id in range(1, 14)]
     counted: list[int] = []
@@ -200,9 +211,9 @@ def test_what_stands_still_is_measured_once_and_nobody_can_tell(monkeypatch: pyt
         PixelCounter, "count", lambda self, view, parts: counted.append(len(parts)) or count(self, view, parts)
     )
     for frame in range(4):
-        resting = [Thing(thing.mesh, [thing.poses[0]], id=thing.id) for thing in stage.things]
-        resting[3] = Thing(0, [pose((0.3 * frame, 0.0, 1.0))], (True, frame != 2, True))
-        resting.append(Thing(1, [pose((0, 0, 2))]))
+        resting = [PlacedMesh(instance.mesh, [instance.poses[0]], id=instance.id) for instance in stage.instances]
+        resting[3] = PlacedMesh(0, [pose((0.3 * frame, 0.0, 1.0))], (True, frame != 2, True))
+        resting.append(PlacedMesh(1, [pose((0, 0, 2))]))
         placement = placement_of(resting[: 12 + (frame > 1)], stage.meshes)
         present = [state for state in states if state.id in placement.instance_id]
         kept, fresh = (each.table(placement, view, present) for each in (measurer, Measurer(stage.scene)))
@@ -216,7 +227,7 @@ def test_what_stands_still_is_measured_once_and_nobody_can_tell(monkeypatch: pyt
 
 def test_amodal_masks_are_what_an_object_shows_alone() -> None:
     stage = crowd(12)
-    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
+    view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     rows = table(stage, view)
     image = stage.render(view, "instance")["instance"]
     for row in rows:
@@ -227,12 +238,12 @@ def test_amodal_masks_are_what_an_object_shows_alone() -> None:
         np.testing.assert_array_equal(row.amodal_mask, alone)
         assert row.amodal_mask[image == row.id].all()
         assert row.fraction_in_frame == pytest.approx(alone.sum() / row.amodal_pixels)
-    hidden = table(Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 4))])]))[0]
+    hidden = table(Stage([plate(1.0, 1.0)], [PlacedMesh(0, [pose((0, 0, 4))])]))[0]
     assert not hidden.amodal_mask.any()
 
 
 def test_an_instance_buffer_at_hand_is_not_traced_again() -> None:
-    stage = Stage([plate(2.0, 2.0)], [Thing(0, [pose((0, 0, -4))])])
+    stage = Stage([plate(2.0, 2.0)], [PlacedMesh(0, [pose((0, 0, -4))])])
     image = np.zeros((SIZE, SIZE), np.int32)
     image[10:20, 30:50], image[0, 0] = 1, 9  # 9: somebody who is no row
     rows = Measurer(stage.scene).table(stage.placement, VIEW, [State(1, "thing")], image)
@@ -250,7 +261,7 @@ def test_an_empty_table() -> None:
 
 
 def test_a_pickled_table_brings_its_numbers() -> None:
-    rows = table(Stage([plate(2.0, 2.0)], [Thing(0, [pose((2, 0, -4))])]))
+    rows = table(Stage([plate(2.0, 2.0)], [PlacedMesh(0, [pose((2, 0, -4))])]))
     for twin in (pickle.loads(pickle.dumps(rows)), copy.deepcopy(rows)):
         assert list(twin) == list(rows)
         for name, column in rows.columns().items():

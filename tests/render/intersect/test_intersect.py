@@ -22,10 +22,10 @@ from tests.render.tracing import (
     random_rays,
     rays_of,
     scene_of,
+    sentinel_hits,
     shape,
     soup,
     trace_rays,
-    untouched,
 )
 from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
@@ -307,7 +307,7 @@ def test_only_queued_rays_are_written(traversal: str) -> None:
     rays = rays[:1000]
     everything = trace_rays(scene, rays)
     queue = upload(np.arange(999, -1, -3, dtype=np.int32))
-    hits, ids = untouched(1000)
+    hits, ids = sentinel_hits(1000)
     trace.closest(scene, CURRENT, upload_rays(rays), queue, 200, hits, ids)
     queued = np.zeros(1000, bool)
     queued[np.arange(999, -1, -3)[:200]] = True
@@ -335,7 +335,7 @@ def test_rays_together_hit_what_each_hits_alone() -> None:
     queue = upload(np.arange(len(rays), dtype=np.int32))
     answers = []
     for together in (False, True):
-        hits, ids = untouched(len(rays))
+        hits, ids = sentinel_hits(len(rays))
         trace.closest(scene, CURRENT, upload_rays(rays), queue, len(rays), hits, ids, coherent=together)
         answers.append((hits.to_numpy(), ids.to_numpy()))
     assert 0.1 < (answers[0][1][:, 0] >= 0).mean() < 0.9

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tests.render.label_scenes import Stage, Thing, plate, pose
+from tests.render.label_scenes import PlacedMesh, Stage, plate, pose
 from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, vec3
 from tiscene.render.intersect.surface_interaction import (
     Geometry,
@@ -94,7 +94,7 @@ def sheared() -> Stage:
         uv=np.array([[0.1, 0.2], [0.9, 0.4], [0.2, 1.2]], np.float32),
     )
     now = pose((1, 2, 3), (0.9, 0.1, 0.3, -0.2)) @ np.diag([-1.5, 0.5, 2.0, 1.0])
-    return Stage([mesh], [Thing(0, [now, now, now + np.eye(3, 4, 3)])])
+    return Stage([mesh], [PlacedMesh(0, [now, now, now + np.eye(3, 4, 3)])])
 
 
 def test_position_uv_and_their_derivatives() -> None:
@@ -137,7 +137,7 @@ def test_the_time_chooses_the_pose() -> None:
 def test_a_mesh_without_uv_has_zeros_and_some_tangents() -> None:
     flat = plate(2.0, 2.0)
     bare = Mesh("bare", flat.positions, flat.triangles, flat.materials)
-    found = surface(Stage([bare], [Thing(0, [pose()])]), 0.3, 0.3, (0, 0, -1))
+    found = surface(Stage([bare], [PlacedMesh(0, [pose()])]), 0.3, 0.3, (0, 0, -1))
     np.testing.assert_array_equal(found[18:20], 0.0)
     assert np.linalg.norm(np.cross(found[DP_DU], found[DP_DV])) > 0.1
     np.testing.assert_allclose(found[NORMAL], (0, 0, 1), atol=1e-6)
@@ -158,6 +158,6 @@ def test_rays_start_off_the_surface_on_the_side_they_leave_to(scale: float) -> N
 def test_rounding_is_reckoned_from_the_largest_coordinate_that_a_point_comes_from() -> None:
     stage = sheared()
     moved = surface(stage, 0.25, 0.25, (0, 0, -1))
-    corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]]) @ np.asarray(stage.things[0].poses[CURRENT])[:3, :3].T
+    corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]]) @ np.asarray(stage.instances[0].poses[CURRENT])[:3, :3].T
     sides = np.abs(corners[1:] - corners[0]).max()
     assert moved[REACH] == pytest.approx(max(sides, np.abs(moved[POSITION]).max()), rel=1e-5)

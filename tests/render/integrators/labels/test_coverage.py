@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.render.label_scenes import Stage, Thing, crowd, plate, pose, still
+from tests.render.label_scenes import PlacedMesh, Stage, crowd, plate, pose, static_view
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
@@ -14,7 +14,7 @@ from tiscene.scene.description import Material
 
 WIDTH, HEIGHT, FOCAL = 40, 30, 50.0
 CAMERA = Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5 * HEIGHT / FOCAL))
-VIEW = still(CAMERA, WIDTH, HEIGHT)
+VIEW = static_view(CAMERA, WIDTH, HEIGHT)
 
 
 def weight_of(coverage: np.ndarray, id: int) -> np.ndarray:
@@ -24,7 +24,7 @@ def weight_of(coverage: np.ndarray, id: int) -> np.ndarray:
 
 def test_fractions_of_aligned_edges_are_exact() -> None:
     # 1 m is 25 px: the left edge at pixel corner 10.25, the right one at 30.75, upper and lower on corners.
-    wide = Stage([plate(20.5 / 25, 10 / 25)], [Thing(0, [pose((0.5 / 25, 0, -2))], id=7)])
+    wide = Stage([plate(20.5 / 25, 10 / 25)], [PlacedMesh(0, [pose((0.5 / 25, 0, -2))], id=7)])
     coverage = wide.render(VIEW, "coverage")["coverage"]
     expected = np.zeros((HEIGHT, WIDTH))
     expected[10:20, 11:30], expected[10:20, [10, 30]] = 1.0, 0.75
@@ -38,9 +38,9 @@ def test_objects_in_pixel_are_ranked_by_fraction_then_id() -> None:
     stage = Stage(
         [plate(1.0, 1.0)],
         [
-            Thing(0, [pose((-0.5 + 5.25 / 25, 0, -2))], id=3),
-            Thing(0, [pose((0.5 + 5.75 / 25, 0, -2))], id=9),
-            Thing(0, [pose((0, 0, -2.001), scale=1.4)], id=5),
+            PlacedMesh(0, [pose((-0.5 + 5.25 / 25, 0, -2))], id=3),
+            PlacedMesh(0, [pose((0.5 + 5.75 / 25, 0, -2))], id=9),
+            PlacedMesh(0, [pose((0, 0, -2.001), scale=1.4)], id=5),
         ],
     )
     pixel = stage.render(VIEW, "coverage")["coverage"][15, 25]
@@ -50,7 +50,7 @@ def test_objects_in_pixel_are_ranked_by_fraction_then_id() -> None:
 
 def test_fractions_match_larger_image() -> None:
     stage = crowd(60)
-    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 32, 24)
+    view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 32, 24)
     coverage = stage.render(view, "coverage")["coverage"]
     fine = LabelPass(stage.scene).render(View(*view.cameras, 512, 384), ("instance",))["instance"]
     blocks = fine.reshape(24, 16, 32, 16)
@@ -73,8 +73,8 @@ def test_material_fractions_within_one_object() -> None:
     sheet = plate(20.5 / 25, 10 / 25)
     two = replace(sheet, materials=np.array([1, 2], np.int32))
     materials = [Material(name, prim_path=f"/Looks/{name}") for name in ("Unused", "Lower", "Upper")]
-    things = [Thing(0, [pose((0, 0, -2))], id=7), Thing(1, [pose((0, 0, -1.999))], id=8)]
-    stage = Stage([two, plate(4.0, 4 / 25, material=2)], things, materials)
+    instances = [PlacedMesh(0, [pose((0, 0, -2))], id=7), PlacedMesh(1, [pose((0, 0, -1.999))], id=8)]
+    stage = Stage([two, plate(4.0, 4 / 25, material=2)], instances, materials)
     result = stage.render(VIEW, "material_coverage", "coverage")
     by_object, by_material = result["coverage"], result["material_coverage"]
     assert stage.scene.materials.labels == {0: "", 1: "/Looks/Unused", 2: "/Looks/Lower", 3: "/Looks/Upper"}
@@ -102,7 +102,7 @@ def test_materials_of_same_prim_share_number() -> None:
         Material("a", (1.0, 0.0, 0.0), prim_path="/Looks/A"),
     ]
     meshes = [plate(0.4, 0.4, material=row) for row in range(3)]
-    stage = Stage(meshes, [Thing(row, [pose((0.4 * (row - 1), 0, -2))]) for row in range(3)], materials)
+    stage = Stage(meshes, [PlacedMesh(row, [pose((0.4 * (row - 1), 0, -2))]) for row in range(3)], materials)
     coverage = stage.render(VIEW, "material_coverage")["material_coverage"]
     assert stage.scene.materials.labels == {0: "", 1: "/Looks/A", 2: "b"}
     np.testing.assert_array_equal(coverage[15, [12, 20, 28], 0], [[1, 1.0], [2, 1.0], [1, 1.0]])
@@ -110,6 +110,8 @@ def test_materials_of_same_prim_share_number() -> None:
 
 def test_more_objects_than_ranks_keep_lowest_ids() -> None:
     # One object per cell of a 4 x 4 grid in a pixel, which is 4 cm wide there.
-    things = [Thing(0, [pose((0.02 + 0.01 * (i % 4 - 1.5), 0.02 + 0.01 * (i // 4 - 1.5), -2))]) for i in range(16)]
-    pixel = Stage([plate(0.01, 0.01)], things).render(VIEW, "coverage")["coverage"][14, 20]
+    instances = [
+        PlacedMesh(0, [pose((0.02 + 0.01 * (i % 4 - 1.5), 0.02 + 0.01 * (i // 4 - 1.5), -2))]) for i in range(16)
+    ]
+    pixel = Stage([plate(0.01, 0.01)], instances).render(VIEW, "coverage")["coverage"][14, 20]
     np.testing.assert_array_equal(pixel, [[id, 1 / 16] for id in range(1, 7)])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.render.label_scenes import ALL_TIMES, Stage, Thing, mesh_of, plate, pose, still
+from tests.render.label_scenes import ALL_TIMES, PlacedMesh, Stage, mesh_of, plate, pose, static_view
 from tests.render.tracing import described, placed, rays_of, scene_of, shape, trace_rays
 from tiscene.frame.buffers import LABELS
 from tiscene.render.integrators.labels.label_pass import LabelPass
@@ -19,7 +19,7 @@ from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 40.0
 CAMERA = Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5 * HEIGHT / FOCAL))
-VIEW = still(CAMERA, WIDTH, HEIGHT)
+VIEW = static_view(CAMERA, WIDTH, HEIGHT)
 SECONDS = np.array([0.25, 0.5, 0.75])
 
 
@@ -38,7 +38,7 @@ def pixel_of(point):
 
 def test_flow_follows_surface_points():
     """Closed form: x scales by 1 + t, z grows by t."""
-    stage = Stage([stretching()], [Thing(0, [pose((0.1, 0.0, -5.0))])])
+    stage = Stage([stretching()], [PlacedMesh(0, [pose((0.1, 0.0, -5.0))])])
     stage.scene.place(replace(stage.placement, seconds=SECONDS), ALL_TIMES)
     labels = stage.render(VIEW, *LABELS)
     hit = labels["instance"] > 0
@@ -66,10 +66,10 @@ def test_flow_combines_deformation_instance_and_camera_motion():
     view = View(*cameras, WIDTH, HEIGHT)
     poses = [pose((0.05 * time, 0.0, -3.0), (1.0, 0.1 * time, 0.0, 0.0)) for time in (-1, 0, 1)]
     scaled = [each @ np.diag([1 + s, 1 + s, 1 + s, 1]) for each, s in zip(poses, SECONDS, strict=True)]
-    behind = Thing(1, [pose((0, 0, -6))])
-    one = Stage([growing, plate(20.0, 20.0)], [Thing(0, poses), behind])
+    behind = PlacedMesh(1, [pose((0, 0, -6))])
+    one = Stage([growing, plate(20.0, 20.0)], [PlacedMesh(0, poses), behind])
     one.scene.place(replace(one.placement, seconds=SECONDS), ALL_TIMES)
-    other = Stage([ball, plate(20.0, 20.0)], [Thing(0, scaled), behind])
+    other = Stage([ball, plate(20.0, 20.0)], [PlacedMesh(0, scaled), behind])
     names = [name for name in LABELS if name not in ("object_coordinates",)]
     got, expected = one.render(view, *names), other.render(view, *names)
     np.testing.assert_array_equal(got["instance"], expected["instance"])
@@ -83,7 +83,9 @@ def test_occlusion_uses_shape_at_other_time():
     strip = plate(1.0, 10.0)
     wide = strip.positions * np.array([3.0, 1.0, 1.0], np.float32)
     growing = replace(strip, deformation=Deformation(np.array([0.0, 1.0]), np.stack([strip.positions, wide])))
-    stage = Stage([growing, plate(20.0, 20.0)], [Thing(0, [pose((0, 0, -4))]), Thing(1, [pose((0, 0, -4.5))])])
+    stage = Stage(
+        [growing, plate(20.0, 20.0)], [PlacedMesh(0, [pose((0, 0, -4))]), PlacedMesh(1, [pose((0, 0, -4.5))])]
+    )
     stage.scene.place(replace(stage.placement, seconds=np.array([0.0, 0.0, 1.0])), ALL_TIMES)
     labels = stage.render(VIEW, "instance", "forward_occlusion", "backward_occlusion")
     x = (np.arange(WIDTH) - 31.5) / FOCAL * 4.0
@@ -99,7 +101,7 @@ def test_static_points_of_deforming_mesh_have_zero_flow():
     end = square.positions.copy()
     end[2:, 1] += 0.5
     rising = replace(square, deformation=Deformation(np.array([0.0, 1.0]), np.stack([square.positions, end])))
-    stage = Stage([rising], [Thing(0, [pose((0, 0, -3))])])
+    stage = Stage([rising], [PlacedMesh(0, [pose((0, 0, -3))])])
     for seconds in ((0.0, 0.0, 0.0), (2.0, 3.0, 4.0)):
         stage.scene.place(replace(stage.placement, seconds=np.array(seconds)), ALL_TIMES)
         labels = stage.render(VIEW, "instance", "forward_flow", "backward_flow", "scene_flow")
@@ -132,7 +134,7 @@ def test_refitted_bvh_finds_same_hits_as_new_one(traversal):
 def test_labels_do_not_depend_on_earlier_placements():
     made = []
     for order in ((0.1, 0.9, 0.4), (0.4,)):
-        stage = Stage([stretching()], [Thing(0, [pose((0.1, 0.0, -5.0))])])
+        stage = Stage([stretching()], [PlacedMesh(0, [pose((0.1, 0.0, -5.0))])])
         for seconds in order:
             times = np.array([seconds - 0.1, seconds, seconds + 0.1])
             stage.scene.place(replace(stage.placement, seconds=times), (CURRENT,) if seconds == 0.9 else ALL_TIMES)

@@ -7,7 +7,7 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from tests.render.label_scenes import Stage, crowd, still
+from tests.render.label_scenes import Stage, crowd, static_view
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT
 
@@ -18,8 +18,8 @@ CAMERA = Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0))
 def flattened(stage: Stage) -> tuple[trimesh.Trimesh, NDArray[np.int32]]:
     """Return all triangles in world space, and the instance id of each."""
     vertices, faces, ids, count = [], [], [], 0
-    for row, thing in enumerate(stage.things):
-        mesh = stage.meshes[thing.mesh]
+    for row, instance in enumerate(stage.instances):
+        mesh = stage.meshes[instance.mesh]
         matrix = stage.placement.world_from_object[CURRENT, row]
         vertices.append(mesh.positions @ matrix[:, :3].T + matrix[:, 3])
         faces.append(mesh.triangles + count)
@@ -33,7 +33,7 @@ def flattened(stage: Stage) -> tuple[trimesh.Trimesh, NDArray[np.int32]]:
 def compared() -> dict[str, NDArray]:
     """Labels, and Embree's instance, depth, distance, position and normal at each pixel."""
     stage = crowd()
-    assert len(stage.things) >= 200
+    assert len(stage.instances) >= 200
     whole, ids = flattened(stage)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     pixels = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
@@ -46,7 +46,9 @@ def compared() -> dict[str, NDArray]:
     normals, corners = whole.face_normals[triangle], whole.triangles[triangle, 0]
     depth = np.sum((corners - origins) * normals, axis=1) / np.sum(directions * normals, axis=1)
     facing = np.where(np.sum(directions * normals, axis=1)[:, None] > 0.0, -normals, normals)
-    labels = stage.render(still(CAMERA, WIDTH, HEIGHT), "instance", "depth", "distance", "position", "geometric_normal")
+    labels = stage.render(
+        static_view(CAMERA, WIDTH, HEIGHT), "instance", "depth", "distance", "position", "geometric_normal"
+    )
     return labels | {
         "embree_instance": np.where(hit, ids[triangle], 0).reshape(HEIGHT, WIDTH),
         "embree_depth": np.where(hit, depth, np.inf).reshape(HEIGHT, WIDTH),

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from tests.render.label_scenes import Stage, Thing, crowd, mesh_of, pose, still
+from tests.render.label_scenes import PlacedMesh, Stage, crowd, mesh_of, pose, static_view
 from tiscene.render.integrators.labels.label_pass import instance_motion
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
@@ -22,12 +22,12 @@ OTHER_TIMES = [("forward_flow", NEXT), ("backward_flow", PREVIOUS)]
 def moving_boxes(origin: tuple[float, float, float]) -> Stage:
     """Return nine boxes around `origin` that translate and rotate."""
     random = np.random.default_rng(3)
-    things = []
+    instances = []
     for cell in range(9):
         start = np.array([cell % 3 - 1.0, cell // 3 - 1.0, 0.0]) * 1.1 + random.uniform(-0.2, 0.2, 3) + origin
         turn, spin, step = random.normal(size=4), 0.1 * random.normal(size=4), random.uniform(-0.1, 0.1, 3)
-        things.append(Thing(0, [pose(start + time * step, turn + time * spin, 1.0) for time in (-1, 0, 1)]))
-    return Stage([mesh_of(trimesh.creation.box(SIZE))], things)
+        instances.append(PlacedMesh(0, [pose(start + time * step, turn + time * spin, 1.0) for time in (-1, 0, 1)]))
+    return Stage([mesh_of(trimesh.creation.box(SIZE))], instances)
 
 
 def moving_view(origin: tuple[float, float, float]) -> View:
@@ -129,10 +129,10 @@ def test_scene_flow_is_world_displacement() -> None:
 
 def test_static_objects_before_static_camera_have_zero_flow() -> None:
     stage = crowd(60)
-    for thing in stage.things:
-        thing.poses = [thing.poses[-1]] * 3
-    stage = Stage(stage.meshes, stage.things)
-    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), WIDTH, HEIGHT)
+    for instance in stage.instances:
+        instance.poses = [instance.poses[-1]] * 3
+    stage = Stage(stage.meshes, stage.instances)
+    view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), WIDTH, HEIGHT)
     names = ("forward_flow", "backward_flow", "scene_flow")
     for name, flow in stage.render(view, *names).items():
         assert not flow.any(), name
@@ -142,9 +142,9 @@ def test_backward_flow_inverts_forward_flow() -> None:
     """Where a pixel's point moves to, the next frame's backward flow points back, on the interior of a face."""
     positions = [(0.0, 0.0, -4.0), (0.11, 0.05, -4.0), (0.22, 0.1, -4.0), (0.33, 0.15, -4.0)]
     box = mesh_of(trimesh.creation.box((2.0, 2.0, 0.5)))
-    view = still(Camera(position=(0.0, 0.0, 0.0)), WIDTH, HEIGHT)
+    view = static_view(Camera(position=(0.0, 0.0, 0.0)), WIDTH, HEIGHT)
     first, second = (
-        Stage([box], [Thing(0, [pose(position) for position in positions[at : at + 3]])]).render(
+        Stage([box], [PlacedMesh(0, [pose(position) for position in positions[at : at + 3]])]).render(
             view, "forward_flow", "backward_flow", "instance"
         )
         for at in (0, 1)
@@ -162,9 +162,9 @@ def test_backward_flow_inverts_forward_flow() -> None:
 def test_point_moving_behind_camera_has_finite_flow_and_is_occluded() -> None:
     box = mesh_of(trimesh.creation.box((1.0, 1.0, 1.0)))
     poses = [pose((0, 0, z)) for z in (-4.0, -2.0, 3.0)]
-    stage = Stage([box], [Thing(0, poses)])
+    stage = Stage([box], [PlacedMesh(0, poses)])
     labels = stage.render(
-        still(Camera(position=(0.0, 0.0, 0.0)), WIDTH, HEIGHT), "forward_flow", "forward_occlusion", "instance"
+        static_view(Camera(position=(0.0, 0.0, 0.0)), WIDTH, HEIGHT), "forward_flow", "forward_occlusion", "instance"
     )
     hit = labels["instance"] == 1
     assert hit.any()

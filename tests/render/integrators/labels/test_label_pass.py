@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.render.label_scenes import Stage, Thing, crowd, mesh_of, plate, pose, still
+from tests.render.label_scenes import PlacedMesh, Stage, crowd, mesh_of, plate, pose, static_view
 from tests.render.tracing import described, mesh, placed
 from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import BUFFERS, LABELS
@@ -24,12 +24,12 @@ from tiscene.scene.device_scene import DeviceScene
 WIDTH, HEIGHT = 80, 60
 FOCAL = 50.0
 CAMERA = Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5 * HEIGHT / FOCAL))
-VIEW = still(CAMERA, WIDTH, HEIGHT)
+VIEW = static_view(CAMERA, WIDTH, HEIGHT)
 QUARTER_TURN = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)  # about y: +z becomes +x
 
 
 def test_labels_have_registered_type_shape_and_background() -> None:
-    stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 5))])])  # behind the camera
+    stage = Stage([plate(1.0, 1.0)], [PlacedMesh(0, [pose((0, 0, 5))])])  # behind the camera
     labels = stage.render(VIEW, *LABELS)
     assert list(labels) == list(LABELS)
     for name, array in labels.items():
@@ -66,7 +66,7 @@ def test_empty_scene_is_background() -> None:
 
 
 def test_geometry_labels_of_plate_match_closed_form() -> None:
-    stage = Stage([plate(2.0, 1.0)], [Thing(0, [pose((0.52, 0.25, -2.0))], category=700, id=41)])
+    stage = Stage([plate(2.0, 1.0)], [PlacedMesh(0, [pose((0.52, 0.25, -2.0))], category=700, id=41)])
     labels = stage.render(VIEW, *LABELS)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     right, up = (x - 39.5) * 2.0 / FOCAL, (29.5 - y) * 2.0 / FOCAL  # m, on the plate's plane
@@ -90,9 +90,9 @@ def test_geometry_labels_of_plate_match_closed_form() -> None:
 def test_normals_face_camera_from_inside_and_in_mirrored_instances(smooth: bool) -> None:
     ball = mesh_of(trimesh.creation.icosphere(subdivisions=3, radius=1.0), smooth=smooth)
     mirrored = pose((0, 0, -3)) * (-1.0, 1.0, 1.0, 1.0)
-    outside = Stage([ball], [Thing(0, [pose((0, 0, -3))])]).render(VIEW, "normal", "position")
-    mirror = Stage([ball], [Thing(0, [mirrored])]).render(VIEW, "normal", "position")
-    inside = Stage([ball], [Thing(0, [pose((0, 0, 0))])]).render(VIEW, "normal", "geometric_normal", "position")
+    outside = Stage([ball], [PlacedMesh(0, [pose((0, 0, -3))])]).render(VIEW, "normal", "position")
+    mirror = Stage([ball], [PlacedMesh(0, [mirrored])]).render(VIEW, "normal", "position")
+    inside = Stage([ball], [PlacedMesh(0, [pose((0, 0, 0))])]).render(VIEW, "normal", "geometric_normal", "position")
     for labels, center, sign in ((outside, (0, 0, -3), 1.0), (mirror, (0, 0, -3), 1.0), (inside, (0, 0, 0), -1.0)):
         hit = ~np.isnan(labels["position"][..., 0])
         assert hit.any()
@@ -112,9 +112,9 @@ def test_material_labels_of_mirrors_are_those_of_reflected_surfaces() -> None:
     stage = Stage(
         [plate(3.0, 1.0, material=1), plate(40.0, 0.5, material=0), plate(0.5, 0.5, material=0)],
         [
-            Thing(0, [pose((0, 0, -3), (np.cos(-np.pi / 8), 0.0, np.sin(-np.pi / 8), 0.0))]),
-            Thing(1, [pose((-6, 0, -3), QUARTER_TURN)]),
-            Thing(2, [pose((0, 0.9, -3))]),
+            PlacedMesh(0, [pose((0, 0, -3), (np.cos(-np.pi / 8), 0.0, np.sin(-np.pi / 8), 0.0))]),
+            PlacedMesh(1, [pose((-6, 0, -3), QUARTER_TURN)]),
+            PlacedMesh(2, [pose((0, 0.9, -3))]),
         ],
         materials,
     )
@@ -139,7 +139,7 @@ def test_albedo_follows_texture() -> None:
     texture = Texture("two", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
     stage = Stage(
         [plate(4.0, 4.0)],
-        [Thing(0, [pose((0, 0, -2))])],
+        [PlacedMesh(0, [pose((0, 0, -2))])],
         [Material("painted", diffuse_color=TextureLookup(0))],
         [texture],
     )
@@ -153,7 +153,7 @@ def test_filtered_albedo_averages_texels_within_pixel() -> None:
     pixels = np.concatenate([np.repeat(codes, 3, axis=2), np.full_like(codes, 255)], axis=2)
     stage = Stage(
         [plate(4.0, 4.0), plate(4.0, 0.8, material=1)],
-        [Thing(0, [pose((0, 0, -2))]), Thing(1, [pose((0, 0, -1.9))])],
+        [PlacedMesh(0, [pose((0, 0, -2))]), PlacedMesh(1, [pose((0, 0, -1.9))])],
         [Material("noise", diffuse_color=TextureLookup(0)), Material("plain", diffuse_color=(0.2, 0.4, 0.6))],
         [Texture("noise", pixels, encoding="raw")],
     )
@@ -179,11 +179,11 @@ def curtain(rows: int, step: float = 0.0) -> tuple[Stage, np.ndarray]:
     pixels = np.ones((1, 2, 4), np.float32)
     pixels[0, 1, 3] = 0.0
     holes = TextureLookup(0, channel="a")
-    things = [Thing(0, [pose((0, 0, -2 - 0.01 * row))]) for row in range(rows)]
-    things.append(Thing(1, [pose((step * time, 0, -4)) for time in (-1, 0, 1)]))
+    instances = [PlacedMesh(0, [pose((0, 0, -2 - 0.01 * row))]) for row in range(rows)]
+    instances.append(PlacedMesh(1, [pose((step * time, 0, -4)) for time in (-1, 0, 1)]))
     stage = Stage(
         [plate(2.0, 2.0), plate(40.0, 40.0, material=1)],
-        things,
+        instances,
         [Material("lace", opacity=holes, opacity_threshold=0.5), Material("wall", diffuse_color=(0.1, 0.2, 0.3))],
         [Texture("hole", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")],
     )
@@ -212,7 +212,7 @@ def test_alpha_rejected_surfaces_do_not_occlude() -> None:
 
 def test_buffer_does_not_depend_on_other_requested_buffers() -> None:
     stage = crowd(40)
-    view = still(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), WIDTH, HEIGHT)
+    view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), WIDTH, HEIGHT)
     together = stage.render(view, *LABELS)
     for name in LABELS:
         alone = stage.render(view, name)
@@ -221,9 +221,9 @@ def test_buffer_does_not_depend_on_other_requested_buffers() -> None:
 
 
 def test_image_size_may_change_between_frames() -> None:
-    stage = Stage([plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -2))])])
+    stage = Stage([plate(40.0, 40.0)], [PlacedMesh(0, [pose((0, 0, -2))])])
     for width, height in ((33, 7), (1, 1), (64, 64), (5, 90)):
-        labels = stage.render(still(CAMERA, width, height), "instance", "forward_occlusion", "albedo")
+        labels = stage.render(static_view(CAMERA, width, height), "instance", "forward_occlusion", "albedo")
         assert labels["instance"].shape == (height, width)
         assert (labels["instance"] == 1).all()
         assert not labels["forward_occlusion"].any()

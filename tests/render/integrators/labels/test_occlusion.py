@@ -4,7 +4,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.render.label_scenes import Stage, Thing, plate, pose, still
+from tests.render.label_scenes import PlacedMesh, Stage, plate, pose, static_view
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 
@@ -24,9 +24,10 @@ def test_plate_passing_in_front_occludes() -> None:
     # The near plate, 1 m wide at 2 m, steps 0.4 m = 20 px to the right; the far one covers the image and is static.
     near, far = plate(1.0, 1.0), plate(20.0, 20.0)
     stage = Stage(
-        [near, far], [Thing(0, [pose((0.4 * time, 0, -2)) for time in (-1, 0, 1)]), Thing(1, [pose((0, 0, -4))])]
+        [near, far],
+        [PlacedMesh(0, [pose((0.4 * time, 0, -2)) for time in (-1, 0, 1)]), PlacedMesh(1, [pose((0, 0, -4))])],
     )
-    labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
+    labels = stage.render(static_view(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
     right, up = centers()
     now = (np.abs(right) < 25) & (np.abs(up) < 25)
     after = (np.abs(right - 20) < 25) & (np.abs(up) < 25)
@@ -39,8 +40,8 @@ def test_plate_passing_in_front_occludes() -> None:
 def test_points_leaving_the_image_are_occluded() -> None:
     # 1 m wide at 2 m, its right edge 5 px inside the image; it steps 15 px to the right.
     start = (80 - 5 - 25) * 2.0 / FOCAL
-    stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((start + 0.3 * time, 0, -2)) for time in (-1, 0, 1)])])
-    labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
+    stage = Stage([plate(1.0, 1.0)], [PlacedMesh(0, [pose((start + 0.3 * time, 0, -2)) for time in (-1, 0, 1)])])
+    labels = stage.render(static_view(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
     right, up = centers()
     hit = (right > 25) & (right < 75) & (np.abs(up) < 25)
     np.testing.assert_array_equal(labels["instance"] == 1, hit)
@@ -53,12 +54,12 @@ def test_absent_instances_are_occluded_and_do_not_occlude() -> None:
     stage = Stage(
         [plate(1.0, 1.0), plate(20.0, 20.0)],
         [
-            Thing(0, [left], present=(True, True, False)),
-            Thing(0, [right], present=(False, True, True)),
-            Thing(1, [pose((0, 0, -4))]),
+            PlacedMesh(0, [left], present=(True, True, False)),
+            PlacedMesh(0, [right], present=(False, True, True)),
+            PlacedMesh(1, [pose((0, 0, -4))]),
         ],
     )
-    labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance", "forward_flow")
+    labels = stage.render(static_view(CAMERA, WIDTH, HEIGHT), *MASKS, "instance", "forward_flow")
     np.testing.assert_array_equal(labels["forward_occlusion"], labels["instance"] == 1)
     np.testing.assert_array_equal(labels["backward_occlusion"], labels["instance"] == 2)
     assert not labels["forward_flow"].any()  # flow follows the planned pose
@@ -67,9 +68,9 @@ def test_absent_instances_are_occluded_and_do_not_occlude() -> None:
 def test_instance_spawned_in_front_occludes() -> None:
     stage = Stage(
         [plate(1.0, 1.0), plate(20.0, 20.0)],
-        [Thing(0, [pose((0, 0, -2))], present=(False, False, True)), Thing(1, [pose((0, 0, -4))])],
+        [PlacedMesh(0, [pose((0, 0, -2))], present=(False, False, True)), PlacedMesh(1, [pose((0, 0, -4))])],
     )
-    labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
+    labels = stage.render(static_view(CAMERA, WIDTH, HEIGHT), *MASKS, "instance")
     right, up = centers()
     assert (labels["instance"] == 2).all()
     np.testing.assert_array_equal(labels["forward_occlusion"], (np.abs(right) < 25) & (np.abs(up) < 25))
@@ -79,7 +80,9 @@ def test_instance_spawned_in_front_occludes() -> None:
 def test_camera_translation_occludes_by_parallax() -> None:
     # A 1 m plate at 2 m before a wall at 4 m; the camera steps 0.48 m to the right. In the new image the plate
     # covers -49..1 px and a wall point moves by 12 px, so old wall pixels x with -49 < x - 12 < 1 lose sight.
-    stage = Stage([plate(1.0, 1.0), plate(40.0, 40.0)], [Thing(0, [pose((0, 0, -2))]), Thing(1, [pose((0, 0, -4))])])
+    stage = Stage(
+        [plate(1.0, 1.0), plate(40.0, 40.0)], [PlacedMesh(0, [pose((0, 0, -2))]), PlacedMesh(1, [pose((0, 0, -4))])]
+    )
     after = CAMERA.with_pose((0.48, 0.0, 0.0), CAMERA.rotation)
     labels = stage.render(View(CAMERA, CAMERA, after, WIDTH, HEIGHT), *MASKS, "instance")
     right, up = centers()
@@ -93,7 +96,7 @@ def test_camera_translation_occludes_by_parallax() -> None:
 def test_grazing_surfaces_do_not_occlude_themselves() -> None:
     # A moving floor at a grazing angle below one degree, before a moving camera: all visible points stay visible.
     turn = (np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0)
-    stage = Stage([plate(400.0, 400.0)], [Thing(0, [pose((0.01 * time, -0.3, 0), turn) for time in (-1, 0, 1)])])
+    stage = Stage([plate(400.0, 400.0)], [PlacedMesh(0, [pose((0.01 * time, -0.3, 0), turn) for time in (-1, 0, 1)])])
     view = View(*(CAMERA.with_pose((0, 0, 0.05 * time), CAMERA.rotation) for time in (-1, 0, 1)), WIDTH, HEIGHT)
     labels = stage.render(view, *MASKS, "instance", "forward_flow", "backward_flow")
     floor = labels["instance"] == 1
@@ -106,7 +109,7 @@ def test_grazing_surfaces_do_not_occlude_themselves() -> None:
 
 
 def test_background_is_occluded() -> None:
-    stage = Stage([plate(1.0, 1.0)], [Thing(0, [pose((0, 0, 5))])])
-    labels = stage.render(still(CAMERA, WIDTH, HEIGHT), *MASKS)
+    stage = Stage([plate(1.0, 1.0)], [PlacedMesh(0, [pose((0, 0, 5))])])
+    labels = stage.render(static_view(CAMERA, WIDTH, HEIGHT), *MASKS)
     assert labels["forward_occlusion"].all()
     assert labels["backward_occlusion"].all()

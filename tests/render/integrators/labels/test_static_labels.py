@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from tests.render.label_scenes import ALL_TIMES, Stage, Thing, mesh_of, placement_of, plate, pose, still
+from tests.render.label_scenes import ALL_TIMES, PlacedMesh, Stage, mesh_of, placement_of, plate, pose, static_view
 from tiscene.frame.buffers import LABELS
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
@@ -17,7 +17,7 @@ from tiscene.scene.description import Material, Texture, TextureLookup
 from tiscene.scene.placement import Placement
 
 CAMERA = Camera(position=(0.0, 0.2, 3.0))
-VIEW = still(CAMERA, 64, 48)
+VIEW = static_view(CAMERA, 64, 48)
 TURNED = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
 
 
@@ -45,24 +45,24 @@ class Room(Stage):
             Material("mirror", diffuse_color=(0.9, 0.9, 0.9), roughness=0.0, metallic=1.0),
             Material("lattice", opacity=lattice, opacity_threshold=0.5),
         ]
-        super().__init__(meshes, [Thing(0, [pose()])], materials, [striped()])
+        super().__init__(meshes, [PlacedMesh(0, [pose()])], materials, [striped()])
 
     def at(self, frame: int, mirror: float = 0.0) -> Placement:
         """Return the placement of a frame, with the mirror moved by `mirror`, m."""
-        things = [
-            Thing(0, [pose((0, 0, -3))], category=1),
-            Thing(1, [pose((1.0 + mirror, 0.3, -1.5), TURNED)], category=2),
-            Thing(2, [pose((-0.8, 0, -1))], category=3),
-            Thing(3, [pose((-1.0, 0.4, -2))], category=4),
-            Thing(4, [self.box(frame + step) for step in (-1, 0, 1)], category=5),
-            Thing(2, [pose((0.3 * np.sin(frame + step), -0.4, 0.2)) for step in (-1, 0, 1)], category=3),
-            Thing(
+        instances = [
+            PlacedMesh(0, [pose((0, 0, -3))], category=1),
+            PlacedMesh(1, [pose((1.0 + mirror, 0.3, -1.5), TURNED)], category=2),
+            PlacedMesh(2, [pose((-0.8, 0, -1))], category=3),
+            PlacedMesh(3, [pose((-1.0, 0.4, -2))], category=4),
+            PlacedMesh(4, [self.box(frame + step) for step in (-1, 0, 1)], category=5),
+            PlacedMesh(2, [pose((0.3 * np.sin(frame + step), -0.4, 0.2)) for step in (-1, 0, 1)], category=3),
+            PlacedMesh(
                 3,
                 [pose((0.2 * (frame + step), 0.9, -0.5)) for step in (-1, 0, 1)],
                 tuple(frame + step in (3, 4, 5) for step in (-1, 0, 1)),
             ),
         ]
-        return placement_of(things, self.meshes)
+        return placement_of(instances, self.meshes)
 
     def box(self, frame: int) -> NDArray[np.float64]:
         """Return the box's pose: static until frame 3, then it passes close to the camera and behind it."""
@@ -109,7 +109,7 @@ def test_frame_without_movers_traces_no_pixel() -> None:
 
 def test_static_objects_may_start_moving_and_cameras_may_alternate() -> None:
     room = Room()
-    other = still(Camera(position=(0.5, 0.2, 3.0)), 64, 48)
+    other = static_view(Camera(position=(0.5, 0.2, 3.0)), 64, 48)
     compare(room, lambda frame: room.at(0, mirror=0.3 * max(frame - 4, 0)), 8, lambda frame: (VIEW, other)[frame % 2])
 
 
