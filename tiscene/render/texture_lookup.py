@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lookups in the texture atlas: interpolated, or one pixel at random whose mean is that."""
+"""Texture lookups in the atlas: bilinear, or stochastic with the same mean."""
 
 from typing import Any, NamedTuple
 
@@ -33,7 +33,7 @@ class Textures(NamedTuple):
 
 @ti.func
 def wrapped(index: ti.i32, size: ti.i32, wrap: ti.i32) -> ti.i32:
-    """The pixel that an index outside 0..size-1 stands for; -1 for black."""
+    """Map a pixel index outside 0..size-1 by a wrap mode; -1 for black."""
     result = index
     if index < 0 or index >= size:
         if wrap == REPEAT:
@@ -53,7 +53,7 @@ def wrapped(index: ti.i32, size: ti.i32, wrap: ti.i32) -> ti.i32:
 
 @ti.func
 def decoded(textures: Template, word: ti.u32, is_srgb: ti.i32) -> vec4:
-    """One 8-bit pixel as linear RGBA."""
+    """Decode one 8-bit pixel to linear RGBA."""
     code = ti.Vector([ti.cast((word >> (8 * channel)) & ti.u32(255), ti.i32) for channel in range(4)])
     result = code * (1.0 / 255.0)
     if is_srgb != 0:
@@ -64,7 +64,7 @@ def decoded(textures: Template, word: ti.u32, is_srgb: ti.i32) -> vec4:
 
 @ti.func
 def pixel_coordinates(uv: vec2, width: ti.i32, height: ti.i32, wrap_s: ti.i32, wrap_t: ti.i32) -> vec2:
-    """uv in pixels from the top left. Far outside, whole periods are taken off first: two, for the mirror's sake."""
+    """Return uv in pixels from the top left; pairs of periods (for MIRROR) are subtracted first, for precision."""
     u = uv.x - 2.0 * ti.floor(0.5 * uv.x) if wrap_s == REPEAT or wrap_s == MIRROR else ti.math.clamp(uv.x, -2.0, 3.0)
     v = uv.y - 2.0 * ti.floor(0.5 * uv.y) if wrap_t == REPEAT or wrap_t == MIRROR else ti.math.clamp(uv.y, -2.0, 3.0)
     return vec2(u * width, (1.0 - v) * height)
@@ -72,7 +72,7 @@ def pixel_coordinates(uv: vec2, width: ti.i32, height: ti.i32, wrap_s: ti.i32, w
 
 @ti.func
 def lookup_wrapped(textures: Template, row: ti.i32, uv: vec2, wrap_s: ti.i32, wrap_t: ti.i32) -> vec4:
-    """`lookup` with other wraps than the image's own."""
+    """Return the image's linear RGBA at uv, bilinearly interpolated, with the given wrap modes."""
     info = ti.static(textures.info)
     width, height, offset = info[row, WIDTH], info[row, HEIGHT], info[row, OFFSET]
     is_float, is_srgb = info[row, IS_FLOAT], info[row, IS_SRGB]
@@ -82,7 +82,7 @@ def lookup_wrapped(textures: Template, row: ti.i32, uv: vec2, wrap_s: ti.i32, wr
     x0, x1 = wrapped(left, width, wrap_s), wrapped(left + 1, width, wrap_s)
     y0, y1 = wrapped(top, height, wrap_t), wrapped(top + 1, height, wrap_t)
     result = vec4(0.0)
-    for corner in range(4):  # not unrolled: a texel's code is there once
+    for corner in range(4):  # not unrolled, to compile the code of a texel once
         right, below = corner & 1, corner >> 1
         column, line = x1 if right == 1 else x0, y1 if below == 1 else y0
         if column >= 0 and line >= 0:
@@ -98,38 +98,44 @@ def lookup_wrapped(textures: Template, row: ti.i32, uv: vec2, wrap_s: ti.i32, wr
 
 @ti.func
 def lookup(textures: Template, row: ti.i32, uv: vec2) -> vec4:
-    """The image's linear RGBA at uv: v = 1 is the top row, pixel centers at half-integers."""
+    """Return the image's linear RGBA at uv, bilinearly interpolated; v = 1: top row; pixel centers at half-integers."""
     return lookup_wrapped(textures, row, uv, textures.info[row, WRAP_S], textures.info[row, WRAP_T])
 
 
 @ti.func
-def level_of(area: ti.f32) -> ti.f32:
-    """Which copy has pixels as large as so many of the image's own: half the logarithm to base 2, to a tenth."""
-    # A float's bits, read as an integer, are its logarithm but for the curve between powers of two.
+def mip_level(area: ti.f32) -> ti.f32:
+    """Return the mipmap level whose pixels have that area, in pixels of the image: 0.5 log2(area), to about 0.1."""
+    # A float's bits as an integer are its logarithm, linear between powers of two.
     return ti.cast(ti.bit_cast(area, ti.i32) - 0x3F800000, ti.f32) * (0.5 / (1 << 23))
 
 
 @ti.func
-def copy_about(textures: Template, row: ti.i32, area: ti.f32, u: ti.f32) -> ti.i32:
-    """The row of the image's copy whose pixels are as large as `area` of its own; u chooses between two."""
+def mip_row(textures: Template, row: ti.i32, area: ti.f32, u: ti.f32) -> ti.i32:
+    """Return the row of the mipmap level whose pixels have `area` pixels of the image; u rounds stochastically."""
     copy = row
     if area > 0.5:
-        level = ti.min(ti.cast(ti.floor(level_of(area) + u), ti.i32), textures.info[row, LEVELS])
+        level = ti.min(ti.cast(ti.floor(mip_level(area) + u), ti.i32), textures.info[row, LEVELS])
         if level > 0:
             copy = textures.info[row, COARSER] + level - 1
     return copy
 
 
 @ti.func
-def lookup_one(textures: Template, row: ti.i32, uv: vec2, area: ti.f32, u: vec3) -> vec4:
-    """One pixel of the image near uv. The mean over u, uniform in [0, 1)^3, is what interpolation between pixels and
-    between copies would give (Pharr et al., "Filtering After Shading with Stochastic Texture Filtering", 2024).
+def lookup_stochastic(textures: Template, row: ti.i32, uv: vec2, area: ti.f32, u: vec3) -> vec4:
+    """Return one pixel near uv, whose mean over u is trilinear interpolation.
 
-    area: how much of the image is meant, in pixels.
+    See Pharr et al., "Filtering After Shading with Stochastic Texture Filtering", 2024.
+
+    Args:
+        textures: Textures.
+        row: Of the image.
+        uv: Texture coordinates.
+        area: Footprint, in pixels of the image.
+        u: Uniform in [0, 1)³.
     """
     info = ti.static(textures.info)
     wrap_s, wrap_t = info[row, WRAP_S], info[row, WRAP_T]
-    copy = copy_about(textures, row, area, u.z)
+    copy = mip_row(textures, row, area, u.z)
     width, height = info[copy, WIDTH], info[copy, HEIGHT]
     p = pixel_coordinates(uv, width, height, wrap_s, wrap_t) + u.xy - 0.5
     x = wrapped(ti.cast(ti.floor(p.x), ti.i32), width, wrap_s)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A second, colorless GGX layer on top of everything: lacquer."""
+"""Clearcoat lobe: a colorless GGX layer above all others."""
 
 import taichi as ti
 
@@ -10,14 +10,14 @@ from tiscene.render.sampling import warp
 
 @ti.func
 def sample(c: Template, u: vec3) -> vec3:
-    """The mirror direction about a visible microfacet of the coat."""
+    """Sample a direction reflected by a visible microfacet of the coat."""
     m = warp.visible_normal(u.xy, c.wo, c.coat_alpha)
     return 2.0 * c.wo.dot(m) * m - c.wo
 
 
 @ti.func
 def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
-    """(f |cos|, density of `sample`)."""
+    """Return (f |cos|, density of `sample`)."""
     result = vec4(0.0)
     if wi.z > 0.0:
         m = (c.wo + wi).normalized()

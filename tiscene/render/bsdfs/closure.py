@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the lobes of UsdPreviewSurface share: its weights at one point for one outgoing direction, and Fresnel's terms.
+"""Closure: the lobes of UsdPreviewSurface with their weights at one point for one outgoing direction; Fresnel terms.
 
-Directions are in the frame of the shading normal, on whose positive side the outgoing direction is.
+Directions are in the frame of the shading normal; wo.z > 0.
 """
 
 import taichi as ti
@@ -22,30 +22,30 @@ COAT_F0 = 0.04
 
 @ti.dataclass
 class Closure:
-    """Weights of the lobes. What only serves a lobe whose chance is 0 has no meaning."""
+    """Parameters of the lobes. Those of a lobe with probability 0 are undefined."""
 
     wo: vec3
-    chances: vec4  # of sampling each lobe, in the order of LOBES; they sum to 1
-    diffuse: vec3  # Lambertian reflectance, what the specular layer takes on the way in already taken
-    layered: ti.i32  # 1: there is a specular layer, which takes from the diffuse light on its way out too
-    layer_f0: vec3  # that layer's reflectance, see `layer_reflectance`
+    probabilities: vec4  # of sampling each lobe, in the order of LOBES; sum 1
+    diffuse: vec3  # Lambertian reflectance, times what the specular layer transmits on the way in
+    layered: ti.i32  # 1: a specular layer attenuates diffuse light on its way out as well
+    layer_f0: vec3  # parameters of that layer, see `layer_reflectance`
     layer_f90: ti.f32
     layer_multiple: vec3
-    f0: vec3  # specular reflectance towards the normal, and at grazing angles
+    f0: vec3  # of the specular lobe: reflectance at normal incidence, and at grazing angles
     f90: ti.f32
-    multiple: vec3  # light that is reflected more than once between the microfacets
+    multiple: vec3  # light reflected more than once between microfacets
     roughness: ti.f32
     alpha: ti.f32
     specular: ti.f32
     coat: ti.f32
     coat_alpha: ti.f32
     glass: ti.f32
-    eta: ti.f32  # index of refraction beyond the surface over the index on wo's side
+    eta: ti.f32  # index of refraction beyond the surface over that on wo's side
 
 
 @ti.func
 def schlick(f0: vec3, f90: ti.f32, cosine: ti.f32) -> vec3:
-    """Schlick's Fresnel term."""
+    """Return Schlick's Fresnel term."""
     m = ti.math.clamp(1.0 - cosine, 0.0, 1.0)
     m2 = m * m
     return f0 + (f90 - f0) * (m2 * m2 * m)
@@ -53,13 +53,13 @@ def schlick(f0: vec3, f90: ti.f32, cosine: ti.f32) -> vec3:
 
 @ti.func
 def grazing_reflectance(f0: vec3) -> ti.f32:
-    """F90: 1, but fading to 0 for a surface without specular reflection (F0 below 2 %: nothing real has that)."""
+    """Return F90: 1, fading to 0 for F0 below 2 %, which no real surface has, to switch specular reflection off."""
     return ti.min(50.0 * f0.max(), 1.0)
 
 
 @ti.func
 def dielectric(cosine: ti.f32, eta: ti.f32) -> ti.f32:
-    """Fresnel reflectance of unpolarized light; 1 under total internal reflection."""
+    """Return the Fresnel reflectance of a dielectric for unpolarized light; 1 for total internal reflection."""
     sine2 = ti.max(1.0 - cosine * cosine, 0.0) / (eta * eta)
     result = 1.0
     if sine2 < 1.0:
@@ -71,8 +71,8 @@ def dielectric(cosine: ti.f32, eta: ti.f32) -> ti.f32:
 
 
 @ti.func
-def reflected_parts(energy: Template, cosine: ti.f32, roughness: ti.f32) -> vec2:
-    """(A, B): a rough surface reflects F0 A + F90 B of the light from that direction, once."""
+def albedo_parts(energy: Template, cosine: ti.f32, roughness: ti.f32) -> vec2:
+    """Return (A, B): the single-scattering albedo of GGX for that direction is F0 A + F90 B."""
     x = ti.sqrt(ti.math.clamp(cosine, 0.0, 1.0)) * (COSINES - 1)
     y = ti.math.clamp(roughness, 0.0, 1.0) * (ROUGHNESSES - 1)
     column, row = ti.min(ti.cast(x, ti.i32), COSINES - 2), ti.min(ti.cast(y, ti.i32), ROUGHNESSES - 2)
@@ -88,8 +88,8 @@ def reflected_parts(energy: Template, cosine: ti.f32, roughness: ti.f32) -> vec2
 
 
 @ti.func
-def mean_reflected_parts(energy: Template, roughness: ti.f32) -> vec2:
-    """`reflected_parts` averaged over a Lambertian distribution of directions."""
+def mean_albedo_parts(energy: Template, roughness: ti.f32) -> vec2:
+    """Return `albedo_parts` averaged over a cosine-weighted hemisphere."""
     y = ti.math.clamp(roughness, 0.0, 1.0) * (ROUGHNESSES - 1)
     row = ti.min(ti.cast(y, ti.i32), ROUGHNESSES - 2)
     fy = y - row
@@ -102,7 +102,7 @@ def mean_reflected_parts(energy: Template, roughness: ti.f32) -> vec2:
 
 @ti.func
 def glass_transfer(energy: Template, glass: ti.i32, inside: ti.i32, cosine: ti.f32, roughness: ti.f32) -> ti.f32:
-    """The part of the light that leaves a rough glass boundary after one bounce, either way."""
+    """Return the single-scattering albedo of a rough glass boundary, reflection and transmission together."""
     x = ti.sqrt(ti.math.clamp(cosine, 0.0, 1.0)) * (GLASS_COSINES - 1)
     y = ti.math.clamp(roughness, 0.0, 1.0) * (GLASS_ROUGHNESSES - 1)
     column, row = ti.min(ti.cast(x, ti.i32), GLASS_COSINES - 2), ti.min(ti.cast(y, ti.i32), GLASS_ROUGHNESSES - 2)
@@ -116,13 +116,13 @@ def glass_transfer(energy: Template, glass: ti.i32, inside: ti.i32, cosine: ti.f
 
 @ti.func
 def multiple_reflectance(f0: vec3, f90: ti.f32, mean: vec2) -> vec3:
-    """The color of light after many reflections between microfacets: Kulla and Conty's term with Hill's numerator."""
+    """Return the color of multiple scattering between microfacets: Kulla and Conty's term with Hill's numerator."""
     mean_fresnel = f0 + (f90 - f0) * (1.0 / 21.0)
-    mean_kept = mean.x + mean.y
-    return mean_fresnel * mean_fresnel * mean_kept / (1.0 - mean_fresnel * (1.0 - mean_kept))
+    mean_albedo = mean.x + mean.y
+    return mean_fresnel * mean_fresnel * mean_albedo / (1.0 - mean_fresnel * (1.0 - mean_albedo))
 
 
 @ti.func
 def layer_reflectance(f0: vec3, f90: ti.f32, multiple: vec3, parts: vec2) -> vec3:
-    """All that a specular layer reflects of the light from one direction (or on average), at any number of bounces."""
+    """Return the albedo of a specular layer, multiple scattering included, from `albedo_parts` or their mean."""
     return f0 * parts.x + f90 * parts.y + multiple * (1.0 - parts.x - parts.y)

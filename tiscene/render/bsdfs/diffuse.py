@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lambertian reflection below the specular layer, and the diffuse-like rest of what rough metal reflects repeatedly."""
+"""Diffuse lobe: Lambertian reflection below the specular layer, and multiple scattering between microfacets."""
 
 import math
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec3, vec4
-from tiscene.render.bsdfs.closure import layer_reflectance, reflected_parts
+from tiscene.render.bsdfs.closure import albedo_parts, layer_reflectance
 from tiscene.render.sampling import warp
 
 
 @ti.func
 def sample(c: Template, u: vec3) -> vec3:
-    """A direction by its cosine."""
+    """Sample a cosine-distributed direction."""
     return warp.cosine_hemisphere(u.xy)
 
 
 @ti.func
 def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
-    """(f |cos|, density of `sample`)."""
+    """Return (f |cos|, density of `sample`)."""
     result = vec4(0.0)
     if wi.z > 0.0:
         f = c.diffuse
         if c.layered != 0:
-            parts = reflected_parts(energy, wi.z, c.roughness)
+            parts = albedo_parts(energy, wi.z, c.roughness)
             f *= 1.0 - layer_reflectance(c.layer_f0, c.layer_f90, c.layer_multiple, parts)
             f += c.multiple * (1.0 - parts.x - parts.y)
         pdf = wi.z * (1.0 / math.pi)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much light a rough surface reflects in all: tables that keep the lobes' sum at what it should be.
+"""Albedo tables of GGX, for energy conservation.
 
-A microfacet model without interreflection loses light as roughness grows. With E(cos, roughness) known, the loss of a
-metal is given back (Kulla and Conty, "Revisiting Physically Based Shading at Imageworks", 2017), the diffuse base gets
-what the specular layer leaves, and rough glass is rescaled (Turquin, "Practical Multiple Scattering Compensation",
-2019). The tables are integrals by the midpoint rule over the samples of the visible normals, made once a process in a
-tenth of a second.
+A microfacet model without multiple scattering loses energy as roughness grows. From its albedo E(cos, roughness), the
+loss of metals is compensated (Kulla and Conty, "Revisiting Physically Based Shading at Imageworks", 2017), the diffuse
+base receives what the specular layer transmits, and rough glass is rescaled (Turquin, "Practical Multiple Scattering
+Compensation", 2019). The integrals use the midpoint rule over samples of visible normals; they are computed once per
+process, in a tenth of a second.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-# A perfect mirror or pane is rendered as one of this alpha: 0.06 degrees, below what a pixel resolves.
+# Alpha of perfect mirrors and panes: 0.06 degrees, below the resolution of a pixel.
 SMALLEST_ALPHA = 1e-3
-# Reflection: [roughness][cosine](A, B) with E = F0 A + F90 B for Schlick's Fresnel term; then [roughness](means).
-# Glass: for each index of refraction [from outside, from inside][roughness][cosine].
+# Layout. Reflection: [roughness][cosine](A, B) with E = F0 A + F90 B for Schlick's Fresnel term; then [roughness](means
+# of A, B). Glass: of each index of refraction [from outside, from inside][roughness][cosine].
 ROUGHNESSES, COSINES = 32, 32
 GLASS_ROUGHNESSES, GLASS_COSINES = 16, 32
 AVERAGES_AT = ROUGHNESSES * COSINES * 2
@@ -30,24 +30,24 @@ Array = NDArray[np.float64]
 
 
 def energy_tables(glass_iors: Sequence[float]) -> NDArray[np.float32]:
-    """The whole array that kernels read, in the order above."""
+    """Return the array that kernels read: reflection tables, then glass tables, float32."""
     tables = [reflection_tables(), *(glass_table(ior) for ior in glass_iors)]
     return np.concatenate(tables).astype(np.float32)
 
 
 @cache
 def reflection_tables() -> Array:
-    """The reflection tables, flat."""
+    """Return the reflection tables, flat."""
     cosines = _cosines(COSINES)
     table = np.zeros((ROUGHNESSES, COSINES, 2))
     for row, alpha in enumerate(_alphas(ROUGHNESSES)):
         wo, m = _visible_normals(cosines, alpha, 24, 32)
         cos_om = np.sum(wo * m, axis=-1)
         wi = 2.0 * cos_om[..., None] * m - wo
-        kept = np.where(wi[..., 2] > 0.0, _shadowing(wo, wi, alpha), 0.0)
+        unshadowed = np.where(wi[..., 2] > 0.0, _shadowing(wo, wi, alpha), 0.0)
         schlick = (1.0 - np.clip(cos_om, 0.0, 1.0)) ** 5
-        table[row, :, 0] = np.mean(kept * (1.0 - schlick), axis=-1)
-        table[row, :, 1] = np.mean(kept * schlick, axis=-1)
+        table[row, :, 0] = np.mean(unshadowed * (1.0 - schlick), axis=-1)
+        table[row, :, 1] = np.mean(unshadowed * schlick, axis=-1)
     table = np.concatenate([table.ravel(), (2.0 * _mean_over_cosine(table, cosines)).ravel()])
     table.setflags(write=False)
     return table
@@ -55,7 +55,7 @@ def reflection_tables() -> Array:
 
 @cache
 def glass_table(ior: float) -> Array:
-    """The part of the light that leaves a rough dielectric boundary in one bounce, flat."""
+    """Return the single-scattering albedo of a rough dielectric boundary with that index of refraction, flat."""
     cosines = _cosines(GLASS_COSINES)
     table = np.zeros((2, GLASS_ROUGHNESSES, GLASS_COSINES))
     for side, eta in enumerate((ior, 1.0 / ior)):
@@ -69,30 +69,30 @@ def glass_table(ior: float) -> Array:
             reflectance = np.where(sine2 >= 1.0, 1.0, 0.5 * (parallel**2 + perpendicular**2))
             up = 2.0 * cos_o[..., None] * m - wo
             down = (cos_o / eta - cos_t)[..., None] * m - wo / eta
-            kept_up = np.where(up[..., 2] > 0.0, _shadowing(wo, up, alpha), 0.0)
-            kept_down = np.where(down[..., 2] < 0.0, _shadowing(wo, down, alpha), 0.0)
-            table[side, row] = np.mean(reflectance * kept_up + (1.0 - reflectance) * kept_down, axis=-1)
+            unshadowed_up = np.where(up[..., 2] > 0.0, _shadowing(wo, up, alpha), 0.0)
+            unshadowed_down = np.where(down[..., 2] < 0.0, _shadowing(wo, down, alpha), 0.0)
+            table[side, row] = np.mean(reflectance * unshadowed_up + (1.0 - reflectance) * unshadowed_down, axis=-1)
     flat = table.ravel()
     flat.setflags(write=False)
     return flat
 
 
 def _cosines(count: int) -> Array:
-    """The table's cosines: 0..1, quadratically closer at grazing angles, where the tables are steep."""
+    """Return the table's cosines, 0..1, quadratically denser at grazing angles, where the tables are steep."""
     cosines = np.linspace(0.0, 1.0, count) ** 2
     cosines[0] = 1e-4
     return cosines
 
 
 def _alphas(count: int) -> Array:
-    """The table's alphas: of roughness 0..1, uniform."""
+    """Return the table's alphas, of uniform roughness 0..1."""
     return np.maximum(np.linspace(0.0, 1.0, count) ** 2, SMALLEST_ALPHA)
 
 
 def _visible_normals(cosines: Array, alpha: float, angles: int, heights: int) -> tuple[Array, Array]:
-    """Directions [n, 1, 3] at the cosines and midpoint samples [n, k, 3] of the normals each sees; cf. `warp`.
+    """Return directions [n, 1, 3] with the cosines, and midpoint samples [n, k, 3] of their visible normals.
 
-    The directions lie in the xz plane, so half of the azimuths stand for all.
+    The directions are in the xz plane, so that half of the azimuths suffices.
     """
     wo = np.stack([np.sqrt(1.0 - cosines**2), np.zeros_like(cosines), cosines], axis=-1)[:, None]
     stretched = wo * (alpha, alpha, 1.0)
@@ -107,7 +107,7 @@ def _visible_normals(cosines: Array, alpha: float, angles: int, heights: int) ->
 
 
 def _shadowing(wo: Array, wi: Array, alpha: float) -> Array:
-    """G2 / G1(wo): what of the light that met a visible facet also gets away."""
+    """Return G2 / G1(wo), the fraction of the light from a visible facet that is not shadowed."""
 
     def smith(w: Array) -> Array:
         tangent2 = (w[..., 0] ** 2 + w[..., 1] ** 2) / np.maximum(w[..., 2] ** 2, 1e-20)
@@ -117,6 +117,6 @@ def _shadowing(wo: Array, wi: Array, alpha: float) -> Array:
 
 
 def _mean_over_cosine(table: Array, cosines: Array) -> Array:
-    """The integral of table(cos) cos dcos over axis 1, by trapezoids between the table's own cosines."""
+    """Return the integral of table(cos) cos dcos over axis 1, by the trapezoidal rule at the table's cosines."""
     weighted = table * cosines[None, :, None]
     return np.asarray(np.sum(0.5 * (weighted[:, 1:] + weighted[:, :-1]) * np.diff(cosines)[None, :, None], axis=1))

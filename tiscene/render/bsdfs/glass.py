@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rough dielectric boundary: GGX reflection and refraction (Walter et al. 2007) with the exact Fresnel term.
+"""Glass lobe: a rough dielectric boundary, GGX reflection and refraction (Walter et al. 2007), exact Fresnel term.
 
-Of radiance: refraction scales it by the squared ratio of the indices. `c.glass` holds the energy compensation.
+It transports radiance: refraction scales it by the squared ratio of the indices. `c.glass` includes the energy
+compensation.
 """
 
 import taichi as ti
@@ -13,9 +14,9 @@ from tiscene.render.sampling import warp
 
 @ti.func
 def sample(c: Template, u: vec3) -> vec3:
-    """Reflected or refracted by a visible microfacet, as the Fresnel term says. u.z makes that choice.
+    """Sample a direction reflected or refracted by a visible microfacet; u.z chooses by the Fresnel term.
 
-    Zero where the light would need a second microfacet to get away.
+    Returns zero where the light would hit a second microfacet.
     """
     m = warp.visible_normal(u.xy, c.wo, c.alpha)
     cosine = c.wo.dot(m)
@@ -30,7 +31,7 @@ def sample(c: Template, u: vec3) -> vec3:
 
 @ti.func
 def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
-    """(f |cos|, density of `sample`)."""
+    """Return (f |cos|, density of `sample`)."""
     result = vec4(0.0)
     reflects = wi.z > 0.0
     m = c.wo + wi
@@ -48,8 +49,8 @@ def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
             density *= 0.25 * fresnel
             visible *= c.glass
         else:
-            spread = cos_i + cos_o / c.eta
-            density *= (1.0 - fresnel) * cos_o * ti.abs(cos_i) / (spread * spread)
+            denominator = cos_i + cos_o / c.eta
+            density *= (1.0 - fresnel) * cos_o * ti.abs(cos_i) / (denominator * denominator)
             visible *= c.glass / (c.eta * c.eta)
         result = vec4(vec3(visible * density), density * warp.ggx_masking(c.wo, c.alpha))
     return result

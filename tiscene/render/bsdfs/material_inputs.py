@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The inputs of UsdPreviewSurface at a point of a surface: constants or texture lookups, and the normal map."""
+"""The inputs of UsdPreviewSurface at a surface point, from constants and textures; the shading normal."""
 
 from typing import Any, NamedTuple
 
@@ -7,7 +7,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3, vec4
 from tiscene.render.sampling.sobol import mix
-from tiscene.render.texture_lookup import copy_about, lookup, lookup_one
+from tiscene.render.texture_lookup import lookup, lookup_stochastic, mip_row
 from tiscene.scene.material_table import (
     CLEARCOAT,
     CLEARCOAT_ROUGHNESS,
@@ -43,10 +43,10 @@ from tiscene.scene.material_table import (
 )
 from tiscene.scene.textures.atlas import HEIGHT, WIDTH
 
-# A mean of unit normals this little short of 1 says nothing: it is of 8-bit codes.
-_CODE_ERROR = 6e-3
+# Deviations of a mean normal's length from 1 that are due to 8-bit quantization.
+_QUANTIZATION_ERROR = 6e-3
 ALL_INPUTS = -1
-LEAST_COSINE = 0.01  # of the shading normal with the way that light goes
+MIN_COSINE = 0.01  # between the adjusted shading normal and the outgoing direction
 
 
 class Materials(NamedTuple):
@@ -59,7 +59,7 @@ class Materials(NamedTuple):
 
 @ti.dataclass
 class MaterialPoint:
-    """The inputs of UsdPreviewSurface at one point, in their meaningful ranges."""
+    """The inputs of UsdPreviewSurface at one point, clamped to their ranges."""
 
     diffuse_color: vec3
     emissive_color: vec3
@@ -70,22 +70,22 @@ class MaterialPoint:
     clearcoat_roughness: ti.f32
     opacity: ti.f32  # after the threshold
     ior: ti.f32
-    normal: vec3  # in the tangent frame, unit
+    normal: vec3  # of the normal map, tangent frame, unit
     flags: ti.i32
-    glass: ti.i32  # which of the glass energy tables
+    glass: ti.i32  # number of the glass energy table
 
 
 @ti.dataclass
 class Footprint:
-    """How much of a surface a path can tell apart."""
+    """The area of a surface that a texture lookup is filtered over."""
 
     uv_area: ti.f32  # 0: a point
-    u: vec3  # uniform numbers that choose among the pixels meant
+    u: vec3  # uniform in [0, 1)³, for stochastic filtering
 
 
 @ti.func
 def footprint_at(surface: Template, direction: vec3, width: ti.f32, key: ti.u32):
-    """The Footprint of a cone that is `width` meters wide where it meets the surface."""
+    """Return the Footprint of a ray cone of a width, m, at the surface. key: hashed to the random numbers."""
     world_per_uv = surface.dp_du.cross(surface.dp_dv).norm()
     cosine = ti.max(ti.abs(surface.normal.dot(direction)), 0.01)
     bits = mix(key)
@@ -105,9 +105,19 @@ def lookup_value(
     exact: Template,
     footprint: Template,
 ):
-    """A row of the lookups at a point of a surface: rgb as it is, or one channel four times; scaled and biased.
+    """Evaluate one texture lookup of a material.
 
-    exact: 1 for the interpolated value, 0 for one pixel; both of a copy of the texture that fits the footprint.
+    Args:
+        materials: Materials.
+        textures: Textures.
+        row: Of `materials.lookups`.
+        surface: VisibleSurface.
+        exact: Static. 1: interpolate between pixels; 0: read one pixel at random; both from the mipmap level that fits
+            the footprint.
+        footprint: Footprint.
+
+    Returns:
+        rgba, or one channel four times; scaled and biased.
     """
     transform = LOOKUP_TRANSFORM
     lookups = ti.static(materials.lookups)
@@ -121,9 +131,9 @@ def lookup_value(
     if texture >= 0:
         pixels = textures.info[texture, WIDTH] * textures.info[texture, HEIGHT] * lookups[row, LOOKUP_SCALED_AREA]
         if ti.static(exact):
-            value = lookup(textures, copy_about(textures, texture, footprint.uv_area * pixels, 0.0), vec2(u, v))
+            value = lookup(textures, mip_row(textures, texture, footprint.uv_area * pixels, 0.0), vec2(u, v))
         else:
-            value = lookup_one(textures, texture, vec2(u, v), footprint.uv_area * pixels, footprint.u)
+            value = lookup_stochastic(textures, texture, vec2(u, v), footprint.uv_area * pixels, footprint.u)
     for channel in ti.static(range(4)):
         value[channel] = value[channel] * lookups[row, LOOKUP_SCALE + channel] + lookups[row, LOOKUP_BIAS + channel]
     channel = ti.cast(lookups[row, LOOKUP_CHANNEL], ti.i32)
@@ -134,15 +144,15 @@ def lookup_value(
 
 @ti.func
 def material_at(materials: Template, textures: Template, surface: Template, inputs: ti.i32, footprint: Template):
-    """The material at a point of a surface, as its author has it there, or the mean over a footprint: a MaterialPoint.
+    """Return the MaterialPoint with interpolated textures, filtered over a footprint.
 
-    inputs: bits 1 << DIFFUSE and so on of those that are wanted; others may be what they are without their textures.
+    inputs: bits 1 << DIFFUSE etc. of the inputs that are needed; textures of other inputs may be left out.
     """
-    return material_about(materials, textures, surface, 1, footprint, inputs)
+    return filtered_material_at(materials, textures, surface, 1, footprint, inputs)
 
 
 @ti.func
-def material_about(
+def filtered_material_at(
     materials: Template,
     textures: Template,
     surface: Template,
@@ -150,7 +160,7 @@ def material_about(
     footprint: Template,
     inputs: ti.i32,
 ):
-    """`material_at`, or where exact is 0, what one path sees of the footprint: the mean over paths is right."""
+    """Return `material_at` (exact=1, static), or a one-sample stochastic estimate of it (exact=0)."""
     values = ti.static(materials.values)
     row = surface.material
     point = MaterialPoint(
@@ -197,10 +207,10 @@ def material_about(
                     length = value.xyz.norm()
                     point.normal = value.xyz / length
                     if ti.cast(materials.lookups[lookup_row, LOOKUP_CHANNEL], ti.i32) == UNIT_NORMAL:
-                        shortness = ti.max(1.0 - length - _CODE_ERROR, 0.0)
+                        shortness = ti.max(1.0 - length - _QUANTIZATION_ERROR, 0.0)
         if ti.static(not exact) and shortness > 0.0:
-            # The mean of different normals is short. Their spread makes a gloss rougher (Toksvig 2005; the variance of
-            # the slopes adds to alpha squared), and takes from the cosine with the light.
+            # A mean of different normals is shorter than 1. Their variance increases roughness (Toksvig 2005: the
+            # variance of slopes adds to alpha squared) and reduces the mean cosine with the light.
             alpha = point.roughness * point.roughness
             point.roughness = ti.sqrt(ti.sqrt(alpha * alpha + 2.0 * shortness / (1.0 - shortness)))
             point.diffuse_color *= 1.0 - shortness
@@ -227,8 +237,16 @@ def shaded_material_at(
     width: ti.f32,
     key: ti.u32,
 ):
-    """The material of a surface as far as light is concerned, for a path that comes as a cone `width` meters wide: of a
-    plain material only the colors are read. key: of numbers that choose among pixels."""
+    """Return the MaterialPoint for shading; of a PLAIN material only colors are read.
+
+    Args:
+        materials: Materials.
+        textures: Textures.
+        surface: VisibleSurface.
+        direction: Of the ray.
+        width: Of the ray cone at the surface, m.
+        key: Of the random numbers for stochastic filtering.
+    """
     values = ti.static(materials.values)
     row = surface.material
     point = MaterialPoint(normal=vec3(0.0, 0.0, 1.0), flags=materials.info[row, FLAGS])
@@ -240,13 +258,13 @@ def shaded_material_at(
             point.emissive_color = ti.max(point.emissive_color, 0.0)
     else:
         footprint = footprint_at(surface, direction, width, key)
-        point = material_about(materials, textures, surface, 0, footprint, ALL_INPUTS)
+        point = filtered_material_at(materials, textures, surface, 0, footprint, ALL_INPUTS)
     return point
 
 
 @ti.func
 def shading_normal(surface: Template, point: Template, wo: vec3) -> vec3:
-    """The surface's normal after the normal map, bent where need be so that wo is above it."""
+    """Return the shading normal with the normal map, adjusted so that wo is at least MIN_COSINE above its plane."""
     n = surface.normal
     if point.normal.z < 1.0:
         tangent = surface.dp_du - n * n.dot(surface.dp_du)
@@ -256,18 +274,18 @@ def shading_normal(surface: Template, point: Template, wo: vec3) -> vec3:
             bitangent = n.cross(tangent)
             if bitangent.dot(surface.dp_dv) < 0.0:
                 bitangent = -1.0 * bitangent
-            side = 1.0 if surface.front != 0 else -1.0  # seen from behind, the bumps are hollows
+            side = 1.0 if surface.front != 0 else -1.0  # from behind, the normal map is inverted
             n = side * (tangent * point.normal.x + bitangent * point.normal.y) + n * point.normal.z
             n = n.normalized()
     cosine = n.dot(wo)
-    if cosine < LEAST_COSINE:
-        n = (n + wo * (LEAST_COSINE - cosine)).normalized()
+    if cosine < MIN_COSINE:
+        n = (n + wo * (MIN_COSINE - cosine)).normalized()
     return n
 
 
 @ti.func
 def is_mirror_like(point: Template):
-    """Whether one sees other things in it rather than itself: 1 or 0."""
+    """Return 1 for a surface whose mirror image or transmission is visible rather than its own color, else 0."""
     sharp = point.roughness < MIRROR_ROUGHNESS
     clear = (point.flags & GLASS) != 0 and point.opacity < 0.5
     shiny = point.metallic > MIRROR_METALLIC

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pixel filters, sampled by importance: paths are sent where the filter weighs, and then all count the same.
+"""Pixel filters by importance sampling: camera rays are distributed like the filter, and all have equal weight.
 
-So a path belongs to one pixel, and neighbors do not share their noise (Ernst, Stamminger and Greiner, "Filter
-Importance Sampling", 2006). Filters are products of one function for each axis. Labels know no filter: they are those
-of the pixel's center.
+A path contributes to one pixel only, so that the noise of neighboring pixels is uncorrelated (Ernst, Stamminger and
+Greiner, "Filter Importance Sampling", 2006). Filters are separable. Labels are not filtered: they are those at the
+pixel's center.
 """
 
 import math
@@ -17,14 +17,17 @@ from numpy.typing import NDArray
 from tiscene.device.kernel_types import Template
 from tiscene.errors import ArgumentError
 
-_STEPS = 1 << 15  # of the integral that cells are made by
+_STEPS = 1 << 15  # of the numerical integration, per side
 
 
 @dataclass(frozen=True)
 class PixelFilter:
-    """radius: px. weight: of a place up to the radius away from the pixel's center along an axis, px.
+    """A separable pixel filter.
 
-    cells: of equal probability; within each it is even, so many are wanted where the weight falls off gently.
+    Attributes:
+        radius: px.
+        weight: Function of the offset from the pixel's center along one axis, px, -radius..radius.
+        cells: Cells of equal probability, uniform inside, that approximate the filter's tails.
     """
 
     radius: float
@@ -32,15 +35,18 @@ class PixelFilter:
     cells: int = 8192
 
     def table(self) -> NDArray[np.float32]:
-        """What `sample_offset` reads: by how much the paths of a picture are to be multiplied for negative weights not
-        to darken it, from which distance weights are negative, then where each cell begins and the last one ends."""
+        """Return what `sample_offset` and `offset_weight` read, float32 [cells + 3].
+
+        The absolute value of a path's weight (1 for filters without negative lobes), the distance, px, from which
+        weights are negative, then the boundaries of the cells, px.
+        """
         x = np.linspace(-self.radius, self.radius, 2 * _STEPS + 1)
         weights = self.weight(0.5 * (x[1:] + x[:-1]))
-        reached = np.concatenate([[0.0], np.cumsum(np.abs(weights))])
-        cells = np.interp(np.linspace(0.0, reached[-1], self.cells + 1), reached, x)
-        cells = 0.5 * (cells - cells[::-1])  # symmetric to the bit
+        cdf = np.concatenate([[0.0], np.cumsum(np.abs(weights))])
+        cells = np.interp(np.linspace(0.0, cdf[-1], self.cells + 1), cdf, x)
+        cells = 0.5 * (cells - cells[::-1])  # exactly symmetric
         negative = np.abs(x[1:][weights < 0.0])
-        scale = (reached[-1] / weights.sum()) ** 2
+        scale = (cdf[-1] / weights.sum()) ** 2
         return np.array([scale, negative.min(initial=np.inf), *cells], np.float32)
 
 
@@ -56,7 +62,7 @@ def _blackman_harris(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.35875 - 0.48829 * np.cos(turns) + 0.14128 * np.cos(2.0 * turns) - 0.01168 * np.cos(3.0 * turns)
 
 
-# Radii and shapes as in PBRT, but for Blackman and Harris's window, which is Blender's.
+# Radii and shapes of pbrt; the Blackman-Harris window is Blender's.
 PIXEL_FILTERS = {
     "box": PixelFilter(0.5, np.ones_like, cells=1),
     "triangle": PixelFilter(1.0, lambda x: 1.0 - np.abs(x)),
@@ -67,7 +73,11 @@ PIXEL_FILTERS = {
 
 
 def pixel_filter(name: str) -> PixelFilter:
-    """The filter of that name. Raises ArgumentError, listing them."""
+    """Return the filter of that name.
+
+    Raises:
+        ArgumentError: There is no such filter; the message lists all.
+    """
     if not isinstance(name, str) or name not in PIXEL_FILTERS:
         raise ArgumentError(f"pixel_filter={name!r}: must be one of {', '.join(PIXEL_FILTERS)}")
     return PIXEL_FILTERS[name]
@@ -75,16 +85,16 @@ def pixel_filter(name: str) -> PixelFilter:
 
 @ti.func
 def sample_offset(table: Template, u: ti.f32) -> ti.f32:
-    """How far from the pixel's center along an axis, px, for a number in [0, 1)."""
+    """Return a random offset from the pixel's center along one axis, px. u: in [0, 1)."""
     cells = table.shape[0] - 3
-    place = u * cells
-    cell = ti.min(ti.cast(place, ti.i32), cells - 1)
-    return table[2 + cell] + (place - cell) * (table[3 + cell] - table[2 + cell])
+    position = u * cells
+    cell = ti.min(ti.cast(position, ti.i32), cells - 1)
+    return table[2 + cell] + (position - cell) * (table[3 + cell] - table[2 + cell])
 
 
 @ti.func
 def offset_weight(table: Template, x: ti.f32, y: ti.f32) -> ti.f32:
-    """By how much a path that was sent there is to be multiplied: the same for all, but for its sign."""
+    """Return the weight of a path with that offset: the same for all but for its sign."""
     weight = table[0]
     if (ti.abs(x) > table[1]) != (ti.abs(y) > table[1]):
         weight = -weight
