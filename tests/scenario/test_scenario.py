@@ -149,9 +149,9 @@ def test_life_spans_include_both_ends():
         ("frustum=10: must be a Frustum", lambda: Scenario("room", frustum=10)),
         ("camera=3: must be a Camera", lambda: Scenario("room", camera=3)),
         ("camera.dynamic='slow': must be a dynamic", lambda: Scenario("room", camera=ts.Camera(dynamic="slow"))),
-        ("timings: DictTimings: there is no body 'b'", lambda: Scenario("room", timings=ts.DictTimings({"b": 1.0}))),
+        ("timings: DictTimings: no body 'b'", lambda: Scenario("room", timings=ts.DictTimings({"b": 1.0}))),
         (
-            "timings: WaitUntilComplete waits for every loop, but the Keyframes of 'a' never",
+            "timings: WaitUntilComplete waits for each loop to end, but the Keyframes of 'a' never",
             lambda: Scenario("room", [Object("a", "Cube", dynamic=ENDLESS)], timings=ts.WaitUntilComplete(1.0)),
         ),
     ],
@@ -208,7 +208,7 @@ def change(content: object, path: list[object], value: object) -> object:
         ),
         (["objects", 4, "dynamic", "parts", 1, "period"], 0, r"objects\[4\].dynamic.parts\[1\].period=0: must be gr"),
         (["objects", 6, "dynamic", "motion", "type"], "X", r"objects\[6\].dynamic.motion.type: unknown type 'X'"),
-        (["timings", "times", 0], ["nobody", 1], "timings: DictTimings: there is no body 'nobody'"),
+        (["timings", "times", 0], ["nobody", 1], "timings: DictTimings: no body 'nobody'"),
         (["timings", "times", 0], 3, "timings.times: 3 must be a pair"),
         (["timings", "type"], "Waypoint", "timings.type: unknown type 'Waypoint'.* There are: AllTogether, Dict"),
         (["frustum", "far"], 0, "frustum.far=0: must be greater than 0"),
@@ -299,8 +299,9 @@ def test_what_cannot_be_written_leaves_the_file_that_was_there(tmp_path, monkeyp
     assert [each.name for each in tmp_path.iterdir()] == ["run.json"]
 
 
-@dataclasses.dataclass(frozen=True)
-class OwnDynamic(Dynamic):
+class PlainDynamic(Dynamic):
+    """Not a dataclass, so that files cannot hold it."""
+
     loop_time = 0.0
 
 
@@ -309,8 +310,10 @@ class OwnTiming(ts.AllTogether):
 
 
 def test_classes_that_files_do_not_know_cannot_be_written():
-    with pytest.raises(ScenarioError, match=r"objects\[0\].dynamic: a OwnDynamic cannot be written.*CatmullWaypoints"):
-        Scenario("room", [Object("a", "Cube", dynamic=OwnDynamic())]).to_json()
+    with pytest.raises(
+        ScenarioError, match=r"objects\[0\].dynamic: a PlainDynamic cannot be written.*CatmullWaypoints"
+    ):
+        Scenario("room", [Object("a", "Cube", dynamic=PlainDynamic())]).to_json()
     with pytest.raises(ScenarioError, match="timings: a OwnTiming cannot be written"):
         Scenario("room", timings=OwnTiming()).to_json()
 

@@ -358,5 +358,5 @@ def test_impossible_worlds_are_refused():
     with pytest.raises(TypeError):
         world().state(1.5)
     things = tuple(SceneObject(f"t{i}", f"/t{i}", f"label {i}") for i in range(65536))
-    with pytest.raises(ScenarioError, match="'label 65535': one category too many"):
+    with pytest.raises(ScenarioError, match="'label 65535': there are 65535 categories already"):
         World(ts.Scenario("many"), SceneDescription("many", objects=things), CATALOG.__getitem__, 25.0)
