@@ -135,11 +135,11 @@ class StoredMeasurements:
     box_3d: list[OrientedBox]
     amodal_pixels: NDArray[np.int64]
     pixels_in_frame: NDArray[np.int64]
-    alone: list[AmodalMask]
+    amodal_masks: list[AmodalMask]
 
     def amodal_mask(self, row: int) -> NDArray[np.bool_]:
         """Return the pixels in the image that an object would cover without occluders: bool [h, w]."""
-        return self.alone[row].mask()
+        return self.amodal_masks[row].mask()
 
 
 @dataclass(frozen=True)

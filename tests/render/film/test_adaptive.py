@@ -13,7 +13,7 @@ from scipy import stats
 
 from tests.render.path_scenes import described, device_scene, matte, quad, towards
 from tiscene.errors import ArgumentError
-from tiscene.render.film.adaptive import DARKEST, FIRST_NET, AdaptiveImage, estimated_error, render_to_error
+from tiscene.render.film.adaptive import MIN_LUMINANCE, FIRST_NET_SPP, AdaptiveImage, estimated_error, render_to_error
 from tiscene.render.film.tone_map import LUMINANCE
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
@@ -37,8 +37,8 @@ def paths() -> PathPass:
     return PathPass(device_scene(described(meshes, [matte("white", (0.7, 0.7, 0.7))], [lamp, sky])), WIDTH, HEIGHT)
 
 
-def to_error(passes: PathPass, error: float, most: int = 2048, seed: int = 1) -> AdaptiveImage:
-    return render_to_error(passes, VIEW, frame_index=3, seed=seed, error=error, most=most, max_depth=4)
+def to_error(passes: PathPass, error: float, max_spp: int = 2048, seed: int = 1) -> AdaptiveImage:
+    return render_to_error(passes, VIEW, frame_index=3, seed=seed, relative_error=error, max_spp=max_spp, max_depth=4)
 
 
 def luminance(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -49,7 +49,7 @@ def luminance(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
 def test_the_error_is_met_everywhere_and_costs_less_than_a_fixed_number() -> None:
     passes = paths()
     exact = luminance(passes.render(VIEW, frame_index=0, seed=9, spp=8192, max_depth=4).hdr)
-    scale = np.maximum(exact, DARKEST * exact.mean())
+    scale = np.maximum(exact, MIN_LUMINANCE * exact.mean())
 
     def errors(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
         """Root mean square of the relative error, of blocks of 8 x 8 px."""
@@ -70,11 +70,11 @@ def test_the_error_is_met_everywhere_and_costs_less_than_a_fixed_number() -> Non
 
 def test_a_cap_and_the_fewest() -> None:
     passes = paths()
-    capped = to_error(passes, 0.001, most=70)
+    capped = to_error(passes, 0.001, max_spp=70)
     assert (capped.samples == 64).all()  # whole rounds: 16, 16, 32
     easy = to_error(passes, 0.9)
-    assert (easy.samples == 2 * FIRST_NET).all()
-    assert easy.hdr.tobytes() == to_error(passes, 0.9, most=1).hdr.tobytes()
+    assert (easy.samples == 2 * FIRST_NET_SPP).all()
+    assert easy.hdr.tobytes() == to_error(passes, 0.9, max_spp=1).hdr.tobytes()
 
 
 def test_means_are_unbiased_by_when_it_stopped() -> None:
@@ -88,7 +88,7 @@ def test_means_are_unbiased_by_when_it_stopped() -> None:
 def test_the_variance_is_what_it_is_said_to_be() -> None:
     """Of pictures with different seeds: how far they scatter against what each says of itself."""
     passes, runs = paths(), 96
-    images = [to_error(passes, 0.001, most=32, seed=seed) for seed in range(runs)]
+    images = [to_error(passes, 0.001, max_spp=32, seed=seed) for seed in range(runs)]
     pictures = np.array([luminance(image.hdr) for image in images])
     scatter = (pictures - pictures.mean(axis=0)) ** 2 * runs / (runs - 1)
     said = np.array([image.variance for image in images])
@@ -117,7 +117,7 @@ def test_estimates_are_standard_errors() -> None:
 
 
 def digest() -> str:
-    image = to_error(paths(), 0.1, most=64)
+    image = to_error(paths(), 0.1, max_spp=64)
     return hashlib.sha256(image.hdr.tobytes() + image.samples.tobytes() + image.albedo.tobytes()).hexdigest()
 
 

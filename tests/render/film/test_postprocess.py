@@ -41,7 +41,7 @@ def difference(base: IncrementalBase, change: float = 0.0) -> IncrementalImage:
 @pytest.mark.parametrize("downscale", [1, 2])
 def test_where_nothing_changed_the_base_shows_at_its_best(downscale: int) -> None:
     base = noisy_base()
-    shown = Postprocessor("fast", downscale, True).difference(difference(base))
+    shown = Postprocessor("fast", downscale, True).process_incremental(difference(base))
     np.testing.assert_allclose(shown, denoise(*base.channels(), "high"), atol=1e-5)
     assert len(base.derived) == 1
 
@@ -50,7 +50,7 @@ def test_where_nothing_changed_the_base_shows_at_its_best(downscale: int) -> Non
 def test_movers_show_through_and_leave_the_rest_alone(downscale: int) -> None:
     base = noisy_base()
     cleaner = Postprocessor("fast", downscale, True)
-    before, after = (cleaner.difference(difference(base, change)) for change in (0.0, 4.0))
+    before, after = (cleaner.process_incremental(difference(base, change)) for change in (0.0, 4.0))
     assert after[:, 40:].mean() == pytest.approx(4.5, rel=0.05)
     assert np.abs(after - before)[:, :24].mean() < 0.02
 
@@ -59,7 +59,7 @@ def test_without_a_denoiser_nothing_is_touched_but_what_overshoots() -> None:
     base = noisy_base()
     image = difference(base)
     image.hdr[0, 0] = -1.0
-    shown = Postprocessor(None, 1, True).difference(image)
+    shown = Postprocessor(None, 1, True).process_incremental(image)
     assert (shown[0, 0] == 0.0).all()
     assert (shown[1:] == image.hdr[1:]).all()
     assert not base.derived
@@ -69,5 +69,5 @@ def test_a_wide_lens_is_told_apart() -> None:
     """Base images serve cameras of one lens, but cleaners of any quality."""
     base = noisy_base()
     for quality in ("fast", "balanced"):
-        Postprocessor(quality, 1, True).difference(difference(base))
+        Postprocessor(quality, 1, True).process_incremental(difference(base))
     assert len(base.derived) == 2

@@ -4,14 +4,14 @@
 import numpy as np
 import pytest
 
-from tiscene.render.film.tone_map import GREY, INSET, OUTSET, curve, meter, radiance_shown_as, tone_map
+from tiscene.render.film.tone_map import GRAY, INSET, OUTSET, auto_exposure, curve, radiance_shown_as, tone_map
 from tiscene.scene.color import encode_srgb
 
 HUES = [(1, 1, 1), (1, 0.02, 0.02), (0.02, 1, 0.02), (0.02, 0.02, 1), (1, 0.5, 0.02), (0.02, 0.5, 1), (1, 0.02, 0.6)]
 
 
 def ramp(color: tuple[float, float, float], stops: np.ndarray) -> np.ndarray:
-    return (GREY * 2.0 ** stops[None, :, None] * np.array(color)).astype(np.float32)
+    return (GRAY * 2.0 ** stops[None, :, None] * np.array(color)).astype(np.float32)
 
 
 def linear(rgb: np.ndarray) -> np.ndarray:
@@ -21,7 +21,7 @@ def linear(rgb: np.ndarray) -> np.ndarray:
 
 def test_gray_stays_gray() -> None:
     rgb = tone_map(ramp((1, 1, 1), np.array([0.0, -20.0, 20.0])))[0]
-    assert np.abs(linear(rgb[0]) - GREY).max() < 2e-3
+    assert np.abs(linear(rgb[0]) - GRAY).max() < 2e-3
     assert rgb[1].tolist() == [0, 0, 0]
     assert rgb[2].tolist() == [255, 255, 255]
 
@@ -71,26 +71,26 @@ def test_tables_show_what_the_formulas_do() -> None:
 def test_metering_finds_gray() -> None:
     generator = np.random.default_rng(0)
     image = np.exp(generator.normal(size=(40, 40, 1))).astype(np.float32) * np.ones(3, np.float32)
-    stops = meter(image)
-    assert np.exp(np.log(image * 2.0**stops).mean()) == pytest.approx(GREY, rel=0.05)
-    assert meter(image * np.float32(8.0)) == pytest.approx(stops - 3.0, abs=1e-4)
+    stops = auto_exposure(image)
+    assert np.exp(np.log(image * 2.0**stops).mean()) == pytest.approx(GRAY, rel=0.05)
+    assert auto_exposure(image * np.float32(8.0)) == pytest.approx(stops - 3.0, abs=1e-4)
 
 
 def test_metering_is_not_misled_by_a_lamp_or_by_nothing() -> None:
     image = np.full((40, 40, 3), 0.5, np.float32)
-    plain = meter(image)
+    plain = auto_exposure(image)
     image[0, :20] = 5000.0
-    assert meter(image) == pytest.approx(plain, abs=0.01)
+    assert auto_exposure(image) == pytest.approx(plain, abs=0.01)
     image[20:] = 0.0
-    assert meter(image) == pytest.approx(plain, abs=0.01)
-    assert meter(np.zeros((4, 4, 3), np.float32)) == 0.0
+    assert auto_exposure(image) == pytest.approx(plain, abs=0.01)
+    assert auto_exposure(np.zeros((4, 4, 3), np.float32)) == 0.0
 
 
 def test_metering_spares_a_bright_window() -> None:
     image = np.full((40, 40, 3), 0.01, np.float32)
     image[:, :8] = 50.0
-    shown = 50.0 * 2.0 ** meter(image)
-    assert shown <= GREY * 2.0**5.0 * 1.001
+    shown = 50.0 * 2.0 ** auto_exposure(image)
+    assert shown <= GRAY * 2.0**5.0 * 1.001
 
 
 @pytest.mark.parametrize("exposure", [0.15, -1.0, 2.3])

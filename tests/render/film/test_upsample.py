@@ -8,8 +8,8 @@ import pytest
 
 import tiscene as ts
 from tests.stream.test_stream import moving_scenario
-from tiscene.render.film.upsample import FLOOR, light, reduced, upsample
-from tiscene.render.renderer import QUALITIES, RenderSettings
+from tiscene.render.film.upsample import ALBEDO_OFFSET, demodulate, reduced_size, upsample
+from tiscene.render.render_settings import PRESETS, RenderSettings
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ from tiscene.render.renderer import QUALITIES, RenderSettings
 def test_the_smaller_picture_is_as_wide_an_angle_at_least(
     size: tuple[int, int], downscale: int, expected: tuple[int, int]
 ) -> None:
-    width, height = reduced(*size, downscale)
+    width, height = reduced_size(*size, downscale)
     assert (width, height) == expected
     assert width * size[1] >= size[0] * height
 
@@ -31,18 +31,18 @@ def test_even_light_gives_the_texture_back_exactly(size: tuple[int, int]) -> Non
     albedo = rng.uniform(size=(height, width, 3)).astype(np.float32)
     normal = np.zeros_like(albedo)
     normal[...] = 0.0, 0.6, 0.8
-    low_width, low_height = reduced(width, height, 2)
+    low_width, low_height = reduced_size(width, height, 2)
     even = np.full((low_height, low_width, 3), 2.0, np.float32)
     facing = np.broadcast_to(normal[0, 0], even.shape).copy()
-    np.testing.assert_allclose(upsample(even, facing, albedo, normal), 2.0 * (albedo + FLOOR), rtol=1e-5)
+    np.testing.assert_allclose(upsample(even, facing, albedo, normal), 2.0 * (albedo + ALBEDO_OFFSET), rtol=1e-5)
 
 
 def test_light_is_radiance_over_albedo_and_radiance_where_there_is_no_surface() -> None:
     radiance = np.full((1, 2, 3), 3.0, np.float32)
     albedo = np.full((1, 2, 3), 0.52, np.float32)
     normal = np.array([[[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]], np.float32)
-    reached, white, same = light(radiance, albedo, normal)
-    np.testing.assert_allclose(reached[0, :, 0], [3.0 / (0.52 + FLOOR), 3.0])
+    reached, white, same = demodulate(radiance, albedo, normal)
+    np.testing.assert_allclose(reached[0, :, 0], [3.0 / (0.52 + ALBEDO_OFFSET), 3.0])
     assert white[0, :, 0].tolist() == [1.0, 0.0]
     assert np.array_equal(same, normal)
 
@@ -53,7 +53,7 @@ def test_light_does_not_leak_across_an_edge() -> None:
     normal = np.zeros((height, width, 3), np.float32)
     normal[5:, :7] = 1.0, 0.0, 0.0
     normal[5:, 7:] = 0.0, 0.0, 1.0
-    albedo = np.full((height, width, 3), 1.0 - FLOOR, np.float32)
+    albedo = np.full((height, width, 3), 1.0 - ALBEDO_OFFSET, np.float32)
     albedo[:5] = 0.0
     low_normal = normal[::2, ::2].copy()
     low = np.where(low_normal[..., :1] > 0.0, 10.0, np.where(low_normal[..., 2:] > 0.0, 1.0, 100.0))
@@ -69,8 +69,8 @@ def test_a_slope_keeps_its_place_when_it_is_reduced_and_enlarged(size: tuple[int
     slope = np.repeat((np.arange(width) + 2.0 * np.arange(height)[:, None])[..., None], 3, axis=-1).astype(np.float32)
     normal = np.zeros_like(slope)
     normal[..., 2] = 1.0
-    albedo = np.full_like(slope, 1.0 - FLOOR)
-    small, white, facing = light(slope, albedo, normal, 2)
+    albedo = np.full_like(slope, 1.0 - ALBEDO_OFFSET)
+    small, white, facing = demodulate(slope, albedo, normal, 2)
     assert small.shape == (-(-height // 2), -(-width // 2), 3)
     assert (white == 1.0).all()
     result = upsample(small, facing, albedo, normal, 2)
@@ -80,8 +80,8 @@ def test_a_slope_keeps_its_place_when_it_is_reduced_and_enlarged(size: tuple[int
 
 def test_a_fast_frame_is_near_a_full_one_and_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
     """64 paths a traced pixel against as many a full one; and a frame is the same bytes whatever came before."""
-    monkeypatch.setitem(QUALITIES, "fast", RenderSettings(64, 3, denoiser="fast", base_spp=64, downscale=2))
-    monkeypatch.setitem(QUALITIES, "full", RenderSettings(16, 3, denoiser="fast", base_spp=64))
+    monkeypatch.setitem(PRESETS, "fast", RenderSettings(64, 3, denoiser="fast", base_spp=64, downscale=2))
+    monkeypatch.setitem(PRESETS, "full", RenderSettings(16, 3, denoiser="fast", base_spp=64))
     settings = {"width": 45, "height": 33, "buffers": ("rgb", "hdr", "instance")}
     for incremental in (False, True):
         fast = ts.Stream(moving_scenario(), quality="fast", incremental=incremental, **settings)

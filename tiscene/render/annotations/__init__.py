@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Per-object annotations: boxes, pixel counts, amodal masks.
+"""Per-object annotations: 2D and 3D boxes, pixel counts, amodal masks.
 
 ::
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How many pixels objects would have alone, and which: rays that each ask whether they meet one instance."""
+"""Amodal masks: the pixels that objects would cover without occluders, by occlusion rays against single instances."""
 
 from __future__ import annotations
 
@@ -19,16 +19,18 @@ from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
-MAX_SAMPLES = 16384  # pixels of one object, outside of the picture
-_BATCH = 1 << 18  # rays
+MAX_SAMPLES = 16384  # rays per object outside of the image; more pixels are subsampled
+_BATCH = 1 << 18  # rays traced at once
 
 
 @dataclass(frozen=True, eq=False)
 class PartInView:
-    """A part of an object before the near plane.
+    """An instance of an object in front of the near plane.
 
-    instance: its row, or its place among the rows of the object. box: float64 [4], in the picture or out of it, px.
-    cut: whether it reaches behind the near plane too.
+    Attributes:
+        instance: Row of the instance, or its index among the object's instances (see `of`).
+        box: float64 [4], x0, y0, x1, y1, px, not clipped to the image.
+        cut: Whether the near plane cuts it.
     """
 
     instance: int
@@ -36,73 +38,73 @@ class PartInView:
     cut: bool
 
     def of(self, rows: NDArray[np.int64]) -> PartInView:
-        """The part of an object with those rows, of which it has the place."""
+        """Return the part with `instance` as a row, given the rows of the object's instances."""
         return replace(self, instance=int(rows[self.instance]))
 
 
 class PixelCounter:
-    """Counts pixels of objects that a DeviceScene has placed at CURRENT."""
+    """Computes amodal masks of objects that a DeviceScene has placed at CURRENT."""
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
-        self._wave = AnyHitArrays()
+        self._rays = AnyHitArrays()
 
     def count(self, view: View, objects: Sequence[Sequence[PartInView]]) -> list[AmodalMask]:
-        """The pixels of each of the objects, given by their parts in view."""
+        """Return the mask of each object, given by its parts in view."""
         result: list[AmodalMask] = []
-        waiting: list[list[tuple[int, ...]]] = []
+        pending: list[list[tuple[int, ...]]] = []
         size = 0
         for parts in objects:
-            waiting.append(_windows(view, len(waiting), parts))
-            size += sum(window[COLUMNS] * window[ROWS] for window in waiting[-1])
+            pending.append(_windows(view, len(pending), parts))
+            size += sum(window[COLUMNS] * window[ROWS] for window in pending[-1])
             if size >= _BATCH:
-                result += self._batch(view, waiting)
-                waiting, size = [], 0
-        return result + self._batch(view, waiting)
+                result += self._batch(view, pending)
+                pending, size = [], 0
+        return result + self._batch(view, pending)
 
     def _batch(self, view: View, objects: Sequence[Sequence[tuple[int, ...]]]) -> list[AmodalMask]:
-        """The pixels of objects with those windows."""
+        """Return the masks of objects, given by their windows."""
         windows = np.array([window for each in objects for window in each], np.int32).reshape(-1, 8)
         samples = self._hits(view, windows)
         owner = windows[samples[:, WINDOW], OWNER]
         several = np.array([len({window[0] for window in each}) > 1 for each in objects], bool)
-        # A pixel counts once, however many parts of the object it shows.
-        once = ~several[owner]
-        others = np.flatnonzero(~once)
-        once[others[_distinct(samples[others, X], samples[others, Y], owner[others])]] = True
-        samples, owner = samples[once], owner[once]
+        # A pixel counts once, whatever number of parts it shows.
+        is_counted = ~several[owner]
+        shared = np.flatnonzero(~is_counted)
+        is_counted[shared[_distinct(samples[shared, X], samples[shared, Y], owner[shared])]] = True
+        samples, owner = samples[is_counted], owner[is_counted]
         order = np.argsort(owner, kind="stable")
         samples, owner = samples[order], owner[order]
         ends = np.searchsorted(owner, np.arange(len(objects) + 1)).tolist()
-        return [_alone(view, samples[a:b], windows) for a, b in itertools.pairwise(ends)]
+        return [_mask_of(view, samples[a:b], windows) for a, b in itertools.pairwise(ends)]
 
     def _hits(self, view: View, windows: NDArray[np.int32]) -> NDArray[np.int32]:
-        """int32 [n, 3], x, y and window of the pixels at whose center a ray meets the window's instance."""
+        """Return int32 [n, 3], x, y and window, of the pixels whose center rays hit the window's instance."""
         firsts = np.cumsum([0, *(windows[:, COLUMNS] * windows[:, ROWS])]).astype(np.int32)
         count = int(firsts[-1])
         samples = np.empty((count, 3), np.int32)
         if not count:
             return samples
-        wave = self._wave.sized(count)
-        pixel_rays(view.array(), windows, firsts, view.width, view.height, samples, wave.rays, wave.targets)
-        occluded_by_instance(self.scene, CURRENT, wave.rays, wave.queue, wave.targets, count, wave.result)
-        met: NDArray[np.int32] = samples[wave.result.to_numpy()[:count] > 0]
-        return met
+        rays = self._rays.reserved(count)
+        pixel_rays(view.array(), windows, firsts, view.width, view.height, samples, rays.rays, rays.targets)
+        occluded_by_instance(self.scene, CURRENT, rays.rays, rays.queue, rays.targets, count, rays.result)
+        hits: NDArray[np.int32] = samples[rays.result.to_numpy()[:count] > 0]
+        return hits
 
 
 def _windows(view: View, row: int, parts: Sequence[PartInView]) -> list[tuple[int, ...]]:
-    """The pixels that decide an object's count, as rows for `pixel_rays`.
+    """Return the pixels to trace for an object, as rows for `pixel_rays`.
 
-    Those in the picture all, at stride 1; outside of it every s-th in both axes, s so that they fit the budget.
+    Inside the image all pixels; outside every s-th in both axes, with the stride s that keeps within MAX_SAMPLES.
     """
     width, height = view.width, view.height
     windows, around = [], []
     for part in parts:
-        # A pixel more on each side: the boxes are of exact projections, the rays of rounded directions.
+        # One pixel more on each side: boxes are exact projections, rays have rounded directions.
         x0, y0 = (math.floor(v) - 1 for v in part.box[:2].tolist())
         x1, y1 = (math.ceil(v) + 1 for v in part.box[2:].tolist())
         around.append((part.instance, x0, y0, x1, y1))
-        if part.cut:  # what lies between the camera and its near plane may appear anywhere
+        if part.cut:  # geometry between the camera and its near plane may project anywhere
             x0, y0, x1, y1 = 0, 0, width, height
         x0, y0 = max(x0, 0), max(y0, 0)
         windows.append((part.instance, row, x0, y0, min(x1, width) - x0, min(y1, height) - y0, 1, 0))
@@ -115,12 +117,12 @@ def _windows(view: View, row: int, parts: Sequence[PartInView]) -> list[tuple[in
     return [window for window in windows if window[COLUMNS] > 0 and window[ROWS] > 0]
 
 
-def _alone(view: View, samples: NDArray[np.int32], windows: NDArray[np.int32]) -> AmodalMask:
-    """Of the distinct pixels of one object."""
+def _mask_of(view: View, samples: NDArray[np.int32], windows: NDArray[np.int32]) -> AmodalMask:
+    """Return the AmodalMask of the distinct pixels of one object."""
     x, y = samples[:, X], samples[:, Y]
-    within = (x >= 0) & (y >= 0) & (x < view.width) & (y < view.height)
-    outside = int((windows[samples[~within, WINDOW], STRIDE].astype(np.int64) ** 2).sum())
-    x, y = x[within], y[within]
+    is_inside = (x >= 0) & (y >= 0) & (x < view.width) & (y < view.height)
+    outside = int((windows[samples[~is_inside, WINDOW], STRIDE].astype(np.int64) ** 2).sum())
+    x, y = x[is_inside], y[is_inside]
     left, top, width, height = 0, 0, 0, 0
     if len(x):
         left, top = int(x.min()), int(y.min())
@@ -131,9 +133,9 @@ def _alone(view: View, samples: NDArray[np.int32], windows: NDArray[np.int32]) -
 
 
 def _distinct(x: NDArray[np.int32], y: NDArray[np.int32], owner: NDArray[np.int32]) -> NDArray[np.int64]:
-    """The row of one sample for each pixel of each object."""
+    """Return the row of one sample for each distinct pixel of each object."""
     order = np.lexsort((x, y, owner))
-    places = np.stack([x[order], y[order], owner[order]])
+    keys = np.stack([x[order], y[order], owner[order]])
     first = np.ones(len(order), bool)
-    first[1:] = (places[:, 1:] != places[:, :-1]).any(axis=0)
+    first[1:] = (keys[:, 1:] != keys[:, :-1]).any(axis=0)
     return order[first]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernels that measuring objects needs beside those of the label pass."""
+"""Kernels of object measurements: rays of amodal masks, and extents of instances."""
 
 import taichi as ti
 
@@ -25,9 +25,17 @@ def pixel_rays(
     rays: Rays,
     targets: Ints1,
 ):
-    """Rays through the centers of pixels, in the picture or not, and what they ask about.
+    """Write rays through the centers of pixels, inside the image or not, and the instances they are tested against.
 
-    windows: i32 [w, 8], the rows below. firsts: i32 [w + 1], its first sample. samples: i32 [n, 3], x, y and window.
+    Args:
+        view: `View.array()`.
+        windows: i32 [w, 8], grids of pixels, columns as above; OUTSIDE: 1 leaves out pixels inside the image.
+        firsts: i32 [w + 1], first sample of each window, and the number of samples.
+        width: Of the image.
+        height: Of the image.
+        samples: i32 [n, 3]; receives x, y and window.
+        rays: [n]; receives the rays.
+        targets: i32 [n]; receives the instance rows.
     """
     for i in range(firsts[windows.shape[0]]):
         window, end = 0, windows.shape[0]
@@ -43,10 +51,10 @@ def pixel_rays(
         y = windows[window, TOP] + at // windows[window, COLUMNS] * stride
         samples[i, X], samples[i, Y], samples[i, WINDOW] = x, y, window
         origin, direction = camera_ray(view, CURRENT, ti.cast(x, ti.f32), ti.cast(y, ti.f32), width, height)
-        reach = ti.math.inf
+        t_max = ti.math.inf
         if windows[window, OUTSIDE] != 0 and 0 <= x < width and 0 <= y < height:
-            reach = 0.0  # another window has this pixel
-        write_ray(rays, i, origin, direction, reach)
+            t_max = 0.0  # in another window
+        write_ray(rays, i, origin, direction, t_max)
         targets[i] = windows[window, INSTANCE]
 
 
@@ -63,29 +71,41 @@ def measure_extents(
     half_height: ti.f64,
     extents: Doubles2,
 ):
-    """Of instances with rows of vertices [begin, end): the box in the world, m; that of what is beyond the near plane
-    in the picture, px, whole numbers being corners of pixels; how many vertices are beyond it, and how many are not.
+    """Measure instances: world-space bounds, and bounds of the projection.
+
+    Args:
+        vertex_position: f32 [n, 3], object space.
+        vertices: i32 [i, 2], rows of each instance's vertices, [begin, end).
+        world_from_object: f64 [i, 12], row-major 3x4.
+        camera_from_world: f64 [12], row-major 3x4.
+        near: Near plane, m.
+        focal: Focal length, px.
+        orthographic: 1 for an orthographic camera.
+        half_width: Of the image, px.
+        half_height: Of the image, px.
+        extents: f64 [i, EXTENT_COLUMNS]; receives WORLD: bounds, m (6); BOX: of vertices in front of the near plane,
+            x0, y0, x1, y1, px, whole numbers at corners of pixels; numbers of vertices IN_FRONT and BEHIND it.
     """
     for row in range(vertices.shape[0]):
         low, high = ti.Vector([ti.f64(1e300)] * 3), ti.Vector([ti.f64(-1e300)] * 3)
         box_low, box_high = ti.Vector([ti.f64(1e300)] * 2), ti.Vector([ti.f64(-1e300)] * 2)
         behind = 0
         for vertex in range(vertices[row, 0], vertices[row, 1]):
-            point, seen = ti.Vector([ti.f64(0.0)] * 3), ti.Vector([ti.f64(0.0)] * 3)
+            point, camera_point = ti.Vector([ti.f64(0.0)] * 3), ti.Vector([ti.f64(0.0)] * 3)
             for a in ti.static(range(3)):
                 point[a] = world_from_object[row, 4 * a + 3]
                 for c in ti.static(range(3)):
                     point[a] += world_from_object[row, 4 * a + c] * ti.cast(vertex_position[vertex, c], ti.f64)
             for a in ti.static(range(3)):
-                seen[a] = camera_from_world[4 * a + 3]
+                camera_point[a] = camera_from_world[4 * a + 3]
                 for c in ti.static(range(3)):
-                    seen[a] += camera_from_world[4 * a + c] * point[c]
+                    camera_point[a] += camera_from_world[4 * a + c] * point[c]
             low, high = ti.min(low, point), ti.max(high, point)
-            if seen[2] >= near:
+            if camera_point[2] >= near:
                 scale = focal
                 if orthographic == 0:
-                    scale = focal / seen[2]
-                pixel = ti.Vector([seen[0], seen[1]]) * scale + ti.Vector([half_width, half_height])
+                    scale = focal / camera_point[2]
+                pixel = ti.Vector([camera_point[0], camera_point[1]]) * scale + ti.Vector([half_width, half_height])
                 box_low, box_high = ti.min(box_low, pixel), ti.max(box_high, pixel)
             else:
                 behind += 1

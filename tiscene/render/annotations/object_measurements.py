@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes and pixel counts of a frame's objects, each computed when it is first asked for.
+"""Boxes and pixel counts of a frame's objects, computed on first access.
 
-A frame may be looked at long after the stream has moved on: what is needed of that moment (placement and cameras) is
-kept, and the scene is placed anew for the measurement. Every render places the scene first, so no other frame notices.
+A frame may be read long after the stream has advanced: its placement and cameras are kept, and the scene is placed
+again for the measurement. Every render places the scene first, so that other frames are not affected.
 
-What depends on the camera and the object alone, not on what hides it, is remembered: things that stand still before a
-camera that does not move are measured once.
+Measurements that do not depend on occluders are cached by view and object: static objects in front of a static camera
+are measured once.
 """
 
 from __future__ import annotations
@@ -27,34 +27,49 @@ from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
-KEPT_VIEWS = 4  # those not asked about for longest go first
-_FARTHEST = 1e7  # px; where the projection of a point on the near plane may end up
+KEPT_VIEWS = 4  # least recently used views are dropped
+_MAX_COORDINATE = 1e7  # px, of projections of points near the camera's plane
 
 
 @dataclass(eq=False)
-class _Known:
-    """What was measured of one object in one view. alone: None as long as nobody has asked."""
+class _CachedMeasurements:
+    """Cached measurements of one object in one view.
+
+    Attributes:
+        signature: All inputs they depend on.
+        world_bounds: float64 [2, 3], m.
+        box_3d: Oriented box.
+        parts: Its instances in view.
+        amodal_mask: None until it is needed.
+    """
 
     signature: bytes
     world_bounds: NDArray[np.float64]
     box_3d: OrientedBox
     parts: list[PartInView]
-    alone: AmodalMask | None = None
+    amodal_mask: AmodalMask | None = None
 
     @property
     def amodal_box(self) -> NDArray[np.float64]:
+        """float64 [4], px, around all parts."""
         every = np.array([part.box for part in self.parts]).reshape(-1, 4)
         return np.concatenate([every[:, :2].min(axis=0), every[:, 2:].max(axis=0)])
 
 
 class Measurer:
-    """Measures the objects of a scene's frames."""
+    """Measures objects of a scene's frames.
+
+    Attributes:
+        scene: The scene.
+        labels: Renders `instance` where a frame has no such buffer.
+        pixels: Computes amodal masks.
+    """
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
         self.labels = LabelPass(scene)
         self.pixels = PixelCounter(scene)
-        self._known: dict[tuple[Camera, int, int], dict[int, _Known]] = {}
+        self._caches: dict[tuple[Camera, int, int], dict[int, _CachedMeasurements]] = {}
 
     def table(
         self,
@@ -63,28 +78,32 @@ class Measurer:
         states: Sequence[ObjectState],
         instance: NDArray[np.int32] | None = None,
     ) -> ObjectTable:
-        """The rows of `frame.objects`. states: the objects alive at the frame, as its world tells.
+        """Return the table of `frame.objects`.
 
-        placement: what the frame showed. instance: the frame's buffer of that name, if it has one.
+        Args:
+            placement: Of the frame.
+            view: Of the frame.
+            states: The objects alive at the frame.
+            instance: The frame's buffer of that name, int32 [h, w]; None: rendered when needed.
         """
         ids = np.array([state.id for state in states], np.int32)
-        # A copy: the buffers handed out may be written to.
+        # A copy: users may write to the frame's buffers.
         return ObjectTable(
             states, SceneMeasures(self, placement, view, ids, None if instance is None else instance.copy())
         )
 
-    def known(self, view: View) -> dict[int, _Known]:
-        """What was measured in a view lately, by the object's id; to be added to."""
+    def cache_of(self, view: View) -> dict[int, _CachedMeasurements]:
+        """Return the cache of a view, by object id, which the caller updates."""
         key = view.current, view.width, view.height
-        found = self._known.pop(key, {})
-        if len(self._known) >= KEPT_VIEWS:
-            del self._known[next(iter(self._known))]
-        self._known[key] = found
+        found = self._caches.pop(key, {})
+        if len(self._caches) >= KEPT_VIEWS:
+            del self._caches[next(iter(self._caches))]
+        self._caches[key] = found
         return found
 
 
 class SceneMeasures:
-    """Measures (see tiscene.frame.object_table) of what a scene showed in a view."""
+    """ObjectMeasurements (see `tiscene.frame.object_table`) of a scene in a view."""
 
     def __init__(
         self,
@@ -94,7 +113,15 @@ class SceneMeasures:
         ids: NDArray[np.int32],
         instance: NDArray[np.int32] | None,
     ) -> None:
-        """ids: the objects to measure, one row each. placement: what the frame showed. instance: if it is at hand."""
+        """Hold the frame.
+
+        Args:
+            measurer: Of the scene.
+            placement: Of the frame.
+            view: Of the frame.
+            ids: int32 [n], instance ids of the objects, one row each.
+            instance: The frame's buffer, int32 [h, w]; None: rendered when needed.
+        """
         self._measurer = measurer
         self._scene = measurer.scene
         self._placement = placement
@@ -103,11 +130,11 @@ class SceneMeasures:
         self._instance = instance
 
     def __reduce__(self) -> tuple[type[StoredMeasurements], tuple[object, ...]]:
-        """Device arrays cannot leave the process: a copy or pickle takes the measures and forgets the scene."""
+        """Pickle and copy as StoredMeasurements, since device arrays cannot leave the process."""
         return StoredMeasurements, tuple(getattr(self, field.name) for field in fields(StoredMeasurements))
 
     @cached_property
-    def _seen(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _visible(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Visible pixels [n] and the boxes around them [n, 4]."""
         image = self._instance
         if image is None:
@@ -115,7 +142,7 @@ class SceneMeasures:
             image = self._measurer.labels.render(self._view, ("instance",))["instance"]
         height, width = image.shape
         order = np.argsort(self._ids)
-        # Runs of pixels of one object in one line.
+        # Runs of equal ids in a line.
         begins = np.ones((height, width), bool)
         begins[:, 1:] = image[:, 1:] != image[:, :-1]
         first = np.flatnonzero(begins)
@@ -142,25 +169,25 @@ class SceneMeasures:
     @property
     def visible_pixels(self) -> NDArray[np.int64]:
         """int64 [n]."""
-        return self._seen[0]
+        return self._visible[0]
 
     @property
     def visible_box(self) -> NDArray[np.float64]:
         """float64 [n, 4], px; nan where nothing is visible."""
-        return self._seen[1]
+        return self._visible[1]
 
     @cached_property
     def _parts(self) -> list[NDArray[np.int64]]:
-        """For each object the rows of its instances."""
+        """Rows of each object's instances."""
         placed = self._placement
-        there = np.flatnonzero(placed.present[CURRENT])
-        there = there[np.argsort(placed.instance_id[there], kind="stable")]
-        ids = placed.instance_id[there]
+        present = np.flatnonzero(placed.present[CURRENT])
+        present = present[np.argsort(placed.instance_id[present], kind="stable")]
+        ids = placed.instance_id[present]
         first, last = np.searchsorted(ids, self._ids), np.searchsorted(ids, self._ids, side="right")
-        return [there[a:b] for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+        return [present[a:b] for a, b in zip(first.tolist(), last.tolist(), strict=True)]
 
     def _signature(self, parts: NDArray[np.int64]) -> bytes:
-        """All that the measures of an object in a view depend on."""
+        """Return all inputs of an object's measurements in a view, as bytes."""
         placed = self._placement
         meshes = placed.mesh[parts]
         signature: bytes = meshes.tobytes() + placed.world_from_object[CURRENT, parts].tobytes()
@@ -170,9 +197,9 @@ class SceneMeasures:
         return signature
 
     @cached_property
-    def _objects(self) -> list[_Known]:
-        """What is known of each object, measured now where it was not."""
-        known = self._measurer.known(self._view)
+    def _objects(self) -> list[_CachedMeasurements]:
+        """Measurements of each object; those missing in the cache are made."""
+        known = self._measurer.cache_of(self._view)
         signatures = [self._signature(parts) for parts in self._parts]
         ids = self._ids.tolist()
         new = [
@@ -186,8 +213,8 @@ class SceneMeasures:
         known.update(kept)
         return list(kept.values())
 
-    def _measure(self, rows: Sequence[int], signatures: Sequence[bytes]) -> list[_Known]:
-        """Measure the objects in those rows."""
+    def _measure(self, rows: Sequence[int], signatures: Sequence[bytes]) -> list[_CachedMeasurements]:
+        """Measure the objects in some rows."""
         parts = [self._parts[row] for row in rows]
         extents = self._extents(np.concatenate([np.zeros(0, np.int64), *parts]))
         ends = np.cumsum([0, *(len(each) for each in parts)])
@@ -203,12 +230,12 @@ class SceneMeasures:
                 cut = bool(extent[BEHIND])
                 if extent[IN_FRONT]:
                     window = self._box_in_front(instance) if cut else extent[BOX : BOX + 4]
-                    in_view.append(PartInView(place, np.clip(window, -_FARTHEST, _FARTHEST), cut))
-            result.append(_Known(signatures[row], bounds, box, in_view))
+                    in_view.append(PartInView(place, np.clip(window, -_MAX_COORDINATE, _MAX_COORDINATE), cut))
+            result.append(_CachedMeasurements(signatures[row], bounds, box, in_view))
         return result
 
     def _extents(self, instances: NDArray[np.int64]) -> NDArray[np.float64]:
-        """float64 [i, 12], what `measure_extents` says of each of the instances."""
+        """Return `measure_extents` of instances, float64 [i, EXTENT_COLUMNS]."""
         scene, placed, view = self._scene, self._placement, self._view
         found = np.zeros((len(instances), EXTENT_COLUMNS))
         if not len(instances):
@@ -225,8 +252,8 @@ class SceneMeasures:
         return found
 
     def _boxes_3d(self, objects: Sequence[NDArray[np.int64]]) -> list[OrientedBox]:
-        """The boxes that `object_coordinates` are measured in, of objects with those instances."""
-        # All parts share one box; that of the first leads from 0..1 to its mesh and on to the world.
+        """Return the boxes in which `object_coordinates` are measured, of objects given by their instances."""
+        # All parts share one box; the first part's matrices map it from 0..1 to its mesh, and to the world.
         firsts = np.array([parts[0] if len(parts) else -1 for parts in objects], np.int64)
         some = firsts[firsts >= 0]
         box_from_mesh, world_from_mesh = np.zeros((2, len(some), 4, 4))
@@ -245,7 +272,7 @@ class SceneMeasures:
         return boxes
 
     def _box_in_front(self, instance: int) -> NDArray[np.float64]:
-        """The box in the picture, px, of what an instance shows beyond the near plane, which goes through it."""
+        """Return the image-space box, px, of an instance clipped by the near plane."""
         placed, camera = self._placement, self._view.camera_from_world()[CURRENT]
         mesh = self._scene.meshes[placed.mesh[instance]]
         positions = mesh.positions
@@ -258,8 +285,8 @@ class SceneMeasures:
         edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
         edges = edges[inside[edges[:, 0]] != inside[edges[:, 1]]]
         a, b = points[edges[:, 0]], points[edges[:, 1]]
-        share = (near - a[:, 2]) / (b[:, 2] - a[:, 2])
-        points = np.concatenate([points[inside], a + share[:, None] * (b - a)])
+        fraction = (near - a[:, 2]) / (b[:, 2] - a[:, 2])
+        points = np.concatenate([points[inside], a + fraction[:, None] * (b - a)])
         center = 0.5 * self._view.width, 0.5 * self._view.height
         depths = np.ones((len(points), 1)) if self._view.orthographic else points[:, 2:]
         pixels = points[:, :2] / depths * self._view.focal_lengths()[CURRENT] + center
@@ -272,7 +299,7 @@ class SceneMeasures:
 
     @property
     def box_3d(self) -> list[OrientedBox]:
-        """The boxes that `object_coordinates` are measured in."""
+        """Oriented boxes in which `object_coordinates` are measured."""
         return [each.box_3d for each in self._objects]
 
     @cached_property
@@ -282,31 +309,31 @@ class SceneMeasures:
         return np.array(boxes, np.float64).reshape(-1, 4)
 
     @cached_property
-    def alone(self) -> list[AmodalMask]:
-        """The pixels that each object would have alone."""
-        new = [row for row, each in enumerate(self._objects) if each.alone is None]
+    def amodal_masks(self) -> list[AmodalMask]:
+        """Amodal mask of each object."""
+        new = [row for row, each in enumerate(self._objects) if each.amodal_mask is None]
         if new:
             self._scene.place(self._placement, (CURRENT,))
             parts = [[part.of(self._parts[row]) for part in self._objects[row].parts] for row in new]
-            for row, alone in zip(new, self._measurer.pixels.count(self._view, parts), strict=True):
-                self._objects[row].alone = alone
-        return [each.alone for each in self._objects if each.alone is not None]
+            for row, mask in zip(new, self._measurer.pixels.count(self._view, parts), strict=True):
+                self._objects[row].amodal_mask = mask
+        return [each.amodal_mask for each in self._objects if each.amodal_mask is not None]
 
     @cached_property
     def pixels_in_frame(self) -> NDArray[np.int64]:
-        """int64 [n]: pixels in the picture if the object were alone."""
-        return np.array([each.inside for each in self.alone], np.int64)
+        """int64 [n]: pixels of the amodal mask inside the image."""
+        return np.array([each.inside for each in self.amodal_masks], np.int64)
 
     @cached_property
     def amodal_pixels(self) -> NDArray[np.int64]:
-        """int64 [n]: pixels if the object were alone on a picture without edges."""
-        return np.array([each.inside + each.outside for each in self.alone], np.int64)
+        """int64 [n]: pixels of the amodal mask on an unbounded image; subsampled outside."""
+        return np.array([each.inside + each.outside for each in self.amodal_masks], np.int64)
 
     def amodal_mask(self, row: int) -> NDArray[np.bool_]:
-        """bool [h, w]: the pixels in the picture that an object would have alone."""
-        return self.alone[row].mask()
+        """Return the pixels in the image that an object would cover without occluders: bool [h, w]."""
+        return self.amodal_masks[row].mask()
 
 
 def _rotations_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotations whose axes are nearest to the columns of matrices [n, 3, 3], never mirrored."""
+    """Return the proper rotations nearest to matrices [n, 3, 3] with normalized columns (polar decomposition)."""
     return polar(edges / np.maximum(np.linalg.norm(edges, axis=1, keepdims=True), 1e-30))[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From radiance samples to images.
+"""From radiance samples to displayable images.
 
 ::
 

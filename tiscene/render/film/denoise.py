@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Intel Open Image Denoise, through pyoidn: loaded at the first use; one device, and filters for the last few sizes.
+"""Intel Open Image Denoise, through pyoidn, which is imported at the first use.
 
-Its result has the same bytes for the same input on one machine; other processors may round otherwise.
+One device, and a cache of filters by image size. The result is bitwise reproducible on one machine; other processors
+may round differently.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from tiscene.errors import ArgumentError, DeviceError
 
 FloatImage = NDArray[np.float32]
 QUALITIES = ("fast", "balanced", "high")
-MAX_KEPT = 48  # filters, each with its images
+MAX_FILTERS = 48  # in the cache, each with its images
 
 
 class _Denoiser:
-    """A committed filter over images of one size that it owns."""
+    """A committed OIDN filter and the images of one size that it reads and writes."""
 
     def __init__(self, device: Any, height: int, width: int, quality: str, clean: bool) -> None:
         import pyoidn
@@ -54,11 +55,21 @@ _denoisers: dict[tuple[int, int, str, bool], _Denoiser] = {}
 def denoise(
     hdr: FloatImage, albedo: FloatImage, normal: FloatImage, quality: str = "high", *, clean: bool = True
 ) -> FloatImage:
-    """The radiance without its noise, a new float32 [h, w, 3].
+    """Denoise radiance.
 
-    albedo: 0..1; normal: world, unit or shorter; of what each pixel shows, as `PathImage` has them.
-    quality: "fast", "balanced" or "high". clean: albedo and normal have no noise themselves (False under a wide lens).
-    Raises ArgumentError for images of different shapes or another quality, DeviceError where the library fails.
+    Args:
+        hdr: float32 [h, w, 3], radiance.
+        albedo: float32 [h, w, 3], 0..1, as in `PathImage`.
+        normal: float32 [h, w, 3], world space, of length 1 or less.
+        quality: "fast", "balanced" or "high".
+        clean: albedo and normal are noise-free (OIDN's cleanAux); False with depth of field.
+
+    Returns:
+        float32 [h, w, 3], a new array.
+
+    Raises:
+        ArgumentError: The shapes differ, or there is no such quality.
+        DeviceError: The library failed.
     """
     if quality not in QUALITIES:
         raise ArgumentError(f"quality={quality!r}: must be one of {', '.join(QUALITIES)}")
@@ -66,20 +77,20 @@ def denoise(
         raise ArgumentError(f"images of shapes {hdr.shape}, {albedo.shape} and {normal.shape}: all must be (h, w, 3)")
     height, width, _ = hdr.shape
     key = (height, width, quality, clean)
-    filter = _denoisers.pop(key, None) or _Denoiser(_the_device(), height, width, quality, clean)
+    filter = _denoisers.pop(key, None) or _Denoiser(_oidn_device(), height, width, quality, clean)
     _denoisers[key] = filter
-    if len(_denoisers) > MAX_KEPT:
-        del _denoisers[next(iter(_denoisers))]  # not used for longest
+    if len(_denoisers) > MAX_FILTERS:
+        del _denoisers[next(iter(_denoisers))]  # least recently used
     return filter(hdr, albedo, normal)
 
 
-def _the_device() -> Any:
+def _oidn_device() -> Any:
     global _device
     if _device is None:
         import pyoidn
 
         device = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU)
-        device.set_bool("setAffinity", False)  # Taichi's threads share these processors: pinning would slow both
+        device.set_bool("setAffinity", False)  # Taichi's threads share the cores: pinning would slow both
         device.commit()
         _check(device)
         _device = device

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Traced pictures without their noise, in full size."""
+"""Denoising and upsampling of radiance images."""
 
 from __future__ import annotations
 
@@ -9,68 +9,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
-from tiscene.render.film.upsample import light, upsample
+from tiscene.render.film.upsample import demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
 from tiscene.render.integrators.path.path_pass import PathImage
 
 FloatImage = NDArray[np.float32]
-COARSER = 2  # so much smaller than other pictures are differences denoised where little has changed
-COARSE, FINE = "coarse", "fine"  # how they are there, and how they are where much has changed
+COARSE_FACTOR = 2  # additional downscale of incremental images outside of changed regions
+COARSE, FINE = "coarse", "fine"  # names of the two resolutions in cache keys
 
 
 @dataclass(frozen=True)
 class Postprocessor:
-    """What is done to a picture before it is shown.
+    """Denoising and upsampling with fixed settings.
 
-    denoiser: one of `denoise.QUALITIES`; None: the noise stays. downscale: light is denoised in a picture so many times
-    smaller each way. sharp: albedo and normal have no noise themselves, as they have under a wide lens.
+    Attributes:
+        denoiser: One of `denoise.QUALITIES`; None: no denoising.
+        downscale: Factor per axis by which irradiance is denoised at a lower resolution.
+        sharp: Albedo and normal are noise-free; False with depth of field.
     """
 
     denoiser: str | None
     downscale: int
     sharp: bool
 
-    def traced(self, image: PathImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
-        """Radiance of a picture of the reduced size, along the albedo and normal of full size."""
+    def process(self, image: PathImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
+        """Return the radiance, [h, w, 3], of a path-traced image of the reduced size. albedo, normal: of full size."""
         if self.downscale == 1:
             return self._denoised(image.hdr, image.albedo, image.normal, self.sharp)
-        reached, white, _ = light(image.hdr, image.albedo, image.normal)
-        return upsample(self._denoised(reached, white, image.normal, False), image.normal, albedo, normal)
+        irradiance, white, _ = demodulate(image.hdr, image.albedo, image.normal)
+        return upsample(self._denoised(irradiance, white, image.normal, False), image.normal, albedo, normal)
 
-    def difference(self, image: IncrementalImage) -> FloatImage:
-        """Radiance of a picture that is a difference to a base, both of full size.
+    def process_incremental(self, image: IncrementalImage) -> FloatImage:
+        """Return the radiance, [h, w, 3], of an incremental image, base plus difference, both of full size.
 
-        What is denoised is the sum, as far as that goes in a moment: if light is reduced, in full size only where much
-        has changed, and smaller still elsewhere, where light changes smoothly. Where no mover has come, the error that
-        this makes of the base is known, since the base's best picture is computed once: it is taken off.
+        The sum is denoised: with `downscale`, at full resolution in changed regions only, and at a lower resolution
+        elsewhere, where illumination changes smoothly. The denoiser's error on the base is known, since the base is
+        denoised once at high quality; outside of movers it is corrected.
         """
         if self.denoiser is None:
-            return np.maximum(image.hdr, 0.0)  # a difference may overshoot
+            return np.maximum(image.hdr, 0.0)  # a difference may be below minus the base
         noisy = np.maximum(image.filtered, 0.0), image.albedo, image.normal
-        shown = self._refined(self._quick(*noisy), image, (slice(None), slice(None)), COARSE)
+        shown = self._corrected(self._quick(*noisy), image, (slice(None), slice(None)), COARSE)
         if self.downscale > 1:
             for rows, columns in image.changed_regions:
                 here = rows, columns
                 radiance, albedo, normal = (each[here] for each in noisy)
-                fine = self._refined(self._denoised(radiance, albedo, normal, False), image, here, FINE)
-                weight = inside(here, shown.shape[0], shown.shape[1])
+                fine = self._corrected(self._denoised(radiance, albedo, normal, False), image, here, FINE)
+                weight = blend_weights(here, shown.shape[0], shown.shape[1])
                 shown[here] += weight * (fine - shown[here])
         return np.maximum(shown, 0.0, out=shown)
 
-    def _refined(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:
-        """Without what is known to be wrong with it."""
+    def _corrected(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:
+        """Add the known corrections outside of movers, in place."""
         for group, factor in enumerate(image.factors):
             if factor.any():
-                more = self._refinement(image.base, group, kind)[here] * factor
-                more *= image.static_mask[here]
-                quick += more
+                correction = self._correction(image.base, group, kind)[here] * factor
+                correction *= image.static_mask[here]
+                quick += correction
         return quick
 
-    def _refinement(self, base: IncrementalBase, group: int, kind: str) -> FloatImage:
-        """What the best picture of a base under a group of lights has more than one that is made as those of frames."""
-        name = f"{kind} refinement of {self} in group {group}"
+    def _correction(self, base: IncrementalBase, group: int, kind: str) -> FloatImage:
+        """Return high-quality denoising of a base under a light group minus that of frames; cached with the base."""
+        name = f"{kind} correction of {self} in group {group}"
         if name not in base.derived:
             best = denoise(*base.channels(group), "high", clean=self.sharp)
             rough = base.noise_matched_channels(group)
@@ -78,11 +80,12 @@ class Postprocessor:
         return base.derived[name]
 
     def _quick(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
+        """Denoise at the coarse resolution."""
         if self.downscale == 1:
             return self._denoised(radiance, albedo, normal, self.sharp)
-        smaller = COARSER * self.downscale
-        reached, white, coarse = light(radiance, albedo, normal, smaller)
-        return upsample(self._denoised(reached, white, coarse, False), coarse, albedo, normal, smaller)
+        smaller = COARSE_FACTOR * self.downscale
+        irradiance, white, coarse = demodulate(radiance, albedo, normal, smaller)
+        return upsample(self._denoised(irradiance, white, coarse, False), coarse, albedo, normal, smaller)
 
     def _denoised(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage, clean: bool) -> FloatImage:
         if self.denoiser is None:
@@ -90,10 +93,10 @@ class Postprocessor:
         return denoise(radiance, albedo, normal, self.denoiser, clean=clean)
 
 
-def inside(patch: Region, height: int, width: int) -> FloatImage:
-    """Weights [h, w, 1] that grow from 0 to 1 along those sides of a patch that are not the picture's."""
+def blend_weights(region: Region, height: int, width: int) -> FloatImage:
+    """Return blending weights [h, w, 1] that rise from 0 to 1 at the sides of a region that are inside the image."""
     ramps = []
-    for span, size in zip(patch, (height, width), strict=True):
+    for span, size in zip(region, (height, width), strict=True):
         here = np.arange(span.start, span.stop, dtype=np.float32) + 0.5
         ramp = np.ones(len(here), np.float32)
         if span.start > 0:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light traced in a smaller picture, brought to full size along the surfaces that the labels show.
+"""Guided upsampling of images path-traced at a lower resolution.
 
-What varies least over a surface is the light that reaches it: radiance over albedo. That is what is denoised and
-enlarged, from neighbors with a like normal only (joint bilateral upsampling, Kopf et al. 2007), before the albedo of
-each pixel, which is free of noise, makes radiance of it again. Mirrors and glass are as coarse as they were traced.
+Radiance is demodulated: irradiance, radiance over albedo, is smooth over a surface. It is denoised and upsampled from
+neighbors with a similar normal (joint bilateral upsampling, Kopf et al. 2007), then multiplied by the noise-free albedo
+of the full resolution. Mirrors and glass keep the lower resolution.
 """
 
 import numpy as np
@@ -14,41 +14,52 @@ from tiscene.device.kernel_types import Floats3, Template, vec3
 
 FloatImage = NDArray[np.float32]
 
-FLOOR = 0.08  # added to every albedo: what shines on black is not diffuse
-ANY = 1e-5  # the weight, of all, that a neighbor of quite another kind has
+ALBEDO_OFFSET = 0.08  # added to every albedo: black surfaces reflect specularly
+MIN_SIMILARITY = 1e-5  # of neighbors with different normals, so that the sum of weights is not 0
 
 
-def reduced(width: int, height: int, downscale: int) -> tuple[int, int]:
-    """The size, px, of the picture in which light is traced for one of that size: as wide an angle at least."""
+def reduced_size(width: int, height: int, downscale: int) -> tuple[int, int]:
+    """Return (width, height), px, of the lower resolution, with at least the same field of view."""
     low_height = -(-height // downscale)
     return -(-width * low_height // height), low_height
 
 
-def light(
+def demodulate(
     radiance: FloatImage, albedo: FloatImage, normal: FloatImage, downscale: int = 1
 ) -> tuple[FloatImage, FloatImage, FloatImage]:
-    """What reaches the surfaces, the albedo of that [h, w, 3]: 1, and 0 where there is no surface and the light is the
-    radiance; and the normal. All as means of squares of so many pixels; the last rows and columns count as often as it
-    takes to fill them."""
+    """Divide radiance by albedo, and average blocks of downscale x downscale pixels (edges are replicated).
+
+    Returns:
+        (irradiance, white, normal), float32 [h, w, 3]. irradiance: where there is no surface, the radiance. white: the
+        albedo of the irradiance, 1, and 0 where there is no surface.
+    """
     height, width = (-(-length // downscale) for length in radiance.shape[:2])
-    reached, white, coarse = (np.empty((height, width, 3), np.float32) for _ in range(3))
-    _light(radiance, albedo, normal, downscale, reached, white, coarse)
-    return reached, white, coarse
+    irradiance_out, white, mean_normal = (np.empty((height, width, 3), np.float32) for _ in range(3))
+    _demodulate(radiance, albedo, normal, downscale, irradiance_out, white, mean_normal)
+    return irradiance_out, white, mean_normal
 
 
 def upsample(
-    light: FloatImage,
+    irradiance: FloatImage,
     normal: FloatImage,
     full_albedo: FloatImage,
     full_normal: FloatImage,
     downscale: int | None = None,
 ) -> FloatImage:
-    """Radiance, float32 [h, w, 3], of the size of the full albedo and normal; no normal (0) says that nothing is there.
+    """Upsample irradiance and multiply it by albedo.
 
-    light, normal: as of `light`, of a picture of the size that `reduced` says, or with that downscale.
+    Args:
+        irradiance: float32 [h', w', 3], of `demodulate`.
+        normal: float32 [h', w', 3], of the lower resolution.
+        full_albedo: float32 [h, w, 3].
+        full_normal: float32 [h, w, 3]; zero where there is no surface.
+        downscale: Of `demodulate`; None: the lower resolution is that of `reduced_size`.
+
+    Returns:
+        Radiance, float32 [h, w, 3].
     """
     height, width = full_albedo.shape[:2]
-    low_height, low_width = light.shape[:2]
+    low_height, low_width = irradiance.shape[:2]
     if downscale is None:
         scale = low_height / height
         first_y, first_x = 0.5 * (low_height - 1 - (height - 1) * scale), 0.5 * (low_width - 1 - (width - 1) * scale)
@@ -56,52 +67,53 @@ def upsample(
         scale = 1.0 / downscale
         first_y = first_x = 0.5 * scale - 0.5
     radiance = np.empty_like(full_albedo)
-    _upsample(light, normal, full_albedo, full_normal, scale, first_y, first_x, radiance)
+    _upsample(irradiance, normal, full_albedo, full_normal, scale, first_y, first_x, radiance)
     return radiance
 
 
 @ti.func
 def read(image: Template, y: ti.i32, x: ti.i32) -> vec3:
+    """Return one pixel."""
     return vec3(image[y, x, 0], image[y, x, 1], image[y, x, 2])
 
 
 @ti.kernel
-def _light(
+def _demodulate(
     radiance: Floats3,
     albedo: Floats3,
     normal: Floats3,
     downscale: ti.i32,
-    reached: Floats3,
+    irradiance_out: Floats3,
     white: Floats3,
-    coarse: Floats3,
+    mean_normal: Floats3,
 ):
     height, width = radiance.shape[0], radiance.shape[1]
-    for y, x in ti.ndrange(reached.shape[0], reached.shape[1]):
+    for y, x in ti.ndrange(irradiance_out.shape[0], irradiance_out.shape[1]):
         light_sum, surface_sum, normal_sum = vec3(0.0), 0.0, vec3(0.0)
-        for place in range(downscale * downscale):
-            row = ti.min(y * downscale + place // downscale, height - 1)
-            column = ti.min(x * downscale + place % downscale, width - 1)
-            n, shown = read(normal, row, column), read(radiance, row, column)
+        for offset in range(downscale * downscale):
+            row = ti.min(y * downscale + offset // downscale, height - 1)
+            column = ti.min(x * downscale + offset % downscale, width - 1)
+            n, demodulated = read(normal, row, column), read(radiance, row, column)
             if n.norm_sqr() > 0.0:
-                shown /= read(albedo, row, column) + FLOOR
+                demodulated /= read(albedo, row, column) + ALBEDO_OFFSET
                 surface_sum += 1.0
-            light_sum += shown
+            light_sum += demodulated
             normal_sum += n
         for c in ti.static(range(3)):
-            reached[y, x, c] = light_sum[c] / (downscale * downscale)
+            irradiance_out[y, x, c] = light_sum[c] / (downscale * downscale)
             white[y, x, c] = surface_sum / (downscale * downscale)
-            coarse[y, x, c] = normal_sum[c] / (downscale * downscale)
+            mean_normal[y, x, c] = normal_sum[c] / (downscale * downscale)
 
 
 @ti.func
 def spline(offset: ti.f32) -> vec3:
-    """The quadratic B-spline at a distance of -1 - offset, -offset and 1 - offset."""
+    """Return the quadratic B-spline at distances -1 - offset, -offset and 1 - offset."""
     return vec3(0.5 * (0.5 - offset) ** 2, 0.75 - offset * offset, 0.5 * (0.5 + offset) ** 2)
 
 
 @ti.kernel
 def _upsample(
-    light: Floats3,
+    irradiance: Floats3,
     normal: Floats3,
     full_albedo: Floats3,
     full_normal: Floats3,
@@ -110,9 +122,9 @@ def _upsample(
     first_x: ti.f32,
     radiance: Floats3,
 ):
-    """first_y, first_x: where in the smaller picture the first pixel's center is."""
+    """Kernel of `upsample`; first_y, first_x: position of the first pixel's center in the lower resolution."""
     height, width = full_albedo.shape[0], full_albedo.shape[1]
-    low_height, low_width = light.shape[0], light.shape[1]
+    low_height, low_width = irradiance.shape[0], irradiance.shape[1]
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
         low_y, low_x = first_y + y * scale, first_x + x * scale
@@ -125,14 +137,14 @@ def _upsample(
             at_y = ti.math.clamp(center_y + row - 1, 0, low_height - 1)
             at_x = ti.math.clamp(center_x + column - 1, 0, low_width - 1)
             other = read(normal, at_y, at_x)
-            alike = ti.max(n.dot(other), 0.0) ** 4
+            similarity = ti.max(n.dot(other), 0.0) ** 4
             if not surface:
-                alike = ti.select(other.norm_sqr() > 0.0, 0.0, 1.0)
-            weight = weights_y[row] * weights_x[column] * (alike + ANY)
-            sums += weight * read(light, at_y, at_x)
+                similarity = ti.select(other.norm_sqr() > 0.0, 0.0, 1.0)
+            weight = weights_y[row] * weights_x[column] * (similarity + MIN_SIMILARITY)
+            sums += weight * read(irradiance, at_y, at_x)
             total += weight
         result = sums / total
         if surface:
-            result *= read(full_albedo, y, x) + FLOOR
+            result *= read(full_albedo, y, x) + ALBEDO_OFFSET
         for c in ti.static(range(3)):
             radiance[y, x, c] = result[c]
