@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of docs/validation.md: `python -m tests.render.validation [STAGE ...]`. It asserts nothing."""
+"""Print the table of docs/validation.md: `python -m tests.render.validation [STAGE ...]`. Asserts nothing."""
 
 import sys
 
@@ -13,7 +13,14 @@ MOTION = "motion blur"
 
 
 def row(name: str, mean: Agreement, variance: Agreement | None, less: bool = False) -> str:
-    """Ratio and largest z of the means and of the variances. less: there ours should be below theirs."""
+    """Return a table row: ratio and largest z of means and variances.
+
+    Args:
+        name: Name of the stage.
+        mean: Agreement of the means.
+        variance: Agreement of the variances, if they are comparable.
+        less: Whether our variance should be below Mitsuba's.
+    """
     cells = [name]
     for found in (mean, variance):
         cells += [f"{found.ratio:.4f}", f"{found.z:.1f}", f"{np.max(found.pixels):.1f}"] if found else 3 * ["–"]
@@ -23,10 +30,11 @@ def row(name: str, mean: Agreement, variance: Agreement | None, less: bool = Fal
 
 
 def main(names: list[str]) -> None:
+    """Print the rows of the named stages; without names, of all."""
     print("| stage | mean | z | worst px | variance | z | worst block |", flush=True)
     for name in names or [*STAGES, MOTION]:
         if name == MOTION:
-            print(row(name, motion.agreement_of_pictures(), None), flush=True)
+            print(row(name, motion.motion_blur_agreement(), None), flush=True)
             continue
         stage = STAGES[name]()
         variance = None if stage.noise == "other" else variances(stage)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a stage by tiscene and by Mitsuba 3, and how far two sets of pictures are apart."""
+"""Images of a stage by tiscene and by Mitsuba 3, and statistical comparison of two sets of images."""
 
 from __future__ import annotations
 
@@ -18,35 +18,44 @@ from tiscene.render.view import View
 
 SIZE = 24
 RUNS, SPP = 12, 64
-SINGLES, GROUP = 2048, 64  # pictures of one path a pixel, and how many make one estimate of its variance
-BLOCK = 4  # px, of the squares that variances are compared in
-FALSE_ALARM = 0.01  # of a set of pictures that agree, by any of its pixels
+SINGLES, GROUP = 2048, 64  # images at 1 spp, and how many of them give one estimate of the variance
+BLOCK = 4  # px, side of the squares in which variances are compared
+FALSE_ALARM = 0.01  # probability that any pixel of two equally distributed sets of images differs
 
-Pictures = NDArray[np.float64]  # [n, h, w], brightness
+Images = NDArray[np.float64]  # [n, h, w], brightness
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How two sets of pictures differ.
+    """Result of comparing two sets of images.
 
-    ratio: of the means of all. precision: its standard error. z: of the difference of the whole pictures, in standard
-    errors, as if normally distributed; pixels: the same of every pixel [h, w].
+    Attributes:
+        ratio: Ratio of the overall means.
+        precision: Standard error of the ratio.
+        z: Difference of the overall means, in standard errors of a normal distribution.
+        pixels: The same for every pixel, [h, w].
     """
 
     ratio: float
     precision: float
     z: float
-    pixels: Pictures
+    pixels: Images
 
     @property
     def differing(self) -> int:
-        """How many pixels differ by more than chance. Šidák: one false alarm in a hundred pictures."""
+        """Number of pixels that differ significantly, with Šidák's correction."""
         chance = 1.0 - (1.0 - FALSE_ALARM) ** (1.0 / self.pixels.size)
         return int((self.pixels > stats.norm.isf(0.5 * chance)).sum())
 
 
-def agreement(ours: Pictures, theirs: Pictures, margin: float = 0.0) -> Agreement:
-    """Welch's tests of the means of independent pictures [n, h, w]; margin: what they may differ by, as a part."""
+def agreement(ours: Images, theirs: Images, margin: float = 0.0) -> Agreement:
+    """Apply Welch's test to the means of independent images.
+
+    Args:
+        ours: Images [n, h, w].
+        theirs: Images [m, h, w].
+        margin: Relative difference to tolerate.
+    """
     wholes = ours.mean(axis=(1, 2)), theirs.mean(axis=(1, 2))
     errors = [whole.std(ddof=1) / np.sqrt(len(whole)) / whole.mean() for whole in wholes]
     return Agreement(
@@ -57,7 +66,7 @@ def agreement(ours: Pictures, theirs: Pictures, margin: float = 0.0) -> Agreemen
     )
 
 
-def _z(ours: Pictures, theirs: Pictures, margin: float) -> Pictures:
+def _z(ours: Images, theirs: Images, margin: float) -> Images:
     variances = [each.var(axis=0, ddof=1) / len(each) for each in (ours, theirs)]
     gap = np.abs(ours.mean(axis=0) - theirs.mean(axis=0)) - margin * theirs.mean(axis=0)
     total = variances[0] + variances[1]
@@ -67,44 +76,44 @@ def _z(ours: Pictures, theirs: Pictures, margin: float) -> Pictures:
     return np.asarray(stats.norm.isf(np.maximum(stats.t.sf(t, freedom), 1e-300)))
 
 
-def our_pictures(stage: Stage, runs: int = RUNS, spp: int = SPP, depth: int | None = None) -> Pictures:
-    """With different seeds."""
+def tiscene_images(stage: Stage, runs: int = RUNS, spp: int = SPP, depth: int | None = None) -> Images:
+    """Render images with different seeds."""
     paths = PathPass(device_scene(stage.description), SIZE, SIZE)
     view = View(stage.camera, stage.camera, stage.camera, SIZE, SIZE)
-    pictures = []
+    images = []
     for seed in range(runs):
         image = paths.render(view, frame_index=0, seed=seed, spp=spp, max_depth=depth or stage.depth)
         assert paths.nonfinite == 0
-        pictures.append(image.hdr.mean(axis=2, dtype=np.float64))
-    return np.array(pictures)
+        images.append(image.hdr.mean(axis=2, dtype=np.float64))
+    return np.array(images)
 
 
-def mitsuba_pictures(stage: Stage, runs: int = RUNS, spp: int = 2 * SPP, depth: int | None = None) -> Pictures:
-    """With different seeds, of twice the paths: it samples independently.
+def mitsuba_images(stage: Stage, runs: int = RUNS, spp: int = 2 * SPP, depth: int | None = None) -> Images:
+    """Render images with different seeds, at twice the samples, since Mitsuba samples independently.
 
-    The seeds lie far apart: pictures of neighboring ones are correlated there, by a hundredth.
+    The seeds are far apart: images of consecutive seeds have a correlation of 0.01 in Mitsuba.
     """
     mitsuba.set_variant("scalar_rgb")
     scene = mitsuba_scene.scene(
         mitsuba, stage.description, stage.camera, SIZE, SIZE, max_depth=depth or stage.depth, spp=spp
     )
     seeds = np.random.default_rng(1).integers(1 << 31, size=runs).tolist()
-    pictures = [np.array(mitsuba.render(scene, spp=spp, seed=seed)).mean(axis=2) for seed in seeds]
-    return np.array(pictures, np.float64)
+    images = [np.array(mitsuba.render(scene, spp=spp, seed=seed)).mean(axis=2) for seed in seeds]
+    return np.array(images, np.float64)
 
 
 def means(stage: Stage) -> Agreement:
-    """Of the stage's pictures."""
-    return agreement(our_pictures(stage), mitsuba_pictures(stage), stage.margin)
+    """Compare the means of a stage's images."""
+    return agreement(tiscene_images(stage), mitsuba_images(stage), stage.margin)
 
 
 def variances(stage: Stage) -> Agreement:
-    """Of what one path brings that ends at the first light, before roulette: in squares of BLOCK pixels."""
-    ours, theirs = (make(stage, SINGLES, 1, 2) for make in (our_pictures, mitsuba_pictures))
+    """Compare the variance of single paths of depth 2 (no Russian roulette), in squares of BLOCK pixels."""
+    ours, theirs = (make(stage, SINGLES, 1, 2) for make in (tiscene_images, mitsuba_images))
     return agreement(_variances(ours), _variances(theirs), 2.0 * stage.margin)
 
 
-def _variances(pictures: Pictures) -> Pictures:
-    groups = pictures.reshape(-1, GROUP, *pictures.shape[1:]).var(axis=1, ddof=1)
+def _variances(images: Images) -> Images:
+    groups = images.reshape(-1, GROUP, *images.shape[1:]).var(axis=1, ddof=1)
     blocks = SIZE // BLOCK
     return np.asarray(groups.reshape(-1, blocks, BLOCK, blocks, BLOCK).mean(axis=(2, 4)))

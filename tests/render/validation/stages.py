@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small scenes that both tiscene and Mitsuba can render, each about one thing."""
+"""Small scenes that both tiscene and Mitsuba can render, each for one kind of light, material or camera."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -32,13 +32,17 @@ GREY = [(0.6, 0.3, 0.2), (0.2, 0.4, 0.6), (0.7, 0.7, 0.7)]
 
 @dataclass(frozen=True)
 class Stage:
-    """A scene, what looks at it, and how long its paths are.
+    """A scene to compare.
 
-    margin: how far the two may differ by design, as a part: of what they do not model alike. edges: how many pixels may
-    differ more: at silhouettes, where samples are not normally distributed, and where we turn the interpolated normals
-    of a rough mirror towards the eye, which leaves them black in Mitsuba.
-    noise: one path's, of ours against theirs: "alike" where both sample the same way, "less" where we sample lights
-    better, "other" where paths are not the same.
+    Attributes:
+        description: The scene.
+        camera: The camera.
+        depth: Largest number of segments of a path.
+        margin: Relative difference of the means that is expected by design, where the two use different models.
+        edges: Number of pixels that may differ more: at silhouettes, where samples are not normally distributed, and
+            where tiscene turns interpolated normals of a rough mirror toward the camera and Mitsuba renders black.
+        noise: Variance of one path compared to Mitsuba: "alike" where both sample the same way, "less" where tiscene
+            samples lights better, "other" where paths are not comparable.
     """
 
     description: SceneDescription
@@ -50,13 +54,13 @@ class Stage:
 
 
 def room(*lights: Light, textures: tuple[Texture, ...] = ()) -> SceneDescription:
-    """Walls in three colors and two blocks, under some lights."""
+    """Return a Cornell box in three colors with the given lights."""
     meshes, materials = box(GREY)
     return described(meshes, materials, list(lights), list(textures))
 
 
 def pedestal(material: Material, *lights: Light) -> SceneDescription:
-    """A ball of a material above a gray floor, before a wall."""
+    """Return a ball of a material above a gray floor and before a wall."""
     floor = quad((-3.0, -0.8, 3.0), (3.0, -0.8, 3.0), (3.0, -0.8, -3.0), (-3.0, -0.8, -3.0))
     wall = quad((-3.0, -0.8, -1.5), (3.0, -0.8, -1.5), (3.0, 3.0, -1.5), (-3.0, 3.0, -1.5), material=1)
     materials = [matte("floor", (0.5, 0.5, 0.5)), matte("wall", (0.6, 0.3, 0.2)), material]
@@ -66,13 +70,13 @@ def pedestal(material: Material, *lights: Light) -> SceneDescription:
 # Both sample disks by their area.
 PANEL = DiskLight("panel", "/panel", towards((0.5, 2.5, 1.5), (-0.2, -1.0, -0.6)), (6.0, 5.0, 4.0), 0.75)
 ABOVE = towards((0.1, 0.7, 0.3), DOWN)
-# Flat lights hang so high that nothing sees their backs: rays pass through those of ours.
+# Flat lights are close to the ceiling, so that their backs are invisible: in tiscene rays pass through backs.
 CEILING = towards((0.1, 0.995, 0.3), DOWN)
 BRIGHT = (8.0, 6.0, 4.0)
 
 
 def sky_image() -> Texture:
-    """Soft, and brighter to one side and above."""
+    """Return a smooth environment map that is brighter on one side and above."""
     v, u = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(128) + 0.5) / 128, indexing="ij")
     pixels = np.ones((64, 128, 4), np.float32)
     pixels[..., 0] = 0.6 + 0.5 * np.cos(2.0 * np.pi * u) * np.sin(np.pi * v)
@@ -82,26 +86,27 @@ def sky_image() -> Texture:
 
 
 def lamps() -> list[Light]:
-    """Twenty-four small ones, each in the way of others."""
+    """Return 24 small spheres that occlude each other."""
     places = [(x, y, z) for x in (-0.6, 0.0, 0.6) for y in (0.4, 0.8) for z in (-0.6, -0.2, 0.2, 0.6)]
     bright = (3.2, 2.4, 1.6)
     return [SphereLight(f"{k}", f"/{k}", towards(place, DOWN), bright, 0.05) for k, place in enumerate(places)]
 
 
 def patches(size: int = 8) -> Texture:
-    """Pixels of random colors."""
+    """Return a texture of random colors."""
     pixels = np.random.default_rng(4).random((size, size, 4)).astype(np.float32)
     return Texture("patches", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
 
 
 def textured() -> SceneDescription:
+    """Return a textured floor and wall."""
     floor = quad((-1.5, -0.8, 1.5), (1.5, -0.8, 1.5), (1.5, -0.8, -1.5), (-1.5, -0.8, -1.5))
     wall = quad((-1.5, -0.8, -1.0), (1.5, -0.8, -1.0), (1.5, 1.2, -1.0), (-1.5, 1.2, -1.0))
     return described([floor, wall], [matte("painted", TextureLookup(0))], [PANEL], [patches()])
 
 
 def instances() -> SceneDescription:
-    """One mesh in six places: turned, stretched, mirrored."""
+    """Return six instances of one mesh: rotated, scaled, mirrored."""
     scene = pedestal(matte("balls", (0.3, 0.6, 0.3)), PANEL)
     small = ball((0.0, 0.0, 0.0), 0.3, 2, 3)
     placed = []
@@ -117,14 +122,14 @@ def instances() -> SceneDescription:
 
 
 def lantern() -> SceneDescription:
-    """A room that only things in it light: a ball that glows, and a stretched and mirrored one that glows otherwise."""
+    """Return a box lit by emissive meshes only: a ball, and a scaled and mirrored ball of another color."""
     meshes, materials = box(GREY)
     lamps = [ball((0.0, 0.0, 0.0), 0.15, 3, 3), ball((0.0, 0.0, 0.0), 0.12, 4, 2)]
-    glows = [
+    emissive = [
         matte("warm", (0.0, 0.0, 0.0), emissive_color=BRIGHT),
         matte("cold", WHITE, emissive_color=(2.0, 4.0, 9.0)),
     ]
-    scene = described([*meshes, *lamps], [*materials, *glows])
+    scene = described([*meshes, *lamps], [*materials, *emissive])
     hung, stretched = np.eye(4), np.diag([2.5, 0.4, -1.5, 1.0])
     hung[:3, 3], stretched[:3, 3] = (-0.1, 0.55, 0.2), (0.45, -0.2, 0.45)
     places = (Instance(len(meshes), len(meshes), hung), Instance(len(meshes) + 1, len(meshes) + 1, stretched))
@@ -132,7 +137,7 @@ def lantern() -> SceneDescription:
 
 
 def curtain() -> SceneDescription:
-    """Something that is only partly there, before the light and before the camera."""
+    """Return a partially opaque surface in front of a ball and its light."""
     scene = pedestal(matte("ball", (0.3, 0.6, 0.3)), PANEL)
     veil = quad((-0.9, -0.6, 0.9), (0.2, -0.6, 0.9), (0.2, 0.9, 0.9), (-0.9, 0.9, 0.9), material=3)
     lace = matte("lace", (0.6, 0.6, 0.2), opacity=0.4, opacity_mode="presence")
@@ -141,10 +146,12 @@ def curtain() -> SceneDescription:
 
 
 def metal(roughness: float) -> Material:
+    """Return a white metal."""
     return Material("metal", diffuse_color=(1.0, 1.0, 1.0), metallic=1.0, roughness=roughness)
 
 
 def glass(roughness: float) -> Material:
+    """Return clear glass."""
     return Material("glass", opacity=0.0, roughness=roughness, ior=1.5)
 
 
@@ -155,12 +162,12 @@ STAGES: dict[str, Callable[[], Stage]] = {
     "disk": lambda: Stage(room(DiskLight("l", "/l", CEILING, BRIGHT, 0.3))),
     "sphere": lambda: Stage(room(SphereLight("l", "/l", ABOVE, BRIGHT, 0.15))),
     "cylinder": lambda: Stage(room(CylinderLight("l", "/l", ABOVE, BRIGHT, 0.06, 0.9)), noise="less"),
-    # Most of the variance is whether a path from the camera meets a lamp.
+    # Most of the variance is whether a camera path hits a light.
     "many lamps": lambda: Stage(room(*lamps()), noise="other"),
     "point": lambda: Stage(room(SphereLight("l", "/l", ABOVE, (1.0, 0.8, 0.6), 0.0))),
     "sun": lambda: Stage(room(DistantLight("l", "/l", towards((0, 0, 0), (0.4, -0.5, -1.0)), (3.0, 2.0, 1.0)))),
     "dome": lambda: Stage(room(DomeLight("l", "/l", np.eye(4), (0.6, 0.8, 1.0)))),
-    # Mitsuba counts pixels of the sky from their edges, and we from their centers.
+    # Mitsuba interpolates the environment map between texel edges, tiscene between texel centers.
     "environment": lambda: Stage(
         room(DomeLight("l", "/l", towards((0, 0, 0), (1.0, 0.2, -1.0)), (1.0, 1.0, 1.0), 0), textures=(sky_image(),)),
         margin=0.015,
@@ -170,18 +177,18 @@ STAGES: dict[str, Callable[[], Stage]] = {
         margin=0.005,
         noise="less",
     ),
-    "glow": lambda: Stage(
-        pedestal(matte("glow", (0.2, 0.2, 0.2), emissive_color=(2.0, 3.0, 1.0)), PANEL), noise="less"
+    "emission": lambda: Stage(
+        pedestal(matte("emissive", (0.2, 0.2, 0.2), emissive_color=(2.0, 3.0, 1.0)), PANEL), noise="less"
     ),
     "mesh light": lambda: Stage(lantern(), noise="less"),
-    # We look at one pixel of a texture at a time.
+    # tiscene looks up one texel at a time.
     "texture": lambda: Stage(textured(), margin=0.005, noise="other"),
     "mirror": lambda: Stage(pedestal(metal(0.0), PANEL)),
-    # Mitsuba does not give back what rough microfacets lose: here a percent, and three at grazing angles.
+    # Mitsuba does not compensate the energy loss of rough microfacets: one percent here, three at grazing angles.
     "rough metal": lambda: Stage(pedestal(metal(0.25), PANEL), margin=0.03, edges=8),
     "glass": lambda: Stage(pedestal(glass(0.0), PANEL), depth=10),
     "rough glass": lambda: Stage(pedestal(glass(0.3), PANEL), depth=10, margin=0.03),
-    "partly there": lambda: Stage(curtain(), depth=12, margin=0.002, noise="other"),
+    "partially opaque": lambda: Stage(curtain(), depth=12, margin=0.002, noise="other"),
     "instances": lambda: Stage(instances()),
     "depth of field": lambda: Stage(instances(), camera=LENS),
 }

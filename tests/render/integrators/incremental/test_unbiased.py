@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replayed frames of whole scenarios against path tracing: no bias, by z-tests over independent bases, and no flicker.
+"""Incremental rendering of whole scenarios against path tracing: no bias (z-tests over independent bases), no flicker.
 
-Minutes each.
+Each test takes minutes.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ TILE = 16
 
 
 def living_room(count: int = 3, *others: ts.Object) -> ts.Scenario:
-    """`count` of the demo's things on their loops, and others."""
+    """Return the living room with `count` objects of the demo, and others."""
     scenario = demo.scenario()
     return replace(scenario, objects=[*scenario.objects[:count], *others])
 
 
 def crowd() -> ts.Scenario:
-    """Ten things that bounce through the living room."""
+    """Return the living room with ten objects, seven of which bounce."""
     names = ("Ball 01", "Pillow 01", "Dish 01", "Cube", "Sphere", "Torus", "Cone")
     others = [
         ts.Object(
@@ -48,7 +48,7 @@ def crowd() -> ts.Scenario:
 
 
 def near_the_lamp() -> ts.Scenario:
-    """A ball before the shade of the floor lamp, and one in the light of the window."""
+    """Return balls in front of the floor lamp's shade and in the light of the window."""
     before = ts.Object(
         "lamp_ball", "Ball 01", (0.75, 1.2, -3.6), dynamic=ts.Orbit((0.75, 1.2, -3.8), 2.0), collide=False
     )
@@ -90,7 +90,7 @@ def Xform "Ball"
 
 
 def glass_ball(folder: Path) -> ts.Scenario:
-    """A ball of clear glass before the window, and the demo's chair seen through it now and then."""
+    """Return a clear glass ball before the window, through which the demo's chair is sometimes visible."""
     file = folder / "glass_ball.usda"
     file.write_text(GLASS_BALL)
     orbit = ts.Orbit((-0.6, 1.1, -2.2), 3.0)
@@ -98,7 +98,7 @@ def glass_ball(folder: Path) -> ts.Scenario:
 
 
 def changing_lamps() -> ts.Scenario:
-    """The floor lamp dims and turns red, the pendant goes out, the sun fades, each in its own way."""
+    """Return the living room with a lamp that dims and turns red, one that switches off, and a fading sun."""
     return replace(
         living_room(),
         lights=[
@@ -110,7 +110,7 @@ def changing_lamps() -> ts.Scenario:
 
 
 def in_a_room(scene: str) -> ts.Scenario:
-    """Three things on circles about the middle of what the scene's own camera sees."""
+    """Return three objects on circles, 2 m ahead of the scene's camera."""
     camera = ts.Stream(scene, width=8, height=6, buffers=("depth",)).world.camera
     ahead = np.asarray(camera.position) - 2.0 * camera.axes()[:, 2]
     objects = []
@@ -135,43 +135,45 @@ SCENARIOS: dict[str, Callable[[Path], ts.Scenario]] = {
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_a_replayed_frame_has_the_expectation_of_path_tracing(name: str, tmp_path: Path) -> None:
-    """Globally and by tiles of 16x16 pixels; every seed has its own base image and its own paths."""
+def test_incremental_frame_has_expectation_of_path_tracing(name: str, tmp_path: Path) -> None:
+    """Of the whole image and of tiles of 16 x 16 pixels; every seed has its own base image and paths."""
     scenario = SCENARIOS[name](tmp_path)
 
-    def pictures(incremental: bool, spp: int) -> NDArray[np.float64]:
+    def images_of(incremental: bool, spp: int) -> NDArray[np.float64]:
         settings = {"spp": spp, "max_depth": 5, "buffers": ("hdr",), "incremental": incremental}
-        quality = "fast" if incremental else "preview"  # with more paths where a mover is seen
+        quality = "fast" if incremental else "preview"  # "fast" has more paths where movers are visible
         stream = ts.Stream(scenario, width=SIZE[0], height=SIZE[1], quality=quality, **settings)
         images = []
         for stream.seed in range(SEEDS):
             images.append(stream[9].hdr.mean(axis=-1, dtype=float))
         return np.stack(images)
 
-    replayed, traced = pictures(True, 4), pictures(False, 32)
-    for z in (z_of(replayed, traced, SIZE[::-1]), z_of(replayed, traced, (TILE, TILE))):
+    incremental_images, traced = images_of(True, 4), images_of(False, 32)
+    for z in (z_of(incremental_images, traced, SIZE[::-1]), z_of(incremental_images, traced, (TILE, TILE))):
         print(name, "largest z", float(np.abs(z).max()), "rms z", float(np.sqrt((z**2).mean())))
         assert np.abs(z).max() < 5.0
         assert np.sqrt((z**2).mean()) < 1.0 + 3.0 / np.sqrt(2.0 * z.size)
 
 
 @pytest.mark.parametrize("quality", ["fast", "preview"])
-def test_what_stands_still_does_not_flicker(quality: str) -> None:
-    """Where no light has changed: at most a tenth of what denoised path tracing does from one frame to the next."""
+def test_unchanged_pixels_do_not_flicker(quality: str) -> None:
+    """Where radiance is unchanged, the difference between frames is at most a tenth of denoised path tracing's."""
     settings = {"width": SIZE[0], "height": SIZE[1], "quality": quality, "buffers": ("rgb", "hdr")}
-    replayed, traced = (
+    incremental_images, traced = (
         [stream[9], stream[10]]
         for stream in (ts.Stream(living_room(), incremental=way, **settings) for way in (True, False))
     )
-    same = (replayed[0].hdr == replayed[1].hdr).all(axis=-1)
+    same = (incremental_images[0].hdr == incremental_images[1].hdr).all(axis=-1)
     assert same.mean() > 0.5
-    flicker, plain = (np.abs(frames[0].rgb.astype(float) - frames[1].rgb)[same].mean() for frames in (replayed, traced))
+    flicker, plain = (
+        np.abs(frames[0].rgb.astype(float) - frames[1].rgb)[same].mean() for frames in (incremental_images, traced)
+    )
     print(quality, "8-bit levels", flicker, "path tracing", plain)
     assert flicker <= 0.1 * plain
 
 
 def z_of(a: NDArray[np.float64], b: NDArray[np.float64], tile: tuple[int, int]) -> NDArray[np.float64]:
-    """Welch's z of the means of tiles over pictures [n, h, w], on the scale of a normal distribution."""
+    """Return Welch's z of the means of tiles over images [n, h, w], scaled to a normal distribution."""
     tiles = [
         images.reshape(len(images), images.shape[1] // tile[0], tile[0], images.shape[2] // tile[1], tile[1])
         .mean(axis=(2, 4))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path pass against Mitsuba 3's `path` integrator on the same triangles, lights and materials."""
+"""The path pass against Mitsuba 3's `path` integrator, on the same geometry, lights and materials."""
 
 import mitsuba
 import numpy as np
@@ -25,17 +25,17 @@ RUNS, SPP, DEPTH = 16, 48, 6
 
 
 def cornell() -> SceneDescription:
-    """Two colored walls, two blocks, a rectangle of light below the ceiling."""
+    """Return a Cornell box with a rectangular light."""
     meshes, materials = box(CORNELL)
     lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
     return described(meshes, materials, [lamp])
 
 
 def many_lights() -> SceneDescription:
-    """Every kind of light that both renderers have, and a mesh that emits."""
+    """Return a scene with every kind of light that both renderers have, and an emissive mesh."""
     meshes, materials = box(CORNELL)
     meshes.append(ball((-0.2, -0.1, 0.7), 0.15, 3, 3))
-    materials.append(matte("glow", (0.3, 0.3, 0.3), emissive_color=(1.0, 2.0, 4.0)))
+    materials.append(matte("emissive", (0.3, 0.3, 0.3), emissive_color=(1.0, 2.0, 4.0)))
     lights = [
         DiskLight("disk", "/disk", towards((-0.5, 0.999, 0.2), (0.0, -1.0, 0.0)), (6.0, 6.0, 6.0), 0.2),
         SphereLight("sphere", "/sphere", towards((0.6, 0.3, -0.4), (0.0, 0.0, -1.0)), (9.0, 6.0, 3.0), 0.12),
@@ -46,7 +46,7 @@ def many_lights() -> SceneDescription:
 
 
 def glass_and_mirror() -> SceneDescription:
-    """A glass ball and a mirror ball in the box, below a large light."""
+    """Return a box with a glass ball and a mirror ball below a large light."""
     meshes, materials = box([(0.6, 0.3, 0.2), (0.2, 0.3, 0.6), (0.7, 0.7, 0.7)])
     meshes = [*meshes[:5], ball((-0.45, -0.55, 0.1), 0.42, 3, 5), ball((0.45, -0.5, -0.3), 0.45, 4, 5)]
     materials += [
@@ -57,8 +57,8 @@ def glass_and_mirror() -> SceneDescription:
     return described(meshes, materials, [lamp])
 
 
-def our_runs(description: SceneDescription, depth: int) -> np.ndarray:
-    """[runs, h, w, 3]: pictures with different seeds."""
+def tiscene_runs(description: SceneDescription, depth: int) -> np.ndarray:
+    """Return images with different seeds, [runs, h, w, 3]."""
     paths = PathPass(device_scene(description), SIZE, SIZE)
     view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, SIZE, SIZE)
     runs = []
@@ -69,9 +69,10 @@ def our_runs(description: SceneDescription, depth: int) -> np.ndarray:
 
 
 def mitsuba_runs(description: SceneDescription, depth: int) -> np.ndarray:
+    """Return images with different seeds, [runs, h, w, 3]."""
     mitsuba.set_variant("scalar_rgb")
     scene = mitsuba_scene.scene(mitsuba, description, BOX_CAMERA, SIZE, SIZE, max_depth=depth, spp=SPP)
-    # It samples independently and all lights alike: more samples make up for it.
+    # More samples compensate for independent sampling and uniform light selection.
     return np.array(
         [np.array(mitsuba.render(scene, spp=3 * SPP, seed=1000 + run)) for run in range(RUNS)], dtype=np.float64
     )
@@ -82,16 +83,16 @@ def mitsuba_runs(description: SceneDescription, depth: int) -> np.ndarray:
     [(cornell, 2), (cornell, DEPTH), (many_lights, DEPTH), (glass_and_mirror, 8)],
     ids=["direct light", "cornell box", "every light", "glass and mirror"],
 )
-def test_pictures_agree(build: object, depth: int) -> None:
+def test_images_match_mitsuba(build: object, depth: int) -> None:
     description = build()
-    ours, theirs = our_runs(description, depth), mitsuba_runs(description, depth)
+    ours, theirs = tiscene_runs(description, depth), mitsuba_runs(description, depth)
     ours_mean, theirs_mean = ours.mean(axis=0), theirs.mean(axis=0)
     error = np.hypot(ours.mean(axis=(1, 2, 3)).std(), theirs.mean(axis=(1, 2, 3)).std()) / np.sqrt(RUNS)
-    assert error < 0.0025 * theirs_mean.mean()  # or the next line would say nothing
+    assert error < 0.0025 * theirs_mean.mean()  # otherwise the next assertion would be weak
     assert ours_mean.mean() == pytest.approx(theirs_mean.mean(), rel=5e-3)
 
-    # Welch's test of every pixel's brightness. Šidák: one false alarm in a hundred runs of a whole picture. Pixels that
-    # a silhouette or a caustic crosses are not normally distributed in either: a part in a thousand may fail.
+    # Welch's test of every pixel's brightness, with Šidák's correction for one false alarm in a hundred images. Pixels
+    # at silhouettes and caustics are not normally distributed: one in a thousand may fail.
     ours, theirs = ours.mean(axis=3), theirs.mean(axis=3)
     noisy = np.minimum(ours.std(axis=0), theirs.std(axis=0)) > 1e-4 * theirs.mean()
     assert ours.mean(axis=0)[~noisy] == pytest.approx(theirs.mean(axis=0)[~noisy], rel=5e-3, abs=1e-3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path pass: furnace, formulas, MIS, determinism, and what must not matter."""
+"""The path pass: furnace tests, closed forms, MIS, determinism, independence of batches, threads and scenes."""
 
 import hashlib
 import math
@@ -46,13 +46,14 @@ FLOOR = quad((-50, 0, 50), (50, 0, 50), (50, 0, -50), (-50, 0, -50))
 
 
 def lit_box() -> SceneDescription:
+    """Return a Cornell box with a rectangular light."""
     meshes, materials = box(CORNELL)
     lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
     return described(meshes, materials, [lamp])
 
 
-def onto_the_floor(light: object, material: Material | None = None, textures: tuple[Texture, ...] = ()) -> float:
-    """Radiance of the floor at the origin under one light, direct light alone, per unit of albedo 1 / pi."""
+def floor_radiance(light: object, material: Material | None = None, textures: tuple[Texture, ...] = ()) -> float:
+    """Return the radiance of the floor at the origin by direct light of one light; default albedo 1."""
     scene = described([FLOOR], [material or matte("white", WHITE)], [light], textures)
     camera = Camera.look_at((3.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), vertical_fov=math.radians(0.1))
     return float(render(scene, camera, (8, 8), spp=64, max_depth=2).hdr[..., 1].mean())
@@ -60,15 +61,15 @@ def onto_the_floor(light: object, material: Material | None = None, textures: tu
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_white_furnace(name: str) -> None:
-    """A white ball in white surroundings cannot be seen: every mean is 1 within 1 %."""
+    """A white ball in a white environment is invisible: means are 1 within 1 %."""
     scene = described([ball((0.0, 0.0, 0.0), 0.8, subdivisions=5)], [MATERIALS[name]], [SKY])
     image = render(scene, CLOSE, (24, 24), spp=256, max_depth=64).hdr
     assert image.mean() == pytest.approx(1.0, abs=0.01)
     assert image[8:16, 8:16].mean() == pytest.approx(1.0, abs=0.01)
 
 
-def test_furnace_with_bounces() -> None:
-    """Albedo a inside a closed box of emission e: radiance e / (1 - a), through Russian roulette."""
+def test_closed_furnace_with_russian_roulette() -> None:
+    """Inside a closed box of albedo a and emission e, radiance is e / (1 - a)."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     faces = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     sides = [quad(*(tuple(corners[k]) for k in face)) for face in faces]
@@ -79,24 +80,24 @@ def test_furnace_with_bounces() -> None:
     assert render(scene, camera, spp=4, max_depth=1).hdr == pytest.approx(0.4, abs=1e-6)
 
 
-def test_a_rect_over_the_floor() -> None:
+def test_rect_light_matches_form_factor() -> None:
     light = RectLight("l", "/l", towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0)), WHITE, 1.0, 1.0)
     c = 0.5 / 2.0
     quarter = 2.0 * c / math.sqrt(1 + c * c) * math.atan(c / math.sqrt(1 + c * c)) / 2.0
-    assert onto_the_floor(light) == pytest.approx(4.0 * quarter / math.pi, rel=0.01)
+    assert floor_radiance(light) == pytest.approx(4.0 * quarter / math.pi, rel=0.01)
 
 
-def test_a_point_and_a_sun_over_the_floor() -> None:
+def test_point_and_distant_lights_match_closed_form() -> None:
     point = SphereLight("l", "/l", towards((0.0, 2.0, 1.0), (0.0, -1.0, 0.0)), (0.0, 7.0, 0.0), 0.0)
     cosine = 2.0 / math.sqrt(5.0)
-    assert onto_the_floor(point) == pytest.approx(7.0 * cosine / 5.0 / math.pi, rel=1e-3)
+    assert floor_radiance(point) == pytest.approx(7.0 * cosine / 5.0 / math.pi, rel=1e-3)
     sun = DistantLight("l", "/l", towards((0.0, 0.0, 0.0), (0.0, -3.0, 4.0)), (0.0, 7.0, 0.0), 0.0)
-    assert onto_the_floor(sun) == pytest.approx(7.0 * 0.6 / math.pi, rel=1e-3)
+    assert floor_radiance(sun) == pytest.approx(7.0 * 0.6 / math.pi, rel=1e-3)
 
 
 @pytest.mark.parametrize("others", [0, 1])
-def test_a_small_lamp_is_not_in_its_own_way(others: int) -> None:
-    """However many there are: a shadow ray begins beside the point from which its light was sampled."""
+def test_small_light_does_not_shadow_itself(others: int) -> None:
+    """Shadow rays begin at an offset origin, not at the point for which the light was sampled."""
     matrix = np.eye(4)
     matrix[:3, 3] = 0.0, 0.0, 0.5
     lamp = SphereLight("lamp", "/lamp", matrix, (1000.0,) * 3, 0.01)
@@ -113,7 +114,7 @@ def test_a_small_lamp_is_not_in_its_own_way(others: int) -> None:
 
 
 @pytest.mark.parametrize("casts_shadows", [True, False])
-def test_a_light_without_shadows_shines_through(casts_shadows: bool) -> None:
+def test_shadowless_light_is_not_occluded(casts_shadows: bool) -> None:
     black = matte("black", (0.0, 0.0, 0.0))
     shade = quad((-0.5, 1.0, 0.5), (0.5, 1.0, 0.5), (0.5, 1.0, -0.5), (-0.5, 1.0, -0.5), material=1)
     above = towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0))
@@ -141,15 +142,15 @@ def test_multipliers_of_diffuse_and_specular_response_add_up(depth: int) -> None
     assert lit(2.0, 0.5) == pytest.approx(2.0 * diffuse + 0.5 * specular, rel=0.01)
 
 
-def test_a_textured_dome_over_the_floor() -> None:
-    """Upper half 2, lower half 0, +y up: half of it is bright, and all of that is above the floor."""
+def test_textured_dome_light() -> None:
+    """Radiance 2 in the upper hemisphere, 0 in the lower; +y is up."""
     pixels = np.zeros((64, 128, 4), np.float32)
     pixels[:32, :, :3] = 2.0
     sky = DomeLight("sky", "/sky", np.eye(4), WHITE, 0)
-    assert onto_the_floor(sky, textures=(Texture("sky", pixels, "raw"),)) == pytest.approx(2.0, rel=0.01)
+    assert floor_radiance(sky, textures=(Texture("sky", pixels, "raw"),)) == pytest.approx(2.0, rel=0.01)
 
 
-def test_a_textured_floor_shows_its_texture() -> None:
+def test_texture_appears_in_radiance_and_albedo() -> None:
     pixels = np.zeros((2, 2, 4), np.uint8)
     pixels[0, 0], pixels[1, 1] = (255, 0, 0, 255), (0, 0, 255, 255)
     painted = matte("painted", TextureLookup(0))
@@ -164,8 +165,8 @@ def test_a_textured_floor_shows_its_texture() -> None:
     assert image.normal[32, 32] == pytest.approx([0.0, 0.0, 1.0], abs=1e-5)
 
 
-def test_detail_finer_than_a_pixel_does_not_shimmer() -> None:
-    """A chequered floor seen from afar is gray with one sample a pixel."""
+def test_textures_are_filtered_by_ray_cone() -> None:
+    """A distant checkerboard is gray at one sample per pixel."""
     pixels = np.zeros((512, 512, 4), np.uint8)
     pixels[np.indices((512, 512)).sum(axis=0) % 2 == 0] = 255
     plate = quad((-20.0, 0.0, 20.0), (20.0, 0.0, 20.0), (20.0, 0.0, -20.0), (-20.0, 0.0, -20.0))
@@ -174,11 +175,11 @@ def test_detail_finer_than_a_pixel_does_not_shimmer() -> None:
     scene = described([plate], [floor], [SKY], [Texture("t", pixels, "raw")])
     albedo = render(scene, camera, (64, 48), spp=1, max_depth=2).albedo[..., 0]
     assert albedo.mean() == pytest.approx(0.5, abs=0.01)
-    assert albedo.std() < 0.1  # of single pixels of the image it would be 0.5
+    assert albedo.std() < 0.1  # 0.5 for single texels
 
 
 @pytest.mark.parametrize(
-    "partly",
+    "opacity",
     [
         {"opacity": 0.25, "opacity_mode": "presence"},
         {"opacity": TextureLookup(0, "a")},
@@ -187,11 +188,11 @@ def test_detail_finer_than_a_pixel_does_not_shimmer() -> None:
     ],
     ids=["presence", "painted", "above the threshold", "below the threshold"],
 )
-def test_light_passes_what_is_partly_there(partly: dict[str, object]) -> None:
-    """Seen and shadowed through: a screen of coverage c before a lamp dims both by 1 - c."""
-    there = {0.2: 1.0, 0.3: 0.0}.get(partly.get("opacity_threshold"), 0.25)
+def test_partially_opaque_surface_transmits(opacity: dict[str, object]) -> None:
+    """A screen of opacity c reduces light and visibility of what is behind it by 1 - c."""
+    coverage = {0.2: 1.0, 0.3: 0.0}.get(opacity.get("opacity_threshold"), 0.25)
     screen = quad((-1, 1, 1), (1, 1, 1), (1, 1, -1), (-1, 1, -1), material=1)
-    black = Material("screen", diffuse_color=(0.0, 0.0, 0.0), use_specular_workflow=True, **partly)
+    black = Material("screen", diffuse_color=(0.0, 0.0, 0.0), use_specular_workflow=True, **opacity)
     pixels = np.full((1, 1, 4), 64, np.uint8)
     lights = [SphereLight("l", "/l", towards((0.0, 2.0, 0.0), (0, -1, 0)), WHITE, radius) for radius in (0.0, 0.3)]
     camera = Camera.look_at((3.0, 0.5, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), vertical_fov=math.radians(0.5))
@@ -201,20 +202,20 @@ def test_light_passes_what_is_partly_there(partly: dict[str, object]) -> None:
         for meshes in ([FLOOR], [FLOOR, screen]):
             scene = described(meshes, [matte("white", WHITE), black], [light], [Texture("t", pixels)])
             images.append(render(scene, camera, (8, 8), spp=64, max_depth=2).hdr.mean())
-        assert images[1] / images[0] == pytest.approx(1.0 - there, abs=0.02)
-    assert render(scene, up, (8, 8), spp=64, max_depth=2).hdr.mean() == pytest.approx(1.0 - there, abs=0.02)
+        assert images[1] / images[0] == pytest.approx(1.0 - coverage, abs=0.02)
+    assert render(scene, up, (8, 8), spp=64, max_depth=2).hdr.mean() == pytest.approx(1.0 - coverage, abs=0.02)
 
 
-def test_mis_changes_the_noise_but_not_the_mean() -> None:
+def test_mis_does_not_change_mean() -> None:
     description = lit_box()
     scene = device_scene(description)
     with_mis, without = (render(scene, BOX_CAMERA, (24, 24), spp=256, mis=mis).hdr for mis in (True, False))
-    # What a path sees of the light itself is the same in both.
+    # The visible light itself is the same in both.
     assert with_mis.mean() == pytest.approx(without.mean(), rel=5e-3)
 
 
-def test_many_lamps_have_the_same_mean_however_they_are_weighed() -> None:
-    """Lamps are chosen by the normal of what they light, which a path that runs into one does not know any more."""
+def test_mis_is_unbiased_with_many_lights() -> None:
+    """Lights are selected by the surface normal, which is unknown where a BSDF-sampled ray hits a light."""
     random = np.random.default_rng(4)
     lamps = []
     for number in range(40):
@@ -228,7 +229,7 @@ def test_many_lamps_have_the_same_mean_however_they_are_weighed() -> None:
     assert abs(difference) < 0.01
 
 
-def test_lights_are_seen_and_hide_what_is_behind() -> None:
+def test_lights_are_visible_and_occlude() -> None:
     lamp = RectLight("l", "/l", towards((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), (3.0, 4.0, 5.0), 10.0, 10.0)
     wall = quad((-9, -9, -1), (9, -9, -1), (9, 9, -1), (-9, 9, -1))
     image = render(described([wall], [matte("w", WHITE)], [lamp, SKY]), CLOSE, spp=4, max_depth=1)
@@ -236,7 +237,7 @@ def test_lights_are_seen_and_hide_what_is_behind() -> None:
     assert image.albedo.max() <= 1.0
 
 
-def test_mirrors_pass_the_denoisers_features_on() -> None:
+def test_denoiser_features_see_through_mirrors() -> None:
     mirror = Material("mirror", diffuse_color=WHITE, metallic=1.0, roughness=0.0)
     front = quad((-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0))
     back = quad((-50, -50, 9), (-50, 50, 9), (50, 50, 9), (50, -50, 9), material=1)
@@ -245,8 +246,8 @@ def test_mirrors_pass_the_denoisers_features_on() -> None:
     assert image.normal.mean(axis=(0, 1)) == pytest.approx([0.0, 0.0, -1.0], abs=1e-3)
 
 
-def test_a_normal_map_tilts_the_light() -> None:
-    """A normal map that leans by 30 degrees towards +u under a sun from +u: as bright as a surface that leans so."""
+def test_normal_map_tilts_shading_normal() -> None:
+    """A normal map tilted by 30 degrees toward +u, lit from +u, is as bright as a surface tilted so."""
     lean = math.radians(30.0)
     code = (np.array([math.sin(lean), 0.0, math.cos(lean), 1.0]) * 0.5 + 0.5).astype(np.float32)
     texture = Texture("n", np.tile(code, (2, 2, 1)).astype(np.float32), encoding="raw")
@@ -254,15 +255,16 @@ def test_a_normal_map_tilts_the_light() -> None:
     sun = DistantLight("sun", "/sun", towards((0, 0, 0), (-1.0, -1.0, 0.0)), (0.0, 1.0, 0.0))
     floor = matte("bumpy", WHITE, normal=lookup)
     expected = math.cos(math.radians(45.0 - 30.0)) / math.pi
-    assert onto_the_floor(sun, floor, (texture,)) == pytest.approx(expected, rel=2e-3)
+    assert floor_radiance(sun, floor, (texture,)) == pytest.approx(expected, rel=2e-3)
 
 
 def digest(image: np.ndarray) -> str:
+    """Return the SHA-256 of an image."""
     return hashlib.sha256(image.tobytes()).hexdigest()
 
 
 def fingerprint() -> str:
-    """Of pictures that use much: run by other processes too."""
+    """Return digests of images with glass, textures of light and many bounces; other processes run this too."""
     meshes, materials = box(CORNELL)
     meshes.append(ball((0.3, 0.3, 0.2), 0.4, 3))
     materials.append(Material("frosted", opacity=0.2, roughness=0.3, clearcoat=0.5))
@@ -280,7 +282,7 @@ def fingerprint() -> str:
     ],
 )
 def test_same_bytes_in_another_process(change: str) -> None:
-    """For any number of threads, and shaded in scalar instead of vector mode."""
+    """With other numbers of threads, and with kernels compiled in scalar instead of vector mode."""
     code = (
         "import contextlib\n"
         "from tiscene.device import runtime\n"
@@ -293,7 +295,7 @@ def test_same_bytes_in_another_process(change: str) -> None:
     assert result.stdout.split() == [fingerprint()]
 
 
-def test_same_bytes_for_any_size_of_batch() -> None:
+def test_bytes_do_not_depend_on_batch_size() -> None:
     scene = device_scene(lit_box())
     whole = render(scene, BOX_CAMERA, (20, 13), spp=5)
     for batch_size in (128, 1000, 1300):
@@ -302,7 +304,7 @@ def test_same_bytes_for_any_size_of_batch() -> None:
         assert digest(parts.albedo) == digest(whole.albedo)
 
 
-def test_frames_and_seeds_have_their_own_noise() -> None:
+def test_frames_and_seeds_have_independent_noise() -> None:
     scene = device_scene(lit_box())
     first = render(scene, BOX_CAMERA, spp=4).hdr
     assert digest(render(scene, BOX_CAMERA, spp=4).hdr) == digest(first)
@@ -312,8 +314,8 @@ def test_frames_and_seeds_have_their_own_noise() -> None:
         assert image.mean() == pytest.approx(first.mean(), rel=0.25)
 
 
-def test_scrambled_sobol_beats_independent_sampling() -> None:
-    """Sixteen samples of one frame against sixteen frames of one sample, which know nothing of each other."""
+def test_sobol_has_less_error_than_independent_sampling() -> None:
+    """Sixteen samples of one frame against sixteen independent frames of one sample."""
     scene = device_scene(lit_box())
     reference = render(scene, BOX_CAMERA, spp=1024, max_depth=4).hdr
     together = render(scene, BOX_CAMERA, spp=16, max_depth=4, seed=5).hdr
@@ -328,10 +330,11 @@ def test_scrambled_sobol_beats_independent_sampling() -> None:
 
 
 def compiled_kernels() -> int:
+    """Return the number of kernels compiled in this process."""
     return sum(len(kernel.compiled_kernels) for kernel in ti.lang.impl.get_runtime().kernels)
 
 
-def test_another_scene_and_another_size_compile_nothing() -> None:
+def test_new_scene_or_size_compiles_no_kernel() -> None:
     render(lit_box(), BOX_CAMERA, (8, 8), spp=2)
     before = compiled_kernels()
     pixels = np.full((4, 4, 4), 99, np.uint8)
@@ -343,13 +346,13 @@ def test_another_scene_and_another_size_compile_nothing() -> None:
     assert compiled_kernels() == before
 
 
-def test_an_empty_scene_is_its_surroundings() -> None:
+def test_empty_scene_shows_environment() -> None:
     assert render(described([], []), CLOSE, spp=1).hdr.max() == 0.0
     assert render(described([], [], [SKY]), CLOSE, spp=1).hdr == pytest.approx(1.0)
 
 
-def test_far_from_the_origin_there_are_no_speckles() -> None:
-    """Ray offsets follow the rounding of positions: the same ball, 3 km away."""
+def test_no_self_intersection_far_from_origin() -> None:
+    """Ray offsets scale with rounding: the same ball, 3 km away."""
     images = []
     for shift in (0.0, 3000.0):
         scene = described([ball((shift, 0.0, 0.0), 1.0, subdivisions=5)], [matte("m", (0.5, 0.5, 0.5))], [SKY])
@@ -362,8 +365,8 @@ def test_far_from_the_origin_there_are_no_speckles() -> None:
 
 @pytest.mark.parametrize("tilted", [False, True])
 @pytest.mark.parametrize("size", [20.0, 2000.0])
-def test_a_floor_is_not_in_its_own_shadow(size: float, tilted: bool) -> None:
-    """However wide it is and whatever else lies in its plane: below a white sky, all of it is white."""
+def test_floor_does_not_shadow_itself(size: float, tilted: bool) -> None:
+    """A white floor below a white sky is white, at any size and with other triangles in its plane."""
     near, far = 0.05, 0.5 * size
     square = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], float)
     rotation = matrix_from_quaternion((0.9, 0.3, -0.2, math.sqrt(0.06))) if tilted else np.eye(3)
@@ -377,7 +380,7 @@ def test_a_floor_is_not_in_its_own_shadow(size: float, tilted: bool) -> None:
     assert seen.mean() == pytest.approx(1.0, abs=2e-3)
 
 
-def test_a_lens_blurs_what_is_out_of_focus() -> None:
+def test_lens_blurs_out_of_focus_edges() -> None:
     plate = quad((-1, -1, 0), (0, -1, 0), (0, 1, 0), (-1, 1, 0))
     scene = device_scene(described([plate], [matte("w", (0, 0, 0), emissive_color=WHITE)]))
     sharp = Camera.look_at((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), lens_radius=0.2, focus_distance=4.0)
@@ -391,12 +394,12 @@ def test_a_lens_blurs_what_is_out_of_focus() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"spp": 0}, {"max_depth": 0}])
-def test_numbers_out_of_range(wrong: dict[str, int]) -> None:
+def test_numbers_out_of_range_raise(wrong: dict[str, int]) -> None:
     with pytest.raises(ArgumentError, match="at least 1"):
         render(described([], []), CLOSE, **wrong)
 
 
-def test_sizes_that_do_not_match() -> None:
+def test_mismatched_or_empty_size_raises() -> None:
     paths = PathPass(device_scene(described([], [])), 8, 8)
     with pytest.raises(ArgumentError, match="8x8"):
         paths.render(View(CLOSE, CLOSE, CLOSE, 8, 9), frame_index=0, seed=0, spp=1, max_depth=1)
@@ -404,10 +407,10 @@ def test_sizes_that_do_not_match() -> None:
         PathPass(device_scene(described([], [])), 0, 8)
 
 
-def test_samples_that_are_no_numbers_are_counted_and_left_out() -> None:
-    glow = matte("glow", (0.5, 0.5, 0.5), emissive_color=(float("inf"), 0.0, 0.0))
+def test_nonfinite_samples_are_counted_and_skipped() -> None:
+    emissive = matte("emissive", (0.5, 0.5, 0.5), emissive_color=(float("inf"), 0.0, 0.0))
     plate = quad((-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0))
-    paths = PathPass(device_scene(described([plate], [glow], [SKY])), 8, 8)
+    paths = PathPass(device_scene(described([plate], [emissive], [SKY])), 8, 8)
     image = paths.render(View(CLOSE, CLOSE, CLOSE, 8, 8), frame_index=0, seed=0, spp=3, max_depth=3)
     assert paths.nonfinite == 8 * 8 * 3
     assert np.isfinite(image.hdr).all()
