@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files are there whole or not at all."""
+"""Atomic writes, and locks on output folders."""
 
 import errno
 import os
+import subprocess
+import sys
+import threading
 
 import pytest
 
 from tiscene.errors import ExportError, export_errors
-from tiscene.files import write_atomically
+from tiscene.files import LOCK_NAME, FolderLockedError, lock_folder, write_atomically
 
 
 def full_disk(*_):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def test_a_file_is_never_seen_in_part(tmp_path, monkeypatch):
+def test_failed_write_leaves_the_old_file_and_no_partial_one(tmp_path, monkeypatch):
     target = tmp_path / "x" / "a.bin"
     write_atomically(target, b"old")
     monkeypatch.setattr("os.replace", full_disk)
@@ -24,7 +27,7 @@ def test_a_file_is_never_seen_in_part(tmp_path, monkeypatch):
     assert target.read_bytes() == b"old"
 
 
-def test_a_file_on_its_own_says_what_could_not_be_written(tmp_path, monkeypatch):
+def test_export_errors_names_the_file_that_cannot_be_written(tmp_path, monkeypatch):
     monkeypatch.setattr("pathlib.Path.write_bytes", full_disk)
     picture = tmp_path / "picture.png"
     with pytest.raises(ExportError, match=r"cannot write .*picture\.png.*No space left"), export_errors(picture):
@@ -32,7 +35,73 @@ def test_a_file_on_its_own_says_what_could_not_be_written(tmp_path, monkeypatch)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_have_the_rights_that_others_have(tmp_path):
+def test_atomic_write_gives_the_default_permissions(tmp_path):
     (tmp_path / "plain").write_bytes(b"")
     write_atomically(tmp_path / "a.bin", b"")
     assert (tmp_path / "a.bin").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_lock_of_a_folder_is_exclusive_and_leaves_no_file(tmp_path):
+    with lock_folder(tmp_path):
+        with (
+            pytest.raises(FolderLockedError, match=f"process {os.getpid()} on .* writes into it"),
+            lock_folder(tmp_path),
+        ):
+            pass
+        assert [path.name for path in tmp_path.iterdir()] == [LOCK_NAME]
+    assert list(tmp_path.iterdir()) == []
+    with lock_folder(tmp_path):
+        pass
+
+
+HOLDER = """
+import sys
+from pathlib import Path
+from tiscene.files import lock_folder
+
+with lock_folder(Path(sys.argv[1])):
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_lock_of_a_killed_process_is_free_and_its_partial_files_are_removed(tmp_path):
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    with holder:
+        assert holder.stdout.readline() == "locked\n"
+        with pytest.raises(FolderLockedError, match=f"process {holder.pid} "), lock_folder(tmp_path):
+            pass
+        holder.kill()
+    partial, own = tmp_path / "rgb" / f".000001.png.{holder.pid}.part", tmp_path / "movie.part"
+    for path in (partial, own):
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"half")
+    with lock_folder(tmp_path):
+        assert not partial.exists()
+        assert own.exists()
+
+
+def test_one_of_many_threads_at_a_time_holds_a_lock(tmp_path):
+    """The lock file is deleted at each release, while other threads try to lock it."""
+    holders, most, taken = [], [], []
+
+    def take_repeatedly():
+        while len(taken) < 200:
+            try:
+                with lock_folder(tmp_path):
+                    holders.append(1)
+                    most.append(len(holders))
+                    taken.append(1)
+                    holders.pop()
+            except FolderLockedError:
+                pass
+
+    threads = [threading.Thread(target=take_repeatedly) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60.0)
+    assert max(most) == 1
+    assert list(tmp_path.iterdir()) == []

@@ -1,26 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """tiscene: endless, exactly repeatable streams of path-traced, labeled frames from USD scenes.
 
-Names are imported at first use, so that `import tiscene` is instant and starts no Taichi.
+`Stream` renders a scene or a `Scenario`; `scenes()` and `templates()` list what the catalog has. Names are imported at
+first use, so that `import tiscene` is fast and does not start Taichi.
 
-From the user's side down::
+Packages, from the user's side down::
 
     cli            command line
     export         frames to files
     sailenv        SAILenv's API and wire protocol
-    stream         one frame after another
+    stream         streams of frames: iteration, random access, state
     randomization  random scenarios
     world          state of objects, cameras and lights at each frame
     render         labels, path tracing, incremental rendering, film
     frame          frames, buffers, object tables, events
-    scenario       what happens in a scene
+    scenario       scenarios: objects, timings, edits, files
     usd            USD files to scene descriptions and back
     scene          scene data: on the host, and as device arrays
-    device         Taichi
-    catalog        names of scenes and templates to files
+    device         start-up and memory of Taichi
+    catalog        scenes and templates by name
     validation, errors, files
 
-`dynamics`, which moves bodies, and `usd_scenes`, the scenes, are packages beside this one.
+Two packages stand beside this one: `dynamics` simulates motion, `usd_scenes` contains the shipped scenes.
 """
 
 from __future__ import annotations

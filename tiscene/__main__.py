@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m tiscene`."""
+"""`python -m tiscene`: the command `tiscene`."""
 
 import sys
 

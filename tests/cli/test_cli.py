@@ -325,11 +325,11 @@ def test_show_and_inspect_of_a_scenario_are_of_its_scene(tmp_path, capsys):
 
 
 def test_show_shortens_long_lists():
-    from tiscene.cli.show import _objects
+    from tiscene.cli.show import object_lines
     from tiscene.scene.description import SceneDescription, SceneObject
 
     books = [SceneObject(f"Book{k}", f"/Book{k}", "book") for k in range(10)]
-    (line,) = _objects(SceneDescription("shelf", objects=tuple(books)))
+    (line,) = object_lines(SceneDescription("shelf", objects=tuple(books)))
     assert line == "book: Book0, Book1, Book2, Book3, Book4, Book5, Book6, Book7, and 2 more"
 
 

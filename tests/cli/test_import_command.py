@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene import`: what it writes, says and returns."""
+"""`tiscene import`: files, output and errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def model(tmp_path):
     return path
 
 
-def test_a_model_becomes_a_template_with_a_name(model, tmp_path, capsys, monkeypatch):
+def test_import_makes_a_template_of_a_model(model, tmp_path, capsys, monkeypatch):
     library = tmp_path / "library"
     arguments = ["import", str(model), "-o", str(library), "--name", "Chair 03", "--label", "chair"]
     assert cli.main(arguments) == 0
@@ -28,13 +28,15 @@ def test_a_model_becomes_a_template_with_a_name(model, tmp_path, capsys, monkeyp
     assert f"export TISCENE_PATH={library}" in out
     monkeypatch.setenv("TISCENE_PATH", str(library))
     assert catalog.find_template("Chair 03") == library / "templates" / "chair_03" / "template.usda"
-    assert cli.main(["import", str(model), "--unit", "10", "--license", "mine"]) == 0  # now to the library
+    assert (
+        cli.main(["import", str(model), "--unit", "10", "--license", "mine"]) == 0
+    )  # into the first folder of TISCENE_PATH
     out = capsys.readouterr().out
-    assert "40 m is unusual for something in a room: is --unit right?" in out
+    assert "40 m is an unusual size for an object in a room: is --unit correct?" in out
     assert "TISCENE_PATH" not in out
 
 
-def test_a_whole_catalog(furniture_catalog, tmp_path, capsys):
+def test_import_of_a_catalog_makes_a_template_of_each_model(furniture_catalog, tmp_path, capsys):
     assert cli.main(["import", str(furniture_catalog), "-o", str(tmp_path / "library")]) == 0
     captured = capsys.readouterr()
     assert "2 of 3 models of test.sh3f are in" in captured.out
@@ -46,11 +48,13 @@ def test_a_whole_catalog(furniture_catalog, tmp_path, capsys):
     ("arguments", "expected"),
     [
         (["gone.obj"], "no file 'gone.obj'"),
-        (["{catalog}", "--name", "x"], "leave --name out"),
-        (["{model}", "--name", "!"], "needs a letter or a digit"),
+        (["{catalog}", "--name", "x"], "--name: a catalog defines this for each of its models; leave it out"),
+        (["{model}", "--name", "!"], "must have a letter or a digit"),
     ],
 )
-def test_mistakes(arguments, expected, model, furniture_catalog, tmp_path, capsys, monkeypatch):
+def test_user_errors_have_status_2_and_a_message(
+    arguments, expected, model, furniture_catalog, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     words = [word.format(model=model, catalog=furniture_catalog) for word in arguments]
     assert cli.main(["import", *words]) == 2

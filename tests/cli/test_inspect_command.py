@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene inspect`: what it says of a file."""
+"""`tiscene inspect`: the report on a file."""
 
 from __future__ import annotations
 
@@ -36,25 +36,26 @@ def Xform "Room" (
 
 
 def inspected(capsys, *words) -> str:
+    """Return the output of `tiscene inspect`."""
     assert cli.main(["inspect", *map(str, words)]) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
     return captured.out
 
 
-def test_what_is_said_of_a_stage(tmp_path, capsys):
+def test_report_on_a_stage(tmp_path, capsys):
     path = write(tmp_path, TINY, meters=0.01)
     out = inspected(capsys, path)
     for line in (
-        "1 layer, 0.01 m a unit, Y up",
+        "1 layer, 0.01 m per unit, Y up",
         "3 prims, 0 of them instances: 1 Xform, 1 Cube, 1 Volume",
         "variants /Room{light}: [off], on",
-        "labels: none, so that names stand for them",
+        "labels: none; names of prims are used instead",
         "0.05 x 0.05 x 0.05 m",
         "12 triangles in 1 mesh, placed 1 time: 12",
-        "1 thing: 1 Box",
+        "1 object: 1 Box",
         "prims of type Volume are not drawn: </Room/Smoke>",
-        "everything together is 5 cm long (metersPerUnit is 0.01)",
+        "the scene is 5 cm long (metersPerUnit is 0.01)",
         "there is no light",
         "there is no camera",
     ):
@@ -64,41 +65,41 @@ def test_what_is_said_of_a_stage(tmp_path, capsys):
     assert "there is no light" not in lit
 
 
-def test_an_empty_file_and_one_that_is_far_away(tmp_path, capsys):
+def test_report_on_an_empty_stage_and_on_one_far_from_the_origin(tmp_path, capsys):
     path = tmp_path / "a.usda"
     path.write_text("#usda 1.0\n")
     out = inspected(capsys, path)
     assert "0 prims, 0 of them instances\n" in out
-    assert "0 things\n" in out
-    assert "there is nothing to see" in out
+    assert "0 objects\n" in out
+    assert "there is no geometry to render" in out
     path.write_text(
         '#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "A"\n{\n    double3 xformOp:translate = (4e6, 0, 0)\n'
         '    uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
     )
-    assert "everything is far from the origin" in inspected(capsys, path)
+    assert "the scene is far from the origin" in inspected(capsys, path)
 
 
-def test_a_file_that_does_not_say_its_unit(tmp_path, capsys):
+def test_report_on_a_stage_without_a_unit(tmp_path, capsys):
     path = tmp_path / "a.usda"
     path.write_text('#usda 1.0\ndef Cube "A"\n{\n}\n')
     out = inspected(capsys, path)
-    assert "0.01 m a unit (unauthored)" in out
-    assert "2 cm long (metersPerUnit is 0.01, USD's default: the file does not say)" in out
+    assert "0.01 m per unit (unauthored)" in out
+    assert "2 cm long (metersPerUnit is 0.01, USD's default, since the file has none)" in out
 
 
-def test_a_file_that_is_not_trusted(capsys):
+def test_report_on_an_untrusted_file_is_of_the_rendered_content_alone(capsys):
     out = inspected(capsys, STAGES / "scatter.usda", "--untrusted")
     assert out.lstrip().startswith("Rendered (read in ")
     assert "Nothing is left out." in out
 
 
-def test_an_imported_model_tells_its_license(tmp_path, capsys):
+def test_report_on_an_imported_model_has_its_license(tmp_path, capsys):
     (tmp_path / "box.obj").write_text(BOX)
     assert cli.main(["import", str(tmp_path / "box.obj"), "-o", str(tmp_path), "--license", "CC0\nmore"]) == 0
     capsys.readouterr()
     out = inspected(capsys, tmp_path / "templates" / "box" / "template.usda")
     assert "license: CC0 ..." in out
-    assert "1 movable thing" in out
+    assert "1 movable object" in out
 
 
 @pytest.mark.parametrize(
@@ -110,14 +111,14 @@ def test_an_imported_model_tells_its_license(tmp_path, capsys):
         (["gone.usda"], "no file 'gone.usda'"),
     ],
 )
-def test_mistakes(words, expected, tmp_path, capsys):
+def test_user_errors_have_status_2_and_a_message(words, expected, tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     names = {"stage": write(tmp_path, TINY), "empty": tmp_path / "empty"}
     assert cli.main(["inspect", *(word.format(**names) for word in words)]) == 2
     assert expected in capsys.readouterr().err
 
 
-def test_what_plays_is_counted(tmp_path, capsys):
+def test_report_counts_animated_and_deforming_meshes(tmp_path, capsys):
     body = """
 def Xform "Mill" (
     kind = "component"
@@ -134,4 +135,4 @@ def Xform "Mill" (
     }
 }
 """
-    assert "1 mesh that deform; 1 mesh that move in their things" in inspected(capsys, write(tmp_path, body))
+    assert "1 deforming mesh; 1 animated mesh within objects" in inspected(capsys, write(tmp_path, body))

@@ -66,5 +66,5 @@ def test_depth_is_rounded_to_millimeters_and_clipped():
 def test_id_beyond_16_bits_raises_export_error():
     ids = np.array([[0, 65535]], np.int32)
     assert read("x.png", png.encode(frame(instance=ids))["instance/000003.png"]).tolist() == [[0, 65535]]
-    with pytest.raises(ExportError, match=r"'instance' holds the id 65536.*exr or npz"):
+    with pytest.raises(ExportError, match=r"'instance' has the id 65536.*exr or npz"):
         png.encode(frame(instance=ids + 1))

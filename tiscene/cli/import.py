@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene import`: other people's models as templates on the search path."""
+"""`tiscene import`: make templates of model files, in a library on the search path."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from tiscene.usd.importers.import_template import import_asset
 from tiscene.usd.importers.sweet_home_3d import FurnitureCatalog
 from tiscene.usd.read.template import read_template
 
-_USUAL = (0.005, 20.0)  # m, of the longest side of something in a room
+_USUAL_SIZE = (0.005, 20.0)  # m, of the longest side of an object in a room
 
 
 def run(args: argparse.Namespace) -> None:
-    """Import a model, or a whole furniture catalog."""
+    """Import a model, or all models of a furniture catalog."""
     library = Path(args.output or next(iter(catalog.search_path()[:-1]), "tiscene-assets"))
     if Path(args.file).suffix.lower() == ".sh3f":
-        given = [f"--{key}" for key in ("name", "label", "unit", "up", "author", "license") if getattr(args, key)]
-        if given or args.keep_origin:
-            raise ArgumentError(f"a catalog says that of each of its models: leave {', '.join(given) or 'it'} out")
+        options = [f"--{key}" for key in ("name", "label", "unit", "up", "author", "license") if getattr(args, key)]
+        options += ["--keep-origin"] * args.keep_origin
+        if options:
+            raise ArgumentError(f"{', '.join(options)}: a catalog defines this for each of its models; leave it out")
         _import_catalog(Path(args.file), library)
     else:
         _import_model(args, library)
@@ -54,7 +55,7 @@ def _import_model(args: argparse.Namespace, library: Path) -> None:
         license=license,
         author=args.author,
     )
-    _tell(path)
+    _print_template(path)
 
 
 def _import_catalog(file: Path, library: Path) -> None:
@@ -65,16 +66,16 @@ def _import_catalog(file: Path, library: Path) -> None:
         return _folder(library, f"{name} {used[name]:02d}")
 
     furniture = FurnitureCatalog(file)
-    done = 0
+    imported = 0
     with progress(f"importing {file.name}", len(furniture.entries)) as step:
         for _, path in furniture.import_into(lambda entry: folder_of(_title(entry.name))):
-            done += path is not None
+            imported += path is not None
             step()
-    print(f"{done} of {len(furniture.entries)} models of {file.name} are in {library / 'templates'}")
+    print(f"{imported} of {len(furniture.entries)} models of {file.name} are in {library / 'templates'}")
 
 
-def _tell(path: Path) -> None:
-    """One line about a template, which is read to see that it can be."""
+def _print_template(path: Path) -> None:
+    """Print name, size and triangles of a template. Reading it also checks it."""
     description = read_template(path).description
     low, high = description.bounds()
     triangles = sum(len(mesh.triangles) for mesh in description.meshes)
@@ -82,17 +83,18 @@ def _tell(path: Path) -> None:
     print(f"{catalog.template_name(path.parent.name)}: {sides} m, {triangles:,} triangle{'s' * (triangles != 1)}")
     print(f"  {path}")
     longest = float(np.max(high - low))
-    if not _USUAL[0] <= longest <= _USUAL[1]:
-        print(f"  {longest:.3g} m is unusual for something in a room: is --unit right?")
+    if not _USUAL_SIZE[0] <= longest <= _USUAL_SIZE[1]:
+        print(f"  {longest:.3g} m is an unusual size for an object in a room: is --unit correct?")
 
 
 def _folder(library: Path, name: str) -> Path:
-    """Where the catalog finds a template of that name: "Chair 03" in templates/chair_03."""
+    """Return the folder of a template in a library: "Chair 03" is in templates/chair_03."""
     folder = re.sub(r"\W+", "_", name.strip().lower()).strip("_")
     if not folder:
-        raise ArgumentError(f"name={name!r}: needs a letter or a digit")
+        raise ArgumentError(f"name={name!r}: must have a letter or a digit")
     return library / "templates" / folder
 
 
 def _title(name: str) -> str:
+    """Return a file name as words: "oak_chair-01" is "oak chair 01"."""
     return " ".join(re.sub(r"[\W_]+", " ", os.path.basename(name)).split())

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry point of the command `tiscene`.
 
-Exit status: 0 success, 1 the reader closed the pipe, 2 a user error explained by the message, 130 interrupted.
-Commands are imported when they run, so that `tiscene --help` is instant.
+Exit status: 0 success, 1 closed output pipe, 2 user error (explained on stderr), 130 interrupted. Commands are imported
+when they run, so that `tiscene --help` is fast.
 """
 
 from __future__ import annotations
@@ -22,7 +22,14 @@ from tiscene.errors import StageWarning, TisceneError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line (default: this process's); return the exit status."""
+    """Run a command.
+
+    Args:
+        arguments: Command-line arguments; None for those of this process.
+
+    Returns:
+        The exit status.
+    """
     top = parser()
     args = top.parse_args(arguments)
     if args.command is None:
@@ -32,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.simplefilter("always", StageWarning)
         warnings.showwarning = _show_warning
         try:
-            with _interrupts_later():
+            with _delayed_interrupts():
                 command = importlib.import_module(f"tiscene.cli.{args.command}")
             command.run(args)
             sys.stdout.flush()
@@ -43,29 +50,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("tiscene: interrupted", file=sys.stderr)
             return 130
         except BrokenPipeError:
-            # The reader has left (`tiscene list | head`). Python would complain once more at its own end.
+            # For example `tiscene list | head`. Without this, Python reports the closed pipe once more at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
     return 0
 
 
 @contextmanager
-def _interrupts_later() -> Iterator[None]:
-    """Ctrl-C inside counts at the end: while pxr is imported, its C++ would swallow it."""
-    usual = signal.default_int_handler
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not usual:
+def _delayed_interrupts() -> Iterator[None]:
+    """Raise a KeyboardInterrupt of the block at its end: the C++ code of pxr would swallow it during its import."""
+    default = signal.default_int_handler
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not default:
         yield
         return
-    came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    received: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: received.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, usual)
-    if came:
+        signal.signal(signal.SIGINT, default)
+    if received:
         raise KeyboardInterrupt
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """One line, without the place in our source that Python would add."""
+    """Print a warning as one line, without its place in the source code."""
     print(f"tiscene: warning: {message}", file=sys.stderr)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene serve`: SAILenv's protocol over TCP."""
+"""`tiscene serve`: serve SAILenv clients over TCP."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tiscene.sailenv.server import Server
 
 
 def run(args: argparse.Namespace) -> None:
-    """Serve until interrupted; print the address when clients may come."""
+    """Serve until interrupted; print the address once clients can connect."""
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(args.verbose, 2)]
     logging.basicConfig(level=level, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
     logging.getLogger("asyncio").setLevel(logging.ERROR)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene show`: what a scene holds."""
+"""`tiscene show`: print the size, cameras, lights, objects and templates of a scene."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import DistantLight, Light, SceneDescription
 from tiscene.usd.read.stage_reader import read_stage
 
-SHOWN = 8  # names of objects in a line
+MAX_NAMES = 8  # names of objects in a line
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print it."""
+    """Print the contents of a scene."""
     path = stage_file(args.scene)
     stage = read_stage(path)
     templates = sorted({template.name for template in stage.templates} | set(catalog.templates()))
@@ -29,18 +29,18 @@ def run(args: argparse.Namespace) -> None:
     print(f"Size: {size} m (x, y, z), {stage.up_axis} up; {triangle_count(stage):,} triangles")
     _section("Cameras", [_camera(camera) for camera in stage.cameras])
     _section("Lights", [_light(light) for light in stage.lights])
-    _section("Objects", _objects(stage), len(stage.objects))
+    _section("Objects", object_lines(stage), len(stage.objects))
     _section("Templates", templates)
 
 
 def stage_file(source: str) -> Path:
-    """The USD file of a scene, or of the scene of a scenario (.json)."""
+    """Return the USD file of a scene, or of the scene of a scenario (.json)."""
     path = catalog.find_scene(source)
     return catalog.find_scene(Scenario.load(path).scene) if path.suffix.lower() == ".json" else path
 
 
 def triangle_count(stage: SceneDescription) -> int:
-    """Triangles as placed: those of a mesh count once for each of its instances."""
+    """Return the number of triangles; those of a mesh count once for each of its instances."""
     return sum(len(stage.meshes[instance.mesh].triangles) for instance in stage.instances)
 
 
@@ -51,10 +51,10 @@ def _section(title: str, lines: list[str], count: int | None = None) -> None:
 
 
 def _camera(camera: Camera) -> str:
-    place = ", ".join(f"{component:.2f}" for component in camera.position)
+    position = ", ".join(f"{component:.2f}" for component in camera.position)
     if camera.orthographic_height is not None:
-        return f"{camera.name}: at ({place}), orthographic, {camera.orthographic_height:.3g} m high"
-    return f"{camera.name}: at ({place}), {math.degrees(camera.vertical_fov):.0f} degrees high"
+        return f"{camera.name}: at ({position}), orthographic, {camera.orthographic_height:.3g} m high"
+    return f"{camera.name}: at ({position}), {math.degrees(camera.vertical_fov):.0f} degrees high"
 
 
 def _light(light: Light) -> str:
@@ -66,14 +66,14 @@ def _light(light: Light) -> str:
     return f"{light.name}: {kind}{textured}, {max(radiance):.3g} W/m²/sr"
 
 
-def _objects(stage: SceneDescription) -> list[str]:
-    """Categories with the names of what has them, the first few."""
+def object_lines(stage: SceneDescription) -> list[str]:
+    """Return a line for each category with the names of its first objects."""
     names: dict[str, list[str]] = {}
     for item in stage.objects:
         names.setdefault(item.category or "(no category)", []).append(item.name)
     lines = []
     for category in sorted(names):
-        shown = sorted(names[category])
-        more = [f"and {len(shown) - SHOWN} more"] if len(shown) > SHOWN else []
-        lines.append(f"{category}: {', '.join(shown[:SHOWN] + more)}")
+        members = sorted(names[category])
+        more = [f"and {len(members) - MAX_NAMES} more"] if len(members) > MAX_NAMES else []
+        lines.append(f"{category}: {', '.join(members[:MAX_NAMES] + more)}")
     return lines

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures in a row as one animated file that browsers show: .webp (small, full color), .gif or .png."""
+"""Animated images that browsers show: WebP (small, full color), GIF or APNG."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from PIL import Image
 from tiscene.errors import ArgumentError, export_errors
 from tiscene.files import write_atomically
 
+# Arguments of PIL.Image.save by suffix.
 OPTIONS: dict[str, dict[str, Any]] = {
     ".webp": {"format": "webp", "quality": 82, "method": 4},
     ".gif": {"format": "gif", "optimize": False},
@@ -23,16 +24,22 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def write_animation(path: str | Path, images: Sequence[NDArray[np.uint8]], fps: float) -> None:
-    """Write uint8 images [h, w, 3] of one size as an endless loop.
+    """Write an animation that loops forever.
 
-    Raises ArgumentError for a suffix that is not in OPTIONS, for no images, or for images of different sizes,
-    ExportError if it cannot be written.
+    Args:
+        path: A file with the suffix .webp, .gif or .png.
+        images: uint8 [h, w, 3], all of the same size.
+        fps: Images per second.
+
+    Raises:
+        ArgumentError: Another suffix, no images, or images of different sizes.
+        ExportError: The file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in OPTIONS:
-        raise ArgumentError(f"{str(path)!r}: an animation ends in {', '.join(OPTIONS)}")
+        raise ArgumentError(f"{str(path)!r}: the suffix of an animation must be {', '.join(OPTIONS)}")
     if not images or len({image.shape for image in images}) != 1:
-        raise ArgumentError("an animation needs one image or more, all of one size")
+        raise ArgumentError("an animation needs at least one image, and all must have the same size")
     first, *rest = [Image.fromarray(image) for image in images]
     data = io.BytesIO()
     options = OPTIONS[path.suffix.lower()]

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cryptomatte, specification 1.2.0 (Friedman and Jones, Psyop): one OpenEXR file a frame with mattes of what it shows.
+"""Cryptomatte files, specification 1.2.0 (Friedman and Jones, Psyop): one OpenEXR file per frame with object mattes.
 
-`CryptoObject` has a matte for each object, called by its prim path, or where it was spawned by its name;
-`CryptoAsset` one for all that are of one asset, called as that, or as the object where there is none;
-`CryptoMaterial` one for each material, called by its prim path; `CryptoCategory` one for each semantic category.
-Six ranks of each lie in the 32-bit float channels `CryptoObject00.R` (id) `.G` (coverage) `.B` (id) `.A` (coverage),
-`CryptoObject01.R` and so on; the attributes `cryptomatte/...` hold the manifest. `rgb` or `hdr`, where the frame has
-it, is the picture beside them (half floats R G B, scene-linear).
+Sets of mattes: `CryptoObject`, one for each object, named by its prim path, or by its name if it was spawned;
+`CryptoAsset`, one for all objects of an asset, named after the asset, or after the object without one;
+`CryptoMaterial`, one for each material, named by its prim path; `CryptoCategory`, one for each semantic category.
 
-`decode` reads such a file, of whatever renderer.
+Each set has six ranks in the 32-bit float channels `CryptoObject00.R` (id), `.G` (coverage), `.B` (id), `.A`
+(coverage), `CryptoObject01.R` and so on, and its manifest in the attributes `cryptomatte/...`. If the frame has `hdr`
+or `rgb`, it is included as the image (half floats R G B, scene-linear).
+
+`decode` reads such files of any renderer.
 """
 
 from __future__ import annotations
@@ -30,16 +31,19 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
     from tiscene.frame.object_table import ObjectRow
 
-BUFFERS = ("coverage", "material_coverage")  # what mattes are made of
+BUFFERS = ("coverage", "material_coverage")  # the buffers that mattes are made of
 HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"
 _MASK = 0xFFFFFFFF
 
 
 @dataclass(frozen=True, eq=False)
 class Mattes:
-    """One set of mattes. names: hash of each name that the manifest has, as a float's bits.
+    """One set of mattes.
 
-    ids: uint32 [h, w, ranks], the bits; 0 for nothing. weights: float32 [h, w, ranks].
+    Attributes:
+        names: The hash of each name in the manifest, as the bits of a float.
+        ids: Hashes, uint32 [h, w, ranks]; 0 for none.
+        weights: Coverage of each rank, float32 [h, w, ranks].
     """
 
     names: Mapping[str, int]
@@ -47,7 +51,7 @@ class Mattes:
     weights: NDArray[np.float32]
 
     def matte(self, name: str) -> NDArray[np.float32]:
-        """How much of each pixel that name fills, float32 [h, w]. Raises ExportError if the manifest has it not."""
+        """Return the coverage of each pixel by a name, float32 [h, w]. Raises ExportError for an unknown name."""
         if name not in self.names:
             raise ExportError(f"there is no matte {name!r}; there are {', '.join(map(repr, sorted(self.names)))}")
         result: NDArray[np.float32] = np.where(self.ids == self.names[name], self.weights, 0.0).sum(axis=-1)
@@ -55,7 +59,7 @@ class Mattes:
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """The file of a frame. Raises BufferNotFound without one of BUFFERS."""
+    """Return the file of a frame by its name. Raises BufferNotFound without one of BUFFERS."""
     import OpenEXR
 
     objects = {row.id: _object_name(row) for row in frame.objects}
@@ -81,7 +85,12 @@ def encode(frame: Frame) -> dict[str, bytes]:
 
 
 def decode(path: str | Path) -> dict[str, Mattes]:
-    """The sets of mattes in a file, by name. Raises MissingFile, ExportError for a file that has none."""
+    """Read the sets of mattes of a file, by name.
+
+    Raises:
+        MissingFile: There is no such file.
+        ExportError: The file has no Cryptomatte.
+    """
     import OpenEXR
 
     if not Path(path).is_file():
@@ -106,14 +115,14 @@ def decode(path: str | Path) -> dict[str, Mattes]:
 
 
 def hash_of(name: str) -> int:
-    """The bits of the float that a name is called by: its MurmurHash3, the exponent kept from 0 and 255."""
+    """Return the id of a name as the bits of a float: its MurmurHash3, changed where the exponent would be 0 or 255."""
     bits = murmur3(name.encode())
     exponent = bits >> 23 & 0xFF
     return bits ^ 1 << 23 if exponent in (0, 255) else bits
 
 
 def murmur3(data: bytes, seed: int = 0) -> int:
-    """MurmurHash3_x86_32 (Appleby), a public standard."""
+    """Return MurmurHash3_x86_32 (Appleby) of some bytes."""
     state = seed
     for start in range(0, len(data), 4):
         block = data[start : start + 4]
@@ -128,23 +137,33 @@ def murmur3(data: bytes, seed: int = 0) -> int:
 
 
 def _rotated(word: int, by: int) -> int:
+    """Rotate 32 bits to the left."""
     return (word << by | word >> 32 - by) & _MASK
 
 
 def _object_name(row: ObjectRow) -> str:
-    """Its prim path, also where that is a prim which moves, and so an object of the scenario with the prim's name."""
-    moves = row.template.startswith("/") and row.template.rpartition("/")[2] == row.name
-    return row.prim_path or (row.template if moves else row.name)
+    """Return the prim path of an object; its name if it was spawned.
+
+    A dynamic prim is an object of the scenario whose template is its prim path and whose name is that of the prim.
+    """
+    is_dynamic_prim = row.template.startswith("/") and row.template.rpartition("/")[2] == row.name
+    return row.prim_path or (row.template if is_dynamic_prim else row.name)
 
 
 def _ranked(coverage: NDArray[np.float32], hashes: Mapping[int, int]) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
-    """Hashes and weights [h, w, ranks] of a coverage buffer, those that share a hash together, the most first."""
+    """Convert a coverage buffer to hashes and weights [h, w, ranks].
+
+    Ids with the same hash are merged; ranks are sorted by descending weight.
+
+    Args:
+        coverage: Pairs of id and weight, [h, w, ranks, 2].
+        hashes: The hash of each id.
+    """
     known = np.array([0, *hashes], np.int64)
     table = np.array([0, *hashes.values()], np.uint32)
     order = np.argsort(known)
     ids = coverage[..., 0].astype(np.int64)
-    place = np.minimum(np.searchsorted(known[order], ids), len(known) - 1)
-    found = order[place]
+    found = order[np.minimum(np.searchsorted(known[order], ids), len(known) - 1)]
     bits = np.where(known[found] == ids, table[found], 0).astype(np.uint32)
     weights = np.where(bits > 0, coverage[..., 1], 0.0).astype(np.float32)
     for rank in range(1, bits.shape[-1]):
@@ -158,7 +177,7 @@ def _ranked(coverage: NDArray[np.float32], hashes: Mapping[int, int]) -> tuple[N
 
 
 def _layer(name: str, ids: NDArray[np.uint32], weights: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-    """Channels by name: two ranks in the R G B A of each level."""
+    """Return the channels of a set by name, two ranks in the R G B A of each level."""
     channels = {}
     for rank in range(ids.shape[-1]):
         level, (id_channel, weight_channel) = f"{name}{rank // 2:02d}", ("RG", "BA")[rank % 2]
@@ -168,6 +187,7 @@ def _layer(name: str, ids: NDArray[np.uint32], weights: NDArray[np.float32]) -> 
 
 
 def _attributes(layer: str, hashes: Mapping[str, int]) -> dict[str, str]:
+    """Return the header attributes of a set."""
     key = f"cryptomatte/{murmur3(layer.encode()):08x}"[: len("cryptomatte/") + 7]
     manifest = {name: f"{bits:08x}" for name, bits in sorted(hashes.items())}
     return {

@@ -83,7 +83,9 @@ def export(
     missing = [name for name in REQUIRED_BUFFERS.get(format, ()) if name not in stream.buffers]
     if missing:
         required = (*stream.buffers, *missing)
-        raise ArgumentError(f"format={format!r} requires the buffer {missing[0]!r}: make the stream with buffers={required!r}")
+        raise ArgumentError(
+            f"format={format!r} requires the buffer {missing[0]!r}: make the stream with buffers={required!r}"
+        )
     if frames is None:
         if stream.frames is None:
             raise ArgumentError("frames=None: the stream is endless; pass the frames to export, such as range(100)")

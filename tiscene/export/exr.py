@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One multi-part OpenEXR file a frame, one part a buffer, named as the buffer, zip-compressed and without time stamps.
+"""OpenEXR: one multi-part file per frame with one part per buffer, zip-compressed and without time stamps.
+
+Parts have the names of the buffers.
 
 ================================  ==========  ==========================================================
 buffer                            channels    type
@@ -8,12 +10,12 @@ buffer                            channels    type
 `depth`, `distance`               Z           float, m; no hit is +inf
 `semantic`, `instance`, `part`    id          uint
 flows, `uv`                       U V         float
-`coverage`, `material_coverage`   id0 weight0 float; id1 weight1 and so on, the most first
+`coverage`, `material_coverage`   id0 weight0 float; id1 weight1 and so on, by descending weight
 other vectors                     X Y Z       float
-other scalars                     Y           float; masks half, 1 is True
+other scalars                     Y           float; masks are half, 1 is True
 ================================  ==========  ==========================================================
 
-The half `rgb` gives back the very bytes: decode with the sRGB curve, times 255, rounded.
+The bytes of `rgb` are recovered exactly: encode the half floats with the sRGB curve, multiply by 255 and round.
 """
 
 from __future__ import annotations
@@ -30,11 +32,11 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
 COLORS = ("rgb", "hdr", "denoised", "albedo")
-LARGEST_HALF = 65504.0
+MAX_HALF = 65504.0
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """The files of a frame, name to contents."""
+    """Return the file of a frame by its name."""
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -45,14 +47,14 @@ def encode(frame: Frame) -> dict[str, bytes]:
 
 
 def channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Channel names to contiguous arrays [h, w] of the channel's type."""
+    """Return the channels of a buffer by name, as contiguous arrays [h, w]."""
     if name.endswith("coverage"):
         ranks = range(buffer.shape[2])
-        pairs = {f"{what}{rank}": buffer[..., rank, k] for rank in ranks for k, what in enumerate(("id", "weight"))}
+        pairs = {f"{name}{rank}": buffer[..., rank, k] for rank in ranks for k, name in enumerate(("id", "weight"))}
         return {channel: np.ascontiguousarray(plane) for channel, plane in pairs.items()}
     if name in COLORS:
         linear = _linear(buffer) if buffer.dtype == np.uint8 else np.asarray(buffer, dtype=np.float32)
-        names, values = "RGB", np.minimum(linear, LARGEST_HALF).astype(np.float16)
+        names, values = "RGB", np.minimum(linear, MAX_HALF).astype(np.float16)
     elif buffer.dtype == np.bool_:
         names, values = "Y", buffer.astype(np.float16)
     elif np.issubdtype(buffer.dtype, np.integer):
@@ -66,5 +68,5 @@ def channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 
 def _linear(srgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Display bytes as scene-linear values 0..1."""
+    """Decode 8-bit sRGB to scene-linear values 0..1."""
     return decode_srgb(np.arange(256) / 255.0).astype(np.float32)[srgb]

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One NPZ file a frame, every buffer as it is: `numpy.load("000012.npz")["depth"]`. The same bytes on every run."""
+"""NPZ: one NumPy archive per frame with every buffer unchanged, `numpy.load("000012.npz")["depth"]`.
+
+Files have no time stamps, so that equal frames give equal bytes.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,12 @@ import numpy as np
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
-# The oldest date that a zip file can hold, instead of the time of writing.
+# The date of all members: the oldest one that a zip file can hold.
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """The files of a frame, name to contents."""
+    """Return the file of a frame by its name."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as members:
         for name, buffer in frame.buffers.items():
@@ -25,6 +28,6 @@ def encode(frame: Frame) -> dict[str, bytes]:
             np.lib.format.write_array(data, np.ascontiguousarray(buffer), version=(1, 0), allow_pickle=False)
             member = zipfile.ZipInfo(f"{name}.npy", EPOCH)
             member.compress_type = zipfile.ZIP_DEFLATED
-            member.create_system = 3  # Unix, whatever this machine is
+            member.create_system = 3  # Unix, on every platform
             members.writestr(member, data.getvalue(), compresslevel=4)
     return {f"{frame.index:06d}.npz": archive.getvalue()}

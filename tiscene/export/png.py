@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One folder a buffer, one file a frame, each in the plainest format that holds it:
+"""PNG and other simple formats: one folder per buffer, one file per frame.
 
 ======================================  ==================================================================
 `rgb`                                   8-bit RGB PNG
@@ -7,7 +7,7 @@
 `depth`, `distance`                     16-bit gray PNG in mm; 0: no hit, 65535: 65.535 m or farther
 `forward_flow`, `backward_flow`         Middlebury .flo: float32 (dx, dy) in px, little endian
 the occlusion masks                     8-bit gray PNG, 255 is True
-every other buffer (float32)            .npy, as it is
+every other buffer (float32)            .npy, unchanged
 ======================================  ==================================================================
 """
 
@@ -28,11 +28,11 @@ from tiscene.files import write_atomically
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
-FLO_TAG = 202021.25  # "PIEH" when read as text: how a .flo file begins
+FLO_TAG = 202021.25  # the magic number of .flo files; its bytes are "PIEH"
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """The files of a frame, name to contents. Raises ExportError for an id beyond 16 bits."""
+    """Return the files of a frame by name. Raises ExportError for an id beyond 16 bits."""
     files = {}
     for name, buffer in frame.buffers.items():
         suffix, data = _encode_buffer(name, buffer)
@@ -41,6 +41,7 @@ def encode(frame: Frame) -> dict[str, bytes]:
 
 
 def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
+    """Return suffix and contents of the file of a buffer."""
     if buffer.dtype == np.uint8:
         return ".png", _png(buffer)
     if buffer.dtype == np.bool_:
@@ -48,7 +49,7 @@ def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
     if np.issubdtype(buffer.dtype, np.integer):
         if buffer.max(initial=0) > 65535:
             raise ExportError(
-                f"buffer {name!r} holds the id {buffer.max()}, but a PNG file ends at 65535: export as exr or npz"
+                f"buffer {name!r} has the id {buffer.max()}; PNG files hold ids up to 65535: export as exr or npz"
             )
         return ".png", _png(buffer.astype(np.uint16))
     if name in ("depth", "distance"):
@@ -59,7 +60,7 @@ def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
 
 
 def write_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
-    """Write one picture, uint8 [h, w, 3]. Raises ExportError if it cannot be written."""
+    """Write an image, uint8 [h, w, 3]. Raises ExportError if the file cannot be written."""
     with export_errors(path):
         write_atomically(Path(path), _png(pixels))
 
@@ -71,7 +72,7 @@ def _png(pixels: NDArray[Any]) -> bytes:
 
 
 def _millimeters(meters: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Rounded to the nearest; a hit nearer than half a millimeter is 1, for 0 means none."""
+    """Round to millimeters. A hit closer than half a millimeter becomes 1, since 0 means no hit."""
     hit = np.isfinite(meters)
     millimeters = np.clip(np.round(np.where(hit, meters, 0.0).astype(np.float64) * 1000.0), 1.0, 65535.0)
     return np.where(hit, millimeters, 0.0).astype(np.uint16)

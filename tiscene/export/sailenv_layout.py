@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layout of SAILenv's recordings, as the lab's programs read it. Frames are numbered from 1, a hundred a folder:
+"""The folder layout of SAILenv's recordings. Frames are numbered from 1, with 100 frames per folder.
 
 ===============================  =======================================================================
 `frames/00000001/001.png`        frame 0, 8-bit RGB
 `frames/fps.json`                {"fps": ..., "frames_count": ...}
-`motion/00000001/001.bin`        flow from the frame before, float32 [h, w, 2] in SAILenv's signs: (-dx, +dy) px
-`sup/00000001/001.targets.bin`   int32 [n], the categories of the pixels that have one, row by row
-`sup/00000001/001.indices.bin`   int32 [n], where in the picture those pixels are, row by row
+`motion/00000001/001.bin`        flow from the previous frame, float32 [h, w, 2] with SAILenv's signs: (-dx, +dy) px
+`sup/00000001/001.targets.bin`   int32 [n], categories of the pixels that have one, in row-major order
+`sup/00000001/001.indices.bin`   int32 [n], row-major indices of those pixels
 `sup/map.json`                   {name: category}
 ===============================  =======================================================================
 
-A `.bin` file is what `numpy.save` writes, through gzip.
+A `.bin` file is a gzip-compressed `.npy` file. `Recording` reads the layout.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ FILES_PER_FOLDER = 100
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """The files of a frame, name to contents. Raises BufferNotFound without one of BUFFERS."""
-    picture = io.BytesIO()
-    Image.fromarray(frame.rgb).save(picture, "png", compress_level=4)
+    """Return the files of a frame by name. Raises BufferNotFound without one of BUFFERS."""
+    image = io.BytesIO()
+    Image.fromarray(frame.rgb).save(image, "png", compress_level=4)
     semantic = frame.semantic.ravel().astype(np.int32)
     (supervised,) = np.nonzero(semantic)
-    place = file_name(frame.index)
+    name = file_name(frame.index)
     return {
-        f"frames/{place}.png": picture.getvalue(),
-        f"motion/{place}.bin": _packed(flow_of(frame.backward_flow)),
-        f"sup/{place}.targets.bin": _packed(semantic[supervised]),
-        f"sup/{place}.indices.bin": _packed(supervised.astype(np.int32)),
+        f"frames/{name}.png": image.getvalue(),
+        f"motion/{name}.bin": _packed(flow_of(frame.backward_flow)),
+        f"sup/{name}.targets.bin": _packed(semantic[supervised]),
+        f"sup/{name}.indices.bin": _packed(supervised.astype(np.int32)),
     }
 
 
 def summary(stream: Stream, manifest: Manifest) -> dict[str, bytes]:
-    """The files that are about all frames."""
+    """Return the files about all frames by name."""
     count = max(manifest.frames, default=-1) + 1
     categories = {name: number for number, name in manifest.categories.items() if number}
     contents: tuple[dict[str, Any], ...] = ({"fps": stream.fps, "frames_count": count}, categories)
@@ -63,13 +63,19 @@ def summary(stream: Stream, manifest: Manifest) -> dict[str, bytes]:
 
 
 def file_name(index: int) -> str:
-    """Folder and file of a frame: "00000001/001" of frame 0."""
+    """Return folder and file name of a frame without suffix: "00000001/001" for frame 0."""
     return f"{index // FILES_PER_FOLDER + 1:08d}/{index % FILES_PER_FOLDER + 1:03d}"
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedFrame:
-    """rgb: uint8 [h, w, 3]. flow: float32 [h, w, 2], SAILenv's signs. category: int32 [h, w], 0 where there is none."""
+    """A frame of a recording.
+
+    Attributes:
+        rgb: uint8 [h, w, 3].
+        flow: float32 [h, w, 2], px, with SAILenv's signs.
+        category: int32 [h, w]; 0 for no category.
+    """
 
     rgb: NDArray[np.uint8]
     flow: NDArray[np.float32]
@@ -77,10 +83,16 @@ class RecordedFrame:
 
 
 class Recording:
-    """A folder in that layout, frame by frame: `Recording("out")[12].rgb`. fps; categories: names by number."""
+    """A recording on disk: `Recording("out")[12].rgb`. `len` and indexing work as for a sequence.
+
+    Attributes:
+        folder: The folder of the recording.
+        fps: Frames per second.
+        categories: Names of the numbers in `category`.
+    """
 
     def __init__(self, folder: str | Path) -> None:
-        """Raises MissingFile, ExportError."""
+        """Open a recording. Raises MissingFile, or ExportError for damaged files."""
         self.folder = Path(folder)
         fps = self._json(SUMMARY[0])
         self.fps, self._count = float(fps["fps"]), int(fps["frames_count"])
@@ -92,35 +104,35 @@ class Recording:
     def __getitem__(self, index: int) -> RecordedFrame:
         if not 0 <= index < self._count:
             raise IndexError(f"frame {index} is outside 0..{self._count - 1}")
-        place = file_name(index)
-        rgb = np.asarray(Image.open(io.BytesIO(self._bytes(f"frames/{place}.png"))))
+        name = file_name(index)
+        rgb = np.asarray(Image.open(io.BytesIO(self._bytes(f"frames/{name}.png"))))
         category = np.zeros(rgb.shape[:2], np.int32)
-        category.ravel()[self._array(f"sup/{place}.indices.bin")] = self._array(f"sup/{place}.targets.bin")
-        return RecordedFrame(rgb, self._array(f"motion/{place}.bin"), category)
+        category.ravel()[self._array(f"sup/{name}.indices.bin")] = self._array(f"sup/{name}.targets.bin")
+        return RecordedFrame(rgb, self._array(f"motion/{name}.bin"), category)
 
     def _bytes(self, name: str) -> bytes:
         try:
             return (self.folder / name).read_bytes()
         except FileNotFoundError as error:
-            raise MissingFile(f"{self.folder}: no file {name!r}, which a SAILenv recording has") from error
+            raise MissingFile(f"{self.folder} is not a complete SAILenv recording: it has no file {name!r}") from error
 
     def _array(self, name: str) -> NDArray[Any]:
         try:
             array: NDArray[Any] = np.load(io.BytesIO(gzip.decompress(self._bytes(name))), allow_pickle=False)
         except (ValueError, EOFError, gzip.BadGzipFile) as error:
-            raise ExportError(f"{self.folder / name}: no gzip of an array: {error}") from error
+            raise ExportError(f"{self.folder / name} is not a gzip-compressed array: {error}") from error
         return array
 
     def _json(self, name: str) -> dict[str, Any]:
         try:
             content: dict[str, Any] = json.loads(self._bytes(name))
         except ValueError as error:
-            raise ExportError(f"{self.folder / name}: no JSON: {error}") from error
+            raise ExportError(f"{self.folder / name} is not valid JSON: {error}") from error
         return content
 
 
 def _packed(array: NDArray[Any]) -> bytes:
-    """`numpy.save` through gzip; the same bytes whenever it is written."""
+    """Return an array as a gzip-compressed .npy file without a time stamp."""
     data = io.BytesIO()
     np.lib.format.write_array(data, np.ascontiguousarray(array), version=(1, 0), allow_pickle=False)
     return gzip.compress(data.getvalue(), compresslevel=4, mtime=0)

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Buffers as pictures: what a person looks at. Every function takes numpy arrays and returns uint8 [h, w, 3].
+"""Buffers as color images, uint8 [h, w, 3].
+
+::
 
     from tiscene.export.visualize import picture
-    picture("depth", frame.depth).image            # also .caption: "0.82 to 7.3 m"
+    picture("depth", frame.depth).image            # and .caption: "0.82 to 7.30 m"
 
-Colors come from OKLab (Ottosson 2020), where equal steps look equally large: lightness carries distances, hue tells
-ids apart, and the flow wheel is that of Baker et al., *A Database and Evaluation Methodology for Optical Flow* (2011).
+Color maps are defined in OKLab (Ottosson 2020), which is perceptually uniform: lightness shows distances, hue separates
+ids. The flow wheel is that of Baker et al., *A Database and Evaluation Methodology for Optical Flow* (2011).
 """
 
 from __future__ import annotations
@@ -31,17 +33,25 @@ WHEEL_STEPS = (15, 6, 4, 11, 13, 6)
 
 @dataclass(frozen=True)
 class Picture:
-    """A buffer made visible. caption: what the colors range over, in a few words."""
+    """An image of a buffer.
+
+    Attributes:
+        image: uint8 [h, w, 3].
+        caption: The range of the color scale, in a few words.
+    """
 
     image: Pixels
     caption: str
 
 
 def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Picture:
-    """The buffer `name` as a picture.
+    """Return an image of a buffer.
 
-    limits: the values at the two ends of the colors, to have the same colors in every frame (see `limits_of`); None
-    for this buffer's own.
+    Args:
+        name: The name of the buffer.
+        buffer: Its array.
+        limits: The values at the two ends of the color scale, for equal colors in several frames (see `limits_of`);
+            None for the limits of this array.
     """
     low, high = limits or limits_of(name, [buffer])
     if name == "rgb":
@@ -74,7 +84,12 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
 
 
 def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
-    """The values between which the colors of these buffers (of one name) are to run."""
+    """Return the ends of a color scale for several arrays of one buffer.
+
+    Args:
+        name: The name of the buffer.
+        buffers: Its arrays.
+    """
     if name in ("rgb", "albedo", "roughness", "metallic", "object_coordinates"):
         return (0.0, 1.0)
     values = []
@@ -88,7 +103,7 @@ def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
     if name in ("hdr", "denoised"):
         return (0.0, float(np.percentile(finite, 98.0)))
     if "flow" in name:
-        # Of what moves, nearly the fastest: one thing that rushes past does not make all others pale.
+        # A percentile of the moving pixels: a single fast object would make all others pale.
         moving = finite[finite > 0.01 * finite.max()]
         return (0.0, float(np.percentile(moving, 95.0)) if moving.size else 0.0)
     low, high = np.percentile(finite, [0.5, 99.5])
@@ -96,7 +111,7 @@ def limits_of(name: str, buffers: Iterable[NDArray[Any]]) -> Limits:
 
 
 def depth_picture(depth: ArrayLike, near: float, far: float) -> Pixels:
-    """Near is bright, far is dark, by lightness from yellow over red to violet; no hit is the background color."""
+    """Draw depth (m) from pale yellow (near) over red to violet (far); no hit is the background color."""
     depth = np.asarray(depth, dtype=np.float64)
     finite = np.isfinite(depth)
     closeness = 1.0 - (np.where(finite, depth, far) - near) / max(far - near, 1e-9)
@@ -106,20 +121,20 @@ def depth_picture(depth: ArrayLike, near: float, far: float) -> Pixels:
 
 
 def sequential(values: ArrayLike) -> Pixels:
-    """0..1 as colors of evenly rising lightness: deep violet, red, orange, pale yellow. Values outside are clamped."""
+    """Map 0..1 to colors of linearly rising lightness: violet, red, orange, pale yellow. Values outside are clamped."""
     t = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
     hue = np.radians(-75.0 + 170.0 * t)
     return oklch(0.18 + 0.77 * t, 0.07 + 0.11 * np.sin(np.pi * t), hue)
 
 
 def id_picture(ids: NDArray[Any]) -> Pixels:
-    """Ids in colors far apart, the same color for the same id in every frame; 0 is the background color."""
+    """Draw ids in distinct colors, the same color for an id in every frame; 0 is the background color."""
     distinct, rows = np.unique(ids, return_inverse=True)
     return id_colors(distinct)[rows.reshape(ids.shape)]
 
 
 def id_colors(ids: ArrayLike) -> Pixels:
-    """One color [n, 3] for each id [n]: hues by the golden angle, lightness in four steps."""
+    """Return colors [n, 3] of ids [n]: hues by multiples of the golden angle, lightness in four steps."""
     ids = np.asarray(ids, dtype=np.int64)
     lightness = np.array([0.70, 0.56, 0.82, 0.44])[ids % 4]
     colors = oklch(lightness, np.full(ids.shape, 0.135), ids * GOLDEN_ANGLE)
@@ -128,7 +143,7 @@ def id_colors(ids: ArrayLike) -> Pixels:
 
 
 def coverage_picture(coverage: NDArray[np.floating]) -> Pixels:
-    """The colors of `id_picture`, mixed as the ids share the pixel, over the background color."""
+    """Draw a coverage buffer: the colors of `id_picture` mixed by their weights, over the background color."""
     colors = id_picture(np.round(coverage[..., 0]).astype(np.int64)).astype(np.float64)
     weights = coverage[..., 1, None]
     mixed = (weights * colors).sum(axis=2) + (1.0 - weights.sum(axis=2)) * np.array(BACKGROUND)
@@ -136,22 +151,24 @@ def coverage_picture(coverage: NDArray[np.floating]) -> Pixels:
 
 
 def mask_picture(mask: NDArray[np.bool_]) -> Pixels:
-    """True is a pale orange, False dark."""
+    """Draw a mask: True is pale orange, False the background color."""
     return np.where(mask[..., None], np.array((255, 176, 92), np.uint8), np.array(BACKGROUND, np.uint8))
 
 
 def normal_picture(normal: NDArray[np.floating]) -> Pixels:
-    """-1..1 as 0..255 in each channel; no hit (the zero vector) is the background color."""
+    """Map -1..1 to 0..255 in each channel; no hit (the zero vector) is the background color."""
     image = _to_bytes(0.5 + 0.5 * normal)
     image[~np.any(normal, axis=2)] = BACKGROUND
     return image
 
 
 def flow_picture(flow: NDArray[np.floating], longest: float | None = None, legend: bool = True) -> Pixels:
-    """Flow (dx right, dy down) by the color wheel: hue is the direction, white is no motion.
+    """Draw optical flow with the color wheel: hue is the direction, white is no motion, black is not finite.
 
-    longest: length in px that gets full color; default the longest in the picture. Longer ones are darkened, and what
-    is not finite is black. legend: draws the wheel into the lower right corner, center no motion, right +dx, below +dy.
+    Args:
+        flow: [h, w, 2], dx right and dy down, px.
+        longest: The length that has full color, px; longer vectors are darkened. None for the longest in the array.
+        legend: Whether the wheel is drawn into the lower right corner: center no motion, right +dx, below +dy.
     """
     length = np.linalg.norm(flow, axis=2)
     finite = np.isfinite(length)
@@ -173,29 +190,38 @@ def flow_picture(flow: NDArray[np.floating], longest: float | None = None, legen
 
 
 def _wheel_colors(flow: NDArray[np.floating]) -> Pixels:
-    """Vectors [h, w, 2] whose length 1 means full color."""
+    """Return colors of vectors [h, w, 2]; length 1 has full color."""
     wheel = _flow_wheel()
-    angle = np.arctan2(-flow[..., 1], -flow[..., 0]) / np.pi  # -1 and 1: to the right, 0: to the left
-    place = (angle + 1.0) / 2.0 * (len(wheel) - 1)
-    before = np.floor(place).astype(np.int64)
-    part = (place - before)[..., None]
-    color = (1.0 - part) * wheel[before] + part * wheel[(before + 1) % len(wheel)]
+    angle = np.arctan2(-flow[..., 1], -flow[..., 0]) / np.pi  # -1 and 1: right, 0: left
+    position = (angle + 1.0) / 2.0 * (len(wheel) - 1)
+    below = np.floor(position).astype(np.int64)
+    fraction = (position - below)[..., None]
+    color = (1.0 - fraction) * wheel[below] + fraction * wheel[(below + 1) % len(wheel)]
     length = np.linalg.norm(flow, axis=2)[..., None]
     return _to_bytes(np.where(length <= 1.0 + 1e-6, 1.0 - length * (1.0 - color), 0.75 * color))
 
 
 def _flow_wheel() -> NDArray[np.float64]:
-    """The 55 pure colors of the wheel [n, 3]; each stretch raises or lowers one channel."""
+    """Return the 55 saturated colors of the wheel [55, 3]; each segment raises or lowers one channel."""
     corners = [(1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 1), (1, 0, 0)]
-    stretches = []
+    segments = []
     for steps, start, end in zip(WHEEL_STEPS, corners[:-1], corners[1:], strict=True):
-        part = np.arange(steps)[:, None] / steps
-        stretches.append((1.0 - part) * np.array(start) + part * np.array(end))
-    return np.concatenate(stretches)
+        fraction = np.arange(steps)[:, None] / steps
+        segments.append((1.0 - fraction) * np.array(start) + fraction * np.array(end))
+    return np.concatenate(segments)
 
 
 def oklch(lightness: ArrayLike, chroma: ArrayLike, hue: ArrayLike) -> Pixels:
-    """OKLab lightness 0..1, chroma about 0..0.3 and hue in radians, [...] each, as sRGB bytes [..., 3], clamped."""
+    """Convert OKLCh colors to 8-bit sRGB, clamped.
+
+    Args:
+        lightness: OKLab lightness [...], 0..1.
+        chroma: [...], about 0..0.3.
+        hue: [...], radians.
+
+    Returns:
+        uint8 [..., 3].
+    """
     level, a, b = np.broadcast_arrays(lightness, chroma * np.cos(hue), chroma * np.sin(hue))
     cone_from_lab = np.array(
         [
@@ -216,13 +242,13 @@ def oklch(lightness: ArrayLike, chroma: ArrayLike, hue: ArrayLike) -> Pixels:
 
 
 def _display(linear: NDArray[Any]) -> Pixels:
-    """Scene-linear 0..1 by the sRGB curve."""
+    """Encode scene-linear values 0..1 by the sRGB curve."""
     x = np.clip(np.nan_to_num(linear, nan=0.0), 0.0, 1.0)
     return _to_bytes(encode_srgb(x))
 
 
 def _ranged(buffer: NDArray[Any], low: float, high: float) -> Pixels:
-    """low..high as 0..255; what is not finite is the background color."""
+    """Map low..high to 0..255; values that are not finite have the background color."""
     values = _three_channels(np.asarray(buffer, dtype=np.float64))
     finite = np.isfinite(values).all(axis=2)
     image = _to_bytes((np.where(finite[..., None], values, low) - low) / max(high - low, 1e-9))
@@ -231,7 +257,7 @@ def _ranged(buffer: NDArray[Any], low: float, high: float) -> Pixels:
 
 
 def _three_channels(buffer: NDArray[Any]) -> NDArray[Any]:
-    """[h, w], [h, w, 1] as gray; [h, w, 2] with an empty third channel; [h, w, 3] as it is."""
+    """Return [h, w] and [h, w, 1] as gray, [h, w, 2] with a third channel of 0, and [h, w, 3] unchanged."""
     if buffer.ndim == 2:
         buffer = buffer[..., None]
     if buffer.shape[2] == 1:
