@@ -416,7 +416,8 @@ def test_missing_second_uv_primvar_is_reported(textures):
 
 def test_subsets_read_different_uv_primvars(textures):
     """Each face carries the texture coordinates that its own material reads."""
-    file = "asset inputs:file = @./textures/color.png@\n"
+    wraps = 'token inputs:wrapS = "repeat"\ntoken inputs:wrapT = "repeat"\n'
+    file = f"asset inputs:file = @./textures/color.png@\n{wraps}"
 
     def look(name: str, primvar: str) -> str:
         path = f"/Looks/{name}"

@@ -13,7 +13,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdShade
+from pxr import Sdf, Usd, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, Color, ColorInput, Material, TextureLookup
 from tiscene.usd.core.report import StageReport
@@ -26,6 +26,7 @@ from tiscene.usd.geometry.display_color import (
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
 from tiscene.usd.materials.preview_surface import NetworkReader
 from tiscene.usd.materials.texture import TextureTable
+from tiscene.usd.materials.texture_borders import UnwrappedTexture, report_black_borders
 
 _DEFAULT = Material("default")
 
@@ -64,6 +65,8 @@ class MaterialTableBuilder:
         self._report = report
         self._primvars: dict[Any, tuple[str, ...]] = {}  # primvars that a material reads as constants
         self._bindings: dict[Any, Binding | None] = {}
+        self._unwrapped: dict[Any, tuple[UnwrappedTexture, ...]] = {}
+        self._checked_uses: set[tuple[Any, UnwrappedTexture]] = set()
 
     def binding(self, prim: Usd.Prim, gprim: Usd.Prim) -> Binding:
         """Return the material bound to a gprim or to a subset of it, else one of its displayColor.
@@ -79,7 +82,7 @@ class MaterialTableBuilder:
         for purpose in (UsdShade.Tokens.preview, UsdShade.Tokens.full):
             material, _ = api.ComputeBoundMaterial(purpose)
             if material and material.GetPath() != previous:
-                binding = self._read_material(material, gprim)
+                binding = self._read_material(material, prim, gprim)
                 if binding is not None:
                     return binding
                 previous = material.GetPath()
@@ -166,21 +169,26 @@ class MaterialTableBuilder:
     ) -> tuple[float, ...] | None:
         return constant_primvar(gprim, name, width, self._time, self._report, report_varying=report)
 
-    def _read_material(self, material: UsdShade.Material, gprim: Usd.Prim) -> Binding | None:
+    def _read_material(self, material: UsdShade.Material, prim: Usd.Prim, gprim: Usd.Prim) -> Binding | None:
         """Return a material's binding; None, with the reason reported, if none of its surface shaders is supported."""
-        prim = material.GetPrim()
-        path = prim.GetPrimInPrototype().GetPath() if prim.IsInstanceProxy() else prim.GetPath()
+        path = _source_path(material.GetPrim())
         values = self._primvar_values(gprim, self._primvars.get(path, ()))
         key = (path, values)
         if path not in self._primvars or key not in self._bindings:
             reader = NetworkReader(gprim, self._textures, self._time, self._report)
             read = reader.read(material)
             self._primvars[path] = tuple(reader.constants)
+            self._unwrapped[path] = tuple(reader.unwrapped)
             key = (path, self._primvar_values(gprim, reader.constants))
             if read is None:
                 self._bindings[key] = None
             else:
                 self._row(key, read, reader.primvars)
+        for texture in self._unwrapped[path]:
+            use = (_source_path(prim), texture)
+            if use not in self._checked_uses:
+                self._checked_uses.add(use)
+                report_black_borders(prim, gprim, texture, self._time, self._report)
         return self._bindings[key]
 
     def _primvar_values(self, gprim: Usd.Prim, names: Iterable[str]) -> tuple[Any, ...]:
@@ -189,6 +197,11 @@ class MaterialTableBuilder:
             "varies" if varies_over_surface(gprim, name, self._time) else self._constant_primvar(gprim, name, 3)
             for name in names
         )
+
+
+def _source_path(prim: Usd.Prim) -> Sdf.Path:
+    """Return the path that all instances of a prim share: that in its prototype."""
+    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
 
 
 def _affine_color(factor: Color, color: ColorInput, summand: Color) -> ColorInput:

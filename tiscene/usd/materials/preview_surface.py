@@ -20,6 +20,7 @@ from tiscene.usd.core.shader_network import ShaderConnection, Source, connection
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
 from tiscene.usd.materials.texture import Affine, TextureTable
+from tiscene.usd.materials.texture_borders import UnwrappedTexture
 
 _DEFAULT = Material("default")
 _IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -37,11 +38,13 @@ class NetworkReader:
     Attributes:
         constants: names of the primvars read as constants.
         primvars: names of the primvars read per vertex.
+        unwrapped: the textures without an authored wrap mode.
     """
 
     def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
         self.constants: list[str] = []
         self.primvars = NO_PRIMVARS
+        self.unwrapped: list[UnwrappedTexture] = []
         self._gprim = gprim
         self._textures = textures
         self._time = time
@@ -204,7 +207,7 @@ class NetworkReader:
         fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
         scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
         file = inputs.get("file")
-        row, window = None, _IDENTITY
+        row, window, unwrapped = None, _IDENTITY, (False, False)
         if file is None or not isinstance(file.value, Sdf.AssetPath) or not file.value.path:
             self._report.omission(source.shader.GetPath(), "a UsdUVTexture without a file; its fallback is used")
         else:
@@ -215,6 +218,7 @@ class NetworkReader:
                 row, window = found or (None, _IDENTITY)
             else:
                 row = self._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)
+                unwrapped = (wrap_s == "useMetadata", wrap_t == "useMetadata")
         channel = source.output if source.output in ("r", "g", "b", "a") else "rgb"
         if row is None:
             values = {"r": fallback[:1], "g": fallback[1:2], "b": fallback[2:3], "a": fallback[3:]}
@@ -222,6 +226,8 @@ class NetworkReader:
         matrix, uv = self._coordinates(inputs.get("st"))
         transform = _rows(np.array([window[:3], window[3:], (0.0, 0.0, 1.0)]) @ matrix)
         chosen = self._uv_set(uv)
+        if file is not None and any(unwrapped):
+            self.unwrapped.append(UnwrappedTexture(file.value.path, uv, transform, unwrapped))
         return TextureLookup(row, cast(Any, channel), cast(Any, scale), cast(Any, bias), transform, chosen)
 
     def _uv_set(self, name: str) -> Literal[0, 1]:
