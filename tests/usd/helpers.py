@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small stages for the tests of the reader."""
+"""Helpers for tests of the USD reader: small stages, expected warnings and problems, mesh measurements."""
 
 from __future__ import annotations
 
@@ -20,19 +20,28 @@ STAGES = Path(__file__).parent / "stages"
 def write(
     folder: Path, body: str, *, meters: float = 1.0, up: str = "Y", name: str = "stage.usda", more: str = ""
 ) -> Path:
-    """A stage file with the usual header."""
+    """Write a stage file and return its path.
+
+    Args:
+        folder: existing folder.
+        body: prims, as text.
+        meters: metersPerUnit.
+        up: upAxis.
+        name: file name.
+        more: further metadata of the layer, as text.
+    """
     path = folder / name
     path.write_text(f'#usda 1.0\n(\n    metersPerUnit = {meters}\n    upAxis = "{up}"\n    {more}\n)\n{body}\n')
     return path
 
 
 def read(folder: Path, body: str, **header: object) -> SceneDescription:
-    """A stage that must be read without a warning."""
+    """Write and read a stage; further arguments as of `write`."""
     return read_stage(write(folder, body, **header))  # type: ignore[arg-type]
 
 
 def read_with_warning(folder: Path, body: str, expected: str) -> SceneDescription:
-    """A stage that must be read with exactly one StageWarning, which says what is expected (a regular expression)."""
+    """Read a stage and check that it gives exactly one StageWarning, which matches a regular expression."""
     path = write(folder, body)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -44,7 +53,7 @@ def read_with_warning(folder: Path, body: str, expected: str) -> SceneDescriptio
 
 
 def problems_of(folder: Path, body: str) -> tuple[str, ...]:
-    """What is wrong with a stage, without a word on omissions."""
+    """Return the problems of a stage that must be refused; omissions are ignored."""
     path = write(folder, body)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)
@@ -55,19 +64,19 @@ def problems_of(folder: Path, body: str) -> tuple[str, ...]:
 
 
 def area(positions: np.ndarray, triangles: np.ndarray) -> float:
-    """Of all triangles together."""
+    """Return the total area of a mesh."""
     a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0)
 
 
 def volume(positions: np.ndarray, triangles: np.ndarray) -> float:
-    """Enclosed by a closed mesh whose triangles face outwards."""
+    """Return the volume of a closed mesh whose triangles face outwards."""
     a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
 def facing(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit geometric normals of the triangles."""
+    """Return the unit geometric normals of triangles."""
     a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))
     normal = np.cross(b - a, c - a)
     return normal / np.linalg.norm(normal, axis=1)[:, None]

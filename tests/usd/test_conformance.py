@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stages built as other programs and well-known collections build theirs, with what a USD person expects to see."""
+"""Conformance: stages as other programs and well-known asset collections write them."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tiscene.usd.read.stage_reader import read_stage
 
 
 def quietly(path, **options):
-    """A stage of which nothing is left out."""
+    """Read a stage that must not give a warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return read_stage(path, **options)
 
 
 def box_of(description, number=0):
-    """The world box of one instance."""
+    """Return the world bounds of one instance."""
     instance = description.instances[number]
     points = description.meshes[instance.mesh].positions @ instance.world_from_object[:3, :3].T
     points = points + instance.world_from_object[:3, 3]
@@ -36,8 +36,8 @@ def color_of(description, number=0):
     return description.materials[mesh.materials[0]].diffuse_color
 
 
-def test_kitchen():
-    """Payloads, an inherited class that the set changes, variants of both kinds, instances, purposes, centimeters."""
+def test_kitchen_set_with_payloads_variants_and_instances():
+    """Payloads, an inherited class that the set overrides, variants of both kinds, instances, purposes, centimeters."""
     description = quietly(STAGES / "kitchen" / "scene.usda")
     assert description.up_axis == "Z"
     assert [(each.name, each.category, each.parts) for each in description.objects] == [
@@ -45,7 +45,7 @@ def test_kitchen():
         ("Chair_2", "Chair", ("Geom/Seat", "Geom/Back")),
         ("Chair_3", "Chair", ()),
     ]
-    # Seats of 50 cm, as the set's class says, a tenth as thick; 45 cm above where each chair stands.
+    # Seats of 50 cm, by the set's class, a tenth as thick, 45 cm above the origin of each chair.
     assert box_of(description, 0) == ([0.75, -0.25, 0.525], [1.25, 0.25, 0.575])
     assert box_of(description, 1) == ([0.78, -0.2, 0.55], [0.82, 0.2, 0.95])
     # A quarter turn to the left: the back, behind along -x, is now behind along -y.
@@ -60,7 +60,7 @@ def test_kitchen():
     assert color_of(other, 4) == (0.5, 0.0, 0.0)
 
 
-def test_blender():
+def test_export_of_blender():
     description = quietly(STAGES / "blender.usda")
     (mesh,), (light,), (camera,) = description.meshes, description.lights, description.cameras
     assert box_of(description) == ([-2.0, -2.0, 1.0], [2.0, 2.0, 1.0])
@@ -81,7 +81,7 @@ def test_blender():
     assert np.degrees(camera.vertical_fov) == pytest.approx(22.895, abs=1e-3)
 
 
-def test_a_telephone_s_model():
+def test_model_converted_for_phones():
     description = quietly(STAGES / "phone.usda")
     (mesh,), (look,) = description.meshes, description.materials
     # 1 cm turned about y and made a hundred times as large: a meter along -z, 10 cm up.
@@ -102,8 +102,8 @@ def test_a_telephone_s_model():
 
 
 @pytest.mark.parametrize("name", ["phone.usda", "blender.usda", "kitchen/scene.usda"])
-def test_the_same_in_a_package(tmp_path, name):
-    """As .usdz, textures and payloads inside."""
+def test_package_reads_like_its_files(tmp_path, name):
+    """As .usdz with textures and payloads inside."""
     package = tmp_path / "packed.usdz"
     assert UsdUtils.CreateNewUsdzPackage(str(STAGES / name), str(package))
     loose, packed = quietly(STAGES / name), quietly(package)
@@ -115,11 +115,11 @@ def test_the_same_in_a_package(tmp_path, name):
         np.testing.assert_array_equal(mine.pixels, theirs.pixels)
 
 
-def test_houdini_and_omniverse():
-    """Looks by collections, MaterialX beside a UsdPreviewSurface, MDL alone, purposes on transforms, single samples."""
-    with pytest.warns(StageWarning) as told:
+def test_exports_of_houdini_and_omniverse():
+    """Collection bindings, MaterialX beside UsdPreviewSurface, MDL alone, purposes on transforms, single samples."""
+    with pytest.warns(StageWarning) as caught:
         description = read_stage(STAGES / "houdini.usda")
-    (warning,) = told
+    (warning,) = caught
     lines = str(warning.message).split("\n")[1:]
     assert lines == ["  shader 'OmniPBR' is not supported; displayColor is used: </set/mtl/omni>"]
     (table,) = description.objects
@@ -136,8 +136,8 @@ def test_houdini_and_omniverse():
     assert (camera.name, camera.orthographic_height) == ("OmniverseKit_Top", 4.0)
 
 
-def test_an_udim_wall_bound_by_faces(tmp_path):
-    """As ALab has it: tiles of a texture by the hundreds of u, and a collection that binds looks to everything."""
+def test_udim_textures_bound_by_face_subsets(tmp_path):
+    """As in ALab: UDIM tiles, and a collection that binds materials to all prims."""
     from PIL import Image
 
     for tile, shade in ((1001, 0), (1002, 255)):
@@ -199,7 +199,7 @@ def Xform "asset" (
 
 
 ODD = [
-    # What is drawn all the same, without a word.
+    # Read without a warning.
     ("float2[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = \"vertex\")", ""),
     ("texCoord2h[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = \"varying\")", ""),
     ("texCoord2d[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = \"faceVarying\")", ""),
@@ -210,25 +210,25 @@ ODD = [
     ("uniform token faceVaryingLinearInterpolation = \"all\"", ""),
     ("uniform bool doubleSided = 0", ""),
     ("int[] holeIndices = []\n int[] creaseIndices = []\n vector3f[] velocities = []", ""),
-    # What is drawn as well as can be, and named.
+    # Approximated, with a warning.
     ("int[] faceVertexCounts = [4, 2]\n int[] faceVertexIndices = [0, 1, 2, 3, 0, 1]", "faces of fewer than 3 vert"),
     ("texCoord2f[] primvars:st = [(0, 0)] (interpolation = \"vertex\")", "primvars:st: 1 values, but vertex inter"),
     ("color3f[] primvars:displayColor = [(0, 0, 0), (1, 1, 1)] (interpolation = \"vertex\")", "displayColor: 2 values"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("line", "told"), ODD)
-def test_meshes_as_they_are_found(tmp_path, line, told):
-    """A unit square, whatever else is said."""
+@pytest.mark.parametrize(("line", "warning"), ODD)
+def test_unit_square_is_read_with_unusual_attributes(tmp_path, line, warning):
+    """The result is a unit square."""
     names = {each.strip().split(" = ")[0].split(".timeSamples")[0] for each in line.split("\n")}
     kept = "\n".join(each for each in QUAD.split("\n") if each.strip().split(" = ")[0] not in names)
     body = f'def Mesh "M"\n{{\n{kept}\n{line}\n}}'
-    description = read_with_warning(tmp_path, body, told) if told else read(tmp_path, body)
+    description = read_with_warning(tmp_path, body, warning) if warning else read(tmp_path, body)
     assert box_of(description) == ([0.0, 0.0, 0.0], [1.0, 1.0, 0.0])
 
 
 def test_instanced_prototypes_with_subsets(tmp_path):
-    """Each instance has the looks of its subsets, and its own where it binds one that is stronger."""
+    """Each instance has the materials of its subsets, and its own where it has a stronger binding."""
     body = """
 def Scope "Looks"
 {
@@ -297,12 +297,12 @@ def "Two" (
     assert looks == [[(1.0, 0.0, 0.0), gray], [(0.0, 0.0, 1.0)] * 2]
 
 
-def test_stages_of_our_own_are_valid():
-    """USD's validators have nothing to say of them; of the two that imitate others only what those do."""
+def test_stages_of_the_tests_pass_usd_validation():
+    """Those that imitate the faults of other programs are left out."""
     context = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators())
     for path in sorted(STAGES.rglob("*.usda")):
         if path.stem in ("broken", "houdini", "phone", "blender"):
             continue
         errors = context.Validate(Usd.Stage.Open(str(path)))
-        told = [f"{Path(path).name}: {error.GetMessage()}" for error in errors]
-        assert not told, told
+        messages = [f"{Path(path).name}: {error.GetMessage()}" for error in errors]
+        assert not messages, messages

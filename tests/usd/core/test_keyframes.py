@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time samples of things as keyframes: from when they count, what mirrors do, and what cannot be played."""
+"""Time samples of objects as keyframes: start time, mirrored transforms, invalid samples."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ TURNED = """float xformOp:rotateY.timeSamples = { 0: 0, 20: 200 }
     uniform token[] xformOpOrder = ["xformOp:rotateY", "xformOp:scale"]"""
 
 
-def thing(name: str, operations: str, inside: str = "") -> str:
+def moved(name: str, operations: str, inside: str = "") -> str:
     return THING % (name, operations, inside)
 
 
 def turned(seconds: float) -> np.ndarray:
-    """What TURNED makes of directions, at 20 degrees a frame and 10 frames a second."""
+    """Return the 3x3 matrix that TURNED gives at a time: 20 degrees a frame, 10 frames a second."""
     angle = np.radians(100.0 * seconds)
     turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
     return turn @ np.diag([-1, 1, 2])
 
 
 def placed(path: Path, seconds: float) -> np.ndarray:
-    """The matrix of the first thing's only mesh in a stream's world."""
+    """Return the world matrix of the only mesh at a time of a stream."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         stream = ts.Stream(path, width=8, height=6, fps=20.0, buffers=("instance",))
@@ -55,23 +55,23 @@ def placed(path: Path, seconds: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("inside", [False, True])
-def test_what_is_mirrored_turns_as_it_is_animated(tmp_path, inside):
-    """As a thing, by keyframes, and as part of a thing, by a track; between samples too."""
+def test_mirrored_prim_rotates_as_animated(tmp_path, inside):
+    """As an object, by keyframes, and as a part of an object, by a track; between samples too."""
     wheel = f'def Xform "Wheel"\n{{\n{TURNED}\n def Cube "Rim"\n {{\n }}\n}}'
-    body = thing("Mill", "", wheel).replace('def Cube "Body"\n    {\n    }', "") if inside else thing("Mill", TURNED)
+    body = moved("Mill", "", wheel).replace('def Cube "Body"\n    {\n    }', "") if inside else moved("Mill", TURNED)
     path = write(tmp_path, body, more="startTimeCode = 0\nendTimeCode = 20\ntimeCodesPerSecond = 10")
     for seconds in (0.0, 0.35, 1.0, 1.75, 2.0):
         np.testing.assert_allclose(placed(path, seconds)[:, :3], turned(seconds), atol=1e-6)
 
 
-def test_a_mirrored_thing_has_a_rotation_that_turns_with_it(tmp_path):
-    path = write(tmp_path, thing("Mill", TURNED), more="startTimeCode = 0\nendTimeCode = 20\ntimeCodesPerSecond = 10")
+def test_reported_rotation_of_a_mirrored_object_follows_its_animation(tmp_path):
+    path = write(tmp_path, moved("Mill", TURNED), more="startTimeCode = 0\nendTimeCode = 20\ntimeCodesPerSecond = 10")
     stream = ts.Stream(path, width=8, height=6, fps=10.0, buffers=("instance",))
     first, then = (matrix_from_quaternion(stream.world.state(frame).objects[0].rotation) for frame in (0, 5))
     np.testing.assert_allclose(then @ first.T, turned(0.5) @ np.linalg.inv(turned(0.0)), atol=1e-9)
 
 
-def test_without_a_range_all_start_at_the_first_sample_of_the_stage(tmp_path):
+def test_stage_without_range_starts_at_its_first_sample(tmp_path):
     lamp = """
 def SphereLight "Lamp"
 {
@@ -80,7 +80,7 @@ def SphereLight "Lamp"
 """
     early, late = MOVED % "3: (0, 0, 0), 13: (1, 0, 0)", MOVED % "8: (0, 0, 0), 13: (1, 0, 0)"
     part = f'def Xform "Lid"\n{{\n{late}\n def Cube "Top"\n {{\n }}\n}}'
-    body = thing("Early", early) + thing("Late", late) + thing("Box", "", part) + lamp
+    body = moved("Early", early) + moved("Late", late) + moved("Box", "", part) + lamp
     path = write(tmp_path, body, more="timeCodesPerSecond = 10")
     scenario = Scenario.load(path)
     times = {each.id: each.dynamic.times for each in scenario.objects}
@@ -99,27 +99,27 @@ def SphereLight "Lamp"
         ("startTimeCode = nan\nendTimeCode = 1", "startTimeCode is nan"),
     ],
 )
-def test_a_stage_on_which_time_means_nothing_is_refused(tmp_path, read, more, expected):
-    path = write(tmp_path, thing("A", MOVED % "0: (0, 0, 0), 10: (1, 0, 0)"), more=more)
+def test_invalid_time_metadata_raises_stage_error(tmp_path, read, more, expected):
+    path = write(tmp_path, moved("A", MOVED % "0: (0, 0, 0), 10: (1, 0, 0)"), more=more)
     with pytest.raises(StageError, match=f"</> stage: {expected}"):
         read(path)
 
 
-def test_what_is_squashed_flat_for_a_while_is_named_and_stands(tmp_path):
+def test_object_with_a_singular_sample_is_reported_and_static(tmp_path):
     scaled = """double3 xformOp:scale.timeSamples = { 0: (1, 1, 1), 10: (0, 0, 0) }
     uniform token[] xformOpOrder = ["xformOp:scale"]"""
     with pytest.warns(StageWarning, match="singular.*at time code 10.*stands still: </A>"):
-        assert Scenario.load(write(tmp_path, thing("A", scaled))).objects == ()
+        assert Scenario.load(write(tmp_path, moved("A", scaled))).objects == ()
 
 
-def test_samples_that_are_ages_apart_are_all_that_is_kept(tmp_path):
+def test_samples_far_apart_are_not_densified(tmp_path):
     turns = """float xformOp:rotateY.timeSamples = { 0: 0, 1e12: 90 }
     uniform token[] xformOpOrder = ["xformOp:rotateY"]"""
     lamp = 'def SphereLight "Lamp"\n{\nfloat inputs:exposure.timeSamples = { 0: 0, 1e12: 1 }\n}\n'
-    scenario = Scenario.load(write(tmp_path, thing("A", turns) + lamp, more="timeCodesPerSecond = 10"))
+    scenario = Scenario.load(write(tmp_path, moved("A", turns) + lamp, more="timeCodesPerSecond = 10"))
     assert scenario.objects[0].dynamic.times == scenario.lights[0].times == (0.0, 1e11)
 
 
-def test_a_transform_that_is_not_finite_at_some_time_is_a_problem(tmp_path):
-    body = thing("A", "", f'def Xform "B"\n{{\n{MOVED % "0: (0, 0, 0), 10: (nan, 0, 0)"}\n def Cube "C"\n {{\n }}\n}}')
+def test_non_finite_sample_of_a_transform_is_a_problem(tmp_path):
+    body = moved("A", "", f'def Xform "B"\n{{\n{MOVED % "0: (0, 0, 0), 10: (nan, 0, 0)"}\n def Cube "C"\n {{\n }}\n}}')
     assert "not finite" in problems_of(tmp_path, body)[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which files a stage is made of."""
+"""Digests of the files of a stage."""
 
 import hashlib
 import shutil
@@ -14,7 +14,7 @@ from tiscene.usd.core.layers import layer_digests
 
 @pytest.fixture
 def room(tmp_path):
-    """room/scene.usda refers to chair.usda, which has a texture; and, in a variant not chosen, to lamp.usda."""
+    """Return a scene that references chair.usda, which has a texture, and lamp.usda in another variant."""
     folder = tmp_path / "room"
     folder.mkdir()
     Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(folder / "wood.png")
@@ -38,13 +38,13 @@ def room(tmp_path):
     return folder / "scene.usda"
 
 
-def test_every_layer_and_texture_is_named_relative_to_the_scene(room):
+def test_digests_cover_all_layers_and_textures_by_relative_path(room):
     digests = layer_digests(room)
     assert sorted(digests) == ["chair.usda", "lamp.usda", "scene.usda", "wood.png"]
     assert digests["wood.png"] == hashlib.sha256((room.parent / "wood.png").read_bytes()).hexdigest()
 
 
-def test_only_the_changed_file_changes_and_the_place_does_not_matter(room, tmp_path):
+def test_digests_change_with_content_not_with_location(room, tmp_path):
     before = layer_digests(room)
     shutil.copytree(room.parent, tmp_path / "elsewhere")
     copy = tmp_path / "elsewhere" / "scene.usda"
@@ -54,18 +54,18 @@ def test_only_the_changed_file_changes_and_the_place_does_not_matter(room, tmp_p
     assert {name for name in before if after[name] != before[name]} == {"wood.png"}
 
 
-def test_a_missing_texture_is_left_out(room):
+def test_missing_texture_is_left_out_of_digests(room):
     (room.parent / "wood.png").unlink()
     assert sorted(layer_digests(room)) == ["chair.usda", "lamp.usda", "scene.usda"]
 
 
-def test_folders_may_have_brackets(room, tmp_path):
-    """Which in a path are what leads into a package."""
+def test_digests_in_a_folder_with_brackets(room, tmp_path):
+    """Brackets in a path also lead into a package."""
     shutil.copytree(room.parent, tmp_path / "room [2]")
     assert layer_digests(tmp_path / "room [2]" / "scene.usda") == layer_digests(room)
 
 
-def test_a_package_is_one_file(room, tmp_path):
+def test_package_has_one_digest(room, tmp_path):
     package = tmp_path / "room.usdz"
     assert UsdUtils.CreateNewUsdzPackage(str(room), str(package))
     assert list(layer_digests(package)) == ["room.usdz"]

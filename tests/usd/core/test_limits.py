@@ -167,7 +167,7 @@ def fail(path):
         (fail, "reading it failed: KeyError: 'bug'"),
     ],
 )
-def test_what_goes_wrong_in_a_child_process_is_a_stage_error_with_the_file(function, message):
+def test_failures_of_a_child_process_are_stage_errors_with_the_file(function, message):
     start = time.monotonic()
     seconds = 2.0 if function is hang else 60.0
     with pytest.raises(StageError, match=f"room.usdc has 1 problem:\n  {message}") as caught:
@@ -178,7 +178,7 @@ def test_what_goes_wrong_in_a_child_process_is_a_stage_error_with_the_file(funct
 
 @posix
 def test_a_child_process_stops_without_its_parent(tmp_path):
-    """The limits hold although nobody asks for the result: the operating system enforces them."""
+    """The operating system enforces the limits, even if the parent does not wait for the result."""
     with SubprocessReader(hang, "room.usdc", {}, Limits(seconds=0.5)) as reader:
         end = time.monotonic() + 60.0
         while not reader.done() and time.monotonic() < end:

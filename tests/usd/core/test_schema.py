@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The schema: known to USD without environment variables, in step with the Python classes, shipped in the package."""
+"""The schema: registered with USD, in step with the Python classes, shipped in the package."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tiscene.usd.core import schema
 from tiscene.usd.scenario.motion_schema import CLASS_BY_TYPE, KEYS_BY_CLASS, PARAMETERS, STEPPED
 
 
-def test_usd_knows_the_schema_as_soon_as_the_reader_is_imported():
+def test_importing_the_reader_registers_the_schema():
     code = (
         "import tiscene.usd.read.stage_reader\nfrom pxr import Usd\nregistry = Usd.SchemaRegistry()\n"
         "for name in ('Scenario', 'Object', 'Motion', 'Camera'):\n"
@@ -32,7 +32,7 @@ def test_usd_knows_the_schema_as_soon_as_the_reader_is_imported():
     assert not output.stderr
 
 
-def test_both_files_name_the_same_schemas():
+def test_plugin_info_and_schema_layer_list_the_same_schemas():
     types = json.loads((schema.FOLDER / "plugInfo.json").read_text())["Plugins"][0]["Info"]["Types"]
     layer = Sdf.Layer.OpenAsAnonymous(str(schema.FOLDER / "generatedSchema.usda"))
     assert set(types) == set(schema.NAMESPACES) == {prim.name for prim in layer.rootPrims}
@@ -44,7 +44,7 @@ def test_both_files_name_the_same_schemas():
             assert each.documentation, each.path
 
 
-def test_every_dynamic_and_each_of_its_fields_has_its_attributes():
+def test_every_trajectory_field_has_a_schema_attribute():
     layer = Sdf.Layer.OpenAsAnonymous(str(schema.FOLDER / "generatedSchema.usda"))
     prim = layer.GetPrimAtPath(f"/{schema.MOTION}")
     kinds = prim.attributes["tiscene:motion:type"].allowedTokens
@@ -58,7 +58,7 @@ def test_every_dynamic_and_each_of_its_fields_has_its_attributes():
             parameter = PARAMETERS[field.name]
             attribute = prim.attributes[f"tiscene:motion:{parameter.attribute}"]
             assert attribute.typeName == parameter.type
-            # What is not authored has the class's default: the schema must not promise another.
+            # An attribute that is not authored has the class's default: the schema must not state another.
             if field.default is not dataclasses.MISSING and attribute.default is not None:
                 default = attribute.default
                 assert (
@@ -67,7 +67,7 @@ def test_every_dynamic_and_each_of_its_fields_has_its_attributes():
 
 
 @pytest.mark.parametrize("name", ["generatedSchema.usda", "plugInfo.json"])
-def test_the_package_ships_it(name):
+def test_schema_files_are_in_the_package(name):
     import tiscene.usd.core
 
     assert schema.FOLDER.parent == type(schema.FOLDER)(tiscene.usd.core.__file__).parent

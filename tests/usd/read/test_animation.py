@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stages animate beside whole things: shapes, parts, points of instancers, groups that come and go."""
+"""Animation within objects: shapes, parts, points of instancers, visibility of groups."""
 
 from __future__ import annotations
 
@@ -45,24 +45,24 @@ def Mesh "Cloth"
 """
 
 
-def test_points_go_straight_between_samples(tmp_path):
+def test_mesh_points_are_interpolated_linearly_between_samples(tmp_path):
     (mesh,) = read(tmp_path, CLOTH % "", more=RANGE).meshes
     assert mesh.deformation.times.tolist() == [0.0, 1.0]
     assert mesh.positions[2].tolist() == [1, 1, 0]
     np.testing.assert_allclose(mesh.deformation.at(0.25)[0][2], (1.5, 1, 0.5))
     assert mesh.deformation.at(-1.0)[0].tolist() == mesh.positions.tolist()
     assert mesh.deformation.at(9.0)[0][2].tolist() == [3, 1, 2]
-    assert mesh.deformation.at(0.5)[1] is None  # flat, as nobody has said anything of normals
+    assert mesh.deformation.at(0.5)[1] is None  # flat shading: no normals are authored
 
 
-def test_a_moment_is_a_moment(tmp_path):
+def test_reading_at_a_time_code_gives_a_static_mesh(tmp_path):
     (mesh,) = read_stage(write(tmp_path, CLOTH % "", more=RANGE), time_code=5.0).meshes
     assert mesh.deformation is None
     assert mesh.positions[2].tolist() == [2, 1, 1]
 
 
-def test_a_stream_of_a_deforming_mesh(tmp_path):
-    """Each frame's depth is that of the plane through the corners, each flow that of the point of the surface."""
+def test_depth_and_flow_of_a_deforming_mesh_match_its_surface(tmp_path):
+    """Depth is that of the plane through the corners, flow that of the surface point."""
     frames = stream(write(tmp_path, CLOTH % "", more=RANGE), frames=12)
     for k in (0, 4, 9):
         frame, t = frames[k], k / 10.0
@@ -85,7 +85,7 @@ def test_a_stream_of_a_deforming_mesh(tmp_path):
     assert frames[11].depth.tobytes() == frames[10].depth.tobytes()
 
 
-def test_authored_normals_change_with_the_points(tmp_path):
+def test_authored_normals_are_animated_with_the_points(tmp_path):
     normals = """normal3f[] normals (interpolation = "faceVarying")
     normal3f[] normals.timeSamples = {
         0: [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)],
@@ -101,7 +101,7 @@ def test_authored_normals_change_with_the_points(tmp_path):
     )
 
 
-def test_a_subdivided_mesh_deforms_as_its_cage_does(tmp_path):
+def test_subdivided_mesh_deforms_with_its_cage(tmp_path):
     """Subdivision is linear in the points: halfway between two cages is halfway between their surfaces."""
     body = """
 def Mesh "Blob"
@@ -135,12 +135,12 @@ def Mesh "Blob"
         ),
     ],
 )
-def test_other_shapes_grow(tmp_path, shape, at_half):
+def test_animated_gprim_sizes_deform_their_meshes(tmp_path, shape, at_half):
     (mesh,) = read(tmp_path, shape, more=RANGE).meshes
     assert mesh.deformation.at(0.5)[0].max() == pytest.approx(at_half, rel=0.05)
 
 
-def test_a_topology_that_changes_is_named(tmp_path):
+def test_changing_topology_is_reported(tmp_path):
     body = """
 def Mesh "Fluid"
 {
@@ -159,8 +159,8 @@ def Mesh "Fluid"
     read_with_warning(tmp_path, fewer, "a Mesh whose number of points changes has time samples.*: </Cloth>$")
 
 
-def test_samples_of_what_never_changes_are_no_animation(tmp_path):
-    """Exporters write the topology, and much else, at every frame."""
+def test_constant_samples_are_not_animation(tmp_path):
+    """Exporters write the topology, and many other attributes, at every frame."""
     body = (CLOTH % "").replace(
         "int[] faceVertexCounts = [4]", "int[] faceVertexCounts.timeSamples = { 0: [4], 10: [4] }"
     )
@@ -225,7 +225,7 @@ TURNED = """
 """
 
 
-def test_parts_move_within_their_thing(tmp_path):
+def test_parts_move_within_their_object(tmp_path):
     path = write(tmp_path, CAR % ("", "", MOVED), more=RANGE)
     (track,) = read_stage(path).tracks
     assert track.instances.tolist() == [1]
@@ -240,8 +240,8 @@ def test_parts_move_within_their_thing(tmp_path):
     np.testing.assert_allclose(size, (3, 5, 2), atol=1e-5)  # of all that it ever takes up
 
 
-def test_parts_turn_on_within_a_thing_that_moves(tmp_path):
-    """The wheel of a car that drives: both motions together, exact between samples of angles."""
+def test_part_rotates_within_a_moving_object(tmp_path):
+    """The wheel of a moving car: both motions combine, and are exact between samples of angles."""
     path = write(tmp_path, CAR % (MOVED, "", TURNED), more=RANGE)
     frames = stream(path)
     frame = frames[5]
@@ -259,7 +259,7 @@ def test_parts_turn_on_within_a_thing_that_moves(tmp_path):
 
 
 @pytest.mark.parametrize(("group", "wheel", "gone"), [(HIDDEN, "", {1}), ("", HIDDEN, set())])
-def test_groups_and_parts_come_and_go(tmp_path, group, wheel, gone):
+def test_animated_visibility_of_groups_and_parts(tmp_path, group, wheel, gone):
     path = write(tmp_path, CAR % (group, "", wheel), more=RANGE)
     frames = stream(path, buffers=("instance",))
     for k in (0, 4, 5, 7, 8, 20):
@@ -269,7 +269,7 @@ def test_groups_and_parts_come_and_go(tmp_path, group, wheel, gone):
         assert frames[k].instance.any() == (there or not gone)
 
 
-def test_a_thing_that_moves_in_a_group_that_comes_and_goes(tmp_path):
+def test_moving_object_in_a_group_with_animated_visibility(tmp_path):
     path = write(tmp_path, CAR % (HIDDEN, MOVED, ""), more=RANGE)
     frames = stream(path, buffers=("instance",))
     assert [bool(frames[k].instance.any()) for k in (0, 4, 5, 7, 8)] == [True, True, False, False, True]
@@ -294,13 +294,13 @@ def PointInstancer "P"
 """
 
 
-def test_points_of_an_instancer_move(tmp_path):
+def test_animated_points_of_an_instancer_move(tmp_path):
     positions = ".timeSamples = { 0: [(-2, 0, 0), (2, 0, 0)], 10: [(-2, 0, 0), (2, 2, 0)] }"
     path = write(tmp_path, SCATTER % (" = [0, 1]", positions, ""), more=RANGE)
     description = read_stage(path)
-    assert [thing.name for thing in description.objects] == ["P[0]", "P[1]"]
+    assert [each.name for each in description.objects] == ["P[0]", "P[1]"]
     (track,) = description.tracks
-    assert track.instances.tolist() == [1]  # the other one stands
+    assert track.instances.tolist() == [1]  # the other one is static
     frame = stream(path)[5]
     assert frame.objects[1].position == pytest.approx((2, 1, 0))
     assert frame.objects[1].velocity == pytest.approx((0, 2, 0))
@@ -309,8 +309,8 @@ def test_points_of_an_instancer_move(tmp_path):
     assert not frame.scene_flow[frame.instance == 1].any()
 
 
-def test_points_come_and_go_by_their_ids(tmp_path):
-    """A point keeps its id, whatever its place in the arrays, and is the same thing when it comes back."""
+def test_points_appear_and_vanish_by_id(tmp_path):
+    """A point keeps its id whatever its index in the arrays, and is the same object when it reappears."""
     ids = """
     int64[] ids.timeSamples = { 0: [7, 8], 4: [8, 9], 8: [7, 8, 9] }
     int64[] invisibleIds.timeSamples = { 0: [], 9: [8] }
@@ -321,7 +321,7 @@ def test_points_come_and_go_by_their_ids(tmp_path):
     }"""
     path = write(tmp_path, SCATTER % (chosen, positions, ids), more=RANGE)
     frames = stream(path, buffers=("instance",))
-    names = {thing.name: number + 1 for number, thing in enumerate(frames.world.stage.objects)}
+    names = {each.name: number + 1 for number, each in enumerate(frames.world.stage.objects)}
     assert sorted(names) == ["P[7]", "P[8]", "P[9]"]
     for k, expected in ((0, "78"), (3, "78"), (4, "89"), (7, "89"), (8, "789"), (9, "79"), (30, "79")):
         wanted = {names[f"P[{digit}]"] for digit in expected}
@@ -330,8 +330,8 @@ def test_points_come_and_go_by_their_ids(tmp_path):
     assert next(row for row in frames[8].objects if row.name == "P[7]").position == (-3.0, 1.0, 0.0)
 
 
-def test_velocities_carry_points_on(tmp_path):
-    """As USD has it: from a sample on, until the next one, whose points may be others."""
+def test_velocities_extrapolate_points_until_the_next_sample(tmp_path):
+    """As in USD: from a sample until the next one, which may have other points."""
     more = """
     vector3f[] velocities.timeSamples = { 0: [(0, 10, 0)], 4: [(0, 0, 0), (5, 0, 0)] }
 """
@@ -345,7 +345,7 @@ def test_velocities_carry_points_on(tmp_path):
     assert placed(track, 0.4)[1] == [True, True]
 
 
-def test_prototypes_whose_parts_move(tmp_path):
+def test_moving_parts_of_a_prototype_move_in_each_point(tmp_path):
     body = """
 def PointInstancer "Mills"
 {
@@ -383,8 +383,8 @@ def PointInstancer "Mills"
     np.testing.assert_allclose(at, [(-3 - root, root, 0), (3 - root, root, 0)], atol=1e-12)
 
 
-def test_a_skin_is_posed_at_every_frame():
-    """The upper joint turns by nine degrees a frame, and a point a meter above it goes round with it."""
+def test_skinned_mesh_is_posed_at_each_frame():
+    """The upper joint rotates by nine degrees a frame, and a point a meter above it with it."""
     description = read_stage(STAGES / "skinned.usda")
     (mesh,), (instance,) = description.meshes, description.instances
     rate = len(mesh.deformation.times) - 1
@@ -398,7 +398,7 @@ def test_a_skin_is_posed_at_every_frame():
         assert np.abs(world - at_top).max(axis=1).min() < 1e-5
 
 
-def test_between():
+def test_between_returns_sample_index_and_fraction():
     times = np.array([0.0, 1.0, 3.0])
     assert between(times, -1.0) == (0, 0.0)
     assert between(times, 0.5) == (0, 0.5)

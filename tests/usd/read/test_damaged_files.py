@@ -63,7 +63,7 @@ def test_damage_depends_on_neither_folder_nor_hash_seed(tmp_path, suffix):
         assert other.stdout.split()[-1] == expected
 
 
-def test_a_text_that_is_not_utf8_is_refused(tmp_path):
+def test_text_that_is_not_utf8_raises_stage_error(tmp_path):
     data = crate_bytes('#usda 1.0\n(\n    upAxis = "QQ"\n)\ndef Cube "A"\n{\n}\n', tmp_path)
     assert data.count(b"QQ") == 1
     path = tmp_path / "damaged.usdc"
@@ -72,7 +72,7 @@ def test_a_text_that_is_not_utf8_is_refused(tmp_path):
         read_stage(path)
 
 
-def test_a_crate_that_keeps_usd_busy_is_stopped_at_the_time_limit(tmp_path):
+def test_crate_that_hangs_usd_is_stopped_at_the_time_limit(tmp_path):
     """One flipped bit gives a count that USD believes for minutes. The file is trusted: limits alone bound it."""
     data = bytearray(crate_bytes((STAGES / "creases.usda").read_text(encoding="utf-8"), tmp_path))
     data[1354] ^= 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prims of a stage taken out of what stands still."""
+"""Prims that are extracted from the static scene as templates."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def Xform "House" (
 """
 
 
-def test_a_prim_becomes_a_template_and_stands_nowhere(tmp_path):
+def test_extracted_prim_is_a_template_and_not_in_the_scene(tmp_path):
     path = write(tmp_path, HOUSE, meters=0.5)
     stage = read_stage(path, extract=["/House/Lamp"])
     assert [each.name for each in stage.objects] == ["Wall"]
@@ -58,24 +58,24 @@ def test_a_prim_becomes_a_template_and_stands_nowhere(tmp_path):
     np.testing.assert_allclose(shade.world_from_object[:3, 3], (0, 3, 0), atol=1e-12)
 
 
-def test_a_gprim_can_be_lifted_alone(tmp_path):
+def test_single_gprim_can_be_extracted(tmp_path):
     stage = read_stage(write(tmp_path, HOUSE), extract=["/House/Wall"])
     assert [each.name for each in stage.objects] == []
     assert [each.name for each in stage.templates] == ["/House/Wall"]
 
 
-def test_without_lifting_nothing_changes(tmp_path):
+def test_extracting_nothing_changes_nothing(tmp_path):
     path = write(tmp_path, HOUSE)
     assert [each.name for each in read_stage(path).objects] == ["Wall"]
     assert read_stage(path).templates == ()
 
 
 @pytest.mark.parametrize("name", ["/House/Lmap", "/", "no path", "/House/Lamp.visibility"])
-def test_what_is_not_there_cannot_be_lifted(tmp_path, name):
+def test_extracting_an_unknown_path_raises_template_not_found(tmp_path, name):
     with pytest.raises(TemplateNotFound, match="on the stage"):
         read_stage(write(tmp_path, HOUSE), extract=[name])
 
 
-def test_what_holds_no_geometry_is_a_problem(tmp_path):
+def test_extracting_a_prim_without_geometry_is_a_problem(tmp_path):
     with pytest.raises(StageError, match="</House/Nothing> template: it holds no geometry"):
         read_stage(write(tmp_path, HOUSE), extract=["/House/Nothing"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Things and their labels; native instances and point instances."""
+"""Objects, labels, parts and colliders; native instances and point instances."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tiscene.usd.read.template import read_template
 
 def test_native_instances():
     description = read_stage(STAGES / "instances.usda")
-    things = [(thing.name, thing.prim_path, thing.category) for thing in description.objects]
-    assert things == [
+    objects = [(each.name, each.prim_path, each.category) for each in description.objects]
+    assert objects == [
         ("Left", "/World/Left", "table"),
         ("Right", "/World/Right", "table"),
         ("Set", "/World/Set", "table"),  # a component, named by its first labeled part
@@ -32,8 +32,8 @@ def test_native_instances():
 
 def test_point_instances():
     description = read_stage(STAGES / "scatter.usda")
-    things = [(thing.name, thing.prim_path, thing.category) for thing in description.objects]
-    assert things == [
+    objects = [(each.name, each.prim_path, each.category) for each in description.objects]
+    assert objects == [
         ("Scatter[7]", "/World/Scatter[7]", "bush"),
         ("Scatter[9]", "/World/Scatter[9]", "bush"),
         ("Scatter[8]", "/World/Scatter[8]", ""),
@@ -43,7 +43,7 @@ def test_point_instances():
     np.testing.assert_allclose(leaves[:3, 3], (0, 1, 100))
     np.testing.assert_allclose(big_leaves[:3, 3], (20, 3, 100))  # scaled thrice about the prototype's origin
     np.testing.assert_allclose(big_stem[:3, :3], 3 * np.eye(3))
-    # The stone stands 1 along x in its prototype; scaled by (1, 2, 1), turned a quarter about z, moved by 10.
+    # The stone is at x = 1 in its prototype; scaled by (1, 2, 1), rotated by 90 degrees about z, translated by 10.
     np.testing.assert_allclose(stone[:3, 3], (10, 1, 100), atol=2e-3)  # quath holds three digits
     np.testing.assert_allclose(stone @ (0, 1, 0, 0), (-2, 0, 0, 0), atol=2e-3)
 
@@ -75,7 +75,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("line", "expected"), WRONG)
-def test_wrong_instancers(tmp_path, line, expected):
+def test_inconsistent_instancer_arrays_are_problems(tmp_path, line, expected):
     name = line.split(" = ")[0]
     text = "\n".join(kept for kept in INSTANCER.split("\n") if not kept.strip().startswith(name + " "))
     body = text % line if "%s" in text else text
@@ -83,36 +83,36 @@ def test_wrong_instancers(tmp_path, line, expected):
     assert problem.startswith(f"</P> instancer: {expected}")
 
 
-def test_points_that_are_squashed_flat_are_not_drawn(tmp_path):
-    """Scatterers hide points so; those that stay keep their numbers."""
+def test_points_with_singular_transforms_are_not_drawn(tmp_path):
+    """Scatter tools hide points that way; the others keep their ids."""
     text = "points of a point instancer whose transform is singular are not drawn: </P>"
     description = read_with_warning(tmp_path, INSTANCER % "float3[] scales = [(0, 0, 0), (1, 1, 1)]", text)
-    assert [thing.name for thing in description.objects] == ["P[1]"]
+    assert [each.name for each in description.objects] == ["P[1]"]
 
 
-def test_ids_that_are_not_unique_are_not_used(tmp_path):
+def test_duplicate_point_ids_are_not_used(tmp_path):
     description = read_with_warning(tmp_path, INSTANCER % "int64[] ids = [4, 4]", "ids .* that are not unique are not")
-    assert [thing.name for thing in description.objects] == ["P[0]", "P[1]"]
+    assert [each.name for each in description.objects] == ["P[0]", "P[1]"]
 
 
-def test_an_instancer_in_its_own_prototype(tmp_path):
+def test_instancer_within_its_own_prototype_is_a_problem(tmp_path):
     body = INSTANCER.replace("</P/Ball>", "</P>") % ""
     assert problems_of(tmp_path, body) == ("</P> instancer: one of its prototypes contains the instancer itself",)
 
 
-def test_a_camera_in_a_prototype_is_named(tmp_path):
+def test_camera_in_a_prototype_is_reported(tmp_path):
     start = 'def Sphere "Ball"\n    {'
     body = INSTANCER.replace(start, f'{start}\n        def Camera "Eye"\n        {{\n        }}') % ""
     found = read_with_warning(tmp_path, body, "cameras in a point instancer's prototypes are not read: </P/Ball/Eye>")
     assert (len(found.objects), found.cameras) == (2, ())
 
 
-def test_an_empty_instancer_is_named(tmp_path):
+def test_empty_instancer_is_reported(tmp_path):
     body = INSTANCER.replace("[0, 0]", "[]").replace("[(0, 0, 0), (1, 0, 0)]", "[]") % ""
     read_with_warning(tmp_path, body, "a point instancer without points: </P>")
 
 
-def test_an_instancer_within_a_prototype(tmp_path):
+def test_nested_instancer_adds_parts_to_the_outer_point(tmp_path):
     body = """
     def PointInstancer "Outer"
     {
@@ -131,13 +131,13 @@ def test_an_instancer_within_a_prototype(tmp_path):
     }
     """
     description = read(tmp_path, body)
-    assert [thing.name for thing in description.objects] == ["Outer[0]", "Outer[1]"]
+    assert [each.name for each in description.objects] == ["Outer[0]", "Outer[1]"]
     assert [i.world_from_object[:2, 3].tolist() for i in description.instances] == [
         [0, 0], [1, 0], [2, 0], [0, 10], [1, 10], [2, 10],
     ]  # fmt: skip
 
 
-def test_orientationsf_come_before_orientations(tmp_path):
+def test_orientationsf_take_precedence_over_orientations(tmp_path):
     lines = """
     quath[] orientations = [(1, 0, 0, 0), (1, 0, 0, 0)]
     quatf[] orientationsf = [(0, 0, 0, 1), (0, 0, 0, 1)]
@@ -147,7 +147,7 @@ def test_orientationsf_come_before_orientations(tmp_path):
 
 
 def label(name: str, *taxonomies: tuple[str, str], kind: str = "", inside: str = "", type_: str = "Xform") -> str:
-    """A prim with labels."""
+    """Return a prim with labels, by (taxonomy, label)."""
     schemas = ", ".join(f'"SemanticsLabelsAPI:{taxonomy}"' for taxonomy, _ in taxonomies)
     metadata = f"prepend apiSchemas = [{schemas}]\n" if taxonomies else ""
     metadata += f'kind = "{kind}"' if kind else ""
@@ -158,7 +158,7 @@ def label(name: str, *taxonomies: tuple[str, str], kind: str = "", inside: str =
 def test_labels_are_inherited_and_the_nearest_wins(tmp_path):
     inside = label("Plain", type_="Cube") + label("Own", ("class", "lamp"), type_="Cube")
     body = label("Room", ("class", "room"), inside=inside) + label("Outside", type_="Cube")
-    categories = {thing.name: thing.category for thing in read(tmp_path, body).objects}
+    categories = {each.name: each.category for each in read(tmp_path, body).objects}
     assert categories == {"Plain": "room", "Own": "lamp", "Outside": ""}
 
 
@@ -168,10 +168,10 @@ def test_taxonomies(tmp_path):
         + label("B", ("zebra", "z"), ("category", "two"), type_="Cube")
         + label("C", ("zebra", "z"), ("ant", "a"), type_="Cube")
     )
-    assert [thing.category for thing in read(tmp_path, body).objects] == ["one", "two", "a"]
+    assert [each.category for each in read(tmp_path, body).objects] == ["one", "two", "a"]
 
 
-def test_a_component_is_one_thing(tmp_path):
+def test_component_is_one_object(tmp_path):
     parts = label("Seat", ("class", "cushion"), type_="Cube") + label("Leg", type_="Cube")
     body = (
         label("Named", ("class", "chair"), kind="component", inside=parts)
@@ -180,10 +180,10 @@ def test_a_component_is_one_thing(tmp_path):
         + label("Sub", kind="subcomponent", inside=parts)
     )
     description = read(tmp_path, body)
-    assert [(thing.name, thing.category) for thing in description.objects] == [
+    assert [(each.name, each.category) for each in description.objects] == [
         ("Named", "chair"),
         ("Unnamed", "cushion"),
-        ("Stool", "cushion"),  # what its part says is nearer than what the room says
+        ("Stool", "cushion"),  # the label of its part is nearer than that of the room
         ("Seat", "cushion"),
         ("Leg", ""),
     ]
@@ -194,10 +194,10 @@ def test_the_nearest_component_wins(tmp_path):
     inner = label("Inner", kind="component", inside=label("A", type_="Cube"))
     body = label("Outer", kind="component", inside=inner + label("B", type_="Cube"))
     description = read(tmp_path, body)
-    assert [thing.prim_path for thing in description.objects] == ["/Outer/Inner", "/Outer"]
+    assert [each.prim_path for each in description.objects] == ["/Outer/Inner", "/Outer"]
 
 
-def test_an_instance_ignores_what_its_prototype_would_be_alone(tmp_path):
+def test_instance_is_one_object_whatever_its_prototype(tmp_path):
     quad = f'def Mesh "Quad"\n{{\n{QUAD}\n}}'
     body = f"""
     class "Thing"
@@ -214,11 +214,11 @@ def test_an_instance_ignores_what_its_prototype_would_be_alone(tmp_path):
     }}
     """
     description = read(tmp_path, body)
-    assert [thing.prim_path for thing in description.objects] == ["/A", "/B"]
+    assert [each.prim_path for each in description.objects] == ["/A", "/B"]
     assert len(description.meshes) == 1
 
 
-def test_an_instance_of_an_assembly_holds_several_things(tmp_path):
+def test_instance_of_an_assembly_has_several_objects(tmp_path):
     body = """
     class "Corner" (kind = "assembly")
     {
@@ -235,7 +235,7 @@ def test_an_instance_of_an_assembly_holds_several_things(tmp_path):
     }
     """
     description = read(tmp_path, body)
-    assert [thing.prim_path for thing in description.objects] == ["/A/Sofa", "/A/Lamp"]
+    assert [each.prim_path for each in description.objects] == ["/A/Sofa", "/A/Lamp"]
 
 
 TWO_TAXONOMIES = """
@@ -258,12 +258,12 @@ def Xform "A" (prepend apiSchemas = ["SemanticsLabelsAPI:wikidata", "SemanticsLa
     ("taxonomy", "expected"),
     [(None, ["bed", "furniture"]), ("class", ["bed", ""]), ("wikidata", ["Q42177", "Q42177"])],
 )
-def test_a_chosen_taxonomy(tmp_path, taxonomy, expected):
+def test_requested_taxonomy_gives_the_labels(tmp_path, taxonomy, expected):
     path = write(tmp_path, TWO_TAXONOMIES)
-    assert [thing.category for thing in read_stage(path, taxonomy=taxonomy).objects] == expected
+    assert [each.category for each in read_stage(path, taxonomy=taxonomy).objects] == expected
 
 
-def test_a_taxonomy_that_is_not_there(tmp_path):
+def test_unknown_taxonomy_raises_unknown_name(tmp_path):
     path = write(tmp_path, TWO_TAXONOMIES)
     with pytest.raises(UnknownName, match=r"no taxonomy 'klass' in stage.usda\. Did you mean 'class'\?"):
         read_stage(path, taxonomy="klass")
@@ -271,7 +271,7 @@ def test_a_taxonomy_that_is_not_there(tmp_path):
         read_stage(write(tmp_path, 'def Cube "A"\n{\n}'), taxonomy="class")
 
 
-def test_names_stand_for_labels_where_there_are_none(tmp_path):
+def test_names_give_categories_on_stages_without_labels(tmp_path):
     body = """
 def Xform "Chair_01" (kind = "component")
 {
@@ -295,18 +295,18 @@ def Cube "_12"
 {
 }
 """
-    assert [thing.category for thing in read(tmp_path, body).objects] == ["Chair", "Table", "Floor", "_12"]
+    assert [each.category for each in read(tmp_path, body).objects] == ["Chair", "Table", "Floor", "_12"]
     some = body.replace('def Cube "Floor"', 'def Cube "Floor" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])')
     some = some.replace('"]\n)', '"]\n)').replace(
         'apiSchemas = ["SemanticsLabelsAPI:class"])\n{',
         'apiSchemas = ["SemanticsLabelsAPI:class"])\n{\n    token[] semantics:labels:class = ["floor"]',
     )
-    assert [thing.category for thing in read(tmp_path, some).objects] == ["", "", "floor", ""]
+    assert [each.category for each in read(tmp_path, some).objects] == ["", "", "floor", ""]
     scattered = INSTANCER.replace('"Ball"', '"Ball_7"').replace("</P/Ball>", "</P/Ball_7>") % ""
-    assert [thing.category for thing in read(tmp_path, scattered).objects] == ["Ball", "Ball"]
+    assert [each.category for each in read(tmp_path, scattered).objects] == ["Ball", "Ball"]
 
 
-def test_assets_are_what_assetinfo_says_or_the_file_referred_to(tmp_path):
+def test_asset_name_comes_from_asset_info_or_referenced_file(tmp_path):
     xform = 'def Xform "{}"\n{{\n    def Cube "C"\n    {{\n    }}\n}}\n'
     write(tmp_path, xform.format("Seat"), name="oak_chair.usda", more='defaultPrim = "Seat"')
     cups = xform.format("Cup") + xform.format("Dish")
@@ -344,13 +344,13 @@ def Xform "Alone" (kind = "component")
     }
 }
 """
-    assets = {thing.prim_path: thing.asset for thing in read(tmp_path, body).objects}
+    assets = {each.prim_path: each.asset for each in read(tmp_path, body).objects}
     assert assets == {
         "/Set/Left": "Oak Chair",
         "/Set/Right": "Oak Chair",
         "/Set/Dish": "Dining set",  # a part of a file is no asset
         "/Set/Jug": "Jug",
-        "/Alone": "",  # what it is made of says nothing about it
+        "/Alone": "",  # assets of its parts do not count
     }
     assert read_template(tmp_path / "oak_chair.usda").description.objects[0].asset == "Oak Chair"
 
@@ -386,8 +386,8 @@ def Sphere "Ball"
 """
 
 
-def test_parts(tmp_path):
-    """A part for each mesh, for each subset of one, and for its faces that are in none."""
+def test_parts_are_meshes_and_their_subsets(tmp_path):
+    """A part for each mesh, each subset of one, and its faces in no subset."""
     description = read(tmp_path, PARTS)
     chair, ball = description.objects
     assert chair.parts == ("Seat", "Frame/Legs/Left", "Frame/Legs/Right", "Frame/Legs")
@@ -398,7 +398,7 @@ def test_parts(tmp_path):
     np.testing.assert_array_equal(legs.parts, [1, 2, 0])
 
 
-def test_subsets_of_parts_come_before_those_of_materials(tmp_path):
+def test_part_subsets_take_precedence_over_material_subsets(tmp_path):
     body = PARTS.replace(
         'def GeomSubset "Right"\n            {',
         'def GeomSubset "Right"\n            {\n                uniform token familyName = "materialBind"',
@@ -406,11 +406,11 @@ def test_subsets_of_parts_come_before_those_of_materials(tmp_path):
     assert read(tmp_path, body).objects[0].parts == ("Seat", "Frame/Legs/Left", "Frame/Legs")
 
 
-def test_a_template_is_one_thing_whose_parts_are_all(tmp_path):
+def test_template_is_one_object_with_all_parts(tmp_path):
     body = 'def Xform "Set"\n{\n' + PARTS.replace('kind = "component"', 'kind = "subcomponent"') + "}\n"
     template = read_template(write(tmp_path, body, more='defaultPrim = "Set"'))
-    (thing,) = template.description.objects
-    assert thing.parts == ("Seat", "Legs/Left", "Legs/Right", "Legs", "Ball")
+    (each,) = template.description.objects
+    assert each.parts == ("Seat", "Legs/Left", "Legs/Right", "Legs", "Ball")
     assert [(each.object, each.part) for each in template.description.instances] == [(0, 0), (0, 1), (0, 4)]
 
 
@@ -443,7 +443,7 @@ def Cube "Ghost" (prepend apiSchemas = ["PhysicsCollisionAPI"])
         ("", 'def PhysicsScene "Physics"\n{\n}\n', [False, True, False, False]),
     ],
 )
-def test_what_collides(tmp_path, line, more, expected):
+def test_colliders_follow_usd_physics(tmp_path, line, more, expected):
     description = read(tmp_path, COLLIDERS % ("", line) + more)
     assert [each.collides for each in description.instances] == expected
 
@@ -493,9 +493,9 @@ def PointInstancer "Scatter"
 """
 
 
-def test_colliders_that_nobody_sees(tmp_path):
+def test_colliders_that_are_not_drawn_are_kept(tmp_path):
     description = read(tmp_path, HIDDEN)
-    assert [thing.name for thing in description.objects] == ["Chair", "Scatter[0]", "Scatter[1]"]
+    assert [each.name for each in description.objects] == ["Chair", "Scatter[0]", "Scatter[1]"]
     assert [(each.object, each.collides) for each in description.instances] == [(0, False), (1, False), (2, False)]
     found = {each.prim_path: each for each in description.colliders}
     assert {path: each.object for path, each in found.items()} == {
@@ -503,13 +503,13 @@ def test_colliders_that_nobody_sees(tmp_path):
     }  # fmt: skip
     np.testing.assert_allclose(found["/Chair/Hull"].world_from_object, np.diag([2, 2, 2, 1]))
     np.testing.assert_allclose(found["/Scatter[1]"].world_from_object[:3, 3], (9, 0, 0))
-    np.testing.assert_allclose(description.bounds(), [(-1, -1, -1), (10, 1, 1)])  # of what is drawn
+    np.testing.assert_allclose(description.bounds(), [(-1, -1, -1), (10, 1, 1)])  # of drawn meshes only
 
 
 def test_rigid_bodies_are_movable(tmp_path):
     body = COLLIDERS % (', prepend apiSchemas = ["PhysicsRigidBodyAPI"]', "")
     body = body.replace('(kind = "component", ', '(\nkind = "component"\n')
-    assert [thing.movable for thing in read(tmp_path, body).objects] == [True, False, False]
+    assert [each.movable for each in read(tmp_path, body).objects] == [True, False, False]
     off = body.replace('def Cube "Drawn"', 'bool physics:rigidBodyEnabled = 0\ndef Cube "Drawn"')
     assert not read(tmp_path, off).objects[0].movable
 
@@ -518,7 +518,7 @@ def labeled(path, **options):
     return tiscene.Stream(path, buffers=("semantic",), **options)
 
 
-def test_a_stream_reads_the_taxonomy_that_it_is_asked_for(tmp_path):
+def test_stream_reads_the_requested_taxonomy(tmp_path):
     path = write(tmp_path, TWO_TAXONOMIES)
     default, chosen = (labeled(path, taxonomy=taxonomy) for taxonomy in (None, "wikidata"))
     assert set(default.categories.values()) == {"", "bed", "furniture"}
@@ -529,7 +529,7 @@ def test_a_stream_reads_the_taxonomy_that_it_is_asked_for(tmp_path):
         labeled(path, taxonomy="x")
 
 
-def test_a_stream_of_a_stage_that_is_not_trusted(tmp_path):
+def test_stream_of_an_untrusted_stage(tmp_path):
     path = write(tmp_path, TWO_TAXONOMIES)
     assert labeled(path, untrusted=True).categories == labeled(path).categories
     (tmp_path / "empty").mkdir()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdGeomCamera by its own rule: tenths of a scene unit."""
+"""UsdGeomCamera: lenses in tenths of a scene unit, poses, exposure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def only(description):
     return result
 
 
-def test_defaults(tmp_path):
+def test_default_camera(tmp_path):
     eye = only(read(tmp_path, camera()))
     assert eye.name == "Eye"
     assert eye.vertical_fov == pytest.approx(2.0 * math.atan(15.2908 / 100.0))
@@ -32,7 +32,7 @@ def test_defaults(tmp_path):
 
 
 @pytest.mark.parametrize("meters", [1.0, 0.01])
-def test_the_lens_in_tenths_of_a_unit(tmp_path, meters):
+def test_lens_is_in_tenths_of_a_scene_unit(tmp_path, meters):
     """A 50 mm lens at f/2 on a 24 mm high sensor, focused at 3 m."""
     per_unit = 1.0 / meters
     lines = f"""
@@ -53,7 +53,7 @@ def test_depth_of_field_needs_a_focus_distance(tmp_path):
     assert only(read(tmp_path, camera("float fStop = 2"))).lens_radius == 0.0
 
 
-def test_the_pose_has_no_scale(tmp_path):
+def test_camera_pose_has_no_scale(tmp_path):
     lines = """
     double3 xformOp:translate = (1, 2, 3)
     float xformOp:rotateY = 90
@@ -70,8 +70,8 @@ MIRRORS = [("(-1, 1, 1)", -1, 1), ("(1, -1, 1)", -1, -1), ("(1, 1, -1)", 1, 1)]
 
 
 @pytest.mark.parametrize(("scale", "ahead", "up"), MIRRORS)
-def test_a_mirrored_camera_looks_where_it_looks(tmp_path, scale, ahead, up):
-    """What it sees cannot be mirrored, which is said; it is not turned upside down for that."""
+def test_mirrored_camera_keeps_its_direction_and_up(tmp_path, scale, ahead, up):
+    """Its image cannot be mirrored, which is reported; its direction and up vector are kept."""
     lines = f"""
     float xformOp:rotateY = 90
     float3 xformOp:scale = {scale}
@@ -97,8 +97,8 @@ def test_exposure(tmp_path, lines, stops):
     assert only(read(tmp_path, camera(lines))).exposure == pytest.approx(stops)
 
 
-def test_an_orthographic_camera_sees_its_aperture(tmp_path):
-    """Apertures are tenths of a scene unit; focal length and lens mean nothing."""
+def test_orthographic_height_is_the_aperture(tmp_path):
+    """The aperture is in tenths of a scene unit; focal length and lens are not used."""
     lines = """token projection = "orthographic"
     float verticalAperture = 300
     float focalLength = 0
@@ -109,7 +109,7 @@ def test_an_orthographic_camera_sees_its_aperture(tmp_path):
     assert eye.lens_radius == 0.0
 
 
-def test_an_orthographic_camera_survives_a_file(tmp_path):
+def test_orthographic_camera_survives_a_file(tmp_path):
     write(tmp_path, 'def Cube "C"\n{\n}', meters=0.01, name="scene.usda")
     eye = ts.Camera((1, 2, 3), orthographic_height=1.7, name="Plan")
     for name in ("run.usda", "run.json"):
@@ -129,7 +129,7 @@ OMITTED = [
 
 
 @pytest.mark.parametrize(("lines", "expected", "count"), OMITTED)
-def test_what_is_left_out_is_named(tmp_path, lines, expected, count):
+def test_unsupported_camera_attributes_are_reported(tmp_path, lines, expected, count):
     assert len(read_with_warning(tmp_path, camera(lines), expected).cameras) == count
 
 
@@ -147,6 +147,6 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("lines", "expected"), WRONG)
-def test_problems(tmp_path, lines, expected):
+def test_invalid_cameras_are_problems(tmp_path, lines, expected):
     (problem,) = problems_of(tmp_path, camera(lines))
     assert problem.startswith(f"</Eye> {expected}")

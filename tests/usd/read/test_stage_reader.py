@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opening stages: what cannot be opened, variants, units, axes, time, purpose, visibility, transforms."""
+"""Reading stages: errors, variants, units, axes, time codes, purpose, visibility, transforms."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from tiscene.usd.read.stage_reader import read_stage
 
 
 def places(description) -> dict[str, np.ndarray]:
-    """World matrix by object name."""
+    """Return world matrices by object name."""
     return {description.objects[i.object].name: i.world_from_object for i in description.instances}
 
 
-def test_a_missing_file(tmp_path):
+def test_missing_file_raises_missing_file(tmp_path):
     with pytest.raises(MissingFile, match=r"nowhere\.usda does not exist"):
         read_stage(tmp_path / "nowhere.usda")
     with pytest.raises(FileNotFoundError, match="is not a file"):
         read_stage(tmp_path)
 
 
-def test_a_file_that_is_no_usd(tmp_path):
+def test_file_that_is_not_usd_raises_stage_error(tmp_path):
     path = tmp_path / "text.usda"
     path.write_text("#usda 1.0\ndef Mesh 'M' { int x = }")
     with pytest.raises(StageError, match=r"has 1 problem:\n  cannot be read: .*text\.usda:2:16: Expected }"):
@@ -46,7 +46,7 @@ def test_a_file_that_is_no_usd(tmp_path):
         read_stage(path)
 
 
-def test_bytes_that_are_no_utf8(tmp_path):
+def test_bytes_that_are_not_utf8_raise_stage_error(tmp_path):
     path = tmp_path / "latin.usda"
     path.write_bytes(b'#usda 1.0\ndef Mesh "M\xe9\xff" { int x = \xfe }')
     with pytest.raises(StageError):
@@ -63,19 +63,19 @@ COMPOSITION = [
 
 
 @pytest.mark.parametrize("body", COMPOSITION)
-def test_what_does_not_compose_is_a_failure(tmp_path, body):
+def test_composition_errors_raise_stage_error(tmp_path, body):
     problems = problems_of(tmp_path, body)
     assert problems
     assert all("> composition: " in problem for problem in problems)
 
 
-def test_a_missing_sublayer_is_a_failure(tmp_path):
+def test_missing_sublayer_raises_stage_error(tmp_path):
     path = write(tmp_path, "", more="subLayers = [@./missing.usda@]")
     with pytest.raises(StageError, match=r"missing\.usda"):
         read_stage(path)
 
 
-def test_usd_is_silent(tmp_path):
+def test_usd_diagnostics_stay_off_the_terminal(tmp_path):
     write(
         tmp_path,
         'def "A" (references = @./missing.usda@)\n{\n}\ndef Mesh "M"\n{\n    int bogus = 3\n}',
@@ -91,7 +91,7 @@ def test_usd_is_silent(tmp_path):
     assert (done.stdout, done.stderr) == ("", "")
 
 
-def test_a_file_is_read_again_after_it_has_changed(tmp_path):
+def test_changed_file_is_read_again(tmp_path):
     assert len(read(tmp_path, 'def Cube "A"\n{\n}').objects) == 1
     first = read(tmp_path, 'def Cube "A"\n{\n}')
     assert len(read(tmp_path, 'def Cube "A"\n{\n}\ndef Cube "B"\n{\n}').objects) == 2
@@ -124,18 +124,18 @@ def Xform "Room" (
 """
 
 
-def test_a_variant_that_is_missing_because_its_file_is(tmp_path):
+def test_missing_file_is_reported_before_its_missing_variant(tmp_path):
     path = write(tmp_path, 'def "A" (references = @./missing.usda@)\n{\n}')
     with pytest.raises(StageError, match=r"</A> composition: .*missing\.usda"):
         read_stage(path, variants={"/A{color}": "red"})
 
 
-def test_variants(tmp_path):
+def test_selected_variants_are_read(tmp_path):
     path = write(tmp_path, VARIANTS)
     before = path.read_bytes()
 
     def names(variants):
-        return [thing.name for thing in read_stage(path, variants=variants).objects]
+        return [each.name for each in read_stage(path, variants=variants).objects]
 
     assert names(None) == ["Sun"]
     assert names({"/Room{lighting}": "night"}) == ["Moon"]
@@ -158,7 +158,7 @@ WRONG_VARIANTS = [
 
 
 @pytest.mark.parametrize(("variants", "error", "text"), WRONG_VARIANTS)
-def test_wrong_variants(tmp_path, variants, error, text):
+def test_invalid_variants_raise_errors(tmp_path, variants, error, text):
     path = write(tmp_path, VARIANTS)
     with pytest.raises(error) as caught:
         read_stage(path, variants=variants)
@@ -166,7 +166,7 @@ def test_wrong_variants(tmp_path, variants, error, text):
 
 
 @pytest.mark.parametrize("meters", [1000.0, 1.0, 0.01])
-def test_everything_becomes_meters(tmp_path, meters):
+def test_lengths_become_meters(tmp_path, meters):
     body = """
     def Xform "X"
     {
@@ -192,13 +192,13 @@ def test_meters_per_unit_is_a_centimeter_unless_authored(tmp_path):
     np.testing.assert_allclose(read_stage(path).meshes[0].positions.max(), 0.01)
 
 
-def test_a_wrong_unit_is_a_problem(tmp_path):
+def test_invalid_unit_raises_stage_error(tmp_path):
     path = write(tmp_path, 'def Cube "C"\n{\n}', meters=-1.0)
     with pytest.raises(StageError, match="metersPerUnit is -1"):
         read_stage(path)
 
 
-def test_the_world_keeps_its_axes(tmp_path):
+def test_description_keeps_the_stage_axes(tmp_path):
     assert read(tmp_path, 'def Cube "C"\n{\n}', up="Y").up_axis == "Y"
     description = read(tmp_path, 'def Cube "C"\n{\n}', up="Z", name="z.usda")
     assert description.up_axis == "Z"
@@ -240,15 +240,15 @@ def test_transforms_nest_and_reset(tmp_path):
 SCALED = 'def Cube "C"\n{\nfloat3 xformOp:scale = %s\nuniform token[] xformOpOrder = ["xformOp:scale"]\n}'
 
 
-def test_impossible_transforms(tmp_path):
+def test_invalid_transforms_are_problems(tmp_path):
     (problem,) = problems_of(tmp_path, SCALED % "(1, nan, 1)")
     assert problem.startswith("</C> transform: its transform holds numbers that are not finite")
     (problem,) = problems_of(tmp_path, SCALED % "(1, 1e30, 1)")
     assert problem == "</C> transform: its transform holds numbers above 1e+18"
 
 
-def test_what_is_squashed_flat_is_named(tmp_path):
-    """A scale of 0 is how some programs hide things."""
+def test_flattened_geometry_is_reported(tmp_path):
+    """Some programs hide objects by a scale of 0."""
     text = "geometry that its transform flattens is not drawn: </C>"
     assert not read_with_warning(tmp_path, SCALED % "(1, 0, 1)", text).instances
 
@@ -260,7 +260,7 @@ def test_what_is_squashed_flat_is_named(tmp_path):
         ('def Sphere "C"\n{\ndouble radius = 1e300\n}', 1.0),
     ],
 )
-def test_what_is_too_large_for_single_precision_is_a_problem(tmp_path, body, meters):
+def test_coordinates_beyond_single_precision_are_problems(tmp_path, body, meters):
     path = write(tmp_path, body, meters=meters)
     with pytest.raises(
         StageError, match=r"</C> (geometry: its points reach farther than 1e|sphere: radius is 1e\+300)"
@@ -284,23 +284,23 @@ def Cube "C"
 
 
 @pytest.mark.parametrize(("time_code", "x"), [(10, 1.0), (15, 2.0), (20, 3.0), (25.5, 3.0), (None, 1.0)])
-def test_time_codes(tmp_path, time_code, x):
+def test_attributes_are_read_at_the_time_code(tmp_path, time_code, x):
     path = write(tmp_path, ANIMATED)
     (instance,) = read_stage(path, time_code=time_code).instances
     assert instance.world_from_object[0, 3] == x
 
 
 @pytest.mark.parametrize("time_code", [float("nan"), float("inf"), 10**400, "12", [1.0]])
-def test_what_is_no_time_code(tmp_path, time_code):
+def test_invalid_time_code_raises_argument_error(tmp_path, time_code):
     with pytest.raises(ArgumentError, match=r"time_code=.*: must be a finite number"):
         read_stage(write(tmp_path, ANIMATED), time_code=time_code)
 
 
-def test_a_time_code_may_be_a_number_of_numpy(tmp_path):
+def test_numpy_number_is_a_valid_time_code(tmp_path):
     assert read_stage(write(tmp_path, ANIMATED), time_code=np.float32(15)).instances[0].world_from_object[0, 3] == 2.0
 
 
-def test_the_start_of_the_range_is_read_unless_told(tmp_path):
+def test_start_of_the_range_is_the_default_time_code(tmp_path):
     path = write(tmp_path, ANIMATED, more="startTimeCode = 20\n endTimeCode = 40")
     assert read_stage(path).instances[0].world_from_object[0, 3] == 3.0
     assert not read_stage(path, time_code=30).instances
@@ -327,18 +327,18 @@ def test_visibility_is_inherited(tmp_path):
     }
     """
     description = read(tmp_path, body)
-    assert [thing.name for thing in description.objects] == ["B"]
+    assert [each.name for each in description.objects] == ["B"]
     assert not description.lights
-    assert [camera.name for camera in description.cameras] == ["Eye"]  # one can look through what is not seen
+    assert [camera.name for camera in description.cameras] == ["Eye"]  # an invisible camera can be rendered from
 
 
-def test_purposes(tmp_path):
+def test_only_default_and_render_purposes_are_drawn(tmp_path):
     body = "".join(
         f'def Xform "{p}"\n{{\nuniform token purpose = "{p}"\ndef Cube "{p}_cube"\n{{\n}}\n}}\n'
         for p in ("default", "render", "proxy", "guide")
     )
     description = read(tmp_path, body)
-    assert [thing.name for thing in description.objects] == ["default_cube", "render_cube"]
+    assert [each.name for each in description.objects] == ["default_cube", "render_cube"]
 
 
 def test_only_active_defined_prims_are_drawn(tmp_path):
@@ -362,10 +362,10 @@ def test_only_active_defined_prims_are_drawn(tmp_path):
     {
     }
     """
-    assert [thing.name for thing in read(tmp_path, body).objects] == ["On"]
+    assert [each.name for each in read(tmp_path, body).objects] == ["On"]
 
 
-def test_what_is_not_drawn_is_named_once(tmp_path):
+def test_omissions_are_listed_once_in_one_warning(tmp_path):
     body = """
     def NurbsCurves "Hair"
     {
@@ -410,18 +410,18 @@ def test_what_is_not_drawn_is_named_once(tmp_path):
     )
 
 
-def test_long_lists_are_cut(tmp_path):
+def test_long_lists_of_problems_are_truncated(tmp_path):
     body = "".join(f'def Volume "P{i}"\n{{\n}}\n' for i in range(9))
     read_with_warning(tmp_path, body, r"<\/P4> and 4 more$")
 
 
-def test_skinned_meshes_are_named(tmp_path):
+def test_unbound_skinned_mesh_is_reported(tmp_path):
     lines = 'int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex")'
     body = f'def Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"])\n{{\n{QUAD}\n{lines}\n}}'
     assert len(read_with_warning(tmp_path, body, "without its skinning: </M>").instances) == 1
 
 
-def test_an_empty_stage_is_no_error(tmp_path):
+def test_empty_stage_is_valid(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert not read(tmp_path, "").instances
@@ -432,11 +432,11 @@ def test_payloads_references_and_sublayers_compose(tmp_path):
     write(tmp_path, 'def Sphere "Ball"\n{\n}', name="under.usda")
     body = 'def "A" (references = @./box.usda@)\n{\n}\ndef "B" (payload = @./box.usda@)\n{\n}'
     description = read(tmp_path, body, more="subLayers = [@./under.usda@]")
-    assert [thing.prim_path for thing in description.objects] == ["/Ball", "/A/C", "/B/C"]
+    assert [each.prim_path for each in description.objects] == ["/Ball", "/A/C", "/B/C"]
     assert description.instances[1].mesh == description.instances[2].mesh
 
 
-def test_the_name_of_a_description(tmp_path):
+def test_description_is_named_by_file_or_folder(tmp_path):
     assert read(tmp_path, "", name="kitchen.usda").name == "kitchen"
     folder = tmp_path / "room_07"
     folder.mkdir()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Templates from files and from the class prim "Templates"."""
+"""Templates from files and from the class prim /Templates of a stage."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def Xform "Chair" (
 DEFAULT = 'defaultPrim = "Chair"'
 
 
-def test_a_template_stands_at_its_own_origin(tmp_path):
+def test_template_origin_is_that_of_its_prim(tmp_path):
     template = read_template(write(tmp_path, CHAIR, more=DEFAULT))
     assert template.category == "chair"
-    (thing,) = template.description.objects
-    assert thing.name == "Chair"
+    (each,) = template.description.objects
+    assert each.name == "Chair"
     seat, back = (i.world_from_object for i in template.description.instances)
     np.testing.assert_allclose(seat[:3, 3], (0, 2, 0))  # its own scale stays, its place does not
     np.testing.assert_allclose(back, np.diag([2.0, 2.0, 2.0, 1.0]))
 
 
-def test_names(tmp_path):
+def test_template_name_is_display_name_or_from_the_file(tmp_path):
     folder = tmp_path / "arm_chair_01"
     folder.mkdir()
     assert read_template(write(folder, CHAIR, more=DEFAULT, name="template.usda")).name == "Arm Chair 01"
@@ -52,7 +52,7 @@ def test_names(tmp_path):
     assert read_template(write(folder, named, more=DEFAULT, name="template.usda")).name == "The Chair"
 
 
-def test_without_a_default_prim_the_only_root_serves(tmp_path):
+def test_only_root_prim_is_read_without_a_default_prim(tmp_path):
     assert read_template(write(tmp_path, CHAIR)).category == "chair"
     with pytest.raises(StageError, match="no default prim"):
         read_template(write(tmp_path, CHAIR + 'def Cube "Another"\n{\n}'))
@@ -63,7 +63,7 @@ def test_only_the_default_prim_is_read(tmp_path):
     assert len(template.description.instances) == 2
 
 
-def test_units_and_axes(tmp_path):
+def test_template_is_converted_to_unit_and_up_axis(tmp_path):
     path = write(tmp_path, CHAIR, more=DEFAULT, meters=0.01, up="Z")
     as_it_is = read_template(path)
     assert as_it_is.description.up_axis == "Z"
@@ -76,7 +76,7 @@ def test_units_and_axes(tmp_path):
     np.testing.assert_allclose(risen[:3, 3], (0, 0, 2), atol=1e-12)
 
 
-def test_a_part_may_say_what_the_template_is(tmp_path):
+def test_first_labeled_part_gives_the_template_category(tmp_path):
     body = CHAIR.replace('prepend apiSchemas = ["SemanticsLabelsAPI:class"]', "").replace(
         "token[] semantics:labels:class", "token[] bogus"
     )
@@ -117,7 +117,7 @@ def Xform "Lamp" (
 """
 
 
-def test_variants_of_a_template_can_be_chosen(tmp_path):
+def test_template_variants_are_selected(tmp_path):
     path = write(tmp_path, VARIED)
 
     def width(**options):
@@ -132,14 +132,14 @@ def test_variants_of_a_template_can_be_chosen(tmp_path):
         read_template(path, variants={"color": "red"})
 
 
-def test_errors(tmp_path):
+def test_files_without_a_template_raise_errors(tmp_path):
     with pytest.raises(MissingFile):
         read_template(tmp_path / "gone.usda")
     with pytest.raises(StageError, match="</Empty> template: it holds no geometry"):
         read_template(write(tmp_path, 'def Xform "Empty"\n{\n}'))
 
 
-def test_templates_on_a_stage(tmp_path):
+def test_children_of_the_templates_class_are_templates(tmp_path):
     body = """
     def Cube "Floor"
     {
@@ -161,7 +161,7 @@ def test_templates_on_a_stage(tmp_path):
     }
     """
     description = read(tmp_path, body)
-    assert [thing.name for thing in description.objects] == ["Floor"]
+    assert [each.name for each in description.objects] == ["Floor"]
     chair, box = description.templates
     assert (chair.name, chair.category) == ("Chair 01", "chair")
     np.testing.assert_array_equal(chair.description.instances[0].world_from_object, np.eye(4))
@@ -169,7 +169,7 @@ def test_templates_on_a_stage(tmp_path):
     assert len(box.description.meshes) == len(box.description.materials) == 1
 
 
-def test_an_ordinary_prim_called_templates_is_no_template(tmp_path):
+def test_ordinary_prim_named_templates_is_not_a_template_folder(tmp_path):
     description = read(tmp_path, 'def "Templates"\n{\ndef Cube "C"\n{\n}\n}')
     assert not description.templates
-    assert [thing.name for thing in description.objects] == ["C"]
+    assert [each.name for each in description.objects] == ["C"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion written as time samples, read back at every time code."""
+"""Motion baked as time samples, read back at every time code."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def stream(request, tmp_path) -> ts.Stream:
 
 
 def moving(stream: ts.Stream, path: object, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices of everything that the scenario added, in the world, as the file and as the world have them."""
+    """Return the world positions of all vertices of the scenario's objects: in the layer, and in the stream's world."""
     stage = read_stage(path, time_code=frame)
     rows = [each for each in stage.instances if "/Motion" in stage.objects[each.object].prim_path]
     have = [vertices(stage.meshes[each.mesh], each.world_from_object) for each in rows]
@@ -91,7 +91,7 @@ def vertices(mesh: Mesh, matrix: np.ndarray) -> np.ndarray:
     return mesh.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def test_every_time_code_has_the_poses_of_its_frame(stream, tmp_path):
+def test_baked_poses_at_each_time_code_match_the_frame(stream, tmp_path):
     stream.to_usd(tmp_path / "motion.usda")
     counts = set()
     scaled = stream.world.stage.meshes[0].positions.max() < 0.5  # m: there float32 vertices are rounded otherwise
@@ -107,7 +107,7 @@ def test_every_time_code_has_the_poses_of_its_frame(stream, tmp_path):
     assert counts == {2, 3}
 
 
-def test_the_file_plays_as_the_stream_does(stream, tmp_path):
+def test_baked_layer_streams_like_the_original(stream, tmp_path):
     stream.to_usd(tmp_path / "motion.usda")
     again = ts.Stream(tmp_path / "motion.usda", fps=10, width=24, height=18, buffers=("instance", "depth"))
     assert {each.id for each in again.scenario.objects} >= {"smooth", "short", "late", "mover"}
@@ -117,7 +117,7 @@ def test_the_file_plays_as_the_stream_does(stream, tmp_path):
         assert np.mean(np.abs(ours - theirs) < 1e-4) > 0.99
 
 
-def test_any_program_can_play_it(stream, tmp_path):
+def test_baked_layer_is_valid_usd_with_few_samples(stream, tmp_path):
     stream.to_usd(tmp_path / "motion.usdc", range(2, 9))
     stage = Usd.Stage.Open(str(tmp_path / "motion.usdc"))
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (2, 8, 10)
@@ -126,7 +126,7 @@ def test_any_program_can_play_it(stream, tmp_path):
     assert UsdGeom.GetStageUpAxis(stage) == "Y"
     short = UsdGeom.Xformable(stage.GetPrimAtPath("/Motion/Objects/short"))
     assert short.GetVisibilityAttr().GetTimeSamples() == [2, 3, 7]
-    assert not short.GetTimeSamples()  # what stands has one value
+    assert not short.GetTimeSamples()  # a static object has a default value only
     smooth = UsdGeom.Xformable(stage.GetPrimAtPath("/Motion/Objects/smooth"))
     assert smooth.GetTimeSamples() == [float(frame) for frame in range(2, 9)]
     orientations = [smooth.GetOrderedXformOps()[1].Get(frame) for frame in range(2, 9)]
@@ -137,34 +137,34 @@ def test_any_program_can_play_it(stream, tmp_path):
     assert not [error.GetMessage() for error in errors]
 
 
-def test_the_same_motion_is_the_same_file(stream, tmp_path):
+def test_baking_twice_writes_identical_files(stream, tmp_path):
     for name in ("a.usda", "b.usda"):
         stream.to_usd(tmp_path / name)
     assert (tmp_path / "a.usda").read_bytes() == (tmp_path / "b.usda").read_bytes()
 
 
-def test_a_camera_of_the_stage_that_stands_is_not_written_again(tmp_path):
+def test_static_camera_of_the_stage_is_not_baked(tmp_path):
     room = write(tmp_path, SCENE, name="room.usda")
     ts.Stream(str(room), width=8, height=6, buffers=("depth",)).to_usd(tmp_path / "motion.usda", 2)
     assert [each.name for each in read_stage(tmp_path / "motion.usda").cameras] == ["Door"]
 
 
 @pytest.mark.parametrize("frames", [0, -1, [], [3, 2], [-1, 2], 1.5, "abc"])
-def test_frames_must_be_frames(tmp_path, frames):
+def test_baking_invalid_frames_raises_argument_error(tmp_path, frames):
     room = write(tmp_path, SCENE, name="room.usda")
     stream = ts.Stream(str(room), width=8, height=6, buffers=("depth",))
     with pytest.raises(ArgumentError, match="frames="):
         stream.to_usd(tmp_path / "motion.usda", frames)
 
 
-def test_an_endless_stream_needs_a_number(tmp_path):
+def test_baking_an_endless_stream_without_frames_raises_argument_error(tmp_path):
     room = write(tmp_path, SCENE, name="room.usda")
     stream = ts.Stream(str(room), width=8, height=6, buffers=("depth",))
     with pytest.raises(ArgumentError, match="endless"):
         stream.to_usd(tmp_path / "motion.usda")
 
 
-def test_a_scene_whose_author_moves_things_is_written_as_it_played(tmp_path):
+def test_baked_layer_replaces_motion_authored_on_the_scene(tmp_path):
     motion = (
         '{ uniform token tiscene:motion:type = "orbit"\n uniform double tiscene:motion:period = 2\n'
         "uniform bool tiscene:object:collide = 0\n uniform int64 tiscene:object:firstFrame = 2\n"
@@ -186,7 +186,7 @@ def test_a_scene_whose_author_moves_things_is_written_as_it_played(tmp_path):
             assert have[name] == pytest.approx(want[name], abs=1e-12)
 
 
-def test_the_variants_of_a_template_are_chosen_in_the_file_too(tmp_path):
+def test_variants_of_templates_are_selected_in_the_layer(tmp_path):
     objects = [ts.Object(color, f"Cube{{color={color}}}", (0, 1, -2)) for color in ("teal", "white")]
     stream = ts.Stream(ts.Scenario("object_view", objects), width=16, height=12, frames=1)
     stream.to_usd(tmp_path / "motion.usda")

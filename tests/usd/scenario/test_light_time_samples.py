@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lights by time samples, edits and several cameras: on the stage, in saved scenarios and in written motion."""
+"""Animated lights, edits and several cameras: on stages, in saved scenarios and in baked layers."""
 
 import math
 
@@ -88,7 +88,7 @@ def named(lights):
     return {light.name: light for light in lights}
 
 
-def test_time_samples_of_lights_play(file):
+def test_time_samples_of_lights_become_light_motions(file):
     scenario = ts.Scenario.load(file)
     assert [motion.light for motion in scenario.lights] == ["/Room/Box/Bulb", "/Room/Arm/Panel"]
     assert scenario.objects == ()
@@ -122,7 +122,7 @@ def edited(file):
     )
 
 
-def test_all_of_a_scenario_is_saved_as_usd(file, tmp_path):
+def test_scenario_with_edits_lights_and_cameras_survives_saving_as_usd(file, tmp_path):
     scenario = edited(file)
     scenario.save(tmp_path / "run.usda")
     again = ts.Scenario.load(tmp_path / "run.usda")
@@ -132,7 +132,7 @@ def test_all_of_a_scenario_is_saved_as_usd(file, tmp_path):
     assert again == scenario
 
 
-def test_written_motion_has_edited_things_lights_and_cameras(file, tmp_path):
+def test_baked_layer_has_edited_objects_lights_and_cameras(file, tmp_path):
     stream = ts.Stream(edited(file), width=16, height=12, fps=10.0, buffers=("instance",))
     stream.to_usd(tmp_path / "motion.usda", 12)
     for frame in (0, 3, 4, 7, 8, 11):
@@ -163,7 +163,7 @@ def test_written_motion_has_edited_things_lights_and_cameras(file, tmp_path):
     assert not [row for row in played.world.state(9).objects if row.name == "Box"]
 
 
-def test_several_cameras_give_a_frame_each(file):
+def test_several_cameras_give_one_view_each(file):
     stream = ts.Stream(edited(file), width=16, height=12, fps=10.0, buffers=("instance", "depth"))
     alone = ts.Stream(edited(file), width=16, height=12, fps=10.0, buffers=("instance", "depth"), camera="Side")
     frame = stream[3]
@@ -178,7 +178,7 @@ def test_several_cameras_give_a_frame_each(file):
     np.testing.assert_allclose(own.camera.position[0], 5.0 * math.sin(2 * math.pi * 0.3 / 8.0), atol=1e-9)
 
 
-def test_what_is_no_prim_cannot_be_written(file, tmp_path):
+def test_baking_an_edited_instancer_point_raises_argument_error(file, tmp_path):
     points = """
     def PointInstancer "Row"
     {

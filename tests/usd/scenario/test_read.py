@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios on the stage: written and read back to the bit, and authored by hand."""
+"""Scenarios on stages: saved and read back exactly, authored by hand, by time samples, and damaged."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tiscene.usd.read.stage_reader import read_stage
 
 @dataclasses.dataclass(frozen=True)
 class Drift(ts.Stepped):
-    """What somebody wrote."""
+    """A trajectory that a user has written."""
 
     velocity: tuple[float, float, float] = (1.0, 0.0, 0.0)
     name: str = "d"
@@ -99,7 +99,7 @@ def room(tmp_path: Path) -> Path:
 
 
 def in_room(room: Path, scenario: Scenario) -> Scenario:
-    """The scenario with files that exist."""
+    """Return the scenario with files that exist."""
     block = str(room.with_name("block.usda"))
     templates = {"Cube": block, "folder/Thing.usda": block, "Chair 01": "/Room/Chair", "Dish 01": "Ball"}
     objects = [dataclasses.replace(each, template=templates[each.template]) for each in scenario.objects]
@@ -117,7 +117,7 @@ def assert_kept(scenario: Scenario, path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usd"])
-def test_a_layer_keeps_everything_to_the_bit(room, tmp_path, suffix):
+def test_scenario_survives_a_usd_layer_exactly(room, tmp_path, suffix):
     assert_kept(in_room(room, everything()), tmp_path / f"run{suffix}")
 
 
@@ -140,11 +140,11 @@ def test_a_layer_keeps_everything_to_the_bit(room, tmp_path, suffix):
         {"objects": [Object("twice", "/Room/Chair"), Object("again", "/Room/Chair", scale=(1, 2, 3))]},
     ],
 )
-def test_members_one_by_one(room, tmp_path, members):
+def test_each_member_survives_a_usd_layer(room, tmp_path, members):
     assert_kept(Scenario(str(room), **members), tmp_path / "run.usda")
 
 
-def test_random_poses_and_cameras_survive_to_the_bit(room, tmp_path):
+def test_random_poses_and_cameras_survive_exactly(room, tmp_path):
     rng = np.random.default_rng(5)
     for _ in range(20):
         numbers = rng.normal(size=7)
@@ -158,7 +158,7 @@ def test_random_poses_and_cameras_survive_to_the_bit(room, tmp_path):
         assert Scenario.load(tmp_path / "run.usdc") == scenario
 
 
-def test_decimals_survive_another_unit(tmp_path):
+def test_decimals_survive_a_stage_in_centimeters(tmp_path):
     room = write(tmp_path, ROOM, name="room.usda", meters=0.01)
     loop = ts.LinearWaypoints([ts.Waypoint((0.1, 1.23, -0.07)), ts.Waypoint((0.3, 0.7, 19.99))], total_time=3)
     objects = [
@@ -172,7 +172,7 @@ def test_decimals_survive_another_unit(tmp_path):
     assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
 
 
-def test_the_layer_shows_the_start_in_any_program(room, tmp_path):
+def test_saved_layer_shows_start_poses_without_the_schema(room, tmp_path):
     scenario = Scenario(
         str(room),
         [
@@ -188,17 +188,17 @@ def test_the_layer_shows_the_start_in_any_program(room, tmp_path):
     seen = read_stage(tmp_path / "run.usda")
     have = [each for each in seen.instances if seen.objects[each.object].prim_path.startswith("/Scenario")]
     np.testing.assert_allclose([each.world_from_object[:3] for each in have], want, atol=1e-12)
-    assert len(seen.objects) == len(stream.world.stage.objects) + 3  # the chair stands nowhere else
+    assert len(seen.objects) == len(stream.world.stage.objects) + 3  # the chair is not drawn twice
 
 
-def test_the_layer_is_valid(room, tmp_path):
+def test_saved_layer_passes_usd_validation(room, tmp_path):
     in_room(room, everything()).save(tmp_path / "run.usda")
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(tmp_path / "run.usda")))
     assert not [error.GetMessage() for error in errors]
 
 
-def test_paths_in_the_layer_are_relative(room, tmp_path):
+def test_asset_paths_in_saved_layer_are_relative(room, tmp_path):
     folder = tmp_path / "runs"
     folder.mkdir()
     Scenario(str(room), [Object("a", str(room.with_name("block.usda")))]).save(folder / "run.usda")
@@ -208,7 +208,7 @@ def test_paths_in_the_layer_are_relative(room, tmp_path):
     assert not layer.anonymous
 
 
-def test_who_moves_an_object_in_another_program_moves_it(room, tmp_path):
+def test_edits_by_another_program_override_exact_values(room, tmp_path):
     scenario = Scenario(str(room), [Object("a", "Ball", (1, 2, 3), (0.1, 0.2, 0.3, 0.4))], camera=ts.Camera())
     scenario.save(tmp_path / "run.usda")
     stage = Usd.Stage.Open(str(tmp_path / "run.usda"))
@@ -290,7 +290,7 @@ def Xform "World" (
 """
 
 
-def test_what_an_artist_authored_plays(tmp_path):
+def test_hand_authored_schema_plays(tmp_path):
     path = write(tmp_path, MOVING)
     scenario = Scenario.load(path)
     assert scenario.scene == str(path)
@@ -312,13 +312,13 @@ def test_what_an_artist_authored_plays(tmp_path):
     rows = {each.name: each for each in stream.world.state(0).objects}
     assert rows["Chair"].category == "chair"
     low, high = np.array(rows["Chair"].box)
-    np.testing.assert_allclose(high, (0.1, 0.2, 0.3))  # its own scale stays with it
+    np.testing.assert_allclose(high, (0.1, 0.2, 0.3))  # the object keeps its prim's scale
     np.testing.assert_allclose(low, -high)
     assert "Chair" not in {each.name for each in stream.world.state(21).objects}
     assert_kept(scenario, tmp_path / "run.usda")
 
 
-def test_a_prim_of_the_stage_can_be_an_object_of_a_scenario(room):
+def test_prim_of_the_stage_can_be_an_object_of_a_scenario(room):
     loop = ts.LinearWaypoints([ts.Waypoint((0, 0, 0)), ts.Waypoint((1, 0, 0))], total_time=2)
     scenario = Scenario(str(room), [Object("c", "/Room/Chair", dynamic=loop, collide=False)])
     world = ts.Stream(scenario, fps=10, width=8, height=6, buffers=("instance",)).world
@@ -328,7 +328,7 @@ def test_a_prim_of_the_stage_can_be_an_object_of_a_scenario(room):
     np.testing.assert_allclose(np.array(chair.box), [(-1, -2, -1), (1, 2, 1)], atol=1e-6)
 
 
-def test_a_stage_where_nothing_moves_is_an_empty_scenario(room):
+def test_static_stage_is_an_empty_scenario(room):
     assert Scenario.load(room) == Scenario(str(room))
     assert Scenario.load("object_view") == Scenario("object_view")
 
@@ -405,12 +405,12 @@ MOTION = 'def Cube "A" (prepend apiSchemas = ["TisceneMotionAPI"])\n{{\n{}\n}}'
         ),
     ],
 )
-def test_what_is_wrong_on_a_stage_is_told_with_its_prim(tmp_path, body, error, message):
+def test_invalid_schema_values_raise_errors_with_the_prim(tmp_path, body, error, message):
     with pytest.raises(error, match=message):
         Scenario.load(write(tmp_path, body))
 
 
-def test_a_bad_scenario_leaves_the_file_alone(room, tmp_path):
+def test_failed_save_leaves_the_existing_file_unchanged(room, tmp_path):
     target = tmp_path / "run.usda"
     target.write_text("mine")
     with pytest.raises(ArgumentError, match="'/Room/Gone' cannot serve as a template"):
@@ -454,7 +454,7 @@ def Cube "Floor"
 """
 
 
-def test_time_samples_play_as_they_are(tmp_path):
+def test_time_samples_of_objects_and_cameras_play_exactly(tmp_path):
     path = write(tmp_path, ANIMATED, more="startTimeCode = 10\nendTimeCode = 30\ntimeCodesPerSecond = 5")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -475,7 +475,7 @@ def test_time_samples_play_as_they_are(tmp_path):
             assert abs(np.dot(rows["Box"].rotation, expected)) == pytest.approx(1)
 
 
-def test_at_one_time_code_everything_stands(tmp_path):
+def test_stream_at_a_time_code_is_static(tmp_path):
     path = write(tmp_path, ANIMATED, more="startTimeCode = 10\nendTimeCode = 30\ntimeCodesPerSecond = 5")
     stream = ts.Stream(path, time_code=15.0, width=8, height=6, buffers=("instance",))
     assert stream.scenario.objects == ()
@@ -486,10 +486,10 @@ def test_at_one_time_code_everything_stands(tmp_path):
     json = tmp_path / "run.json"
     ts.Scenario(str(path), [Object("ball", "Sphere", (1, 0, 0), dynamic=ts.Orbit((0, 0, 0), period=4))]).save(json)
     rows = ts.Stream(json, time_code=15.0, width=8, height=6, buffers=("instance",)).world.state(25).objects
-    assert [row.velocity == (0, 0, 0) for row in rows] == [True, True, False]  # what the scenario moves does
+    assert [row.velocity == (0, 0, 0) for row in rows] == [True, True, False]  # the scenario's object moves
 
 
-def test_the_stage_of_the_documentation_plays(tmp_path):
+def test_stage_of_the_documentation_plays(tmp_path):
     page = Path(__file__).parents[3] / "docs" / "usd_scenarios.md"
     (text,) = re.findall(r"```usda\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "scene.usda").write_text(text)
@@ -504,7 +504,7 @@ def test_the_stage_of_the_documentation_plays(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of processes need POSIX")
-def test_damaged_scenarios_are_read_or_refused(tmp_path):
+def test_randomly_damaged_scenarios_are_read_or_refused(tmp_path):
     text = "#usda 1.0\n" + MOVING + ANIMATED.replace('"World"', '"Other"')
     data, rng = crate_bytes(text, tmp_path), random.Random(3)
     files = [tmp_path / f"damaged_{number}.usdc" for number in range(60)]
@@ -537,7 +537,7 @@ def Xform "Room" (
 """
 
 
-def test_a_layer_keeps_the_variants_of_its_scenario(tmp_path):
+def test_saved_layer_keeps_variants(tmp_path):
     path = write(tmp_path, VARIANTS)
     scenario = Scenario(str(path), [Object("a", "/Room/Lamp", (1, 2, 3))], variants={"/Room{lighting}": "night"})
     scenario.save(tmp_path / "run.usda")
