@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The view: where the camera is a frame ago, now and a frame ahead, and how large the picture is.
+"""View: the cameras of a frame and its neighbors with the image size, as a device array; camera rays, projection.
 
-Pixel coordinates are (x right, y down) with pixel *centers* at integers, so a picture spans -0.5 .. width - 0.5.
+Pixel coordinates are (x right, y down) with pixel *centers* at integers: an image spans -0.5 .. width - 0.5.
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,8 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Template
+from tiscene.device.memory import device_array
+from tiscene.device.restart import cached_on_device
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
@@ -20,15 +21,25 @@ from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 VIEW_COLUMNS = 19
 POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND = 0, 3, 6, 9, 12, 13, 14, 15
 HALF_HEIGHT = 18
-SKY = (-1.0, -1.0, -1.0)  # as a background: there is none but the lights at infinity
+SKY = (-1.0, -1.0, -1.0)  # as View.background: show the lights at infinity
 
 
 @dataclass(frozen=True)
 class View:
-    """Three cameras, at the frames k-1, k and k+1, and the size of the picture in pixels.
+    """The cameras at frames k-1, k and k+1, and the image size.
 
-    background: radiance that is seen where nothing is, in the place of lights at infinity; lighting stays.
-    ambient: radiance that `rgb` shows of a white surface besides what is traced, for whoever wants light from nowhere.
+    Attributes:
+        previous: Camera at k-1.
+        current: Camera at k.
+        next: Camera at k+1.
+        width: Image width, px.
+        height: Image height, px.
+        ambient: Radiance of a white surface that `rgb` adds to the rendered one: ambient light without a source.
+        background: Radiance shown where camera rays hit nothing, in place of lights at infinity, which still
+            illuminate the scene; SKY shows them.
+
+    Raises:
+        ArgumentError: If the image is empty.
     """
 
     previous: Camera
@@ -42,18 +53,19 @@ class View:
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
-            raise ArgumentError(f"a view of {self.width}x{self.height} pixels: both must be at least 1")
+            raise ArgumentError(f"view of {self.width}x{self.height} pixels: width and height must be at least 1")
 
     @property
     def cameras(self) -> tuple[Camera, Camera, Camera]:
-        """The cameras by time: [PREVIOUS], [CURRENT], [NEXT]."""
+        """The cameras, indexed by PREVIOUS, CURRENT, NEXT."""
         return self.previous, self.current, self.next
 
     def rows(self) -> NDArray[np.float32]:
-        """float32 [3, 19], per time: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12,
-        lens radius 13, focus distance 14, background 15-17, half of an orthographic camera's view height 18.
+        """Return the cameras as float32 [3, 19], one row per time.
 
-        Of tangent and half height one is 0: a pixel's row and column lead to a direction, or to an origin.
+        Columns: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12, lens radius 13, focus distance
+        14, background 15-17, half of an orthographic camera's view height 18. Either the tangent or the half height is
+        0: a pixel selects the direction of a ray, or its origin.
         """
         rows = np.zeros((3, VIEW_COLUMNS), np.float32)
         for time in (PREVIOUS, CURRENT, NEXT):
@@ -74,13 +86,13 @@ class View:
         return rows
 
     def array(self) -> Any:
-        """`rows` as a device array; the same one at every call."""
+        """Return `rows` as a device array, the same one at every call."""
         if "rows" not in self._device:
             self._device["rows"] = _uploaded(self.rows().tobytes())
         return self._device["rows"]
 
     def camera_from_world(self) -> NDArray[np.float64]:
-        """[3, 3, 4], per time: world to camera coordinates (x right, y down, z forward), m."""
+        """Return per time the matrix from world to camera coordinates (x right, y down, z forward), [3, 3, 4], m."""
         matrices = np.empty((3, 3, 4))
         for time in (PREVIOUS, CURRENT, NEXT):
             world_from_camera = self.cameras[time].world_from_camera()
@@ -90,34 +102,34 @@ class View:
         return matrices
 
     def focal_lengths(self) -> NDArray[np.float64]:
-        """[3], per time: the focal length, px; of an orthographic camera px per meter."""
+        """Return the focal length per time, [3], px; of an orthographic camera px per meter."""
         return np.array([camera.pixels(self.height) for camera in self.cameras])
 
     @property
     def orthographic(self) -> bool:
-        """Whether the camera now is an orthographic one."""
+        """Whether the current camera is orthographic."""
         return self.current.orthographic_height is not None
 
 
-@lru_cache(maxsize=16)
+@cached_on_device(maxsize=16)
 def _uploaded(rows: bytes) -> Any:
-    """The rows of a view as a device array: a camera that stands still has one for all frames."""
-    array = ti.ndarray(ti.f32, (3, VIEW_COLUMNS))
+    """Upload the rows of a view; a static camera has one array for all frames."""
+    array = device_array(ti.f32, (3, VIEW_COLUMNS))
     array.from_numpy(np.frombuffer(rows, np.float32).reshape(3, VIEW_COLUMNS))
     return array
 
 
 @ti.func
 def view_vector(view: Template, time: ti.i32, column: ti.i32) -> ti.math.vec3:
-    """Three neighboring columns of a view's row, as a vector."""
+    """Read three columns of a view's row."""
     return ti.math.vec3(view[time, column], view[time, column + 1], view[time, column + 2])
 
 
 @ti.func
 def camera_ray(view: Template, time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32, height: ti.i32):
-    """The ray through the pixel coordinates (x, y), fractions allowed: origin and unit direction, world.
+    """Return origin and unit direction, world, of the ray through the fractional pixel coordinates (x, y).
 
-    Of a pinhole, or of an orthographic camera: then it begins in the plane of the camera.
+    The camera is a pinhole or orthographic; rays of the latter start in the camera's plane.
     """
     scale = 2.0 * (view[time, TANGENT] + view[time, HALF_HEIGHT]) / height
     right = (x - 0.5 * (width - 1)) * scale
@@ -133,8 +145,7 @@ def camera_ray(view: Template, time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32
 
 @ti.func
 def project(view: Template, time: ti.i32, point: ti.math.vec3, width: ti.i32, height: ti.i32):
-    """A world point in the picture: (x px, y px, z m along the optical axis). Behind the camera z <= 0 and x, y have
-    no meaning."""
+    """Project a world point to (x px, y px, z m along the optical axis). Behind the camera x and y are invalid."""
     offset = point - view_vector(view, time, POSITION)
     z = offset.dot(view_vector(view, time, FORWARD))
     scale = height / (2.0 * (view[time, TANGENT] * z + view[time, HALF_HEIGHT]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rehearsal: next to nothing is rendered, so that kernels are compiled before there is anything to render."""
+"""Warm-up: compile the kernels by rendering one pixel of a built-in scene, while the real scene is still being read."""
 
 from __future__ import annotations
 
@@ -12,41 +12,50 @@ from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import tone_map
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
-from tiscene.render.renderer import GUIDES, RenderSettings
+from tiscene.render.render_settings import RenderSettings
+from tiscene.render.renderer import UPSAMPLING_GUIDES
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 
-SIDE = 40  # points of a side of the ground: a mesh of some size, whose tree is made as that of any
+SIDE = 40  # vertices per side of the ground, large enough that its BVH is built by all kernels
 
 
-def rehearsal(buffers: Sequence[str], quality: RenderSettings, emission: Callable[[], bool]) -> Iterator[None]:
-    """Compile what frames with these buffers need of any scene, a part at each step.
+def warm_up_steps(buffers: Sequence[str], settings: RenderSettings, emission: Callable[[], bool]) -> Iterator[None]:
+    """Compile the kernels for frames of any scene, in steps.
 
-    emission: whether surfaces of it give light, as shading has to know: that takes longest, and comes last.
+    Args:
+        buffers: Names of the buffers to render.
+        settings: Render settings.
+        emission: Called before the last and longest step: whether the scene has emissive surfaces, which selects the
+            variant of the shading kernel.
+
+    Yields:
+        After each step.
     """
     scene = DeviceScene()
-    scene.add(SceneDescription("rehearsal", (_ground(),), (Material("gray"),)))
+    scene.add(SceneDescription("warm-up", (_ground(),), (Material("gray"),)))
     yield
     camera = Camera()
     view = View(camera, camera, camera, 1, 1)
     scene.place(_placement(), times=times_needed(buffers))
     yield
     colored = not COLORS.isdisjoint(buffers)
-    guides = GUIDES if colored and quality.downscale > 1 else ()
+    guides = UPSAMPLING_GUIDES if colored and settings.downscale > 1 else ()
     LabelPass(scene).render(view, [*guides, *(name for name in buffers if name not in (*COLORS, *guides))])
     yield
     if colored:
         black = np.zeros((1, 1, 3), np.float32)
-        cleaner = Postprocessor(quality.denoiser if quality.denoise else None, quality.downscale, True)
-        tone_map(cleaner.traced(PathImage(black, black, black), black, black), 0.0)
+        postprocessor = Postprocessor(settings.denoiser if settings.denoise else None, settings.downscale, True)
+        tone_map(postprocessor.process(PathImage(black, black, black), black, black), 0.0)
         yield
-        yield from PathPass(scene, 1, 1, pixel_filter=quality.pixel_filter).rehearse(view, emission)
+        yield from PathPass(scene, 1, 1, pixel_filter=settings.pixel_filter).warm_up(view, emission)
 
 
 def _ground() -> Mesh:
+    """Return a grid of SIDE x SIDE vertices in the xz plane."""
     z, x = np.mgrid[:SIDE, :SIDE]
     corner = (z[:-1, :-1] * SIDE + x[:-1, :-1]).ravel()
     triangles = np.stack([corner, corner + SIDE, corner + 1], axis=-1).astype(np.int32)
@@ -55,5 +64,6 @@ def _ground() -> Mesh:
 
 
 def _placement() -> Placement:
+    """Return a placement of one instance at the identity."""
     row, pose = np.zeros(1, np.int32), np.eye(3, 4)
     return Placement(row, row + 1, row, np.tile(pose, (3, 1, 1, 1)), pose[None], np.ones((3, 1), bool))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Integrators: how pixel values are computed.
+"""Integrators, which compute pixel values: labels, path tracing, incremental rendering.
 
 ::
 
-    labels       one exact ray per pixel
-    path         path tracing
-    incremental  base image plus changes by movers
+    labels       one exact ray per pixel center
+    path         path tracing with next-event estimation
+    incremental  base image of the static scene, corrected where movers change its light
 """
