@@ -15,6 +15,7 @@ from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import EXPORTERS, SUMMARIES, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest
+from tiscene.export.manifest_difference import cure, differences
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import FrameCamera
 from tiscene.scene.camera import Camera
@@ -117,7 +118,7 @@ def test_export_with_other_settings_is_refused_and_names_them(tmp_path):
         ({"width": 8, "height": 4}, {}, "pass height=4, width=8 (--height 4 --width 8)"),
         ({"format": "npz", "seed": 1}, {}, "pass format='npz', seed=1 (--format npz --seed 1)"),
         ({"objects": "visible"}, {}, "pass objects='visible' (--objects visible)"),
-        ({}, {"objects": "all"}, "pass objects=None (no --objects)"),
+        ({}, {"objects": "all"}, "pass objects=None (without --objects)"),
         ({"buffers": ("rgb", "depth")}, {}, "pass buffers=['rgb', 'depth'] (--buffers rgb,depth)"),
     ],
 )
@@ -131,6 +132,26 @@ def test_refused_export_names_the_arguments_that_continue_the_earlier_one(tmp_pa
         run(**then)
     assert sentence in str(caught.value)
     run(**first)
+
+
+@pytest.mark.parametrize(
+    ("key", "there", "now", "sentence"),
+    [
+        ("tiscene", "0.0.1", "0.1.0", "use tiscene 0.0.1."),
+        ("file_digests", {"a": "1"}, {"a": "2"}, "restore the files of the scene that have changed since."),
+        ("scenario", {"objects": []}, {"objects": [1]}, "use the scenario of that export."),
+        ("scenario", {"camera": "Sofa"}, {"camera": None}, "pass camera='Sofa' (--camera Sofa)."),
+        ("scenario", {"camera": {"name": "x"}}, {"camera": None}, "use the scenario of that export."),
+        ("settings", {"spp": 1, "denoiser": "fast"}, {"spp": 4, "denoiser": "high"}, "pass the quality of that export"),
+        ("settings", {"spp": 1, "denoiser": None}, {"spp": 4, "denoiser": "high"}, "pass denoise=False, spp=1 ("),
+        ("settings", {"incremental": [64, 0]}, {"incremental": None}, "pass incremental=True (--incremental)."),
+        ("settings", {"variants": {"/R{l}": "a"}}, {"variants": {}}, "(--variant '/R{l}=a')."),
+        ("settings", {"clamp": None, "fps": 5.0}, {"clamp": 2.0, "fps": 1.0}, "(--fps 5.0, without --clamp)."),
+    ],
+)
+def test_cure_names_arguments_files_and_versions(key, there, now, sentence):
+    found = differences({key: there}, {key: now})
+    assert sentence in cure(found, {key: there})
 
 
 def test_second_export_into_a_folder_is_refused_while_the_first_one_runs(tmp_path):

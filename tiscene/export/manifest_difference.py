@@ -15,9 +15,10 @@ from typing import Any
 # Arguments of `Stream` and `export` whose values a manifest holds under their own names.
 _ARGUMENTS = (
     *("format", "buffers", "objects", "width", "height", "fps", "seed", "spp", "max_depth", "relative_error", "clamp"),
-    *("pixel_filter", "shutter", "time_code", "variants", "taxonomy", "incremental", "camera"),
+    *("pixel_filter", "shutter", "time_code", "variants", "taxonomy", "camera"),
 )
-_SWITCHES = {"denoiser": "denoise", "incremental": "incremental"}  # settings that hold more than True or False
+_SWITCHES = {"denoiser": "denoise", "incremental": "incremental"}  # None where the switch is off
+_PRESET_ARGUMENTS = ("spp", "max_depth", "denoise", "incremental")  # parts of a quality preset
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,16 @@ class Difference:
 
 
 def differences(there: Any, now: Any, key: str = "") -> list[Difference]:
-    """Compare two trees of JSON values; return the leaves that differ, sorted by key."""
+    """Return the leaves in which two trees of JSON values differ, sorted by key.
+
+    The digest `settings.scenario` is left out: the contents of `scenario` show the difference.
+    """
     if isinstance(there, dict) and isinstance(now, dict):
         found = []
         for name in sorted({*there, *now}):
             found += differences(there.get(name), now.get(name), f"{key}.{name}" if key else name)
         return found
-    return [] if there == now else [Difference(key, there, now)]
+    return [] if there == now or key == "settings.scenario" else [Difference(key, there, now)]
 
 
 def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
@@ -57,6 +61,7 @@ def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
     """
     arguments: dict[str, Any] = {}
     steps: list[str] = []
+    quality = "pass the quality of that export (--quality)"
     for each in found:
         top, name = (*each.key.split("."), "")[:2]
         value = there[top].get(name) if name else each.there
@@ -64,31 +69,36 @@ def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
             steps.append(f"use tiscene {value}")
         elif top == "file_digests":
             steps.append("restore the files of the scene that have changed since")
-        elif name in _SWITCHES:
-            arguments[_SWITCHES[name]] = bool(value)
-        elif (name or top) in _ARGUMENTS and (name == "variants" or not isinstance(value, dict)):
-            arguments[name or top] = value
-        elif top == "scenario":
+        elif name in _SWITCHES and (each.there is None or each.now is None):
+            arguments[_SWITCHES[name]] = value is not None
+        elif top == "scenario" and (name not in ("camera", "variants") or name == "camera" and isinstance(value, dict)):
             steps.append("use the scenario of that export")
-        elif each.key != "settings.scenario":  # a digest of what is listed under "scenario"
-            steps.append("pass the quality of that export")
+        elif (name or top) in _ARGUMENTS:
+            arguments[name or top] = value
+        else:
+            steps.append(quality)
+    if quality in steps:
+        arguments = {name: value for name, value in arguments.items() if name not in _PRESET_ARGUMENTS}
     if arguments:
         python = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
-        options = " ".join(_option(name, value) for name, value in arguments.items())
-        steps.insert(0, f"pass {python} ({options})")
-    return f"To continue that export, {' and '.join(dict.fromkeys(steps))}. " if steps else ""
+        steps.insert(0, f"pass {python} ({_options(arguments)})")
+    return f"To continue that export, {' and '.join(dict.fromkeys(steps))}. "
 
 
-def _option(name: str, value: Any) -> str:
-    """Return an argument as an option of `tiscene render`; without a value if it is to be left out."""
-    option = f"--{name.replace('_', '-')}"
-    if isinstance(value, bool):
-        return option if value else f"--no-{name}"
-    if value is None or value == {}:
-        return f"no {'--variant' if name == 'variants' else option}"
-    if name == "variants":
-        return " ".join(f"--variant '{place}={choice}'" for place, choice in value.items())
-    return f"{option} {','.join(map(str, value)) if isinstance(value, list) else value}"
+def _options(arguments: Mapping[str, Any]) -> str:
+    """Return arguments as options of `tiscene render`."""
+    given, omitted = [], []
+    for name, value in arguments.items():
+        option = "--variant" if name == "variants" else f"--{name.replace('_', '-')}"
+        if name == "variants" and value:
+            given += [f"{option} '{place}={variant}'" for place, variant in value.items()]
+        elif value is None or value == {}:
+            omitted.append(option)
+        elif isinstance(value, bool):
+            given.append(option if value else f"--no-{name}")
+        else:
+            given.append(f"{option} {','.join(map(str, value)) if isinstance(value, list) else value}")
+    return ", ".join([" ".join(given)] * bool(given) + ["without " + " ".join(omitted)] * bool(omitted))
 
 
 def _shortened(value: Any) -> str:
