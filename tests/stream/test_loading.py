@@ -18,7 +18,7 @@ from tiscene.catalog import find_scene
 from tiscene.errors import StageError, StageWarning
 from tiscene.frame.buffers import BUFFERS
 from tiscene.render.render_settings import PRESETS
-from tiscene.render.warm_up import rehearsal
+from tiscene.render.warm_up import warm_up_steps
 from tiscene.scene.textures.mipmaps import coarser_copies
 from tiscene.stream import loading
 from tiscene.usd.read import subprocess_reader
@@ -32,9 +32,9 @@ import sys
 import tiscene as ts
 from tiscene import loading, stream
 from tiscene.device import recordings
-rehearsal, prepare, told = loading.rehearsal, recordings.prepare, []
+warm_up_steps, prepare, told = loading.warm_up_steps, recordings.prepare, []
 def whole(*args):
-    for each in rehearsal(*args):
+    for each in warm_up_steps(*args):
         pass  # to its end, however soon the stage is read
     print("rehearsed")
     told.append(True)
@@ -43,7 +43,7 @@ def prepared(kernel, *args):
     if told:
         print(kernel.func.__name__)
     prepare(kernel, *args)
-loading.rehearsal, recordings.prepare = whole, prepared
+loading.warm_up_steps, recordings.prepare = whole, prepared
 stream = ts.Stream("room_02", width=32, height=24, quality=sys.argv[1], frames=1)
 stream[0]
 print("rendered")
@@ -56,13 +56,13 @@ from tiscene.stream import loading
 from tiscene.render.render_settings import PRESETS
 from tiscene.catalog import find_scene
 from pathlib import Path
-rehearsal = loading.rehearsal
+warm_up_steps = loading.warm_up_steps
 def slow(*args):
-    for step, each in enumerate(rehearsal(*args)):
+    for step, each in enumerate(warm_up_steps(*args)):
         print(step, flush=True)
         yield
     print("end", flush=True)
-loading.rehearsal = slow
+loading.warm_up_steps = slow
 loading._is_worth_a_process = lambda buffers: True
 loading.load(Path(sys.argv[1]), ("rgb",), PRESETS["fast"], None, False)
 """
@@ -134,7 +134,7 @@ def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, mon
 @pytest.mark.parametrize("quality", ["fast", "preview"])
 @pytest.mark.parametrize("emission", [False, True])
 def test_a_rehearsal_goes_on_to_its_end(buffers, quality, emission):
-    assert len(list(rehearsal(buffers, PRESETS[quality], lambda: emission))) == 5
+    assert len(list(warm_up_steps(buffers, PRESETS[quality], lambda: emission))) == 5
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from typing import Any
 from tiscene.device import runtime
 from tiscene.frame.buffers import COLORS
 from tiscene.render.render_settings import RenderSettings
-from tiscene.render.warm_up import rehearsal
+from tiscene.render.warm_up import warm_up_steps
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.stage_reader import read_stage
@@ -57,7 +57,7 @@ def load(
             SubprocessReader(read_stage, path, in_child, limits, probe_emission=True) as reading,
         ):
             arch = runtime.start(arch)
-            for _ in rehearsal(buffers, settings, reading.has_emission):
+            for _ in warm_up_steps(buffers, settings, reading.has_emission):
                 if reading.done():
                     break
             return reading.result(), arch

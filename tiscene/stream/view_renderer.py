@@ -82,7 +82,7 @@ class ViewRenderer:
             state = self.world.state(0)
             self._upload_descriptions()
             view = View(*state.cameras[0], width=width, height=height)
-            self._exposure = self._renderer(view).meter(view, state.placement, seed=self._seed)
+            self._exposure = self._renderer(view).auto_exposure(view, state.placement, seed=self._seed)
         return self._exposure
 
     def render(
@@ -132,7 +132,7 @@ class ViewRenderer:
             seed=self._seed,
             exposure=exposure,
             moving=moving,
-            moments=samples or (),
+            shutter_samples=samples or (),
         )
         step = CameraStep(view.previous, view.current, view.next)
         return Frame(
