@@ -20,7 +20,8 @@ from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.mover_coverage import MoverCoverage
 from tiscene.render.integrators.incremental.path_cache import PathCache
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
-from tiscene.render.integrators.path.path_pass import PathPass, PathScene
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.view import View
 from tiscene.scene.placement import CURRENT, Placement
 

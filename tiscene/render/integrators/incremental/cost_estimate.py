@@ -10,7 +10,8 @@ import numpy as np
 
 from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_recording import SEGMENT
-from tiscene.render.integrators.path.path_pass import PathPass, PathScene
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View

@@ -44,7 +44,8 @@ from tiscene.render.integrators.incremental.outlier_filter import filter_outlier
 from tiscene.render.integrators.incremental.path_cache import PathBlock, PathCache, state_size
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.selected_paths import PathSelection
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass, PathScene
+from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.intersect.trace import occluded
 from tiscene.render.sampling.sobol import frame_key, index_bits
@@ -57,7 +58,6 @@ CACHED_PATHS_FRAME, MOVER_OPACITY_FRAME, EXTRA_PATHS_FRAME, EXTRA_OPACITY_FRAME 
 SINGLE_PIXEL_SPP = 1 << 30  # rays without pixels: as if all were samples of one, so that the row alone numbers them
 CACHE_BYTES = 1 << 30
 MAX_PROBES = 16
-MAX_ROW_BYTES = 80  # of a record: ray, light, restart state, rounded up
 # If movers invalidate more of the paths than this, path tracing costs no more and may have less noise.
 MAX_INVALIDATED = 0.75
 
@@ -301,7 +301,8 @@ class IncrementalPass:
             )
 
         steps = scenes[0].steps(max_depth)
-        upper_bound = (1 + lights.groups) * steps * MAX_ROW_BYTES * self.width * self.height
+        # A segment takes 88 bytes, the shadow ray of a group 44.
+        upper_bound = (1 + lights.groups) * steps * 80 * self.width * self.height
         if spp > 1 and spp * upper_bound > limit:
             bytes_per_sample = cache(1).bytes
             while spp > 1 and spp * bytes_per_sample > limit:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental import path_recording as record
-from tiscene.render.integrators.path.path_pass import PathPass, PathScene
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import CHUNK, FEATURE_COLUMNS, PathSamples, PathState
 from tiscene.render.intersect.ray_queue import ray, tiled_order, upload_pixels
 from tiscene.render.view import View

@@ -22,8 +22,9 @@ from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.last_segment import finish_at_lights
+from tiscene.render.integrators.path.path_scene import MAX_ALPHA_LAYERS, PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
-from tiscene.render.integrators.path.shading import SceneArrays, shade
+from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
 from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
 from tiscene.render.intersect.surface_interaction import geometry_of
@@ -40,8 +41,6 @@ FloatImage = NDArray[np.float32]
 # Paths in flight. Smaller batches would fit a CPU's cache, but threads would wait for each other more often: 2^15 was
 # measured to take a third longer.
 BATCH_SIZE = 1 << 20
-# Alpha-rejected surfaces that a path passes without counting them as path depth.
-MAX_ALPHA_LAYERS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,28 +56,6 @@ class PathImage:
     hdr: FloatImage
     albedo: FloatImage
     normal: FloatImage
-
-
-@dataclass(frozen=True, eq=False)
-class PathScene:
-    """Scene data for the path tracing kernels.
-
-    Attributes:
-        arrays: Device arrays.
-        any_coverage: Whether a material is partially opaque (alpha), so that hits may be rejected.
-        any_emission: Whether a material is emissive.
-        ends_at_lights: Whether the last segment of a path contributes only if it reaches a light: no surface emits and
-            no hit is ever rejected.
-    """
-
-    arrays: SceneArrays
-    any_coverage: bool
-    any_emission: bool
-    ends_at_lights: bool
-
-    def steps(self, max_depth: int) -> int:
-        """Return how many times paths may be advanced."""
-        return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
 
 
 class PathPass:

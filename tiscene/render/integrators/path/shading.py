@@ -7,8 +7,6 @@ is traced afterwards) and samples the BSDF for the next segment, with Russian ro
 combined by multiple importance sampling. See Physically Based Rendering, 4th edition, section 15.3.
 """
 
-from typing import Any, NamedTuple
-
 import taichi as ti
 
 from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3
@@ -60,39 +58,6 @@ RUSSIAN_ROULETTE_DEPTH = 2
 # Ray-cone spread after scattering with a density of 1/sr: neighboring paths diverge, so textures are filtered more.
 SCATTERED_SPREAD = 0.25
 MAX_SURVIVAL = 0.95
-
-
-class SceneArrays(NamedTuple):
-    """Scene arrays in the order in which `shade` and `continue_shadow_rays` take them."""
-
-    vertex_position: Any
-    vertex_normal: Any
-    vertex_uv: Any
-    triangle_vertices: Any
-    triangle_material: Any
-    instance_info: Any
-    world_from_instance: Any
-    instance_from_world: Any
-    material_values: Any
-    material_info: Any
-    material_lookups: Any
-    texture_info: Any
-    texture_words: Any
-    texture_floats: Any
-    light_values: Any
-    light_nodes: Any
-    light_distribution: Any
-    energy: Any
-
-    @property
-    def surfaces(self) -> tuple[Any, ...]:
-        """Arrays of geometry and materials, without textures."""
-        return self[:10]
-
-    @property
-    def lighting(self) -> tuple[Any, ...]:
-        """Arrays of textures and lights."""
-        return self[11:17]
 
 
 @ti.func
@@ -154,7 +119,7 @@ def shade(
 ):
     """Shade the hits of the paths in queue[0..count) and generate their next segments and shadow rays.
 
-    The first 18 arguments are the scene, see `SceneArrays`.
+    The first 18 arguments are the scene, see `path_scene.SceneArrays`.
 
     Args:
         pixels: See `upload_pixels`; path first + i belongs to pixels[(first + i) // spp].

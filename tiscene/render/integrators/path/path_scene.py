@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scene data for the path tracing kernels: device arrays in the order of kernel arguments, and what they contain."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+# Alpha-rejected surfaces that a path passes without counting them as path depth.
+MAX_ALPHA_LAYERS = 16
+
+
+class SceneArrays(NamedTuple):
+    """Scene arrays in the order in which `shade` and `continue_shadow_rays` take them."""
+
+    vertex_position: Any
+    vertex_normal: Any
+    vertex_uv: Any
+    triangle_vertices: Any
+    triangle_material: Any
+    instance_info: Any
+    world_from_instance: Any
+    instance_from_world: Any
+    material_values: Any
+    material_info: Any
+    material_lookups: Any
+    texture_info: Any
+    texture_words: Any
+    texture_floats: Any
+    light_values: Any
+    light_nodes: Any
+    light_distribution: Any
+    energy: Any
+
+    @property
+    def surfaces(self) -> tuple[Any, ...]:
+        """Arrays of geometry and materials, without textures."""
+        return self[:10]
+
+    @property
+    def lighting(self) -> tuple[Any, ...]:
+        """Arrays of textures and lights."""
+        return self[11:17]
+
+
+@dataclass(frozen=True, eq=False)
+class PathScene:
+    """Scene data for the path tracing kernels.
+
+    Attributes:
+        arrays: Device arrays.
+        any_coverage: Whether a material is partially opaque (alpha), so that hits may be rejected.
+        any_emission: Whether a material is emissive.
+        ends_at_lights: Whether the last segment of a path contributes only if it reaches a light: no surface emits and
+            no hit is ever rejected.
+    """
+
+    arrays: SceneArrays
+    any_coverage: bool
+    any_emission: bool
+    ends_at_lights: bool
+
+    def steps(self, max_depth: int) -> int:
+        """Return how many times paths may be advanced."""
+        return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
