@@ -103,10 +103,10 @@ def test_missing_or_changed_files_are_written_again(tmp_path):
 def test_export_with_other_settings_is_refused_and_names_them(tmp_path):
     export(FakeStream(seed=1), tmp_path, frames=range(3))
     before = contents(tmp_path)
-    with pytest.raises(ExportError, match=r"settings\.seed: 1 there, 2 now(.|\n)*--overwrite") as caught:
+    with pytest.raises(ExportError, match=r"settings\.seed: 1 in the folder, 2 requested(.|\n)*--overwrite") as caught:
         export(FakeStream(seed=2), tmp_path, frames=range(3))
     assert "settings.width" not in str(caught.value)
-    with pytest.raises(ExportError, match='format: "png" there, "npz" now'):
+    with pytest.raises(ExportError, match='format: "png" in the folder, "npz" requested'):
         export(FakeStream(seed=1), tmp_path, format="npz", frames=range(3))
     assert contents(tmp_path) == before
 

@@ -28,7 +28,7 @@ class Difference:
     Attributes:
         key: The place in the manifest, such as "settings.seed".
         there: The value in the folder's manifest.
-        now: The value that was asked for.
+        now: The requested value.
     """
 
     key: str
@@ -36,7 +36,7 @@ class Difference:
     now: Any
 
     def __str__(self) -> str:
-        return f"{self.key}: {_shortened(self.there)} there, {_shortened(self.now)} now"
+        return f"{self.key}: {_shortened(self.there)} in the folder, {_shortened(self.now)} requested"
 
 
 def differences(there: Any, now: Any, key: str = "") -> list[Difference]:
@@ -71,7 +71,7 @@ def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
             steps.append("restore the files of the scene that have changed since")
         elif name in _SWITCHES and (each.there is None or each.now is None):
             arguments[_SWITCHES[name]] = value is not None
-        elif top == "scenario" and (name not in ("camera", "variants") or name == "camera" and isinstance(value, dict)):
+        elif top == "scenario" and (isinstance(value, dict) if name == "camera" else name != "variants"):
             steps.append("use the scenario of that export")
         elif (name or top) in _ARGUMENTS:
             arguments[name or top] = value
