@@ -28,7 +28,23 @@ def test_buffers_are_attributes() -> None:
     assert repr(frame) == "<Frame 12 at 0.480 s, 8x6: rgb, instance>"
 
 
-def test_a_known_buffer_that_was_not_rendered() -> None:
+def test_frame_is_a_mapping_of_its_buffers() -> None:
+    frame = make_frame()
+    assert frame["rgb"] is frame.rgb
+    assert list(frame) == list(frame.keys()) == ["rgb", "instance"]
+    assert len(frame) == 2
+    assert "instance" in frame
+    assert "depth" not in frame
+    assert frame.get("depth") is None
+    assert dict(frame)["instance"] is frame.instance
+    with pytest.raises(KeyError, match="Ask for it: Stream"):
+        frame["depth"]
+    assert frame == frame
+    assert frame != make_frame()
+    assert len({frame, frame}) == 1
+
+
+def test_buffer_that_was_not_rendered_says_how_to_ask_for_it() -> None:
     with pytest.raises(BufferNotFound) as caught:
         _ = make_frame().depth
     assert str(caught.value) == (
@@ -36,12 +52,12 @@ def test_a_known_buffer_that_was_not_rendered() -> None:
     )
 
 
-def test_an_unknown_buffer() -> None:
+def test_unknown_buffer_suggests_the_nearest_name() -> None:
     with pytest.raises(BufferNotFound, match=r"no buffer 'forward_flw'\. Did you mean 'forward_flow'\?"):
         _ = make_frame().forward_flw
 
 
-def test_a_frame_can_be_copied_and_pickled() -> None:
+def test_frame_can_be_copied_and_pickled() -> None:
     frame = make_frame()
     for twin in (copy.copy(frame), copy.deepcopy(frame), pickle.loads(pickle.dumps(frame))):
         assert twin.index == 12
@@ -55,7 +71,7 @@ def test_fields_cannot_be_set() -> None:
         make_frame().index = 13  # type: ignore[misc]
 
 
-def test_the_camera_projects_as_opencv_does() -> None:
+def test_camera_projects_as_opencv() -> None:
     camera = make_frame().camera
     assert camera.position == CAMERA.position
     assert camera.rotation == CAMERA.rotation

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -256,3 +258,10 @@ def test_ranges_that_nothing_fits_are_refused_with_their_reasons(room):
 def test_one_number_stands_for_a_range():
     assert ScenarioRanges(objects=2, speed=0.5).objects == (2, 2)
     assert ScenarioRanges(speed=0.5).speed == (0.5, 0.5)
+
+
+def test_keywords_of_sample_are_the_fields_of_the_ranges():
+    parameters = inspect.signature(Scenario.sample).parameters
+    defaults = {field.name: field.default for field in fields(ScenarioRanges)}
+    assert {name: each.default for name, each in parameters.items() if name in defaults} == defaults
+    assert set(parameters) == {"scene", "seed", "camera", *defaults}
