@@ -179,7 +179,7 @@ def test_paths_until_the_error_is_small_enough():
 def test_no_error_is_promised_while_a_shutter_is_open():
     settings = {**SETTINGS, "buffers": ("hdr",), "incremental": None, "relative_error": 0.1, "spp": 16}
     with pytest.raises(
-        ArgumentError, match=r"relative_error=0.1: not while the camera's shutter is open; ask for spp="
+        ArgumentError, match=r"relative_error=0.1: not available with an open shutter; give spp="
     ):
         ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))[4]
     assert ts.Stream(moving_scenario(), **settings, shutter=(0, 0))[4].spp == 16
