@@ -38,13 +38,13 @@ def lock_folder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, and remove the partial files that a killed holder of the lock has left in it.
 
     The operating system frees the lock of a process that ends in any way. The lock file `LOCK_NAME` exists while the
-    lock is held; a killed process leaves it behind, which locks nobody out.
+    lock is held; a killed process leaves it behind, without effect.
 
     Args:
         folder: An existing folder.
 
     Raises:
-        FolderLockedError: Somebody else holds the lock; the message says who.
+        FolderLockedError: Another process or thread holds the lock; the message names the process.
         OSError: The lock file cannot be created.
     """
     path = folder / LOCK_NAME
@@ -85,7 +85,10 @@ def _open_locked(path: Path) -> int:
 
 
 def _try_lock(descriptor: int) -> bool:
-    """Lock an open file unless somebody else has. Without support for locks (Windows, some network drives): True."""
+    """Lock an open file; return False if it is locked already.
+
+    Returns True without a lock where files cannot be locked (Windows, some network drives).
+    """
     try:
         import fcntl
 
