@@ -3,10 +3,12 @@
 
 ::
 
-    stream       Stream
-    frame_slice  the frames of `stream[a:b]`
-    loading      read the stage while kernels compile
-    incremental  decide which frames are rendered incrementally
-    progress      default progress bar
-    shutter      sample times while the shutter is open (motion blur)
+    stream         Stream
+    frame_slice    the frames of `stream[a:b]`
+    view_renderer  render views of a world; owns the device arrays
+    incremental    decide which frames are rendered incrementally
+    shutter        sample times while the shutter is open (motion blur)
+    stage_cache    stages that were read last
+    loading        read a stage while kernels compile
+    progress       default progress bar
 """

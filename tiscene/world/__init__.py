@@ -4,9 +4,10 @@
 ::
 
     world            World
+    world_state      WorldState: everything about one frame
     object_registry  ids, categories, meshes and boxes of all objects
     stage_objects    edits of the stage's own objects
-    stage_animation   instances that move by the stage's time samples
+    stage_animation  instances that move by the stage's time samples
     trajectories     poses of objects, cameras and lights; collisions
     lights           lights at each frame
     event_detector   events between two frames
