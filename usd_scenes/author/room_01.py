@@ -2,7 +2,7 @@
 """room_01, a bedroom of 4.5 × 4 × 2.8 m: x from -2.05 to 2.45, z from -2 to 2, the floor at y = 0.
 
 The bed's head is at the +x wall, the window in the +z wall; a wardrobe stands behind the usual camera, a chest of
-drawers at the -x wall. The air before the bed is kept free for objects to fly through.
+drawers at the -x wall. The space before the bed is kept free for flying objects.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from usd_scenes.author.room import ORIGIN, SKY, SUNLIGHT, Room
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -2.05, 2.45, -2.0, 2.0, 2.8
 WALL = 0.30
 WINDOW, WINDOW_WIDTH, SILL, HEAD = -0.35, 1.60, 0.82, 2.34
-BED = 0.45  # its middle along z
+BED = 0.45  # center along z
 BEDSIDES = (BED - 1.10, BED + 1.09)
-DOOR = -1.25  # its middle along z, in the -x wall
+DOOR = -1.25  # center along z, in the -x wall
 TOWARDS_BED = (0.0, -90.0, 0.0)
 
 
 def build() -> Room:
+    """Build the scene."""
     room = Room("Room01", "room_01")
     _shell(room)
     _bed(room)
@@ -62,7 +63,7 @@ def _shell(room: Room) -> None:
 
 
 def _bed(room: Room) -> None:
-    """All in the bed's coordinates: its head at the wall, its foot towards -x."""
+    """Place bed and bedding, all in the bed's coordinates: head at the wall, foot towards -x."""
     place = (RIGHT - 0.002, 0.0, BED)
     top = bedroom.MATTRESS_TOP - 0.014
 

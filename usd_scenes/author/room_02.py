@@ -2,7 +2,7 @@
 """room_02, a living room of 8 × 7 × 2.9 m: x from -4.4 to 3.6, z from -6 to 1, the floor at y = 0.
 
 Sun and sky come through two windows in the -x wall; sofa and pictures at the far wall, the dining table to the right,
-the television behind the usual camera. The air over the coffee table is kept free for objects to fly through.
+the television behind the usual camera. The space over the coffee table is kept free for flying objects.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ SIDE_LAMP = (-2.12, 0.83, NEAR - 0.20)
 
 
 def build() -> Room:
+    """Build the scene."""
     room = Room("Room02", "room_02")
     _shell(room)
     _sitting(room)
@@ -135,7 +136,7 @@ def _dining(room: Room) -> None:
     room.put_template("TableThings", "DiningCup1", "cup_01", (x - 0.16, top, z + 0.68), (0.0, 20.0, 0.0))
     room.put_template("TableThings", "DiningCup2", "cup_01", (x + 0.15, top, z - 0.68), (0.0, 200.0, 0.0))
     for index, (side, dz) in enumerate(((-1.0, -0.42), (-1.0, 0.42), (1.0, -0.42), (1.0, 0.42))):
-        # Seen from its seat: the fork to the left of the dish on a napkin, the knife to its right.
+        # Seen from the seat, the fork lies on a napkin left of the dish, the knife right of it.
         left = 0.20 * side
         place = (x + 0.25 * side, z + dz)
         room.put(
@@ -165,7 +166,7 @@ def _dining(room: Room) -> None:
 
 
 def _books(room: Room) -> None:
-    """Two cases against the far wall, each shelf filled from the left, leaning at the end, with gaps for ornaments."""
+    """Place two bookcases at the far wall; each shelf is filled with books from the left, then an ornament."""
     rng = np.random.default_rng(29)
     case = tables.bookcase("Bookcase")
     kinds = [
@@ -231,7 +232,7 @@ def _television(room: Room) -> None:
 
 def _light(room: Room) -> None:
     room.dome("Sky", *SKY)
-    # At the outer face of the walls, so that reveals and frames are lit through them too.
+    # Portals are at the outer face of the walls, so that they also light reveals and frames.
     size, middle = (WINDOW_WIDTH, round(HEAD - SILL, 3)), (SILL + HEAD) / 2.0
     for index, z in enumerate(WINDOWS):
         room.portal("Sky", f"Portal{index + 1}", *size, (LEFT - WALL, middle, z), (0.0, -90.0, 0.0))

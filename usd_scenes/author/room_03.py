@@ -2,7 +2,7 @@
 """room_03, a bathroom of 3 × 2.5 × 2.7 m: x from -1.5 to 1.5, z from -1.25 to 1.25, the floor at y = 0.
 
 The tub stands under a frosted window in the -z wall, the washbasin at the +x wall, the toilet at the -x wall; the door
-is behind the usual camera. The air over the mat is kept free for objects to fly through.
+is behind the usual camera. The space over the mat is kept free for flying objects.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from usd_scenes.author.room import ORIGIN, Room
 LEFT, RIGHT, FAR, NEAR, HEIGHT = -1.5, 1.5, -1.25, 1.25, 2.7
 WALL = 0.28
 WINDOW, WINDOW_WIDTH, SILL, HEAD = -0.42, 1.00, 1.24, 2.28
-DOOR = 0.86  # its middle along x, in the +z wall
+DOOR = 0.86  # center along x, in the +z wall
 DADO = 1.24
-BASIN = -0.10  # its middle along z
-TOWARDS_ROOM = (0.0, -90.0, 0.0)  # of what hangs on the +x wall
+BASIN = -0.10  # center along z
+TOWARDS_ROOM = (0.0, -90.0, 0.0)  # rotation of objects on the +x wall
 FACE = tiling.THICK
 
 
 def build() -> Room:
+    """Build the scene."""
     room = Room("Room03", "room_03")
     _shell(room)
     _bath(room)
@@ -162,7 +163,7 @@ def _light(room: Room) -> None:
             "day": 4.4,
             "evening": 2.0,
             "night": 1.0,
-        },  # the eye takes in a bright window and a room at once; film does not
+        },  # compresses the range between the bright window and the room
     )
     for index, side in enumerate((-1.0, 1.0)):
         at = (RIGHT - 0.11, 1.72, BASIN + 0.52 * side)
@@ -176,6 +177,6 @@ def _cameras(room: Room) -> None:
     room.camera("Main", (0.98, 1.42, 1.12), (-0.50, 0.80, -0.85), fov=62.0, exposure=exposure)
     room.camera("Agent", (1.22, 2.0, 1.05), turn=(-24.0, 42.0, 0.0), fov=60.0, exposure=exposure, focus=2.2)
     room.camera("Basin", (-1.15, 1.42, 0.35), (1.2, 1.10, -0.25), fov=50.0, exposure=exposure)
-    facing = {**exposure, "day": 2.15}  # what the window shines on
+    facing = {**exposure, "day": 2.15}  # for surfaces lit by the window
     room.camera("Toilet", (0.72, 1.35, -0.62), (-1.25, 0.72, 0.75), fov=56.0, exposure=facing)
     room.camera("Soap", (0.62, 1.16, 0.10), (1.33, 0.90, -0.42), fov=34.0, exposure=exposure, f_stop=2.8)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plain room of primitives, 6 × 5 × 3 m: x from -3 to 3, z from -4 to 1; three solids stand on its floor."""
+"""solid_benchmark: a plain room, 6 × 5 × 3 m (x from -3 to 3, z from -4 to 1), with three solids on its floor."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ WALL = 0.2
 
 
 def build() -> Room:
+    """Build the scene."""
     room = Room("SolidBenchmark", "solid_benchmark")
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     center = (0.0, 0.0, (FAR + NEAR) / 2.0)
@@ -47,11 +48,12 @@ def build() -> Room:
 
 
 def _solid(name: str, material: str, mesh: PolygonMesh) -> Model:
+    """Return a model of one part."""
     return make_model(name, name.lower(), ("Body", material, mesh))
 
 
 def _light(room: Room) -> None:
-    """A luminous ceiling by day, a low warm panel in the evening, one lamp at night."""
+    """Define a bright ceiling panel for day, a low warm panel for evening, and a lamp for night."""
     room.panel(
         "Daylight",
         2.4,

@@ -19,7 +19,7 @@ ROOT = 0.004  # m; moldings overlap walls and floors by this much, because touch
 
 @dataclass(frozen=True)
 class Opening:
-    """A rectangle in a wall: from..to along it and sill..head above the floor, m."""
+    """A rectangular opening in a wall: from `start` to `end` along it, from `sill` to `head` above the floor, m."""
 
     start: float
     end: float
