@@ -43,13 +43,14 @@ def _set_cache_folder() -> None:
 
     try:
         folder = os.path.join(pwd.getpwuid(os.getuid()).pw_dir, ".cache")
-    except KeyError:  # a user without an entry, as in containers: nothing is kept for later processes
-        import atexit
-        import shutil
+    except KeyError:  # a user without an entry, as in containers
         import tempfile
 
-        folder = tempfile.mkdtemp(prefix="tiscene-")
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        folder = os.path.join(tempfile.gettempdir(), f"tiscene-{os.getuid()}")
+        os.makedirs(folder, mode=0o700, exist_ok=True)
+        found = os.lstat(folder)
+        if found.st_uid != os.getuid() or found.st_mode & 0o077:  # somebody else could place compiled code there
+            folder = tempfile.mkdtemp(prefix="tiscene-")
     os.environ["XDG_CACHE_HOME"] = folder
 
 

@@ -1,21 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starting Taichi: once, as asked, and with a message when that cannot be. Each case in a process of its own."""
-
-import subprocess
-import sys
+"""Taichi is started once, with the options that were asked for, or an error says why not."""
 
 import pytest
 
+from tests.device.programs import run_python
 from tiscene.device import runtime
-from tiscene.device.vector_mode import vector_mode
 from tiscene.errors import ArgumentError
-
-
-def python(code: str) -> str:
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
-
 
 CAUGHT = """
 import taichi as ti
@@ -29,8 +19,8 @@ except TisceneError as error:
 """
 
 
-def test_starting_is_silent_and_happens_once():
-    printed = python(
+def test_start_is_silent_and_happens_once():
+    printed = run_python(
         "from tiscene.device import runtime\n"
         "before = runtime.running()\n"
         "first = runtime.start(threads=1)\n"
@@ -43,8 +33,8 @@ def test_starting_is_silent_and_happens_once():
     assert printed == "None cpu cpu cpu True False 1"
 
 
-def test_a_running_taichi_is_used_as_it_is():
-    printed = python(
+def test_running_taichi_is_used_as_it_is():
+    printed = run_python(
         "import taichi as ti\n"
         "ti.init(arch=ti.cpu, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=1)\n"
         "values = ti.ndarray(ti.f32, 3)\n"
@@ -55,44 +45,40 @@ def test_a_running_taichi_is_used_as_it_is():
     assert printed.splitlines()[-1].endswith("cpu 12.0")
 
 
-def test_a_running_taichi_with_fast_math_is_refused():
-    start = "ti.init(arch=ti.cpu, log_level=ti.ERROR, cpu_max_num_threads=1)"
-    printed = python(CAUGHT.format(before=start, arguments="")).splitlines()[-1]
-    assert "DeviceError this process started Taichi with fast_math=True" in printed
-    assert "fast_math=False" in printed
+@pytest.mark.parametrize(
+    ("given", "shown", "needed"),
+    [
+        ("", "fast_math=True", "fast_math=False"),
+        ("fast_math=False, default_fp=ti.f64", "default_fp=ti.f64", "default_fp=ti.f32"),
+        ("fast_math=False, default_ip=ti.i64", "default_ip=ti.i64", "default_ip=ti.i32"),
+    ],
+)
+def test_running_taichi_with_options_that_change_results_is_refused(given, shown, needed):
+    start = f"ti.init(arch=ti.cpu, log_level=ti.ERROR, cpu_max_num_threads=1, {given})"
+    printed = run_python(CAUGHT.format(before=start, arguments="")).splitlines()[-1]
+    assert printed.startswith(f"DeviceError this process started Taichi with {shown}, which changes the results")
+    assert f"Start it with ti.init({needed}, ...)" in printed
 
 
-def test_one_process_has_one_architecture():
-    printed = python(CAUGHT.format(before="runtime.start()", arguments="'cuda'")).splitlines()[-1]
+def test_second_architecture_in_a_process_is_refused():
+    printed = run_python(CAUGHT.format(before="runtime.start()", arguments="'cuda'")).splitlines()[-1]
     assert printed == "DeviceError arch='cuda', but this process already runs Taichi on 'cpu'; use a new process"
 
 
-def test_a_missing_gpu_is_told():
+def test_missing_gpu_is_reported():
     code = CAUGHT.format(before="import os; os.environ['CUDA_VISIBLE_DEVICES'] = '-1'", arguments="'cuda'")
-    assert python(code).splitlines()[-1] == "DeviceError arch='cuda': Taichi finds no such device here; use arch='cpu'"
+    assert (
+        run_python(code).splitlines()[-1] == "DeviceError arch='cuda': Taichi finds no such device here; use arch='cpu'"
+    )
 
 
-def test_an_unknown_architecture_is_refused():
+def test_unknown_architecture_is_refused():
     with pytest.raises(ArgumentError, match="arch='gpu': must be one of cpu, cuda"):
         runtime.start("gpu")
 
 
-def test_vector_mode_is_left_again_even_after_an_error():
-    import taichi as ti
-
-    def fail_inside() -> None:
-        with vector_mode():
-            assert not ti.cfg.real_matrix_scalarize
-            raise KeyError
-
-    before = ti.cfg.real_matrix_scalarize
-    with pytest.raises(KeyError):
-        fail_inside()
-    assert ti.cfg.real_matrix_scalarize == before
-
-
-def test_a_fork_of_a_process_that_runs_taichi_says_so_instead_of_waiting_for_ever():
-    printed = python(
+def test_stream_in_a_fork_raises_instead_of_waiting_for_ever():
+    printed = run_python(
         "import os, sys\n"
         "import tiscene as ts\n"
         "from tiscene.errors import DeviceError\n"

@@ -4,8 +4,9 @@
 ::
 
     runtime         start Taichi once per process
+    restart         notice that the user's code restarted Taichi
     vector_mode     compile kernels with SIMD vectors
     memory          host arrays to device arrays
     kernel_types    types of kernel arguments
-    taichi_patches  replacements for slow parts of Taichi's Python
+    taichi_patches  replacements for slow parts of Taichi's Python code
 """

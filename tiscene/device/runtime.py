@@ -1,76 +1,142 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts Taichi, once. No other module calls ``ti.init``: a second start would destroy every array.
+"""Start Taichi, once per process, and check that it is still the one in which arrays were made.
 
-The other modules here do in less time what Taichi 1.7.4, to which the project is pinned, does in Python before kernels.
+No other module calls ``ti.init``: a second start would destroy every array. A Taichi that the user started is used as
+it is. docs/taichi.md describes how tiscene shares a process with the user's own Taichi code.
 """
 
 import contextlib
 import io
 import os
+import tempfile
+from collections.abc import Iterator
 
 import taichi as ti
 
+from tiscene.device import restart
 from tiscene.device.taichi_patches import patched_kernel
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
 
-_process: int | None = None  # in which Taichi was started
+_process: int | None = None  # in which `start` was called
 
 patched_kernel.install()  # before kernel modules are imported, since their decorators gain by it
 
 
 def running() -> str | None:
-    """The architecture that Taichi runs on, "cpu" or "cuda"; None before the start."""
+    """Return the architecture that Taichi runs on, "cpu" or "cuda"; None before the start."""
     if ti.lang.impl.get_runtime().prog is None:
         return None
     return "cuda" if ti.cfg.arch == ti.cuda else "cpu"
 
 
 def start(arch: str | None = None, threads: int | None = None) -> str:
-    """Start Taichi if nobody has; a running one is used as it is. Returns the architecture.
+    """Start Taichi if it does not run yet.
 
-    arch: "cpu" (default) or "cuda". threads: CPU threads, default all.
-    Raises ArgumentError for an unknown architecture, DeviceError if Taichi runs on another one or cannot start.
+    Args:
+        arch: "cpu" or "cuda". None: what Taichi runs on, else "cpu".
+        threads: CPU threads. None: all.
+
+    Returns:
+        The architecture.
+
+    Raises:
+        ArgumentError: The architecture is unknown.
+        DeviceError: Taichi runs on another architecture or with options that change results, or it cannot start.
     """
     if arch is not None and arch not in ARCHITECTURES:
         raise ArgumentError(f"arch={arch!r}: must be one of {', '.join(ARCHITECTURES)}")
     check_process()
     global _process
     _process = os.getpid()
+    restart.watch()
     present = running()
     if present is not None:
         if arch not in (None, present):
             raise DeviceError(f"arch={arch!r}, but this process already runs Taichi on {present!r}; use a new process")
-        if ti.cfg.fast_math:
-            raise DeviceError(
-                "this process started Taichi with fast_math=True, which breaks infinities and exact replay; "
-                "start it with fast_math=False, or let tiscene start it"
-            )
+        _check_options()
         return present
-    wanted = arch or "cpu"
+    chosen = arch or "cpu"
     options = {"cpu_max_num_threads": threads} if threads else {}
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), _usable_cache_folder():
             ti.init(
-                arch=getattr(ti, wanted),
+                arch=getattr(ti, chosen),
                 enable_fallback=False,
                 fast_math=False,
-                advanced_optimization=False,  # LLVM does it all again; the shading kernel compiles 12 times as fast
+                advanced_optimization=False,  # LLVM optimizes too; the shading kernel compiles 12 times as fast
                 log_level=ti.ERROR,
-                offline_cache=True,
                 **options,
             )
-        ti.lang.impl.get_runtime().materialize()  # Taichi insists on this thread; kernels may run in any
+        ti.lang.impl.get_runtime().materialize()  # must happen in this thread; kernels may run in any
     except RuntimeError as error:
-        raise DeviceError(f"arch={wanted!r}: Taichi finds no such device here; use arch='cpu'") from error
-    return wanted
+        raise DeviceError(f"arch={chosen!r}: Taichi finds no such device here; use arch='cpu'") from error
+    return chosen
+
+
+@contextlib.contextmanager
+def _usable_cache_folder() -> Iterator[None]:
+    """Turn Taichi's offline cache off inside the context if its folder cannot be created.
+
+    Taichi 1.7.4 crashes at the exit of the process otherwise. An existing folder that cannot be written is fine.
+    """
+    variables = {"TI_OFFLINE_CACHE_FILE_PATH": tempfile.gettempdir(), "TI_OFFLINE_CACHE": "0"}
+    before = {name: os.environ.get(name) for name in variables}
+    folder = before["TI_OFFLINE_CACHE_FILE_PATH"] or ti.lang.impl.default_cfg().offline_cache_file_path
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError:
+        os.environ.update(variables)  # they take precedence over arguments of ti.init
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _check_options() -> None:
+    """Raise DeviceError if the user started Taichi with options that change the results of tiscene's kernels."""
+    runtime = ti.lang.impl.get_runtime()
+    given = {"fast_math": ti.cfg.fast_math, "default_fp": runtime.default_fp, "default_ip": runtime.default_ip}
+    required = {"fast_math": False, "default_fp": ti.f32, "default_ip": ti.i32}
+    for name, value in given.items():
+        if value != required[name]:
+            text, needed = (
+                each if isinstance(each, bool) else f"ti.{each.to_string()}" for each in (value, required[name])
+            )
+            raise DeviceError(
+                f"this process started Taichi with {name}={text}, which changes the results of tiscene's kernels. "
+                f"Start it with ti.init({name}={needed}, ...), or let tiscene start it"
+            )
+
+
+def session() -> object:
+    """Return a token of the running Taichi, to be passed to `check_session` before arrays made in it are used."""
+    return ti.lang.impl.get_runtime()
+
+
+def check_session(made_in: object) -> None:
+    """Check that arrays made in a session can still be used.
+
+    Args:
+        made_in: What `session` returned when the arrays were made.
+
+    Raises:
+        DeviceError: This process was forked from the one that made them, or Taichi was restarted since.
+    """
+    check_process()
+    if made_in is not session():
+        raise restart.destroyed_error()
 
 
 def check_process() -> None:
-    """Raises DeviceError in a fork of the process that started Taichi: kernels would wait there for ever."""
+    """Raise DeviceError in a fork of the process that started Taichi, where kernels would wait for ever."""
     if _process not in (None, os.getpid()):
         raise DeviceError(
-            "this process was forked from one in which Taichi runs, whose threads are not here. Let workers be spawned "
-            "(multiprocessing_context='spawn' of a DataLoader), or make the first Stream in the worker"
+            "this process was forked from one in which Taichi runs, whose threads do not exist here. Spawn workers "
+            "instead (multiprocessing_context='spawn' of a DataLoader), or make the first Stream in the worker"
         )

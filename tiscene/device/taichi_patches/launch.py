@@ -10,6 +10,8 @@ differentiation) takes Taichi's own way, errors included.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +25,8 @@ from taichi.lang.util import to_numpy_type
 from taichi.types import primitive_types
 from taichi.types.annotations import template
 from taichi.types.ndarray_type import NdarrayType
+
+from tiscene.device import restart
 
 # Kinds of parameters. UNTYPED: an array of any element type and number of axes.
 SCALAR_ARRAY, VECTOR_ARRAY, UNTYPED, INTEGER, REAL = range(5)
@@ -84,24 +88,27 @@ def launch(kernel: Any, *args: Any, **kwargs: Any) -> Any:
         or runtime.target_tape
         or runtime.fwd_mode_manager
     ):
-        return Kernel.__call__(kernel, *args, **kwargs)
+        return _launch_by_taichi(kernel, args, kwargs)
     values: tuple[Any, ...] = args
     key: tuple[Any, ...] = ()
     if plan.templates:
         key = tuple([args[row] for row in plan.templates])
         if not all(type(each) in _VALUE_TYPES for each in key):
-            return Kernel.__call__(kernel, *args)
+            return _launch_by_taichi(kernel, args)
         values = tuple([value for row, value in enumerate(args) if row not in plan.templates])
     if plan.untyped:
         key += tuple([_type_of(args[row]) for row in plan.untyped])
     variant = plan.variants.get(key)
     if variant is None:
-        result = Kernel.__call__(kernel, *args)
+        for value in values:
+            restart.check_array(value)
+        result = _launch_by_taichi(kernel, args)
         if kernel.has_print:
             plan.supported = False
         else:
             compiled, program = kernel.compiled_kernels[kernel.ensure_compiled(*args)], runtime.prog
-            code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+            with _compile_options():
+                code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
             plan.variants[key] = CompiledVariant(compiled, code)
         return result
     if variant.contexts:
@@ -109,7 +116,7 @@ def launch(kernel: Any, *args: Any, **kwargs: Any) -> Any:
     else:
         context, last = variant.kernel.make_launch_context(), [None] * len(values)
     if not _set_arguments(context, last, values, plan, runtime.prog):
-        return Kernel.__call__(kernel, *args)
+        return _launch_by_taichi(kernel, args)
     try:
         runtime.prog.launch_kernel(variant.code, context)
     except Exception as error:
@@ -121,6 +128,22 @@ def launch(kernel: Any, *args: Any, **kwargs: Any) -> Any:
     if plan.keeps_arguments:
         variant.contexts.append((context, last))
     return result
+
+
+def _launch_by_taichi(kernel: Any, args: tuple[Any, ...], kwargs: dict[str, Any] | None = None) -> Any:
+    with _compile_options():
+        return Kernel.__call__(kernel, *args, **(kwargs or {}))
+
+
+@contextmanager
+def _compile_options() -> Iterator[None]:
+    """Compile as where tiscene started Taichi: without optimizations that LLVM repeats, 12 times as fast."""
+    before = ti.cfg.advanced_optimization
+    ti.cfg.advanced_optimization = False
+    try:
+        yield
+    finally:
+        ti.cfg.advanced_optimization = before
 
 
 def _set_arguments(context: Any, last: list[Any], values: tuple[Any, ...], plan: LaunchPlan, program: Any) -> bool:
@@ -147,6 +170,7 @@ def _set_arguments(context: Any, last: list[Any], values: tuple[Any, ...], plan:
                 fits = given is ScalarNdarray or given is VectorNdarray
             if not fits or value.grad is not None:
                 return False
+            restart.check_array(value)
             if plan.keeps_arguments:
                 address, size = program.get_ndarray_data_ptr_as_int(value.arr), _byte_count(value.arr)
                 context.set_arg_external_array_with_shape(slot, address, size, value.shape, 0)

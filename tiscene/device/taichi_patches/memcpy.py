@@ -20,6 +20,7 @@ from taichi.lang._ndarray import Ndarray, ScalarNdarray
 from taichi.lang.matrix import MatrixNdarray, VectorNdarray
 from taichi.lang.util import to_numpy_type
 
+from tiscene.device import restart
 from tiscene.device.taichi_patches import fence
 
 _METHODS = [
@@ -48,6 +49,7 @@ def _dispatching(original: Any, replacement: Any) -> Any:
 
 def _values(array: Any) -> NDArray[Any]:
     """Return a NumPy view of a Taichi array's memory, valid as long as the Taichi array lives."""
+    restart.check_array(array)
     impl.get_runtime().materialize()
     shape, dtype = tuple(array.arr.total_shape()), np.dtype(to_numpy_type(array.dtype))
     address = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array.arr)
