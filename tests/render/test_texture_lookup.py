@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lookups: values, wraps, encodings, the direction of v; smaller copies, and one pixel at random."""
+"""Texture lookups: values, wrap modes, encodings, orientation of v; mipmaps, and stochastic lookups."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ WRAPS = ("repeat", "clamp", "mirror", "black")
 
 
 @ti.kernel
-def look_up(info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, uv: Floats2, values: Floats2):
+def lookup_all(info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, uv: Floats2, values: Floats2):
     textures = ti.static(Textures(info, words, floats))
     for i in range(uv.shape[0]):
         value = lookup(textures, row, ti.math.vec2(uv[i, 0], uv[i, 1]))
@@ -26,11 +26,11 @@ def look_up(info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, uv: Floats2
             values[i, c] = value[c]
 
 
-def looked_up(texture: Texture, uv: np.ndarray) -> np.ndarray:
+def values_of(texture: Texture, uv: np.ndarray) -> np.ndarray:
     atlas = TextureAtlas()
     atlas.append([Texture("other", np.zeros((3, 5, 4), texture.pixels.dtype)), texture])
     values = np.empty((len(uv), 4), np.float32)
-    look_up(*atlas.arrays(), 1, np.ascontiguousarray(uv, np.float32), values)
+    lookup_all(*atlas.arrays(), 1, np.ascontiguousarray(uv, np.float32), values)
     return values
 
 
@@ -70,25 +70,25 @@ def test_lookups_agree_with_plain_numpy(kind: str, wrap_s: str, wrap_t: str) -> 
         texture = Texture("t", pixels, encoding=kind, wrap_s=wrap_s, wrap_t=wrap_t)
     uv = generator.uniform(-2.9, 3.9, (2000, 2)).astype(np.float32).astype(np.float64)
     scale = 765.0 if kind == "float" else 1.0
-    assert looked_up(texture, uv) / scale == pytest.approx(reference(texture, uv) / scale, abs=5e-5)
+    assert values_of(texture, uv) / scale == pytest.approx(reference(texture, uv) / scale, abs=5e-5)
 
 
 def test_v_1_is_the_top_row() -> None:
     pixels = np.zeros((2, 1, 4), np.float32)
     pixels[0] = 1.0
     texture = Texture("t", pixels, encoding="raw", wrap_t="clamp")
-    assert looked_up(texture, np.array([[0.5, 0.99], [0.5, 0.01]]))[:, 0].tolist() == [1.0, 0.0]
+    assert values_of(texture, np.array([[0.5, 0.99], [0.5, 0.01]]))[:, 0].tolist() == [1.0, 0.0]
 
 
-def test_far_outside_still_repeats() -> None:
+def test_repeat_is_exact_far_outside() -> None:
     pixels = np.linspace(0, 1, 16, dtype=np.float32).reshape(1, 4, 4)
     texture = Texture("t", pixels, encoding="raw")
-    near, far = looked_up(texture, np.array([[0.375, 0.5], [10000.375, -4000.5]]))
+    near, far = values_of(texture, np.array([[0.375, 0.5], [10000.375, -4000.5]]))
     assert near == pytest.approx(far, abs=2e-3)
 
 
 @ti.kernel
-def look_up_one(
+def lookup_all_stochastic(
     info: Ints2, words: Ints1, floats: Floats1, row: ti.i32, area: ti.f32, uv: Floats2, u: Floats2, values: Floats2
 ):
     textures = ti.static(Textures(info, words, floats))
@@ -99,15 +99,15 @@ def look_up_one(
             values[i, c] = value[c]
 
 
-def looked_up_one(atlas: TextureAtlas, row: int, uv: np.ndarray, area: float, seed: int = 1) -> np.ndarray:
+def stochastic_values(atlas: TextureAtlas, row: int, uv: np.ndarray, area: float, seed: int = 1) -> np.ndarray:
     values = np.empty((len(uv), 4), np.float32)
     u = np.random.default_rng(seed).random((len(uv), 3), np.float32)
-    look_up_one(*atlas.arrays(), row, area, np.ascontiguousarray(uv, np.float32), u, values)
+    lookup_all_stochastic(*atlas.arrays(), row, area, np.ascontiguousarray(uv, np.float32), u, values)
     return values
 
 
 @pytest.mark.parametrize("kind", ["srgb", "raw", "float"])
-def test_the_mean_of_single_pixels_is_the_interpolated_value(kind: str) -> None:
+def test_mean_of_stochastic_lookups_is_the_interpolated_value(kind: str) -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (5, 7, 4)).astype(np.uint8)
     values = pixels.astype(np.float32) / 255.0 if kind == "float" else pixels
     texture = Texture("t", values, encoding="raw" if kind == "float" else kind, wrap_s="mirror")
@@ -115,12 +115,12 @@ def test_the_mean_of_single_pixels_is_the_interpolated_value(kind: str) -> None:
     atlas.append([texture])
     for place in ((0.31, 0.62), (0.02, 0.99), (-1.3, 2.2)):
         uv = np.tile([place], (40_000, 1))
-        mean = looked_up_one(atlas, 0, uv, 0.0).mean(axis=0)
+        mean = stochastic_values(atlas, 0, uv, 0.0).mean(axis=0)
         assert mean == pytest.approx(reference(texture, uv[:1])[0], abs=0.01)
 
 
 def painted(size: tuple[int, int], encoding: str) -> Texture:
-    """A slope and noise."""
+    """Return a texture of a gradient and noise."""
     height, width = size
     smooth = np.linspace(0, 200, height)[:, None, None] + np.linspace(0, 50, width)[None, :, None]
     noise = np.random.default_rng(5).integers(-5, 5, (height, width, 4))
@@ -129,7 +129,7 @@ def painted(size: tuple[int, int], encoding: str) -> Texture:
 
 @pytest.mark.parametrize("encoding", ["srgb", "raw"])
 @pytest.mark.parametrize("size", [(256, 128), (200, 90), (3, 5)])
-def test_large_areas_are_looked_up_in_small_copies(size: tuple[int, int], encoding: str) -> None:
+def test_large_footprints_read_coarse_mipmaps(size: tuple[int, int], encoding: str) -> None:
     texture = painted(size, encoding)
     atlas = TextureAtlas()
     atlas.append([texture, Texture("other", np.zeros((70, 5, 4), np.uint8))])
@@ -137,14 +137,14 @@ def test_large_areas_are_looked_up_in_small_copies(size: tuple[int, int], encodi
     uv = np.stack([u.ravel() + 3.0, v.ravel()], axis=-1)
     exact = linear_pixels(texture)[((1.0 - v) * size[0]).astype(int).ravel(), (u * size[1]).astype(int).ravel()]
     for area in (0.0, 3.0, 40.0, 1e9):
-        values = looked_up_one(atlas, 0, uv, area)
+        values = stochastic_values(atlas, 0, uv, area)
         assert values.mean(axis=0) == pytest.approx(linear_pixels(texture).mean(axis=(0, 1)), rel=8e-3)
         inside = (np.abs(v - 0.5) < 0.45).ravel() & (np.abs(u - 0.5) < 0.45).ravel()
         if min(size) > 5:
             assert np.abs(values - exact)[inside].max() < 0.1  # neighbors differ by the noise and a pixel's step
 
 
-def test_copies_halve_and_small_images_have_none() -> None:
+def test_mipmap_sizes_halve_and_small_images_have_none() -> None:
     large = Texture("large", np.full((1024, 66, 4), (10, 200, 90, 255), np.uint8))
     copies = coarser_copies(large)
     assert [copy.pixels.shape[:2] for copy in copies] == [(512, 33), (256, 17), (128, 9), (64, 5)]
@@ -165,7 +165,7 @@ def levels_of(areas: Floats1, levels: Floats1):
         levels[i] = mip_level(areas[i])
 
 
-def test_a_level_is_half_a_binary_logarithm() -> None:
+def test_mip_level_is_half_the_binary_logarithm_of_area() -> None:
     areas = np.geomspace(0.01, 1e6, 500).astype(np.float32)
     levels = np.empty_like(areas)
     levels_of(areas, levels)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes and pixel counts against numbers worked out by hand: a camera of 200 x 200 px and focal length 200 px."""
+"""Boxes and pixel counts against values computed by hand, for 200 x 200 px and a focal length of 200 px."""
 
 import copy
 import pickle
@@ -54,8 +54,8 @@ def table(stage: Stage, view: View = VIEW) -> ObjectTable:
     return Measurer(stage.scene).table(stage.placement, view, [State(id, f"thing {id}") for id in ids])
 
 
-def test_a_plate_half_out_of_the_picture_and_half_hidden() -> None:
-    # 2 m at 4 m: 100 px square, its center on the right edge. A nearer plate covers the upper half of what is seen.
+def test_plate_half_outside_the_image_and_half_occluded() -> None:
+    # 2 m at 4 m: 100 px square, centered on the right edge. A nearer plate covers the upper half of the visible part.
     stage = Stage(
         [plate(2.0, 2.0), plate(4.0, 0.5)],
         [PlacedMesh(0, [pose((2, 0, -4))]), PlacedMesh(1, [pose((0, 0.25, -2))])],
@@ -74,7 +74,7 @@ def test_a_plate_half_out_of_the_picture_and_half_hidden() -> None:
     assert (image == 1).sum() == seen.visible_pixels
 
 
-def test_out_of_sight() -> None:
+def test_objects_out_of_view_have_no_boxes_or_pixels() -> None:
     stage = Stage(
         [plate(2.0, 2.0), plate(9.0, 9.0)],
         [
@@ -97,7 +97,7 @@ def test_out_of_sight() -> None:
     assert (aside.amodal_pixels, aside.fraction_in_frame) == (10000, 0.0)
 
 
-def test_an_object_of_several_parts_counts_each_pixel_once() -> None:
+def test_pixel_of_several_parts_counts_once() -> None:
     stage = Stage(
         [plate(2.0, 2.0)],
         [
@@ -115,8 +115,8 @@ def test_an_object_of_several_parts_counts_each_pixel_once() -> None:
     np.testing.assert_allclose(row.world_bounds, [[-1, -1, -4.001], [3, 1, -4]])
 
 
-def test_what_lies_far_out_is_counted_by_samples() -> None:
-    # 40 m at 4 m: 2000 px square, of which the picture shows 200 px square.
+def test_pixels_far_outside_the_image_are_subsampled() -> None:
+    # 40 m at 4 m: 2000 px square, of which 200 px square are in the image.
     row = table(Stage([plate(40.0, 40.0)], [PlacedMesh(0, [pose((0, 0, -4))])]))[0]
     assert 10 * MAX_SAMPLES < 2000 * 2000
     assert row.amodal_pixels == pytest.approx(2000 * 2000, rel=0.01)
@@ -124,7 +124,7 @@ def test_what_lies_far_out_is_counted_by_samples() -> None:
     assert row.visibility_in_frame == 1.0
 
 
-def test_a_floor_that_passes_below_the_camera_is_cut_at_the_near_plane() -> None:
+def test_floor_below_the_camera_is_clipped_at_the_near_plane() -> None:
     turn = (np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0)
     row = table(Stage([plate(4.0, 20.0)], [PlacedMesh(0, [pose((0, -1, 0), turn)])]))[0]
     # Nearest, at z = 0.1 m, 2 m right and 1 m down are 4000 and 2000 px; farthest, at z = 10 m, 1 m down is 20 px.
@@ -134,7 +134,7 @@ def test_a_floor_that_passes_below_the_camera_is_cut_at_the_near_plane() -> None
     assert row.visibility_in_frame == 1.0
 
 
-def test_boxes_in_space() -> None:
+def test_oriented_boxes_in_world_space() -> None:
     turn = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
     box = mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))
     stage = Stage([box], [PlacedMesh(0, [pose((1, 2, -5), turn, scale=2.0)])])
@@ -148,14 +148,14 @@ def test_boxes_in_space() -> None:
     np.testing.assert_allclose(corners[1] - corners[0], [4 * np.cos(0.6), 0, -4 * np.sin(0.6)], atol=1e-6)
 
 
-def test_a_mirrored_object_has_a_proper_rotation() -> None:
+def test_mirrored_object_has_proper_rotation() -> None:
     stage = Stage([mesh_of(trimesh.creation.box((2.0, 1.0, 0.5)))], [PlacedMesh(0, [pose((0, 0, -5)) * (-1, 1, 1, 1)])])
     box = table(stage)[0].box_3d
     assert np.linalg.norm(box.rotation) == pytest.approx(1.0)
     np.testing.assert_allclose(np.sort(box.corners(), axis=0)[[0, -1]], [[-1, -0.5, -5.25], [1, 0.5, -4.75]], atol=1e-6)
 
 
-def test_rows_can_be_looked_at_after_the_stream_has_moved_on() -> None:
+def test_rows_are_measurable_after_the_scene_was_placed_again() -> None:
     stage = crowd(30)
     view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     at_once = table(stage, view).columns()
@@ -169,7 +169,7 @@ def test_rows_can_be_looked_at_after_the_stream_has_moved_on() -> None:
     assert (columns["visible_pixels"] <= np.rint(columns["fraction_in_frame"] * columns["amodal_pixels"])).all()
 
 
-def test_the_sum_of_visible_pixels_is_the_picture() -> None:
+def test_visible_pixels_sum_to_the_image() -> None:
     stage = crowd(30)
     view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     image = stage.render(view, "instance")["instance"]
@@ -181,7 +181,7 @@ def test_the_sum_of_visible_pixels_is_the_picture() -> None:
         assert row.visible_box == expected
 
 
-def test_the_table() -> None:
+def test_table_access_by_row_name_and_column() -> None:
     stage = Stage([plate(1.0, 1.0)], [PlacedMesh(0, [pose((x, 0, -4))]) for x in (-1, 1)])
     rows = table(stage)
     assert len(rows) == 2
@@ -200,7 +200,7 @@ def test_the_table() -> None:
     assert columns["last_frame"].tolist() == [-1, -1]
 
 
-def test_what_stands_still_is_measured_once_and_nobody_can_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_static_objects_are_measured_once_with_same_result(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = crowd(12)
     view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     measurer = Measurer(stage.scene)
@@ -225,7 +225,7 @@ def test_what_stands_still_is_measured_once_and_nobody_can_tell(monkeypatch: pyt
     assert counted == [12, 12, 1, 12, 2, 13, 1, 13]
 
 
-def test_amodal_masks_are_what_an_object_shows_alone() -> None:
+def test_amodal_mask_equals_rendering_of_object_alone() -> None:
     stage = crowd(12)
     view = static_view(Camera.look_at((1.0, 0.8, 7.5), (0.1, 0.0, -1.0)), 64, 48)
     rows = table(stage, view)
@@ -242,7 +242,7 @@ def test_amodal_masks_are_what_an_object_shows_alone() -> None:
     assert not hidden.amodal_mask.any()
 
 
-def test_an_instance_buffer_at_hand_is_not_traced_again() -> None:
+def test_given_instance_buffer_is_not_rendered_again() -> None:
     stage = Stage([plate(2.0, 2.0)], [PlacedMesh(0, [pose((0, 0, -4))])])
     image = np.zeros((SIZE, SIZE), np.int32)
     image[10:20, 30:50], image[0, 0] = 1, 9  # 9: somebody who is no row
@@ -252,7 +252,7 @@ def test_an_instance_buffer_at_hand_is_not_traced_again() -> None:
     assert rows[0].visible_box == (30, 10, 50, 20)
 
 
-def test_an_empty_table() -> None:
+def test_table_without_objects_is_empty() -> None:
     rows = ObjectTable()
     assert len(rows) == 0
     columns = rows.columns()
@@ -260,7 +260,7 @@ def test_an_empty_table() -> None:
     assert all(len(column) == 0 for column in columns.values())
 
 
-def test_a_pickled_table_brings_its_numbers() -> None:
+def test_pickled_table_keeps_measurements() -> None:
     rows = table(Stage([plate(2.0, 2.0)], [PlacedMesh(0, [pose((2, 0, -4))])]))
     for twin in (pickle.loads(pickle.dumps(rows)), copy.deepcopy(rows)):
         assert list(twin) == list(rows)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What holds for every material: it reflects no more than it gets, and light takes either way alike."""
+"""Properties of all BSDFs, over random materials: energy conservation and reciprocity."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,7 +14,7 @@ COUNT = 4000
 
 
 def random_material(seed: int) -> Material:
-    """Opaque and without a coat, of any roughness, metal or not, in either workflow."""
+    """Return an opaque material without clearcoat, of random roughness and metalness, in either workflow."""
     random = np.random.default_rng(seed)
     color, specular = (tuple(float(c) for c in random.uniform(0.0, 1.0, 3)) for _ in range(2))
     return Material(
@@ -29,7 +29,7 @@ def random_material(seed: int) -> Material:
 
 
 def coated_material(seed: int) -> Material:
-    """The same with a coat."""
+    """Return a random material with clearcoat."""
     random = np.random.default_rng((seed, 1))
     return replace(
         random_material(seed),
@@ -39,7 +39,7 @@ def coated_material(seed: int) -> Material:
 
 
 def glass_material(seed: int) -> Material:
-    """Some of it glass, from all to a tenth, rough; the rest as it comes."""
+    """Return a random material with a fraction of 0.1 to 1 of rough glass."""
     random = np.random.default_rng((seed, 2))
     return replace(
         random_material(seed),
@@ -50,7 +50,7 @@ def glass_material(seed: int) -> Material:
 
 
 def directions(seed: int, count: int = COUNT) -> np.ndarray:
-    """Above the surface, not at grazing angles."""
+    """Return directions above the surface, not at grazing angles."""
     random = np.random.default_rng(seed)
     z, turn = random.uniform(0.1, 1.0, count), random.uniform(0.0, 2.0 * np.pi, count)
     level = np.sqrt(1.0 - z * z)
@@ -60,14 +60,14 @@ def directions(seed: int, count: int = COUNT) -> np.ndarray:
 @pytest.mark.parametrize("front", [True, False], ids=["outside", "inside"])
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("make", [random_material, coated_material, glass_material])
-def test_no_more_comes_out_than_goes_in(make: Callable[[int], Material], seed: int, front: bool) -> None:
+def test_albedo_is_at_most_one(make: Callable[[int], Material], seed: int, front: bool) -> None:
     material = make(seed)
     bsdf = Bsdf(material, front=front)
     for outgoing in directions(seed, 4):
         numbers = np.random.default_rng(seed).random((COUNT, 3))
         incoming, values = bsdf.sample(np.repeat(outgoing[None], COUNT, axis=0), numbers)
         weight = np.divide(values[:, :3], values[:, 3:], out=np.zeros((COUNT, 3)), where=values[:, 3:] > 0.0)
-        # Radiance is squeezed into a denser medium: that is no loss, and no gain on the way out.
+        # Radiance scales by the squared ratio of indices across the boundary, which is neither loss nor gain.
         eta = material.ior if front else 1.0 / material.ior
         weight *= np.where(incoming[:, 2:] < 0.0, eta * eta, 1.0)
         error = weight.std(axis=0) / np.sqrt(COUNT)
@@ -75,21 +75,20 @@ def test_no_more_comes_out_than_goes_in(make: Callable[[int], Material], seed: i
 
 
 def reflectance(material: Material, a: np.ndarray, b: np.ndarray, front: bool = True) -> np.ndarray:
-    """f [n, 3] without the cosine. a: outgoing, above the surface."""
+    """Return f [n, 3] without the cosine. a: outgoing, above the surface."""
     value: np.ndarray = Bsdf(material, front=front).evaluate(a, b)[:, :3] / np.abs(b[:, 2:])
     return value
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_light_takes_either_way_alike(seed: int) -> None:
+def test_reflection_is_reciprocal(seed: int) -> None:
     material, a, b = random_material(seed), directions(2 * seed), directions(2 * seed + 1)
     np.testing.assert_allclose(reflectance(material, a, b), reflectance(material, b, a), rtol=2e-3, atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_coat_is_reciprocal_and_dims_what_is_below_by_the_eye_alone(seed: int) -> None:
-    """By how much depends on where one looks from, not on where the light is: that keeps the energy, and gives up
-    reciprocity."""
+def test_coat_is_reciprocal_and_attenuates_by_outgoing_direction(seed: int) -> None:
+    """The coat attenuates lower layers by the outgoing direction alone, which conserves energy but not reciprocity."""
     coated = coated_material(seed)
     bare = random_material(seed)
     coat = replace(coated, diffuse_color=(0.0, 0.0, 0.0), use_specular_workflow=True, specular_color=(0.0, 0.0, 0.0))
@@ -103,9 +102,11 @@ def test_a_coat_is_reciprocal_and_dims_what_is_below_by_the_eye_alone(seed: int)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_light_goes_round_through_glass_either_way_alike(seed: int) -> None:
-    """Three directions, one of them inside: a round trip weighs the same both ways (Kolmogorov's criterion), as where
-    energy compensation multiplies by a number of the direction that one looks from."""
+def test_glass_cycles_are_symmetric(seed: int) -> None:
+    """For three directions, one inside, the product around the cycle is equal both ways (Kolmogorov's criterion).
+
+    This holds if energy compensation is a factor of the outgoing direction alone.
+    """
     glass = glass_material(seed)
     glass = replace(glass, opacity=0.0, roughness=0.5 + 0.5 * glass.roughness)
     a, b, inner = directions(3 * seed), directions(3 * seed + 1), directions(3 * seed + 2) * (1, 1, -1)
@@ -121,7 +122,7 @@ def test_light_goes_round_through_glass_either_way_alike(seed: int) -> None:
     assert some.sum() > 15
     np.testing.assert_allclose(one[some], other[some], rtol=0.02)
     np.testing.assert_array_less(other[~some], 2e-6)
-    # Radiance is squeezed by the square of the index, but for the compensation.
+    # Radiance scales by the squared index, apart from the compensation.
     smoother = replace(glass, roughness=0.2)
     to, back = directions(seed)[:500], directions(seed + 99)[:500] * (1, 1, -1)
     into = reflectance(smoother, to, back)[:, 1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdPreviewSurface: sampling against density, energy, reciprocity, and the inputs' meaning."""
+"""UsdPreviewSurface: samples against density, energy, reciprocity, and the meaning of the inputs."""
 
 import math
 
@@ -39,7 +39,7 @@ MATERIALS = {
     "rough glass": Material("m", diffuse_color=WHITE, opacity=0.0, roughness=1.0, ior=1.33),
     "milk glass": Material("m", diffuse_color=WHITE, opacity=0.5, roughness=0.5),
 }
-# Single lobes, and what is too sharp for a sphere's cells.
+# Single lobes, and lobes too sharp for bins over the sphere.
 COAT = Material("m", diffuse_color=(0.0, 0.0, 0.0), ior=1.0, clearcoat=1.0, clearcoat_roughness=0.5)
 POLISH = Material("m", (0.0, 0.0, 0.0), use_specular_workflow=True, specular_color=(0.4, 0.3, 0.2), roughness=0.5)
 SHARP = {
@@ -63,13 +63,13 @@ def numbers(count: int = COUNT, seed: int = 5) -> np.ndarray:
 @pytest.mark.parametrize("front", [True, False], ids=["outside", "inside"])
 @pytest.mark.parametrize("cosine", [0.25, 0.9])
 @pytest.mark.parametrize("name", BROAD)
-def test_directions_follow_their_density(name: str, cosine: float, front: bool) -> None:
+def test_directions_follow_density(name: str, cosine: float, front: bool) -> None:
     check_density(MATERIALS[name], cosine, front)
 
 
 @pytest.mark.parametrize("cosine", [0.15, 0.5, 0.95])
 @pytest.mark.parametrize("lobe", [COAT, POLISH], ids=["coat", "polish"])
-def test_directions_of_a_lobe_alone_follow_their_density(lobe: Material, cosine: float) -> None:
+def test_directions_of_single_lobe_follow_density(lobe: Material, cosine: float) -> None:
     check_density(lobe, cosine, front=True)
 
 
@@ -88,8 +88,8 @@ def check_density(material: Material, cosine: float, front: bool) -> None:
 
 @pytest.mark.parametrize("refracts", [False, True], ids=["reflection", "refraction"])
 @pytest.mark.parametrize("name", SHARP)
-def test_directions_of_sharp_lobes_follow_their_density(name: str, refracts: bool) -> None:
-    """In a window of some of their widths about where they point."""
+def test_directions_of_sharp_lobes_follow_density(name: str, refracts: bool) -> None:
+    """Binned in a window of a few lobe widths about the lobe's direction."""
     if refracts and name != "glass":
         return
     bsdf, wo = Bsdf(SHARP[name]), outgoing(0.6, 1)[0]
@@ -129,7 +129,7 @@ def test_white_surfaces_return_all_light(name: str, front: bool) -> None:
 
 
 @pytest.mark.parametrize("name", BROAD)
-def test_the_estimator_integrates_the_function(name: str) -> None:
+def test_importance_sampling_agrees_with_uniform_integration(name: str) -> None:
     """Importance sampling and plain integration over the sphere give the same albedo."""
     bsdf = Bsdf(MATERIALS[name])
     _, values = bsdf.sample(outgoing(0.5), numbers())
@@ -144,7 +144,7 @@ def test_the_estimator_integrates_the_function(name: str) -> None:
     "name", ["matte", "plastic", "chalk", "metal", "rough metal", "half metal", "specular workflow"]
 )
 def test_reflection_is_reciprocal(name: str) -> None:
-    """By property, over random pairs of directions. (Clearcoat's and rough glass's compensation gives this up.)"""
+    """Over random pairs of directions. (Clearcoat and the compensation of rough glass are not reciprocal.)"""
     bsdf = Bsdf(MATERIALS[name])
     generator = np.random.default_rng(8)
     a, b = (np.abs(generator.normal(size=(2000, 3))) * (1, 1, 1) + (0, 0, 0.05) for _ in range(2))
@@ -156,7 +156,7 @@ def test_reflection_is_reciprocal(name: str) -> None:
 
 
 def test_no_material_creates_energy() -> None:
-    """By property: random inputs, random directions; the albedo of every channel is at most 1."""
+    """Random inputs, random directions; the albedo of every channel is at most 1."""
     generator = np.random.default_rng(9)
     for _ in range(25):
         r = generator.random(9)
@@ -190,7 +190,7 @@ def test_refraction_follows_snell() -> None:
     assert (directions[:, 2] > 0.0).mean() > 0.999  # total internal reflection
 
 
-def test_a_mirror_mirrors() -> None:
+def test_smooth_metal_reflects_like_a_mirror() -> None:
     directions, values = Bsdf(MATERIALS["mirror"]).sample(outgoing(0.7, 2000), numbers(2000))
     expected = outgoing(0.7, 1)[0] * (-1, -1, 1)
     angles = np.degrees(np.arccos(np.clip(directions.astype(np.float64) @ expected, -1.0, 1.0)))
@@ -220,7 +220,7 @@ def test_energy_tables_are_consistent() -> None:
         (Material("m"), 0),
     ],
 )
-def test_what_opacity_means(material: Material, flag: int) -> None:
+def test_opacity_mode_sets_flags(material: Material, flag: int) -> None:
     assert flags_of(material) & (GLASS | COVERAGE) == flag
 
 
@@ -235,7 +235,7 @@ def test_what_opacity_means(material: Material, flag: int) -> None:
         (Material("m", ior=1.0, metallic=TextureLookup(0)), False),
     ],
 )
-def test_which_materials_are_matte(material: Material, matte: bool) -> None:
+def test_matte_flag_is_set_for_lambertian_materials(material: Material, matte: bool) -> None:
     assert bool(flags_of(material) & MATTE) == matte
 
 
@@ -253,7 +253,7 @@ def test_which_materials_are_matte(material: Material, matte: bool) -> None:
         (Material("m", specular_color=TextureLookup(0), roughness=0.0, use_specular_workflow=True), True),
     ],
 )
-def test_which_materials_may_be_mirrors(material: Material, may_mirror: bool) -> None:
+def test_mirror_flag_is_set_for_smooth_materials(material: Material, may_mirror: bool) -> None:
     assert bool(flags_of(material) & MAY_MIRROR) == may_mirror
 
 

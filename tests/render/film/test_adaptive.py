@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Adaptive sampling: the error that was asked for, where it was asked for, at less cost; the same bytes always."""
+"""Adaptive sampling: the requested error in every region, at lower cost, reproducible."""
 
 import hashlib
 import math
@@ -13,7 +13,7 @@ from scipy import stats
 
 from tests.render.path_scenes import described, device_scene, matte, quad, towards
 from tiscene.errors import ArgumentError
-from tiscene.render.film.adaptive import MIN_LUMINANCE, FIRST_NET_SPP, AdaptiveImage, estimated_error, render_to_error
+from tiscene.render.film.adaptive import FIRST_NET_SPP, MIN_LUMINANCE, AdaptiveImage, estimated_error, render_to_error
 from tiscene.render.film.tone_map import LUMINANCE
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
@@ -26,7 +26,7 @@ VIEW = View(CAMERA, CAMERA, CAMERA, WIDTH, HEIGHT)
 
 
 def paths() -> PathPass:
-    """A floor and a wall under an even sky, which is easy, and a lamp's soft shadow under a roof, which is not."""
+    """Return a path tracer of a scene with low variance (constant sky) and high variance (soft shadow under a roof)."""
     meshes = [
         quad((-6, 0, 2), (6, 0, 2), (6, 0, -6), (-6, 0, -6)),
         quad((-6, 0, -3), (6, 0, -3), (6, 5, -3), (-6, 5, -3)),
@@ -37,7 +37,7 @@ def paths() -> PathPass:
     return PathPass(device_scene(described(meshes, [matte("white", (0.7, 0.7, 0.7))], [lamp, sky])), WIDTH, HEIGHT)
 
 
-def to_error(passes: PathPass, error: float, max_spp: int = 2048, seed: int = 1) -> AdaptiveImage:
+def render_to(passes: PathPass, error: float, max_spp: int = 2048, seed: int = 1) -> AdaptiveImage:
     return render_to_error(passes, VIEW, frame_index=3, seed=seed, relative_error=error, max_spp=max_spp, max_depth=4)
 
 
@@ -46,18 +46,18 @@ def luminance(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
     return result
 
 
-def test_the_error_is_met_everywhere_and_costs_less_than_a_fixed_number() -> None:
+def test_error_threshold_holds_everywhere_at_lower_cost() -> None:
     passes = paths()
     exact = luminance(passes.render(VIEW, frame_index=0, seed=9, spp=8192, max_depth=4).hdr)
     scale = np.maximum(exact, MIN_LUMINANCE * exact.mean())
 
     def errors(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Root mean square of the relative error, of blocks of 8 x 8 px."""
+        """Return the root mean square of the relative error, of blocks of 8 x 8 px."""
         relative = (luminance(hdr) - exact) / scale
         blocks: NDArray[np.float64] = np.sqrt((relative.reshape(HEIGHT // 8, 8, WIDTH // 8, 8) ** 2).mean(axis=(1, 3)))
         return blocks
 
-    image = to_error(passes, 0.05)
+    image = render_to(passes, 0.05)
     assert image.samples.max() < 2048  # the cap decided nothing
     assert image.samples.min() < 0.2 * image.samples.max()
     assert 0.02 < np.sqrt((errors(image.hdr) ** 2).mean()) < 0.05
@@ -68,33 +68,33 @@ def test_the_error_is_met_everywhere_and_costs_less_than_a_fixed_number() -> Non
     assert errors(fixed.hdr).max() > errors(image.hdr).max()  # half as many again, spread evenly, leave more
 
 
-def test_a_cap_and_the_fewest() -> None:
+def test_samples_are_within_cap_and_minimum() -> None:
     passes = paths()
-    capped = to_error(passes, 0.001, max_spp=70)
+    capped = render_to(passes, 0.001, max_spp=70)
     assert (capped.samples == 64).all()  # whole rounds: 16, 16, 32
-    easy = to_error(passes, 0.9)
+    easy = render_to(passes, 0.9)
     assert (easy.samples == 2 * FIRST_NET_SPP).all()
-    assert easy.hdr.tobytes() == to_error(passes, 0.9, max_spp=1).hdr.tobytes()
+    assert easy.hdr.tobytes() == render_to(passes, 0.9, max_spp=1).hdr.tobytes()
 
 
-def test_means_are_unbiased_by_when_it_stopped() -> None:
-    """Over many seeds, where the decision varies, the mean is that of all paths."""
+def test_stopping_does_not_bias_means() -> None:
+    """Over many seeds, for which stopping varies, the mean is that of all paths."""
     passes = paths()
     exact = luminance(passes.render(VIEW, frame_index=0, seed=9, spp=4096, max_depth=4).hdr).mean()
-    means = [luminance(to_error(passes, 0.15, seed=seed).hdr).mean() for seed in range(24)]
+    means = [luminance(render_to(passes, 0.15, seed=seed).hdr).mean() for seed in range(24)]
     assert np.mean(means) == pytest.approx(exact, abs=4.0 * np.std(means) / math.sqrt(24) + 2e-4 * exact)
 
 
-def test_the_variance_is_what_it_is_said_to_be() -> None:
-    """Of pictures with different seeds: how far they scatter against what each says of itself."""
+def test_reported_variance_equals_variance_over_seeds() -> None:
+    """The variance over images of different seeds equals the mean of their estimates."""
     passes, runs = paths(), 96
-    images = [to_error(passes, 0.001, max_spp=32, seed=seed) for seed in range(runs)]
+    images = [render_to(passes, 0.001, max_spp=32, seed=seed) for seed in range(runs)]
     pictures = np.array([luminance(image.hdr) for image in images])
     scatter = (pictures - pictures.mean(axis=0)) ** 2 * runs / (runs - 1)
     said = np.array([image.variance for image in images])
     assert said.sum() == pytest.approx(scatter.sum(), rel=0.03)
 
-    # Of each block of 8 x 8 pixels, Student's test. Šidák: one false alarm in a hundred.
+    # Student's test of each block of 8 x 8 pixels, with Šidák's correction to a false-alarm rate of 1 %.
     difference = (said - scatter).reshape(runs, HEIGHT // 8, 8, WIDTH // 8, 8).mean(axis=(2, 4))
     p = stats.ttest_1samp(difference, 0.0).pvalue
     assert p.min() > 1.0 - 0.99 ** (1.0 / p.size)
@@ -102,7 +102,7 @@ def test_the_variance_is_what_it_is_said_to_be() -> None:
     assert precision.max() < 0.2
 
 
-def test_estimates_are_standard_errors() -> None:
+def test_estimated_error_is_a_standard_error() -> None:
     random = np.random.default_rng(5)
     nets = 8.0 * random.normal(2.0, 0.3, (6, 2, 24, 32))  # six rounds of two nets of 8 paths
     light, scatter = nets.sum(axis=(0, 1)), ((nets[:, 0] - nets[:, 1]) ** 2).sum(axis=0)
@@ -117,7 +117,7 @@ def test_estimates_are_standard_errors() -> None:
 
 
 def digest() -> str:
-    image = to_error(paths(), 0.1, max_spp=64)
+    image = render_to(paths(), 0.1, max_spp=64)
     return hashlib.sha256(image.hdr.tobytes() + image.samples.tobytes() + image.albedo.tobytes()).hexdigest()
 
 
@@ -132,6 +132,6 @@ def test_same_bytes_for_any_number_of_threads() -> None:
 
 
 @pytest.mark.parametrize("error", [0.0, -0.1, 1.0, math.nan])
-def test_errors_that_make_no_sense(error: float) -> None:
-    with pytest.raises(ArgumentError, match="must lie between 0 and 1"):
-        to_error(paths(), error)
+def test_relative_error_out_of_range_raises(error: float) -> None:
+    with pytest.raises(ArgumentError, match="must be between 0 and 1"):
+        render_to(paths(), error)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open Image Denoise: less noise, the same bytes, silence, and errors with words."""
+"""Open Image Denoise: less noise, reproducible bytes, no output, clear errors."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from tiscene.render.film.denoise import QUALITIES, denoise
 
 
 def noisy() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(clean, noisy, albedo, normal): stripes under an even light."""
+    """Return (clean, noisy, albedo, normal) of stripes under uniform light."""
     albedo = np.zeros((48, 64, 3), np.float32)
     albedo[:, ::8], albedo[:, 1::8] = 0.8, 0.8
     albedo += 0.1
@@ -24,7 +24,7 @@ def noisy() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_it_removes_noise_and_repeats_itself(quality: str) -> None:
+def test_denoising_removes_noise_reproducibly(quality: str) -> None:
     clean, image, albedo, normal = noisy()
     given = image.copy()
     result = denoise(image, albedo, normal, quality)
@@ -36,14 +36,14 @@ def test_it_removes_noise_and_repeats_itself(quality: str) -> None:
     assert (image == given).all()
 
 
-def test_another_size_between_changes_nothing() -> None:
+def test_other_sizes_in_between_do_not_change_result() -> None:
     _, image, albedo, normal = noisy()
     first = denoise(image, albedo, normal)
     denoise(image[:32, :32], albedo[:32, :32], normal[:32, :32])
     assert (denoise(image, albedo, normal) == first).all()
 
 
-def test_it_says_nothing() -> None:
+def test_denoising_prints_nothing() -> None:
     code = (
         "import numpy as np; from tiscene.render.film.denoise import denoise; "
         "z = np.ones((16, 16, 3), np.float32); denoise(z, z, z)"
@@ -52,7 +52,7 @@ def test_it_says_nothing() -> None:
     assert result.stdout == result.stderr == ""
 
 
-def test_wrong_arguments() -> None:
+def test_wrong_arguments_raise() -> None:
     _, image, albedo, normal = noisy()
     with pytest.raises(ArgumentError, match="'best'"):
         denoise(image, albedo, normal, "best")

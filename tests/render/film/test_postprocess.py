@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures without their noise: where nothing moved a difference shows its base's best picture, else the movers."""
+"""Denoising of incremental images: the high-quality base where nothing changed, movers elsewhere."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def noisy_base() -> IncrementalBase:
 
 
 def difference(base: IncrementalBase, change: float = 0.0) -> IncrementalImage:
-    """What came into the right half, if anything."""
+    """Return an incremental image with a change of the right half."""
     radiance, albedo, normal = base.channels()
     static_mask = np.ones((HEIGHT, WIDTH, 1), np.float32)
     if change:
@@ -39,34 +39,34 @@ def difference(base: IncrementalBase, change: float = 0.0) -> IncrementalImage:
 
 
 @pytest.mark.parametrize("downscale", [1, 2])
-def test_where_nothing_changed_the_base_shows_at_its_best(downscale: int) -> None:
+def test_unchanged_regions_show_high_quality_base(downscale: int) -> None:
     base = noisy_base()
-    shown = Postprocessor("fast", downscale, True).process_incremental(difference(base))
-    np.testing.assert_allclose(shown, denoise(*base.channels(), "high"), atol=1e-5)
+    image_out = Postprocessor("fast", downscale, True).process_incremental(difference(base))
+    np.testing.assert_allclose(image_out, denoise(*base.channels(), "high"), atol=1e-5)
     assert len(base.derived) == 1
 
 
 @pytest.mark.parametrize("downscale", [1, 2])
-def test_movers_show_through_and_leave_the_rest_alone(downscale: int) -> None:
+def test_movers_change_only_their_region(downscale: int) -> None:
     base = noisy_base()
-    cleaner = Postprocessor("fast", downscale, True)
-    before, after = (cleaner.process_incremental(difference(base, change)) for change in (0.0, 4.0))
+    postprocessor = Postprocessor("fast", downscale, True)
+    before, after = (postprocessor.process_incremental(difference(base, change)) for change in (0.0, 4.0))
     assert after[:, 40:].mean() == pytest.approx(4.5, rel=0.05)
     assert np.abs(after - before)[:, :24].mean() < 0.02
 
 
-def test_without_a_denoiser_nothing_is_touched_but_what_overshoots() -> None:
+def test_without_denoiser_only_negative_values_are_clipped() -> None:
     base = noisy_base()
     image = difference(base)
     image.hdr[0, 0] = -1.0
-    shown = Postprocessor(None, 1, True).process_incremental(image)
-    assert (shown[0, 0] == 0.0).all()
-    assert (shown[1:] == image.hdr[1:]).all()
+    image_out = Postprocessor(None, 1, True).process_incremental(image)
+    assert (image_out[0, 0] == 0.0).all()
+    assert (image_out[1:] == image.hdr[1:]).all()
     assert not base.derived
 
 
-def test_a_wide_lens_is_told_apart() -> None:
-    """Base images serve cameras of one lens, but cleaners of any quality."""
+def test_corrections_are_cached_per_postprocessor() -> None:
+    """One base image serves postprocessors of any quality."""
     base = noisy_base()
     for quality in ("fast", "balanced"):
         Postprocessor(quality, 1, True).process_incremental(difference(base))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light traced in a smaller picture: sizes, what is kept exactly, edges, and how near whole frames come."""
+"""Guided upsampling: sizes, exact cases, edges, and the error against full-resolution frames."""
 
 from __future__ import annotations
 
@@ -16,16 +16,14 @@ from tiscene.render.render_settings import PRESETS, RenderSettings
     ("size", "downscale", "expected"),
     [((320, 240), 1, (320, 240)), ((320, 240), 2, (160, 120)), ((33, 25), 2, (18, 13)), ((1, 1), 4, (1, 1))],
 )
-def test_the_smaller_picture_is_as_wide_an_angle_at_least(
-    size: tuple[int, int], downscale: int, expected: tuple[int, int]
-) -> None:
+def test_reduced_size_keeps_field_of_view(size: tuple[int, int], downscale: int, expected: tuple[int, int]) -> None:
     width, height = reduced_size(*size, downscale)
     assert (width, height) == expected
     assert width * size[1] >= size[0] * height
 
 
 @pytest.mark.parametrize("size", [(32, 24), (33, 25), (1, 1)])
-def test_even_light_gives_the_texture_back_exactly(size: tuple[int, int]) -> None:
+def test_uniform_irradiance_reproduces_texture_exactly(size: tuple[int, int]) -> None:
     width, height = size
     rng = np.random.default_rng(0)
     albedo = rng.uniform(size=(height, width, 3)).astype(np.float32)
@@ -37,7 +35,7 @@ def test_even_light_gives_the_texture_back_exactly(size: tuple[int, int]) -> Non
     np.testing.assert_allclose(upsample(even, facing, albedo, normal), 2.0 * (albedo + ALBEDO_OFFSET), rtol=1e-5)
 
 
-def test_light_is_radiance_over_albedo_and_radiance_where_there_is_no_surface() -> None:
+def test_demodulate_divides_by_albedo_only_at_surfaces() -> None:
     radiance = np.full((1, 2, 3), 3.0, np.float32)
     albedo = np.full((1, 2, 3), 0.52, np.float32)
     normal = np.array([[[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]], np.float32)
@@ -48,7 +46,7 @@ def test_light_is_radiance_over_albedo_and_radiance_where_there_is_no_surface() 
 
 
 def test_light_does_not_leak_across_an_edge() -> None:
-    """A bright wall beside a dark one that faces elsewhere, and the bright sky above both, whose edges are odd."""
+    """A bright wall beside a dark one with another normal, below a bright sky; edges at odd pixels."""
     width, height = 16, 12
     normal = np.zeros((height, width, 3), np.float32)
     normal[5:, :7] = 1.0, 0.0, 0.0
@@ -64,7 +62,7 @@ def test_light_does_not_leak_across_an_edge() -> None:
 
 
 @pytest.mark.parametrize("size", [(32, 24), (33, 25)])
-def test_a_slope_keeps_its_place_when_it_is_reduced_and_enlarged(size: tuple[int, int]) -> None:
+def test_gradient_is_not_shifted_by_down_and_upsampling(size: tuple[int, int]) -> None:
     width, height = size
     slope = np.repeat((np.arange(width) + 2.0 * np.arange(height)[:, None])[..., None], 3, axis=-1).astype(np.float32)
     normal = np.zeros_like(slope)
@@ -78,8 +76,8 @@ def test_a_slope_keeps_its_place_when_it_is_reduced_and_enlarged(size: tuple[int
     np.testing.assert_allclose((result - slope)[4:-4, 4:-4].mean(), 0.0, atol=0.01)
 
 
-def test_a_fast_frame_is_near_a_full_one_and_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
-    """64 paths a traced pixel against as many a full one; and a frame is the same bytes whatever came before."""
+def test_fast_frame_is_close_to_full_frame_and_reproducible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At 64 samples per pixel each; and a frame has the same bytes whatever was rendered before."""
     monkeypatch.setitem(PRESETS, "fast", RenderSettings(64, 3, denoiser="fast", base_spp=64, downscale=2))
     monkeypatch.setitem(PRESETS, "full", RenderSettings(16, 3, denoiser="fast", base_spp=64))
     settings = {"width": 45, "height": 33, "buffers": ("rgb", "hdr", "instance")}

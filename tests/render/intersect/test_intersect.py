@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hits are those of Embree and of brute force; ties, degenerate input and repeatability are exact."""
+"""Hits equal those of Embree and of brute force; ties, degenerate geometry and reproducibility are exact."""
 
 import subprocess
 import sys
@@ -43,7 +43,7 @@ both_layouts = pytest.mark.parametrize("traversal", ["bvh8", "bvh2"])
 
 
 def clutter(traversal: str = "bvh8") -> tuple[DeviceScene, np.ndarray, tuple]:
-    """Sixty scaled, mirrored, overlapping spheres, boxes and rings, 20 000 rays, and what they are made of."""
+    """Return a scene of sixty scaled, mirrored, overlapping meshes, 20 000 rays, and (meshes, placement)."""
     random = np.random.default_rng(5)
     meshes = tuple(
         shape(made)
@@ -100,7 +100,7 @@ def test_agrees_with_brute_force(traversal: str) -> None:
     assert (found.t[expected.instance < 0] == np.inf).mean() >= 0.999
 
 
-def test_barycentrics_give_the_point() -> None:
+def test_barycentrics_interpolate_hit_point() -> None:
     scene, rays, (_, placement) = clutter()
     found = trace_rays(scene, rays)
     hit = found.instance >= 0
@@ -115,13 +115,13 @@ def test_barycentrics_give_the_point() -> None:
     assert np.quantile(np.abs(world - along), 0.99) < 5e-6
 
 
-def test_layouts_agree_to_the_bit() -> None:
+def test_bvh8_and_bvh2_agree_bitwise() -> None:
     for eight, two in zip(traced_clutter(), trace_rays(*clutter("bvh2")[:2]), strict=True):
         np.testing.assert_array_equal(eight, two)
 
 
 @both_layouts
-def test_any_hit_is_whether_there_is_a_closest_one(traversal: str) -> None:
+def test_occlusion_agrees_with_closest_hit(traversal: str) -> None:
     scene, rays, _ = clutter(traversal)
     found = trace_rays(scene, rays)
     np.testing.assert_array_equal(found.occluded, found.instance >= 0)
@@ -153,8 +153,8 @@ def test_lowest_ids_win_ties(traversal: str) -> None:
 
 
 @both_layouts
-def test_shared_edges_and_vertices(traversal: str) -> None:
-    """Rays down onto the vertices and edges of a grid: no gap, and the lowest triangle that touches the point."""
+def test_shared_edges_and_vertices_have_no_gaps(traversal: str) -> None:
+    """Rays down to the vertices and edges of a grid: no gap, and the lowest triangle at the point wins."""
     size = 33
     y, x = np.mgrid[0:size, 0:size]
     positions = np.column_stack([x.ravel() - 16.0, y.ravel() - 16.0, np.zeros(size * size)])
@@ -184,7 +184,7 @@ def test_shared_edges_and_vertices(traversal: str) -> None:
 
 
 def closed_meshes() -> dict[str, trimesh.Trimesh]:
-    """Without a hole, with the origin inside, and with triangles that are hard to hit."""
+    """Return watertight meshes around the origin, with slivers and tiny triangles."""
     box = trimesh.creation.box((3.0, 2.0, 2.5))
     bevelled = trimesh.convex.convex_hull(  # edges a hundredth of a millimeter wide
         (box.vertices[:, None] - 1e-5 * np.sign(box.vertices)[:, None] * (1.0 - np.eye(3))).reshape(-1, 3)
@@ -204,8 +204,8 @@ def closed_meshes() -> dict[str, trimesh.Trimesh]:
 
 @both_layouts
 @pytest.mark.parametrize("name", closed_meshes())
-def test_no_ray_leaves_a_closed_mesh(traversal: str, name: str) -> None:
-    """Rays from within to points of edges and to vertices, as near as float32 can aim."""
+def test_no_ray_leaves_a_watertight_mesh(traversal: str, name: str) -> None:
+    """Rays from inside to points on edges and to vertices, as exactly as float32 can aim."""
     made = closed_meshes()[name]
     assert made.is_watertight
     random = np.random.default_rng(4)
@@ -226,7 +226,7 @@ def test_no_ray_leaves_a_closed_mesh(traversal: str, name: str) -> None:
 @both_layouts
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_rays_along_axes_in_the_faces_of_boxes(traversal: str, axis: int, sign: float) -> None:
+def test_axis_aligned_rays_in_box_planes_agree_with_brute_force(traversal: str, axis: int, sign: float) -> None:
     """Directions with two zero components (of both signs), origins exactly in the planes of the boxes."""
     box = shape(trimesh.creation.box((2.0, 2.0, 2.0)))
     scene = scene_of((box,), placed([0]), traversal)
@@ -243,7 +243,7 @@ def test_rays_along_axes_in_the_faces_of_boxes(traversal: str, axis: int, sign: 
 
 
 @both_layouts
-def test_degenerate_meshes(traversal: str) -> None:
+def test_degenerate_triangles_are_missed(traversal: str) -> None:
     empty = mesh([], [])
     point = mesh(np.zeros((3, 3)), [[0, 1, 2]])
     sliver = mesh([[-1, 0, 0], [1, 0, 0], [0.3, 0, 0]], [[0, 1, 2], [2, 1, 0]])
@@ -267,7 +267,7 @@ def test_degenerate_meshes(traversal: str) -> None:
 
 
 @both_layouts
-def test_flat_and_singular_instances(traversal: str) -> None:
+def test_flat_and_singular_instances_are_missed(traversal: str) -> None:
     squashed = np.zeros((3, 4))
     squashed[0, 0] = squashed[1, 1] = 1.0
     moved = np.eye(3, 4)
@@ -279,7 +279,7 @@ def test_flat_and_singular_instances(traversal: str) -> None:
 
 
 @both_layouts
-def test_times_have_their_own_instances(traversal: str) -> None:
+def test_each_time_has_its_own_instances(traversal: str) -> None:
     matrices = np.zeros((3, 2, 3, 4))
     matrices[..., :3] = np.eye(3)
     matrices[:, 0, 2, 3] = (1.0, 2.0, 3.0)
@@ -292,7 +292,7 @@ def test_times_have_their_own_instances(traversal: str) -> None:
     assert hits == [(9.0, 0), (8.0, 0), (10.0, 1)]
 
 
-def test_a_time_that_is_not_placed_is_refused() -> None:
+def test_tracing_at_unplaced_time_raises() -> None:
     scene = scene_of((SQUARE,), placed([0]))
     with pytest.raises(ArgumentError, match="place"):
         trace_rays(scene, rays_of([[0, 0, 1]], [0, 0, -1]), NEXT)
@@ -317,8 +317,8 @@ def test_only_queued_rays_are_written(traversal: str) -> None:
     assert (ids.to_numpy()[~queued] == 7).all()
 
 
-def test_rays_together_hit_what_each_hits_alone() -> None:
-    """Bundles narrow and wide, from one point and not, along axes, partly through nothing, with an end."""
+def test_packets_hit_what_single_rays_hit() -> None:
+    """Narrow and wide packets, with and without a common origin, along axes, with misses, with a finite t_max."""
     scene, _, _ = clutter()
     random = np.random.default_rng(15)
     aims = random.normal(size=(600, 1, 3))
@@ -344,7 +344,7 @@ def test_rays_together_hit_what_each_hits_alone() -> None:
 
 
 @both_layouts
-def test_one_instance_behind_others(traversal: str) -> None:
+def test_occluded_by_instance_ignores_other_instances(traversal: str) -> None:
     scene, rays, (meshes, placement) = clutter(traversal)
     rays = rays[:600]
     targets = np.arange(600, dtype=np.int32) % 12 * 5
@@ -358,7 +358,7 @@ def test_one_instance_behind_others(traversal: str) -> None:
         np.testing.assert_array_equal(result.to_numpy()[chosen], expected)
 
 
-def test_stacks_hold_what_trees_may_need() -> None:
+def test_traversal_stacks_fit_tree_depths() -> None:
     for kernels, layout in ((bvh8, workspace.BVH8), (bvh2, workspace.BVH2)):
         assert layout.blas_stack + layout.tlas_stack <= kernels.STACK
     assert workspace.BVH8.blas_stack + workspace.BVH8.tlas_stack + 3 <= bvh8_any_hit.GROUPS
@@ -369,7 +369,7 @@ def compiled_kernels() -> int:
 
 
 @both_layouts
-def test_a_second_scene_compiles_nothing(traversal: str) -> None:
+def test_second_scene_compiles_no_kernel(traversal: str) -> None:
     trace_rays(*clutter(traversal)[:2])
     before = compiled_kernels()
     assert before > 0

@@ -16,7 +16,7 @@ from tiscene.scene.description import Mesh
 from tiscene.scene.placement import CURRENT, NEXT
 
 POSITION, OBJECT_POINT, FLAT, NORMAL, DP_DU, DP_DV, UV = (slice(3 * i, 3 * i + 3) for i in range(7))
-FRONT, REACH = 20, 21
+FRONT, MAGNITUDE = 20, 21
 
 
 @ti.kernel
@@ -84,7 +84,7 @@ def surface(
 
 
 def sheared() -> Stage:
-    """A triangle with its own normals and uv, turned, stretched and mirrored, and elsewhere a frame later."""
+    """Return a triangle with normals and uv, rotated, stretched and mirrored, and moved in the next frame."""
     mesh = Mesh(
         name="triangle",
         positions=np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]], np.float32),
@@ -97,7 +97,7 @@ def sheared() -> Stage:
     return Stage([mesh], [PlacedMesh(0, [now, now, now + np.eye(3, 4, 3)])])
 
 
-def test_position_uv_and_their_derivatives() -> None:
+def test_position_uv_and_derivatives_agree_with_numpy() -> None:
     stage, b1, b2 = sheared(), 0.25, 0.5
     found = surface(stage, b1, b2, (0, 0, -1))
     np.testing.assert_allclose(found[OBJECT_POINT], (0.5, 0.5, 0), atol=1e-6)
@@ -111,7 +111,7 @@ def test_position_uv_and_their_derivatives() -> None:
         np.testing.assert_allclose(other[POSITION] - found[POSITION], found[DP_DU] * du + found[DP_DV] * dv, atol=1e-5)
 
 
-def test_normals_are_perpendicular_under_a_stretch_and_on_the_viewer_s_side() -> None:
+def test_normals_stay_perpendicular_under_stretch_and_face_the_viewer() -> None:
     stage = sheared()
     corners = [surface(stage, *b, (0, 0, -1))[POSITION] for b in ((0, 0), (1, 0), (0, 1))]
     outward = np.cross(corners[1] - corners[0], corners[2] - corners[0])
@@ -127,14 +127,14 @@ def test_normals_are_perpendicular_under_a_stretch_and_on_the_viewer_s_side() ->
     assert np.linalg.norm(inside[NORMAL]) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_time_chooses_the_pose() -> None:
+def test_time_selects_pose() -> None:
     stage = sheared()
     step = surface(stage, 0.2, 0.2, (0, 0, -1), NEXT) - surface(stage, 0.2, 0.2, (0, 0, -1), CURRENT)
     np.testing.assert_allclose(step[POSITION], (1, 0, 0), atol=1e-6)
     np.testing.assert_allclose(step[OBJECT_POINT], 0.0, atol=1e-6)
 
 
-def test_a_mesh_without_uv_has_zeros_and_some_tangents() -> None:
+def test_mesh_without_uv_has_zero_uv_and_valid_tangents() -> None:
     flat = plate(2.0, 2.0)
     bare = Mesh("bare", flat.positions, flat.triangles, flat.materials)
     found = surface(Stage([bare], [PlacedMesh(0, [pose()])]), 0.3, 0.3, (0, 0, -1))
@@ -144,7 +144,7 @@ def test_a_mesh_without_uv_has_zeros_and_some_tangents() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
-def test_rays_start_off_the_surface_on_the_side_they_leave_to(scale: float) -> None:
+def test_ray_origins_are_offset_to_the_side_of_the_direction(scale: float) -> None:
     point, normal = np.array([0.3, -1.0, 0.2], np.float32) * scale, np.array([0, 0, 1], np.float32)
     for direction, sign in (((0.5, 0, 0.5), 1), ((0.5, 0, -0.5), -1)):
         result = np.zeros(3, np.float32)
@@ -155,9 +155,9 @@ def test_rays_start_off_the_surface_on_the_side_they_leave_to(scale: float) -> N
         assert moved[0] == moved[1] == 0.0
 
 
-def test_rounding_is_reckoned_from_the_largest_coordinate_that_a_point_comes_from() -> None:
+def test_magnitude_is_largest_coordinate_or_side() -> None:
     stage = sheared()
     moved = surface(stage, 0.25, 0.25, (0, 0, -1))
     corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]]) @ np.asarray(stage.instances[0].poses[CURRENT])[:3, :3].T
     sides = np.abs(corners[1:] - corners[0]).max()
-    assert moved[REACH] == pytest.approx(max(sides, np.abs(moved[POSITION]).max()), rel=1e-5)
+    assert moved[MAGNITUDE] == pytest.approx(max(sides, np.abs(moved[POSITION]).max()), rel=1e-5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which light a ray meets: the same as by looking at every one."""
+"""Rays against lights: the BVH of lights finds the same hits as a test of every light."""
 
 import numpy as np
 import pytest
@@ -23,11 +23,13 @@ WHITE = (1.0, 1.0, 1.0)
 
 
 @ti.kernel
-def meet(
+def intersect_all(
     values: FLOATS_2D, nodes: Float8s1, distribution: FLOATS_1D, rays: FLOATS_2D, rows: INTS, distances: FLOATS_2D
 ):
-    """Of rays of an origin, a direction and a reach: the light that is met and its distance, then whether another light
-    is in the way; by the tree, and by looking at every light."""
+    """Intersect rays (origin, direction, t_max) with all lights: even columns by the BVH, odd ones by brute force.
+
+    rows: nearest light, and whether any other light is hit. distances: of the nearest.
+    """
     lights = ti.static(LightTables(values, nodes, distribution))
     for ray in range(rays.shape[0]):
         origin = ti.math.vec3(rays[ray, 0], rays[ray, 1], rays[ray, 2])
@@ -63,7 +65,7 @@ def some_lights(count: int) -> list[Light]:
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 9, 64, 65, 200, 300])
-def test_the_light_that_looking_at_every_one_finds(count: int) -> None:
+def test_nearest_light_equals_brute_force(count: int) -> None:
     random = np.random.default_rng(7)
     table = LightTable()
     table.append(some_lights(count), 0)
@@ -76,40 +78,40 @@ def test_the_light_that_looking_at_every_one_finds(count: int) -> None:
     rays[:, 3:6] = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     rays[:, 6] = random.uniform(3.0, 12.0, 4000)
     rows, distances = np.empty((4000, 4), np.int32), np.empty((4000, 2), np.float32)
-    with vector_mode():  # as the kernels that shade
-        meet(*arrays, rays, rows, distances)
-    met = rows[:, 1] >= 0
-    assert met.sum() > 100
+    with vector_mode():  # like the shading kernels
+        intersect_all(*arrays, rays, rows, distances)
+    is_hit = rows[:, 1] >= 0
+    assert is_hit.sum() > 100
     np.testing.assert_array_equal(rows[:, 0], rows[:, 1])
     np.testing.assert_array_equal(distances[:, 0], distances[:, 1])
     np.testing.assert_array_equal(rows[:, 2], rows[:, 3])
     if count > 8:
-        assert 0 < rows[:, 3].sum() < met.sum()
+        assert 0 < rows[:, 3].sum() < is_hit.sum()
 
 
-def test_no_light_is_met_where_there_is_none() -> None:
+def test_no_lights_build_an_empty_bvh() -> None:
     assert build(np.zeros((0, 3)), np.zeros((0, 3)), 0).shape == (0, LANES)
 
 
 @pytest.mark.parametrize("count", [1, 8, 9, 200, 2000])
-def test_every_box_is_in_those_of_its_groups_once(count: int) -> None:
+def test_boxes_of_nodes_contain_each_light_once(count: int) -> None:
     random = np.random.default_rng(count)
-    least = random.uniform(-5.0, 5.0, (count, 3))
-    largest = least + random.uniform(0.0, 1.0, (count, 3))
+    lower = random.uniform(-5.0, 5.0, (count, 3))
+    upper = lower + random.uniform(0.0, 1.0, (count, 3))
     first = 3
-    table = np.concatenate([np.zeros((first, LANES), np.float32), build(least, largest, first)])
+    table = np.concatenate([np.zeros((first, LANES), np.float32), build(lower, upper, first)])
 
     def below(node: int) -> list[int]:
-        """The lights below a node, whose members' boxes hold what is below them."""
+        """Return the lights below a node, and check that its children's boxes contain them."""
         result = []
-        for eight in range(int(table[node + 7, 0])):
-            rows = table[node + BLOCK_ROWS * eight :][:BLOCK_ROWS]
+        for block in range(int(table[node + 7, 0])):
+            rows = table[node + BLOCK_ROWS * block :][:BLOCK_ROWS]
             for lane in range(LANES):
                 if rows[BOX_MIN, lane] < 1e30:
                     child = int(rows[REFERENCE, lane])
                     lights = below(child) if child >= 0 else [-1 - child]
-                    assert (rows[BOX_MIN:3, lane] <= least[lights].min(axis=0) + 1e-6).all()
-                    assert (rows[3:REFERENCE, lane] >= largest[lights].max(axis=0) - 1e-6).all()
+                    assert (rows[BOX_MIN:3, lane] <= lower[lights].min(axis=0) + 1e-6).all()
+                    assert (rows[3:REFERENCE, lane] >= upper[lights].max(axis=0) - 1e-6).all()
                     result += lights
         return result
 

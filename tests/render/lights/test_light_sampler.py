@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which light is sampled: the one that gives most at the point, and none is left out."""
+"""Choosing a light: in proportion to estimated contributions, and never with probability 0."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def choices(
     y: ti.f32,
     z: ti.f32,
     normal: ti.math.vec3,
-    chances: NUMBERS,
+    probabilities: NUMBERS,
     counts: NUMBERS,
     mismatch: NUMBERS,
     numbers: NUMBERS,
@@ -66,39 +66,41 @@ def choices(
             chosen_with[row] = both.x
             again = light_probabilities(lights, weights, weights, count, scale, scale, row, point).y
             mismatch[0] = ti.max(mismatch[0], ti.abs(both.y - again))
-        for row in range(chances.shape[0]):
-            chances[row] = light_probabilities(lights, weights, weights, count, scale, scale, row, point).y
+        for row in range(probabilities.shape[0]):
+            probabilities[row] = light_probabilities(lights, weights, weights, count, scale, scale, row, point).y
 
 
 def chosen(lights, point, numbers, normal=(0.0, 0.0, 0.0)):
-    """Kinds of the table's rows, the chance of each at a point, and how often it is chosen by numbers in 0..1; by a
-    surface of a normal the chances are those that were found by choosing, 0 where it was never chosen."""
+    """Return kinds of the table's rows, the probability of each at a point, and how often numbers in 0..1 choose it.
+
+    With a normal, the probabilities are those returned by choosing; 0 for lights that were never chosen.
+    """
     table = LightTable()
     table.append(lights, 0)
     arrays = table.arrays(TextureAtlas())
     kinds = arrays.values.to_numpy()[:, KIND].astype(int)
-    chances, counts, mismatch = (np.zeros(size, np.float32) for size in (len(kinds), len(kinds), 1))
+    probabilities, counts, mismatch = (np.zeros(size, np.float32) for size in (len(kinds), len(kinds), 1))
     left = np.empty(len(numbers), np.float32)
     found = np.zeros(len(kinds), np.float32)
     normal = ti.math.vec3(*normal)
-    choices(*arrays, *point, normal, chances, counts, mismatch, numbers.astype(np.float32), left, found)
+    choices(*arrays, *point, normal, probabilities, counts, mismatch, numbers.astype(np.float32), left, found)
     assert 0.0 <= left.min() <= left.max() < 1.0
     assert np.histogram(left, 16, (0.0, 1.0))[0] == pytest.approx(len(numbers) / 16, rel=0.06)
-    assert chances.sum() == pytest.approx(1.0, abs=1e-5)
+    assert probabilities.sum() == pytest.approx(1.0, abs=1e-5)
     assert mismatch[0] < 1e-6
     if normal.norm() > 0.0:
         return kinds, found, counts
-    np.testing.assert_allclose(found[counts > 0], chances[counts > 0], rtol=1e-4)
-    return kinds, chances, counts
+    np.testing.assert_allclose(found[counts > 0], probabilities[counts > 0], rtol=1e-4)
+    return kinds, probabilities, counts
 
 
-def chances_at(lights, point):
-    """Kinds of the table's rows, and the chance of each at a point; checks that choosing agrees with them."""
+def probabilities_at(lights, point):
+    """Return kinds of the table's rows, and the probability of each at a point; checks that choosing agrees."""
     samples = 100_000
-    kinds, chances, counts = chosen(lights, point, (np.arange(samples) + 0.5) / samples)
-    # One number serves for every step of the choice: what is left of it after many is as good as random.
-    assert counts / samples == pytest.approx(chances, abs=2e-4 if len(kinds) <= MAX_FINITE_ENTRIES else 2e-3)
-    return kinds, chances
+    kinds, probabilities, counts = chosen(lights, point, (np.arange(samples) + 0.5) / samples)
+    # One number serves all steps of the choice; its remainder after many steps is practically random.
+    assert counts / samples == pytest.approx(probabilities, abs=2e-4 if len(kinds) <= MAX_FINITE_ENTRIES else 2e-3)
+    return kinds, probabilities
 
 
 def at(x, y, z):
@@ -111,43 +113,45 @@ def lamp(x, y, z, radiance=(1.0, 1.0, 1.0)):
     return SphereLight("lamp", "/lamp", at(x, y, z), radiance, 0.1)
 
 
-def test_the_nearer_of_two_lamps_by_the_square_of_the_distance():
-    kinds, chances = chances_at([lamp(1.0, 0.0, 0.0), lamp(-3.0, 0.0, 0.0)], (0.0, 0.0, 0.0))
+def test_two_lamps_are_chosen_by_inverse_squared_distance():
+    kinds, probabilities = probabilities_at([lamp(1.0, 0.0, 0.0), lamp(-3.0, 0.0, 0.0)], (0.0, 0.0, 0.0))
     assert list(kinds) == [SPHERE, SPHERE]
     expected = (1.0 - UNIFORM_FRACTION) * 9.0 / 10.0 + UNIFORM_FRACTION / 2.0
-    assert chances[0] == pytest.approx(expected, rel=2e-3)
+    assert probabilities[0] == pytest.approx(expected, rel=2e-3)
 
 
-def test_a_panel_gives_nothing_behind_it():
-    panel = RectLight("panel", "/panel", at(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 1.0, 1.0)  # shines towards -z
-    kinds, before = chances_at([panel, lamp(0.0, 0.0, -2.0)], (0.0, 0.0, -1.0))
-    _, behind = chances_at([panel, lamp(0.0, 0.0, -2.0)], (0.0, 0.0, 1.0))
+def test_rect_is_not_chosen_behind_it():
+    panel = RectLight("panel", "/panel", at(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 1.0, 1.0)  # emits towards -z
+    kinds, before = probabilities_at([panel, lamp(0.0, 0.0, -2.0)], (0.0, 0.0, -1.0))
+    _, behind = probabilities_at([panel, lamp(0.0, 0.0, -2.0)], (0.0, 0.0, 1.0))
     assert kinds[0] == RECT
     assert before[0] > 0.8
     assert behind[0] == 0.0
 
 
-def test_a_sun_counts_where_it_shines_through_a_portal():
-    portal = Portal(at(0.0, 0.0, 0.0), 1.0, 1.0)  # light comes in along -z
+def test_sun_is_chosen_where_it_shines_through_a_portal():
+    portal = Portal(at(0.0, 0.0, 0.0), 1.0, 1.0)  # light enters along -z
     sky = DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0), None, (portal,))
     sun = DistantLight("sun", "/sun", np.eye(4), (50.0, 50.0, 50.0), 0.01)
-    kinds, lit = chances_at([sky, sun], (0.2, 0.0, -2.0))
+    kinds, lit = probabilities_at([sky, sun], (0.2, 0.0, -2.0))
     assert list(kinds) == [DISTANT, DOME, PORTAL]
     assert lit[0] > 0.9
-    assert lit[1] == 0.0  # the sky is looked for where it comes in
-    _, unlit = chances_at([sky, sun], (2.0, 0.0, -2.0))
+    assert lit[1] == 0.0  # the sky is sampled through its portal
+    _, unlit = probabilities_at([sky, sun], (2.0, 0.0, -2.0))
     assert unlit[0] == pytest.approx(UNIFORM_FRACTION / 2.0, rel=0.02)
-    _, outside = chances_at([sky, sun], (2.0, 0.0, 2.0))
+    _, outside = probabilities_at([sky, sun], (2.0, 0.0, 2.0))
     assert outside[0] == pytest.approx(0.95 * 50.0 / (50.0 + np.pi) + 0.05, rel=1e-3)
     assert outside[1] == pytest.approx(0.95 * np.pi / (50.0 + np.pi), rel=1e-3)
 
 
-def test_of_many_portals_the_near_ones():
+def test_near_portals_are_chosen_more_often():
     portals = tuple(Portal(at(x, 0.0, 0.0), 1.0, 1.0) for x in np.linspace(-20.0, 20.0, 21))
-    kinds, chances = chances_at([DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0), None, portals)], (0.0, 0.0, -2.0))
+    kinds, probabilities = probabilities_at(
+        [DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0), None, portals)], (0.0, 0.0, -2.0)
+    )
     assert list(kinds) == [DOME] + [PORTAL] * 21
-    assert chances[1 + 10] == chances.max()
-    assert chances[1 + 9 : 1 + 12].sum() > 0.5
+    assert probabilities[1 + 10] == probabilities.max()
+    assert probabilities[1 + 9 : 1 + 12].sum() > 0.5
 
 
 def many_lamps(count):
@@ -156,52 +160,58 @@ def many_lamps(count):
 
 
 @pytest.mark.parametrize("count", [MAX_FINITE_ENTRIES, MAX_FINITE_ENTRIES + 1, 60, 200])
-def test_of_many_lamps_the_near_and_bright_ones(count):
+def test_near_and_bright_lamps_are_chosen_more_often(count):
     lamps = [*many_lamps(count), DistantLight("sun", "/sun", np.eye(4), (0.01, 0.01, 0.01), 0.01)]
     point = np.array([1.0, 2.0, -3.0])
-    _, chances = chances_at(lamps, tuple(point))
-    assert (chances > 0.0).all()
-    gives = [each.radiance[0] / ((each.world_from_light[:3, 3] - point) ** 2).sum() for each in lamps[:-1]]
-    ideal = np.array([*gives, 0.01 / (np.pi * 0.1**2)])
+    _, probabilities = probabilities_at(lamps, tuple(point))
+    assert (probabilities > 0.0).all()
+    contribution = [each.radiance[0] / ((each.world_from_light[:3, 3] - point) ** 2).sum() for each in lamps[:-1]]
+    ideal = np.array([*contribution, 0.01 / (np.pi * 0.1**2)])
     ideal /= ideal.sum()
-    # The mean square of what a light gives over its chance; 1 for chances by what each gives.
-    evenly = (ideal**2 * len(lamps)).sum()
-    assert (ideal**2 / chances).sum() < min(1.5, 0.5 * evenly)
+    # Second moment of contribution over probability; 1 if they are proportional.
+    uniform = (ideal**2 * len(lamps)).sum()
+    assert (ideal**2 / probabilities).sum() < min(1.5, 0.5 * uniform)
 
 
-def test_a_surface_that_faces_away_from_a_lamp_chooses_others():
+def test_lamps_behind_a_surface_are_rarely_chosen():
     lamps = [lamp(0.0, 0.0, 1.0), lamp(0.0, 0.0, -1.0), lamp(0.8, 0.0, 0.6)]
-    _, chances, counts = chosen(lamps, (0.0, 0.0, 0.0), (np.arange(20000) + 0.5) / 20000, (0.0, 0.0, 1.0))
-    assert counts / 20000 == pytest.approx(chances, abs=2e-4)
-    assert chances[1] < 0.08
-    # The cosines, of which that of a small lamp is a little larger.
-    assert (chances[2] - UNIFORM_FRACTION / 3) / (chances[0] - UNIFORM_FRACTION / 3) == pytest.approx(0.6, rel=0.05)
+    _, probabilities, counts = chosen(lamps, (0.0, 0.0, 0.0), (np.arange(20000) + 0.5) / 20000, (0.0, 0.0, 1.0))
+    assert counts / 20000 == pytest.approx(probabilities, abs=2e-4)
+    assert probabilities[1] < 0.08
+    # The ratio of cosines; a lamp of finite size has a slightly larger one.
+    assert (probabilities[2] - UNIFORM_FRACTION / 3) / (probabilities[0] - UNIFORM_FRACTION / 3) == pytest.approx(
+        0.6, rel=0.05
+    )
 
 
 @pytest.mark.parametrize("count", [MAX_FINITE_ENTRIES, 60, 200])
-def test_of_many_lamps_those_that_a_surface_faces(count):
-    """What is left is how one cosine stands for all of a group: far less than where no cosine is looked at."""
+def test_lamps_in_front_of_a_surface_are_chosen_more_often(count):
+    """One cosine stands for all lights of a group; the remaining variance is far less than without cosines."""
     lamps, point, normal = many_lamps(count), np.array([-5.2, 2.0, -3.0]), np.array([0.6, -0.8, 0.0])
-    _, chances, counts = chosen(lamps, tuple(point), np.random.default_rng(1).random(400_000), tuple(normal))
+    _, probabilities, counts = chosen(lamps, tuple(point), np.random.default_rng(1).random(400_000), tuple(normal))
     _, blind, _ = chosen(lamps, tuple(point), np.random.default_rng(1).random(400_000))
     offsets = np.array([each.world_from_light[:3, 3] for each in lamps]) - point
     distances = np.linalg.norm(offsets, axis=1)
-    gives = np.array([each.radiance[0] for each in lamps]) * np.maximum(offsets @ normal, 0.0) / distances**3
-    gives /= gives.sum()
-    shines = gives > 1e-3
-    assert (counts[shines] > 0).all()
-    excess, before = ((gives[shines] ** 2 / each[shines]).sum() - 1.0 for each in (chances, blind))
+    contribution = np.array([each.radiance[0] for each in lamps]) * np.maximum(offsets @ normal, 0.0) / distances**3
+    contribution /= contribution.sum()
+    contributes = contribution > 1e-3
+    assert (counts[contributes] > 0).all()
+    excess, before = (
+        (contribution[contributes] ** 2 / each[contributes]).sum() - 1.0 for each in (probabilities, blind)
+    )
     assert excess < 0.4 * before
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0.0, 0.0), (0.6, 0.0, -0.8)])
 @pytest.mark.parametrize("count", [3, 60, 700])
-def test_choices_follow_their_chances(count, normal):
-    """Chi-square."""
+def test_choices_follow_their_probabilities(count, normal):
+    """By a chi-square test."""
     samples = 200_000
     lights = [*many_lamps(count), DomeLight("sky", "/sky", np.eye(4), (0.01, 0.01, 0.01))]
-    _, chances, counts = chosen(lights, (1.0, 2.0, -3.0), np.random.default_rng(5).random(samples, np.float32), normal)
-    expected = chances / chances.sum(dtype=np.float64) * samples
+    _, probabilities, counts = chosen(
+        lights, (1.0, 2.0, -3.0), np.random.default_rng(5).random(samples, np.float32), normal
+    )
+    expected = probabilities / probabilities.sum(dtype=np.float64) * samples
     often = expected >= 5.0
     assert often.sum() > 0.3 * count
     observed = np.append(counts[often], counts[~often].sum() + 1e-9)
@@ -209,7 +219,7 @@ def test_choices_follow_their_chances(count, normal):
     assert stats.chisquare(observed, expected).pvalue > MIN_P_VALUE
 
 
-def test_groups_hold_every_light_once():
+def test_groups_contain_each_light_once():
     table = LightTable()
     table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
     arrays = table.arrays(TextureAtlas())
@@ -220,9 +230,9 @@ def test_groups_hold_every_light_once():
     rows, _ = light_slots(nodes[1:])
     assert sorted(rows) == list(range(51))
     for node in range(1, len(nodes)):
-        for lane, member in enumerate(child_rows(nodes[node])):
-            child = int(member[CHILD])
-            assert (member[ROW] < 0.0) == (child > 0)
+        for lane, attributes in enumerate(child_rows(nodes[node])):
+            child = int(attributes[CHILD])
+            assert (attributes[ROW] < 0.0) == (child > 0)
             if child > 0:
                 assert nodes[child, PARENT] == LANES * node + lane
-                assert child_rows(nodes[child])[:, STRENGTH].sum() == pytest.approx(member[STRENGTH], rel=1e-5)
+                assert child_rows(nodes[child])[:, STRENGTH].sum() == pytest.approx(attributes[STRENGTH], rel=1e-5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every kind of light: sampling against density, sample against ray, and irradiance against formulas."""
+"""Every kind of light: samples against density, samples against rays, irradiance against closed forms."""
 
 import math
 
@@ -35,7 +35,7 @@ ORIGIN = (0.3, -0.2, 0.5)
 
 
 def placed(position: tuple[float, float, float], towards: tuple[float, float, float]) -> np.ndarray:
-    """A light's matrix: at a position, its -z pointing along `towards`."""
+    """Return a light's matrix: at a position, its -z along `towards`."""
     z = -np.asarray(towards, float) / np.linalg.norm(towards)
     x = np.cross((0.2, 1.0, 0.1), z)
     x /= np.linalg.norm(x)
@@ -47,7 +47,7 @@ def placed(position: tuple[float, float, float], towards: tuple[float, float, fl
 
 
 def image(height: int = 24, width: int = 48, seed: int = 3) -> Texture:
-    """A latlong image with soft structure and a small sun."""
+    """Return a latlong image with soft structure and a small sun."""
     generator = np.random.default_rng(seed)
     pixels = np.ones((height, width, 4), np.float32)
     pixels[..., :3] = generator.random((height, width, 1)) * 0.5 + np.linspace(1.0, 0.1, height)[:, None, None]
@@ -90,11 +90,11 @@ FAR = ("far rect", "far picture", "small sphere", "far cylinder")
 
 
 @pytest.mark.parametrize("name", [name for name in LIGHTS if name not in (*DELTA, *FAR)])
-def test_directions_follow_their_density(name: str) -> None:
+def test_directions_follow_density(name: str) -> None:
     light = seen(name)
     directions, _, results = light.sample(numbers())
     assert (results[:, 0] > 0.0).mean() > 0.999
-    # About the middle of the light, so that its shape lies in few cells of cosine.
+    # In a frame about the light's center, so that the light is in few bins of cosine.
     axis = directions.astype(np.float64).mean(axis=0)
     z = axis / np.linalg.norm(axis)
     x = np.cross(z, (0.6, 0.0, 0.8))
@@ -110,8 +110,8 @@ def test_directions_follow_their_density(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FAR)
-def test_directions_to_small_lights_follow_their_density(name: str) -> None:
-    """In a plane across the light's direction, since a float knows no cosines so near 1."""
+def test_directions_to_small_lights_follow_density(name: str) -> None:
+    """Binned in a plane across the light's direction, since float32 cosines near 1 are too coarse."""
     light = seen(name)
     directions, _, results = light.sample(numbers(8))
     assert (results[:, 0] > 0.0).mean() > 0.999
@@ -134,18 +134,18 @@ def test_directions_to_small_lights_follow_their_density(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in LIGHTS if name not in DELTA])
-def test_a_sampled_direction_meets_the_light_as_sampled(name: str) -> None:
-    """The ray finds the same distance, density and radiance (but for rounding at the rim)."""
+def test_ray_along_sample_hits_light_with_same_values(name: str) -> None:
+    """The ray finds the same distance, density and radiance, except for rounding at edges."""
     light = seen(name)
     directions, radiance, results = light.sample(numbers(2)[:20000])
-    again = light.seen(directions)
-    met = again[:, 0] > 0.0
-    assert met.mean() > 0.99
-    close = np.isclose(again[:, 0], results[:, 0], rtol=2e-3)
-    assert close[met].mean() > 0.99  # a sky's direction may round into the next cell
-    assert np.isclose(again[:, 2], radiance[:, 1], rtol=1e-3, atol=1e-4)[met].mean() > 0.99
-    if np.isfinite(again[met, 1]).all():
-        assert np.median(np.abs(again[met, 1] / results[met, 1] - 1.0)) < 1e-4
+    rays = light.seen(directions)
+    is_hit = rays[:, 0] > 0.0
+    assert is_hit.mean() > 0.99
+    close = np.isclose(rays[:, 0], results[:, 0], rtol=2e-3)
+    assert close[is_hit].mean() > 0.99  # a dome's direction may round into the next cell
+    assert np.isclose(rays[:, 2], radiance[:, 1], rtol=1e-3, atol=1e-4)[is_hit].mean() > 0.99
+    if np.isfinite(rays[is_hit, 1]).all():
+        assert np.median(np.abs(rays[is_hit, 1] / results[is_hit, 1] - 1.0)) < 1e-4
 
 
 def irradiance(light: Illumination, normal: tuple[float, float, float]) -> np.ndarray:
@@ -176,11 +176,11 @@ def test_irradiance_below_a_sphere() -> None:
 
 def test_irradiance_beside_a_long_cylinder() -> None:
     tube = overhead(CylinderLight, radius=0.1, length=400.0)
-    expected = math.pi * 0.1 / 2.0  # the view factor of an endless one
+    expected = math.pi * 0.1 / 2.0  # view factor of an infinite cylinder
     assert irradiance(tube, UP) / BRIGHT == pytest.approx(expected, rel=0.03)
 
 
-def test_a_cylinder_is_dark_inside_and_has_no_caps() -> None:
+def test_cylinder_emits_outwards_and_has_no_caps() -> None:
     tube = CylinderLight("l", "/l", np.eye(4), BRIGHT, 0.5, 2.0)
     around = np.random.default_rng(3).normal(size=(200, 3))
     around /= np.linalg.norm(around, axis=1, keepdims=True)
@@ -192,7 +192,7 @@ def test_a_cylinder_is_dark_inside_and_has_no_caps() -> None:
 
 
 def test_irradiance_below_a_rectangle() -> None:
-    a, b = 0.6 / 2.0, 0.4 / 2.0  # of a quarter, over the height
+    a, b = 0.6 / 2.0, 0.4 / 2.0  # half sizes over the height
     quarter = a / math.sqrt(1 + a * a) * math.atan(b / math.sqrt(1 + a * a))
     quarter += b / math.sqrt(1 + b * b) * math.atan(a / math.sqrt(1 + b * b))
     expected = 4.0 * quarter / 2.0
@@ -204,7 +204,7 @@ def test_irradiance_of_a_point_is_intensity_over_squared_distance() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.01, 0.5])
-def test_irradiance_of_the_sun_does_not_depend_on_its_size(angle: float) -> None:
+def test_irradiance_of_distant_light_is_independent_of_its_angle(angle: float) -> None:
     sun = Illumination(DistantLight("l", "/l", np.eye(4), BRIGHT, angle), (5.0, 6.0, 7.0))
     assert irradiance(sun, UP) / BRIGHT == pytest.approx(1.0, rel=5e-3)
 
@@ -214,11 +214,11 @@ def test_irradiance_of_a_constant_dome() -> None:
     assert irradiance(dome, UP) / BRIGHT == pytest.approx(math.pi, rel=1e-2)
 
 
-def test_irradiance_of_a_sky_is_the_image_integrated() -> None:
-    """Every direction looks up the image by the convention of the docstring; +y is up, the image's top."""
+def test_irradiance_of_dome_equals_integral_of_its_image() -> None:
+    """By the convention of DomeLight's docstring: +y is up, the top of the image."""
     pixels = SKY[0].pixels
     height, width = pixels.shape[:2]
-    # The integral of bilinear lookups, by a fine grid of u, v.
+    # The integral of bilinear lookups, on a fine grid of u, v.
     u, v = np.meshgrid((np.arange(960) + 0.5) / 960, (np.arange(480) + 0.5) / 480)
     x, y = u * width - 0.5, (1.0 - v) * height - 0.5
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -236,7 +236,7 @@ def test_irradiance_of_a_sky_is_the_image_integrated() -> None:
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.4])
-def test_the_indirect_multiplier_is_for_what_comes_after_a_bounce(radius: float) -> None:
+def test_indirect_multiplier_scales_light_after_first_bounce(radius: float) -> None:
     meshes, materials = box(CORNELL)
     power = 4.0 if radius == 0.0 else 6.0
 
@@ -245,21 +245,21 @@ def test_the_indirect_multiplier_is_for_what_comes_after_a_bounce(radius: float)
         description = described(meshes, materials, [light])
         return render(description, BOX_CAMERA, spp=16, max_depth=max_depth).hdr.astype(np.float64)
 
-    direct, whole = lit(0.0), lit(1.0)
-    assert direct.mean() < 0.95 * whole.mean()
+    direct, full = lit(0.0), lit(1.0)
+    assert direct.mean() < 0.95 * full.mean()
     np.testing.assert_allclose(direct, lit(1.0, max_depth=2), rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(lit(3.0), direct + 3.0 * (whole - direct), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(lit(3.0), direct + 3.0 * (full - direct), rtol=1e-3, atol=1e-4)
 
 
-def test_a_sky_is_sampled_by_its_brightness() -> None:
-    """The density is in proportion to radiance but for interpolation: its weights hardly vary."""
+def test_dome_image_is_sampled_in_proportion_to_radiance() -> None:
+    """The density is proportional to radiance except for interpolation: sample weights hardly vary."""
     light = seen("sky")
     _, radiance, results = light.sample(numbers(6))
     weight = radiance[:, 1] / results[:, 0]
     assert weight.std() < 0.5 * weight.mean()
 
 
-def test_a_dome_distribution_is_a_distribution() -> None:
+def test_dome_distribution_is_monotonic_from_zero_to_one() -> None:
     for height, width in ((1, 1), (2, 4), (24, 48), (700, 1500)):
         values, (columns, rows) = dome_distribution(
             image(max(height, 1), width) if height > 6 else _plain(height, width)
@@ -272,7 +272,7 @@ def test_a_dome_distribution_is_a_distribution() -> None:
             assert (np.diff(cumulative) >= 0.0).all()
 
 
-def test_a_black_sky_is_sampled_without_failing() -> None:
+def test_black_dome_image_gives_finite_samples() -> None:
     black = Texture("black", np.zeros((4, 8, 4), np.float32), encoding="raw")
     light = Illumination(DomeLight("l", "/l", np.eye(4), BRIGHT, 0), ORIGIN, (black,))
     directions, radiance, results = light.sample(numbers()[:1000])
@@ -286,7 +286,7 @@ def _plain(height: int, width: int) -> Texture:
 
 
 @pytest.mark.parametrize("name", ["rect", "disk"])
-def test_the_back_is_dark(name: str) -> None:
+def test_flat_lights_emit_from_one_side(name: str) -> None:
     behind = seen(name, (0.2, 3.0, 0.4))
     _, _, results = behind.sample(numbers()[:100])
     assert not results[:, 0].any()
@@ -294,18 +294,18 @@ def test_the_back_is_dark(name: str) -> None:
     assert np.isinf(behind.seen(down)[:, 1]).all()
 
 
-def test_a_textured_rect_shows_its_image_upright_to_who_looks_at_it() -> None:
+def test_rect_texture_is_upright_from_the_emitting_side() -> None:
     pixels = np.zeros((2, 2, 4), np.float32)
     pixels[0, 0, :3] = 1.0  # top left
     light = RectLight("l", "/l", np.eye(4), (1.0, 1.0, 1.0), 2.0, 2.0, 0)
     screen = Illumination(light, (0.0, 0.0, -1.0), (Texture("t", pixels, encoding="raw"),))
-    corners = np.array([[x, y, 1.0] for y in (0.9, -0.9) for x in (0.9, -0.9)])  # seen from -z, +x is to the left
+    corners = np.array([[x, y, 1.0] for y in (0.9, -0.9) for x in (0.9, -0.9)])  # from -z, +x is to the left
     corners /= np.linalg.norm(corners, axis=1, keepdims=True)
     assert screen.seen(corners)[:, 2] == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-6)
 
 
 def shaped(shaping: Shaping, kind: type[Light], towards: list[float], **sizes: object) -> float:
-    """What of its radiance a light above (0, 0, 0) emits in a direction that leads down."""
+    """Return the fraction of its radiance that a light at the origin emits in a direction."""
     matrix = np.eye(4)
     direction = np.asarray(towards, float) / np.linalg.norm(towards)
     light = kind("l", "/l", matrix, (1.0, 1.0, 1.0), shaping=shaping, **sizes)
@@ -322,11 +322,11 @@ PROFILE = Texture(
 
 
 def at(degrees: float) -> list[float]:
-    """A direction at an angle from -z."""
+    """Return a direction at an angle from -z."""
     return [math.sin(math.radians(degrees)), 0.0, -math.cos(math.radians(degrees))]
 
 
-def test_a_cone_cuts_a_light_off() -> None:
+def test_cone_limits_emission() -> None:
     cone = Shaping(cone_angle=math.radians(30.0))
     assert shaped(cone, SphereLight, at(29.0), radius=0.5) == 1.0
     assert shaped(cone, SphereLight, at(31.0), radius=0.5) == 0.0
@@ -335,27 +335,29 @@ def test_a_cone_cuts_a_light_off() -> None:
     assert shaped(everywhere, SphereLight, at(180.0), radius=0.5) == 1.0
 
 
-def test_a_soft_cone_fades_by_smoothstep() -> None:
+def test_soft_cone_edge_is_a_smoothstep() -> None:
     cone = Shaping(cone_angle=math.radians(40.0), cone_softness=0.5)
     assert shaped(cone, SphereLight, at(19.9), radius=0.5) == 1.0
     assert shaped(cone, SphereLight, at(25.0), radius=0.5) == pytest.approx(1.0 - 0.25**2 * 2.5, abs=2e-3)
     assert shaped(cone, SphereLight, at(30.0), radius=0.5) == pytest.approx(0.5, abs=2e-3)
 
 
-def test_a_focus_is_a_power_of_the_cosine_with_the_surface() -> None:
+def test_focus_is_a_power_of_the_cosine_at_the_surface() -> None:
     focus = Shaping(focus=3.0, focus_tint=(0.0, 0.25, 0.0))
     expected = 0.25 + 0.75 * math.cos(math.radians(50.0)) ** 3
     assert shaped(focus, DiskLight, at(50.0), radius=5.0) == pytest.approx(expected, rel=1e-3)
-    assert shaped(focus, SphereLight, at(50.0), radius=0.5) == pytest.approx(1.0, rel=1e-3)  # met head on
+    assert shaped(focus, SphereLight, at(50.0), radius=0.5) == pytest.approx(
+        1.0, rel=1e-3
+    )  # perpendicular to the surface
 
 
 @pytest.mark.parametrize("angle", [10.0, 80.0, 150.0])
-def test_a_profile_scales_by_the_angle_from_the_axis(angle: float) -> None:
+def test_ies_profile_scales_by_angle_from_axis(angle: float) -> None:
     seen_there = shaped(Shaping(profile=0), SphereLight, at(angle), radius=0.5)
     assert seen_there == pytest.approx(1.0 - angle / 180.0, abs=6e-3)
 
 
-def test_sampling_a_shaped_light_gives_what_a_ray_sees() -> None:
+def test_samples_of_shaped_light_equal_rays() -> None:
     shaping = Shaping(math.radians(50.0), 0.4, 2.0, (0.1, 0.2, 0.3), 0)
     for light in (
         RectLight("l", "/l", TILT, BRIGHT, 1.2, 0.8, shaping=shaping),
@@ -363,8 +365,8 @@ def test_sampling_a_shaped_light_gives_what_a_ray_sees() -> None:
     ):
         seen_there = Illumination(light, ORIGIN, (PROFILE,))
         directions, radiance, results = seen_there.sample(numbers(2)[:20000])
-        again = seen_there.seen(directions)
-        met = np.isfinite(again[:, 1]) & (results[:, 0] > 0.0)
-        assert met.mean() > 0.9
-        assert radiance[met, 1].std() > 0.05
-        assert np.isclose(again[met, 2], radiance[met, 1], rtol=5e-3, atol=1e-3).mean() > 0.99
+        rays = seen_there.seen(directions)
+        is_hit = np.isfinite(rays[:, 1]) & (results[:, 0] > 0.0)
+        assert is_hit.mean() > 0.9
+        assert radiance[is_hit, 1].std() > 0.05
+        assert np.isclose(rays[is_hit, 2], radiance[is_hit, 1], rtol=5e-3, atol=1e-3).mean() > 0.99

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes that give light: sampled without bias, with little noise, wherever they are; and which of their triangles."""
+"""Emissive meshes: unbiased light sampling with low noise, under transforms; densities of their triangles."""
 
 from dataclasses import replace
 
@@ -23,18 +23,18 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.lights.light_tree import BACK, ROUND, STRENGTH, child_rows, light_slots
 from tiscene.scene.lights.mesh_lights import build_mesh_light, mean_emission
 
-GLOW = (12.0, 9.0, 6.0)
+EMISSION = (12.0, 9.0, 6.0)
 
 
 def room(*lamps: Mesh, material: Material | None = None, textures: tuple[Texture, ...] = ()) -> SceneDescription:
-    """A dark room with things that glow."""
+    """Return a dark room with emissive meshes."""
     meshes, materials = box(CORNELL)
-    glow = material or matte("glow", (0.1, 0.1, 0.1), emissive_color=GLOW)
-    return described([*meshes, *lamps], [*materials, glow], [], list(textures))
+    emission = material or matte("emission", (0.1, 0.1, 0.1), emissive_color=EMISSION)
+    return described([*meshes, *lamps], [*materials, emission], [], list(textures))
 
 
 def screen() -> tuple[Mesh, Material, Texture]:
-    """A picture with one bright corner, on a panel that hangs in the room and emits on both sides."""
+    """Return a panel that emits on both sides, with a texture with one bright corner."""
     pixels = np.full((8, 8, 4), 0.05, np.float32)
     pixels[:3, :3, :3] = 8.0
     panel = quad((-0.4, 0.1, 0.3), (0.3, 0.1, 0.5), (0.3, 0.6, 0.4), (-0.4, 0.6, 0.2), material=3)
@@ -48,7 +48,7 @@ def bulb() -> SceneDescription:
 
 
 def squashed() -> SceneDescription:
-    """Mirrored, and stretched by different factors."""
+    """Return a room with a mirrored, non-uniformly scaled lamp."""
     scene = room(ball((0.0, 0.0, 0.0), 0.1, 3, 2))
     matrix = np.diag([-0.4, 1.0, 2.5, 1.0])
     matrix[:3, 3] = (0.2, 0.4, 0.3)
@@ -62,13 +62,13 @@ def lit_screen() -> SceneDescription:
 
 
 def lace() -> SceneDescription:
-    """Only a third of it is there."""
-    material = matte("lace", (0.1, 0.1, 0.1), emissive_color=GLOW, opacity=0.3, opacity_mode="presence")
+    """Return a room with a lamp of presence 0.3."""
+    material = matte("lace", (0.1, 0.1, 0.1), emissive_color=EMISSION, opacity=0.3, opacity_mode="presence")
     return room(ball((0.2, 0.4, 0.3), 0.15, 3, 2), material=material)
 
 
 def globe() -> SceneDescription:
-    """A large one just above the floor, which is lit from as near as rays start off a surface."""
+    """Return a room with a large lamp so close to the floor that ray offsets matter."""
     return room(ball((0.0, -0.55, 0.6), 0.44, 3, 3))
 
 
@@ -76,13 +76,13 @@ SCENES = {"bulb": bulb, "globe": globe, "squashed": squashed, "screen": lit_scre
 
 
 def unsampled(scene: DeviceScene) -> DeviceScene:
-    """The same, but that only paths that run into what glows see it."""
+    """Remove emissive meshes from the light table, so that only BSDF sampling finds them."""
     scene.lights.place_meshes([], np.zeros((0, 3, 4)))
     return scene
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_sampling_changes_the_noise_and_not_the_picture(name: str) -> None:
+def test_light_sampling_reduces_noise_without_bias(name: str) -> None:
     description = SCENES[name]()
     scenes = {"sampled": (device_scene(description), True), "lights alone": (device_scene(description), False)}
     scenes["unsampled"] = unsampled(device_scene(description)), True
@@ -96,12 +96,12 @@ def test_sampling_changes_the_noise_and_not_the_picture(name: str) -> None:
         error = np.hypot(means[kind].std(ddof=1), means["unsampled"].std(ddof=1)) / np.sqrt(8)
         assert error < 0.02 * means["unsampled"].mean()
         assert abs(means[kind].mean() - means["unsampled"].mean()) < 4.0 * error, kind
-    # Where the lamp is not seen itself. The unsampled had four times as many paths.
+    # The median excludes pixels that show the lamp. "unsampled" has four times the samples.
     noise = {kind: np.median(images.var(axis=0)) for kind, images in runs.items()}
     assert noise["sampled"] < (0.6 if name == "globe" else 0.25) * noise["unsampled"]
 
 
-def test_a_lamp_that_moves_is_sampled_where_it_is() -> None:
+def test_moved_emissive_instance_is_sampled_at_its_new_pose() -> None:
     description = bulb()
     placement = static_placement(description)
     scene = device_scene(description)
@@ -124,16 +124,16 @@ def test_a_lamp_that_moves_is_sampled_where_it_is() -> None:
     assert not render(scene, BOX_CAMERA, spp=4).hdr.any()
 
 
-def test_the_tree_of_a_mesh_has_every_triangle_that_glows() -> None:
+def test_mesh_light_tree_contains_all_emissive_triangles() -> None:
     mesh = ball((0.0, 0.0, 0.0), 0.5, subdivisions=2)
-    glow = np.where(np.arange(len(mesh.triangles)) % 3 == 0, 2.0, 0.0)
-    light = build_mesh_light(mesh, glow)
+    emission = np.where(np.arange(len(mesh.triangles)) % 3 == 0, 2.0, 0.0)
+    light = build_mesh_light(mesh, emission)
     assert light is not None
     rows, _ = light_slots(light.nodes)
-    assert sorted(rows) == list(np.flatnonzero(glow))
+    assert sorted(rows) == list(np.flatnonzero(emission))
     assert child_rows(light.nodes[0])[:, STRENGTH].sum() == pytest.approx(light.whole[STRENGTH], rel=1e-5)
     assert light.whole[ROUND] > 0.9
-    assert light.whole[BACK] < 0.1  # it is closed: its inside is not seen
+    assert light.whole[BACK] < 0.1  # closed: back faces are invisible
     panel = build_mesh_light(quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)), np.ones(2))
     assert panel is not None
     assert (child_rows(panel.nodes[0])[:, BACK] == 1.0).all()
@@ -141,7 +141,7 @@ def test_the_tree_of_a_mesh_has_every_triangle_that_glows() -> None:
     assert build_mesh_light(mesh, np.zeros(len(mesh.triangles))) is None
 
 
-def test_a_picture_glows_by_its_mean() -> None:
+def test_mean_emission_of_texture_is_its_mean_luminance() -> None:
     _, material, texture = screen()
     mean = texture.pixels[..., :3].mean()
     assert mean_emission(material, (texture,)) == pytest.approx(mean * (2.0 * 0.2126 + 1.5 * 0.7152 + 0.0722), rel=1e-5)
@@ -176,9 +176,9 @@ def from_origin(
     triangles: Ints1,
     rays: Floats2,
 ):
-    """A direction to the only light from each row of numbers, its distance and its density, to rays [n, 5].
+    """Sample a direction to the only light from each row of numbers; write direction, distance, density to rays [n, 5].
 
-    Where `triangles` is not negative, only the density of the direction and distance in the row, by that triangle.
+    Where `triangles` is not negative, write only the density of the given direction and distance for that triangle.
     """
     geometry = ti.static(
         Geometry(
@@ -209,16 +209,16 @@ def from_origin(
 
 
 @pytest.mark.parametrize("matrix", [np.eye(3), np.diag([-0.6, 1.0, 1.5])], ids=["round", "squashed"])
-def test_directions_to_a_mesh_follow_their_density(matrix: np.ndarray) -> None:
-    """The half of a ball that faces the origin, of bright and dark triangles, so that each direction has one."""
+def test_directions_to_a_mesh_follow_density(matrix: np.ndarray) -> None:
+    """On the half of a ball that faces the origin, so that each direction hits one triangle, bright or dark."""
     whole = ball((0.0, 0.0, 0.0), 0.5, subdivisions=1)
     place = np.column_stack([matrix, (0.2, 0.1, -1.2)])
     corners = (whole.positions @ matrix.T + place[:, 3])[whole.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * np.linalg.det(matrix)
     faces = whole.triangles[(normals * corners[:, 0]).sum(axis=1) < 0.0]
     half = replace(whole, triangles=faces, materials=(np.arange(len(faces)) % 2).astype(np.int32), normals=None)
-    glow = [matte(str(k), (0.0, 0.0, 0.0), emissive_color=(k, k, k)) for k in (1.0, 4.0)]
-    description = described([half], glow)
+    emission = [matte(str(k), (0.0, 0.0, 0.0), emissive_color=(k, k, k)) for k in (1.0, 4.0)]
+    description = described([half], emission)
     description = replace(description, instances=(Instance(0, 0, np.vstack([place, (0.0, 0.0, 0.0, 1.0)])),))
     arrays = PathPass(device_scene(description), 8, 8).scene_arrays().arrays
     count = 30_000
@@ -228,20 +228,20 @@ def test_directions_to_a_mesh_follow_their_density(matrix: np.ndarray) -> None:
     assert (rays[:, 4] > 0.0).all()
 
     def density(directions: np.ndarray) -> np.ndarray:
-        """Of unit vectors."""
-        asked = np.zeros((len(directions), 8), np.float32)
-        asked[:, 4:7], asked[:, 7] = directions, np.inf
-        hits = cast((half,), static_placement(description), asked)
-        met = hits.triangle >= 0
-        result = np.zeros((int(met.sum()), 5), np.float32)
-        result[:, :3], result[:, 3] = directions[met], hits.t[met]
-        from_origin(*arrays, result[:, :3].copy(), hits.triangle[met].astype(np.int32), result)
+        """Return densities of unit vectors."""
+        rays_in = np.zeros((len(directions), 8), np.float32)
+        rays_in[:, 4:7], rays_in[:, 7] = directions, np.inf
+        hits = cast((half,), static_placement(description), rays_in)
+        is_hit = hits.triangle >= 0
+        result = np.zeros((int(is_hit.sum()), 5), np.float32)
+        result[:, :3], result[:, 3] = directions[is_hit], hits.t[is_hit]
+        from_origin(*arrays, result[:, :3].copy(), hits.triangle[is_hit].astype(np.int32), result)
         values = np.zeros(len(directions))
-        values[met] = result[:, 4]
+        values[is_hit] = result[:, 4]
         return values
 
     again = density(rays[:2000, :3].astype(np.float64))
-    assert np.isclose(again, rays[:2000, 4], rtol=1e-3).mean() > 0.99  # but at edges
+    assert np.isclose(again, rays[:2000, 4], rtol=1e-3).mean() > 0.99  # except at edges
     assert rays[:, 4].max() > 3.0 * rays[:, 4].min()
     points = rays[:, :2].astype(np.float64) / -rays[:, 2:3]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Portals: densities of the dome's light that comes through them, and less noise in a room with a window."""
+"""Portals: densities of directions through them, and less noise in a room with a window."""
 
 import math
 
@@ -24,9 +24,9 @@ COUNT = 100_000
 ORIGIN = (0.3, -0.2, 0.5)
 LEFT = Portal(placed((-1.5, 0.4, 0.3), (1.0, 0.0, 0.1)), 1.0, 1.4)
 ABOVE = Portal(placed((0.2, 1.6, 0.4), (0.1, -1.0, 0.05)), 1.5, 0.8)
-HIGHER = Portal(placed((0.6, 2.4, 0.4), (0.0, -1.0, 0.0)), 1.6, 1.6)  # seen partly through the one above
+HIGHER = Portal(placed((0.6, 2.4, 0.4), (0.0, -1.0, 0.0)), 1.6, 1.6)  # partly behind ABOVE
 FAR = Portal(placed((0.0, 0.2, 30.0), (0.1, 0.0, -1.0)), 0.9, 1.2)
-BEHIND = Portal(placed((2.0, 0.0, 0.0), (1.0, 0.2, 0.0)), 2.0, 2.0)  # lets light in to the other side
+BEHIND = Portal(placed((2.0, 0.0, 0.0), (1.0, 0.2, 0.0)), 2.0, 2.0)  # light enters away from ORIGIN
 
 PLAIN = Texture("plain", np.minimum(SKY[0].pixels, 1.5), encoding="raw")  # without the sun
 SETS = {
@@ -43,7 +43,7 @@ def dome(portals: tuple[Portal, ...], image: Texture = PLAIN) -> Illumination:
 
 
 def crossed(portal: Portal, directions: np.ndarray) -> np.ndarray:
-    """Which directions from ORIGIN go through a portal against its way in."""
+    """Return which directions from ORIGIN leave through a portal."""
     matrix = portal.world_from_portal
     offset = matrix[:3, 3] - ORIGIN
     cosine = directions @ matrix[:3, 2]
@@ -59,7 +59,7 @@ def numbers(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("image", [PLAIN, SKY[0]], ids=["plain", "sunny"])
 @pytest.mark.parametrize("name", SETS)
-def test_directions_follow_their_density(name: str, image: Texture) -> None:
+def test_directions_follow_density(name: str, image: Texture) -> None:
     light = dome(SETS[name], image)
     directions, _, results = light.sample(numbers(1))
     assert (results[:, 0] > 0.0).all()
@@ -72,18 +72,18 @@ def test_directions_follow_their_density(name: str, image: Texture) -> None:
 
 
 @pytest.mark.parametrize("portals", [*SETS.values(), (FAR,), (FAR, LEFT)])
-def test_a_ray_has_the_density_and_radiance_it_was_sampled_with(portals: tuple[Portal, ...]) -> None:
+def test_ray_has_density_and_radiance_of_its_sample(portals: tuple[Portal, ...]) -> None:
     light = dome(portals)
     directions, radiance, results = light.sample(numbers(2)[:20000])
     again = light.seen(directions)
-    assert np.isclose(again[:, 0], results[:, 0], rtol=2e-3).mean() > 0.995  # but where it rounds across a rim
+    assert np.isclose(again[:, 0], results[:, 0], rtol=2e-3).mean() > 0.995  # except for rounding at edges
     assert np.isclose(again[:, 2], radiance[:, 1], rtol=1e-4).all()
     through = np.any([crossed(portal, directions) for portal in portals], axis=0)
     assert through.mean() > 0.999
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_the_density_is_where_portals_are_and_integrates_to_one(name: str) -> None:
+def test_density_is_zero_outside_portals_and_integrates_to_one(name: str) -> None:
     portals = SETS[name]
     directions = np.random.default_rng(3).normal(size=(400_000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -96,7 +96,7 @@ def test_the_density_is_where_portals_are_and_integrates_to_one(name: str) -> No
         assert density[count == 1].std() < 0.01 * density[count == 1].mean()
 
 
-def test_who_faces_no_portal_samples_the_image() -> None:
+def test_dome_image_is_sampled_where_no_portal_faces() -> None:
     alone, plain = dome((BEHIND,)), dome(())
     for ours, theirs in zip(alone.sample(numbers(4)), plain.sample(numbers(4)), strict=True):
         np.testing.assert_array_equal(ours, theirs)
@@ -106,7 +106,7 @@ CAMERA = Camera.look_at((0.9, 0.0, 0.0), (-0.2, -0.3, 0.0), vertical_fov=1.4)
 
 
 def room(portals: tuple[Portal, ...], image: Texture) -> SceneDescription:
-    """A white box 2 m wide under the sky: a window of 0.6 by 0.4 m in its -z wall, a hole of 0.2 m in its roof."""
+    """Return a white box of 2 m under the sky; its -z wall has a 0.6 x 0.4 m window, its roof a 0.2 m hole."""
     a, b, x, y, r = -1.0, 1.0, 0.3, 0.2, 0.1
     walls = [
         quad((a, a, b), (a, a, a), (a, b, a), (a, b, b)),
@@ -121,13 +121,13 @@ def room(portals: tuple[Portal, ...], image: Texture) -> SceneDescription:
 
 
 def _round(a: float, b: float, x0: float, y0: float, x1: float, y1: float) -> tuple[tuple[float, ...], ...]:
-    """The four rectangles of a square a..b about a hole."""
+    """Return the four rectangles of a square a..b with a hole."""
     return (a, a, x0, b), (x1, a, b, b), (x0, a, x1, y0), (x0, y1, x1, b)
 
 
 @pytest.mark.parametrize(("image", "gain"), [(PLAIN, 2.5), (SKY[0], 0.8)], ids=["plain", "sunny"])
-def test_portals_change_the_noise_and_not_the_picture(image: Texture, gain: float) -> None:
-    """Only the window has a portal; what comes through the roof is found by the surfaces' own sampling."""
+def test_portals_reduce_noise_without_bias(image: Texture, gain: float) -> None:
+    """Only the window has a portal; light through the roof is found by BSDF sampling."""
     matrix = np.diag((-1.0, 1.0, -1.0, 1.0))
     matrix[2, 3] = -1.0
     window = Portal(matrix, 0.6, 0.4)

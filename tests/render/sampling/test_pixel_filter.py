@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pixel filters: paths go where they weigh, and pictures are what filtering a finer one gives."""
+"""Pixel filters: offsets follow the filter, and images equal filtered images of a higher resolution."""
 
 import math
 
@@ -15,8 +15,8 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import DomeLight
 
 
-def bought(name: str, u: np.ndarray) -> np.ndarray:
-    """What `sample_offset` does, in numpy."""
+def offsets_of(name: str, u: np.ndarray) -> np.ndarray:
+    """Return what `sample_offset` returns, in numpy."""
     cells = pixel_filter(name).table()[2:]
     place = u * (len(cells) - 1)
     cell = np.minimum(place.astype(int), len(cells) - 2)
@@ -24,10 +24,10 @@ def bought(name: str, u: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", PIXEL_FILTERS)
-def test_offsets_have_the_density_of_the_filter(name: str) -> None:
+def test_offsets_follow_the_filter(name: str) -> None:
     filter = PIXEL_FILTERS[name]
     table = filter.table()
-    x = bought(name, (np.arange(400_000) + 0.5) / 400_000)
+    x = offsets_of(name, (np.arange(400_000) + 0.5) / 400_000)
     assert (np.diff(x) >= 0.0).all()  # strata stay strata
     np.testing.assert_array_equal(table[2:], -table[:1:-1])
     counts, _ = np.histogram(x, 40, (-filter.radius, filter.radius))
@@ -39,19 +39,19 @@ def test_offsets_have_the_density_of_the_filter(name: str) -> None:
     assert (table[0] > 1.0) == (name == "mitchell") == math.isfinite(table[1])
 
 
-def test_the_box_is_the_pixel() -> None:
+def test_box_filter_covers_the_pixel() -> None:
     u = np.arange(1 << 12).astype(np.float32) / (1 << 12)
-    np.testing.assert_array_equal(bought("box", u).astype(np.float32), u - np.float32(0.5))
+    np.testing.assert_array_equal(offsets_of("box", u).astype(np.float32), u - np.float32(0.5))
 
 
-def test_unknown_names() -> None:
+def test_unknown_filter_raises() -> None:
     with pytest.raises(ArgumentError, match="pixel_filter='sinc': must be one of box, triangle, gaussian, mitchell"):
         pixel_filter("sinc")
 
 
 @pytest.mark.parametrize("name", PIXEL_FILTERS)
-def test_a_picture_is_a_finer_one_filtered(name: str) -> None:
-    """A white screen with an edge at a third of a pixel before a black sky."""
+def test_image_equals_filtered_image_of_higher_resolution(name: str) -> None:
+    """A white screen with an edge at a third of a pixel, in front of a black sky."""
     screen = quad((0.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0))
     dome = DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))
     scene = device_scene(described([screen], [matte("white", (1.0, 1.0, 1.0))], [dome]))

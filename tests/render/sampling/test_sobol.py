@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scrambled Sobol points: their net property, pixel by pixel and together, independence of the sets and frames."""
+"""Scrambled Sobol points: net property per pixel and over neighborhoods, independence of sets and frames."""
 
 import numpy as np
 import pytest
@@ -14,12 +14,12 @@ Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 
 @ti.kernel
-def draw(frame_key: ti.i32, number: ti.i32, bits: ti.i32, places: Ints, points: Rows):
-    """Of each pixel as many points as there are for it."""
-    each = points.shape[0] // places.shape[0]
+def draw(frame_key: ti.i32, number: ti.i32, bits: ti.i32, positions: Ints, points: Rows):
+    """Write all points of each pixel."""
+    each = points.shape[0] // positions.shape[0]
     keys = sobol.set_keys(frame_key, number)
     for i in range(points.shape[0]):
-        place = ti.cast(places[i // each], ti.u32)
+        place = ti.cast(positions[i // each], ti.u32)
         p = sobol.draw(keys, sobol.reverse_bits((place << bits) + ti.cast(i % each, ti.u32)))
         points[i, 0] = p.x
         points[i, 1] = p.y
@@ -34,22 +34,22 @@ def draw_of_frames(number: ti.i32, index: ti.u32, points: Rows):
 
 
 @ti.kernel
-def lone(points: Rows):
+def unstratified(points: Rows):
     for i in range(points.shape[0]):
         points[i, 0] = sobol.uniform(ti.cast(i, ti.u32))
 
 
-def points(key: int, count: int, bits: int | None = None, places: np.ndarray | None = None) -> np.ndarray:
-    """The first so many points of each pixel, [pixels * count, 2]."""
-    if places is None:
-        places = np.array([77], np.int32)
-    result = np.empty((count * len(places), 2), np.float32)
-    draw(key, 5, sobol.index_bits(count) if bits is None else bits, upload(places), result)
+def points(key: int, count: int, bits: int | None = None, positions: np.ndarray | None = None) -> np.ndarray:
+    """Return the first `count` points of each pixel, [pixels * count, 2]."""
+    if positions is None:
+        positions = np.array([77], np.int32)
+    result = np.empty((count * len(positions), 2), np.float32)
+    draw(key, 5, sobol.index_bits(count) if bits is None else bits, upload(positions), result)
     return result
 
 
 def is_net(drawn: np.ndarray) -> bool:
-    """Whether every box of every shape that should hold one point does."""
+    """Return whether every elementary interval contains exactly one point."""
     levels = len(drawn).bit_length() - 1
     for level in range(levels + 1):
         wide, tall = 1 << level, 1 << (levels - level)
@@ -61,14 +61,14 @@ def is_net(drawn: np.ndarray) -> bool:
 
 @pytest.mark.parametrize("key", [3, 0x3ADC0DE, -1])
 @pytest.mark.parametrize("count", [1, 2, 4, 8, 64, 256])
-def test_the_points_of_a_pixel_are_a_net_in_base_2(key: int, count: int) -> None:
+def test_points_of_a_pixel_are_a_net_in_base_2(key: int, count: int) -> None:
     drawn = points(key, count)
     assert drawn.min() >= 0.0
     assert drawn.max() < 1.0
     assert is_net(drawn)
 
 
-def test_fewer_samples_than_a_power_of_two_are_still_spread() -> None:
+def test_points_are_stratified_for_any_number_of_samples() -> None:
     drawn = points(5, 48, bits=6)
     assert np.unique((drawn[:, 0] * 64).astype(int)).size == 48
     assert is_net(drawn[:32])
@@ -79,15 +79,15 @@ def test_fewer_samples_than_a_power_of_two_are_still_spread() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 8])
-def test_the_points_of_a_square_of_pixels_are_a_net(count: int) -> None:
+def test_points_of_a_square_of_pixels_are_a_net(count: int) -> None:
     order = sobol.pixel_order(48, 40).reshape(40, 48)
     for size in (2, 4, 8):
         for y, x in ((0, 0), (16, 24), (32, 40)):
-            assert is_net(points(9, count, places=order[y : y + size, x : x + size].ravel()))
+            assert is_net(points(9, count, positions=order[y : y + size, x : x + size].ravel()))
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (5, 1), (1, 7), (64, 64), (48, 36), (33, 130), (700, 3)])
-def test_pixels_stand_in_an_order_of_squares_within_squares(width: int, height: int) -> None:
+def test_pixel_order_is_hierarchical(width: int, height: int) -> None:
     order = sobol.pixel_order(width, height)
     assert len(np.unique(order)) == width * height
     assert order.min() == 0
@@ -100,7 +100,7 @@ def test_pixels_stand_in_an_order_of_squares_within_squares(width: int, height: 
             assert (np.ptp(squares[y : y + size, :size], axis=(0, 1)) == 0).all()
 
 
-def test_two_of_four_pixels_go_together_every_way_as_often() -> None:
+def test_pairings_of_four_pixels_are_equally_frequent() -> None:
     order = sobol.pixel_order(128, 128).reshape(64, 2, 64, 2) % 4 // 2
     beside = (order[:, 0, :, 0] == order[:, 0, :, 1]).mean()
     above = (order[:, 0, :, 0] == order[:, 1, :, 0]).mean()
@@ -109,9 +109,11 @@ def test_two_of_four_pixels_go_together_every_way_as_often() -> None:
     np.testing.assert_allclose((beside, above, across), 1.0 / 3.0, atol=0.03)
 
 
-def test_every_point_of_every_frame_is_uniform() -> None:
-    """Over frames, any one sample is uniform, and its dimensions and those of other sets are independent; so are a
-    pixel's and its neighbor's points, but for being in one net."""
+def test_points_are_uniform_and_independent_over_frames() -> None:
+    """Over frames, a sample is uniform and independent of those of other sets.
+
+    So are the points of neighboring pixels, except for the common net.
+    """
     sets = [np.empty((20000, 2), np.float32) for _ in range(4)]
     for index in (0, 5 << 29):
         for number, drawn in enumerate(sets):
@@ -125,8 +127,8 @@ def test_every_point_of_every_frame_is_uniform() -> None:
                 assert stats.chisquare(counts.ravel()).pvalue > 1e-5
 
 
-def test_it_beats_independent_numbers() -> None:
-    """The mean of a smooth function of two numbers from 64 of them: its squared error, over many keys."""
+def test_integration_error_is_below_independent_sampling() -> None:
+    """The mean squared error, over many keys, of integrating a smooth 2D function with 64 points."""
 
     def integrand(at: np.ndarray) -> np.ndarray:
         return np.exp(-((at - 0.3) ** 2).sum(axis=-1)) * (1.0 + at[..., 0] * at[..., 1])
@@ -137,9 +139,9 @@ def test_it_beats_independent_numbers() -> None:
     assert np.var(estimates) < 0.005 * np.var(independent)
 
 
-def test_lone_numbers_are_uniform() -> None:
+def test_unstratified_numbers_are_uniform() -> None:
     drawn = np.empty((20000, 1), np.float32)
-    lone(drawn)
+    unstratified(drawn)
     assert stats.kstest(drawn[:, 0], "uniform").pvalue > 1e-4
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise of a picture: neighbors' errors cancel, so that what remains behind a blur or a denoiser is less than if every
-pixel knew nothing of the others."""
+"""Blue noise: errors of neighboring pixels cancel, so that less error remains after a blur or a denoiser."""
 
 from functools import cache
 
@@ -23,7 +22,7 @@ VIEW = View(CAMERA, CAMERA, CAMERA, SIZE, SIZE)
 
 @cache
 def floor() -> PathPass:
-    """A matte floor under a square lamp."""
+    """Return a path tracer of a matte floor under a square lamp."""
     lamp = RectLight("lamp", "/lamp", towards((0.0, 2.0, 0.0), (0.0, -1.0, 0.0)), (10.0, 10.0, 10.0), 1.0, 1.0)
     floor = quad((-9, 0, 9), (9, 0, 9), (9, 0, -9), (-9, 0, -9))
     return PathPass(device_scene(described([floor], [matte("white", (0.7, 0.7, 0.7))], [lamp])), SIZE, SIZE)
@@ -40,26 +39,25 @@ def exact() -> NDArray[np.float64]:
 
 
 def errors(spp: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of pictures with different seeds, relative to the mean, [n, h, w]; and of pictures whose every pixel is of a seed
-    of its own."""
-    together = np.array([luminance(seed, spp) / exact() - 1.0 for seed in range(SEEDS)])
-    return together, np.random.default_rng(1).permuted(together, axis=0)
+    """Return relative errors [n, h, w] of images of different seeds, and of images with an own seed for each pixel."""
+    correlated = np.array([luminance(seed, spp) / exact() - 1.0 for seed in range(SEEDS)])
+    return correlated, np.random.default_rng(1).permuted(correlated, axis=0)
 
 
 @pytest.mark.parametrize(("spp", "most"), [(1, 0.45), (4, 0.5), (16, 0.6)])
-def test_what_a_blur_leaves_is_less_than_of_white_noise(spp: int, most: float) -> None:
-    together, apart = errors(spp)
-    assert (together**2).mean() == pytest.approx((apart**2).mean())
+def test_blurred_error_is_below_that_of_white_noise(spp: int, most: float) -> None:
+    correlated, independent = errors(spp)
+    assert (correlated**2).mean() == pytest.approx((independent**2).mean())
     for blur in (lambda e: uniform_filter(e, (0, 4, 4)), lambda e: gaussian_filter(e, (0.0, 1.5, 1.5))):
-        a, b = blur(apart)[:, 4:-4, 4:-4], blur(together)[:, 4:-4, 4:-4]
+        a, b = blur(independent)[:, 4:-4, 4:-4], blur(correlated)[:, 4:-4, 4:-4]
         assert (b**2).mean() < most * (a**2).mean()
 
 
-def test_it_is_blue_every_way() -> None:
-    """Low frequencies are weak in the spectrum of the error, as much along rows as along columns."""
-    together, apart = (error[:, 8:40, 8:40] for error in errors(1))
+def test_error_spectrum_is_blue_and_isotropic() -> None:
+    """The error's spectrum is weak at low frequencies, equally along rows and columns."""
+    correlated, independent = (error[:, 8:40, 8:40] for error in errors(1))
     window = np.outer(np.hanning(32), np.hanning(32))
-    power, white = ((np.abs(np.fft.fft2(e * window)) ** 2).mean(axis=0) for e in (together, apart))
+    power, white = ((np.abs(np.fft.fft2(e * window)) ** 2).mean(axis=0) for e in (correlated, independent))
     frequency = np.abs(np.fft.fftfreq(32))
     radius = np.hypot(frequency[:, None], frequency)
     low = (radius > 0.05) & (radius < 0.15)
@@ -69,7 +67,7 @@ def test_it_is_blue_every_way() -> None:
     assert power[along].sum() == pytest.approx(power[across].sum(), rel=0.15)
 
 
-def test_a_pixel_is_the_same_in_any_company() -> None:
+def test_pixel_is_independent_of_which_others_are_rendered() -> None:
     paths = floor()
     every = paths.sums(VIEW, np.arange(SIZE * SIZE, dtype=np.int32), spp=3, key=5, max_depth=2)
     some = np.random.default_rng(3).choice(SIZE * SIZE, 100, replace=False).astype(np.int32)

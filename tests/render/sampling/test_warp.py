@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every sampling function against its density."""
+"""Every warp against its density."""
 
 import math
 
@@ -113,7 +113,7 @@ def numbers(seed: int, columns: int = 2) -> np.ndarray:
         ("visible_normal", 1.0),
     ],
 )
-def test_directions_follow_their_density(name: str, parameter: float) -> None:
+def test_directions_follow_density(name: str, parameter: float) -> None:
     pair = list(PAIRS).index(name)
     directions = np.empty((COUNT, 3), np.float32)
     sample_all(pair, numbers(1), parameter, directions)
@@ -136,7 +136,7 @@ def sample_disk(numbers: Rows, points: Rows, density: Values):
         density[i] = warp.disk_pdf(p)
 
 
-def test_the_disk_is_uniform() -> None:
+def test_disk_is_uniform() -> None:
     points, density = np.empty((COUNT, 2), np.float32), np.empty(COUNT, np.float32)
     sample_disk(numbers(2), points, density)
     squared = (points.astype(np.float64) ** 2).sum(axis=1)
@@ -166,7 +166,7 @@ RECTANGLES = {
 
 
 @pytest.mark.parametrize("name", RECTANGLES)
-def test_the_rectangle_is_uniform_in_solid_angle(name: str) -> None:
+def test_rectangle_is_uniform_in_solid_angle(name: str) -> None:
     x0, x1, y0, y1, z = RECTANGLES[name]
     points = np.empty((COUNT, 2), np.float32)
     solid_angle = sample_rectangle(x0, x1, y0, y1, z, numbers(3), points)
@@ -194,7 +194,7 @@ def frames(normals: Rows, errors: Values):
         errors[i] = error + ti.abs(s.norm() - 1.0) + ti.abs(t.norm() - 1.0)
 
 
-def test_tangents_make_right_handed_frames() -> None:
+def test_tangents_form_right_handed_frames() -> None:
     normals = np.random.default_rng(4).normal(size=(1000, 3))
     normals = np.concatenate([normals, np.eye(3), -np.eye(3), [[1e-8, 0.0, -1.0]]])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
