@@ -83,7 +83,7 @@ def read_keyframes(prim: Usd.Prim, units: Units, report: StageReport, first_fram
         units: unit of length of its stage.
         report: receives omissions: an animated scale, of which the first value is kept, and a prim without a valid
             pose at some time, which is static then.
-        first_frame: frame at which the prim appears. Time 0 of the keyframes is so many time codes after the start of
+        first_frame: frame at which the prim appears. Time 0 of the keyframes is that many time codes after the start of
             the stage's range.
     """
     times = sample_times(prim)

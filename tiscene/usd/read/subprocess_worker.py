@@ -29,7 +29,7 @@ from tiscene.usd.core.stage import open_stage, quiet
 from tiscene.usd.read.subprocess_reader import ALIGNMENT, EMISSION_FILE
 
 _ALARM_DELAY = 5  # s after the time limit, when the parent should have stopped this process already
-_MAX_THREADS = 64  # the limit of CPU time is that of so many threads
+_MAX_THREADS = 64  # threads that the limit of CPU time allows for
 
 
 def run(request: str, result: str) -> None:
@@ -54,7 +54,7 @@ def run(request: str, result: str) -> None:
             name, problems = (error.stage, error.problems) if isinstance(error, StageError) else ("", ())
             answer = ("error", (type(error).__name__, str(error), name, problems))
     texts = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]
-    if _has_ended(parent):  # then nobody else deletes the temporary files
+    if _has_ended(parent):  # then this process has to delete the temporary files
         shutil.rmtree(Path(result).parent, ignore_errors=True)
     else:
         _write_result((*answer, texts), Path(result))
