@@ -42,7 +42,7 @@ from tests.benchmarks.reference_pictures import (
 )
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.postprocess import Postprocessor
-from tiscene.render.film.tone_map import meter, tone_map
+from tiscene.render.film.tone_map import auto_exposure, tone_map
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage, IncrementalPass
 from tiscene.render.view import View
@@ -146,7 +146,7 @@ def incremental_results(room: Room, plan: Plan, truth: Reference, seed: int) -> 
     scene.add(room.description)
     camera = room.description.cameras[0]
     view = View(camera, camera, camera, plan.width, plan.height)
-    exposure = meter(truth.image)
+    exposure = auto_exposure(truth.image)
     shown = tone_map(denoise(truth.image, truth.albedo, truth.normal, "high"), exposure).astype(float)
 
     def prepare(renderer: IncrementalPass, frame: int, paths: int) -> None:

@@ -245,7 +245,7 @@ def test_amodal_mask_equals_rendering_of_object_alone() -> None:
 def test_given_instance_buffer_is_not_rendered_again() -> None:
     stage = Stage([plate(2.0, 2.0)], [PlacedMesh(0, [pose((0, 0, -4))])])
     image = np.zeros((SIZE, SIZE), np.int32)
-    image[10:20, 30:50], image[0, 0] = 1, 9  # 9: somebody who is no row
+    image[10:20, 30:50], image[0, 0] = 1, 9  # 9: an id without a row
     rows = Measurer(stage.scene).table(stage.placement, VIEW, [State(1, "thing")], image)
     image[...] = 0
     assert rows[0].visible_pixels == 200

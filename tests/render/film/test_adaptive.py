@@ -89,8 +89,8 @@ def test_reported_variance_equals_variance_over_seeds() -> None:
     """The variance over images of different seeds equals the mean of their estimates."""
     passes, runs = paths(), 96
     images = [render_to(passes, 0.001, max_spp=32, seed=seed) for seed in range(runs)]
-    pictures = np.array([luminance(image.hdr) for image in images])
-    scatter = (pictures - pictures.mean(axis=0)) ** 2 * runs / (runs - 1)
+    luminances = np.array([luminance(image.hdr) for image in images])
+    scatter = (luminances - luminances.mean(axis=0)) ** 2 * runs / (runs - 1)
     said = np.array([image.variance for image in images])
     assert said.sum() == pytest.approx(scatter.sum(), rel=0.03)
 

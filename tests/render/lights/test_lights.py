@@ -60,8 +60,8 @@ BRIGHT = (2.0, 3.0, 4.0)
 SKY = (image(),)
 LIGHTS: dict[str, Light] = {
     "rect": RectLight("l", "/l", TILT, BRIGHT, 1.2, 0.8),
-    "picture": RectLight("l", "/l", TILT, BRIGHT, 1.2, 0.8, 0),
-    "far picture": RectLight("l", "/l", placed((3.0, 60.0, 2.0), (0.3, -1.0, 0.2)), BRIGHT, 2.0, 1.0, 0),
+    "textured rect": RectLight("l", "/l", TILT, BRIGHT, 1.2, 0.8, 0),
+    "far textured rect": RectLight("l", "/l", placed((3.0, 60.0, 2.0), (0.3, -1.0, 0.2)), BRIGHT, 2.0, 1.0, 0),
     "large rect": RectLight("l", "/l", placed((0.2, 0.1, 0.4), (0.1, -1.0, 0.05)), BRIGHT, 5.0, 8.0),
     "far rect": RectLight("l", "/l", placed((3.0, 60.0, 2.0), (0.3, -1.0, 0.2)), BRIGHT, 2.0, 1.0),
     "disk": DiskLight("l", "/l", TILT, BRIGHT, 0.7),
@@ -86,7 +86,7 @@ def numbers(seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).random((COUNT, 2), np.float32)
 
 
-FAR = ("far rect", "far picture", "small sphere", "far cylinder")
+FAR = ("far rect", "far textured rect", "small sphere", "far cylinder")
 
 
 @pytest.mark.parametrize("name", [name for name in LIGHTS if name not in (*DELTA, *FAR)])

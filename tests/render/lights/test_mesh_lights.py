@@ -40,7 +40,7 @@ def screen() -> tuple[Mesh, Material, Texture]:
     panel = quad((-0.4, 0.1, 0.3), (0.3, 0.1, 0.5), (0.3, 0.6, 0.4), (-0.4, 0.6, 0.2), material=3)
     emission = TextureLookup(0, scale=(2.0, 1.5, 1.0, 1.0))
     material = Material("screen", diffuse_color=(0.0, 0.0, 0.0), ior=1.0, emissive_color=emission)
-    return panel, material, Texture("picture", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
+    return panel, material, Texture("screen", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")
 
 
 def bulb() -> SceneDescription:

@@ -188,6 +188,14 @@ def test_unregister_removes_kind(rendered: dict[str, object]) -> None:
     assert rendered["kinds"] == BUILT_IN_KINDS == len(LIGHT_KINDS)
 
 
+def test_usd_documentation_lists_all_kinds() -> None:
+    page = (Path(__file__).parents[3] / "docs/usd.md").read_text(encoding="utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith("| Lights |"))
+    for kind in LIGHT_KINDS:
+        if kind.light is not None:
+            assert kind.light.__name__.removesuffix("Light") in row
+
+
 def test_register_refuses_taken_names_and_incomplete_entries() -> None:
     with pytest.raises(ArgumentError, match="'disk' is registered already"):
         register_light(LightKind("disk", TriangleLight, shape=triangle_shape), **KERNELS)

@@ -35,7 +35,7 @@ def test_offsets_follow_the_filter(name: str) -> None:
     expected = fine.reshape(40, 256).sum(axis=1) / fine.sum()
     np.testing.assert_allclose(counts / len(x), expected, atol=0.0006)
     signs = np.where(np.abs(x) > table[1], -1.0, 1.0)
-    assert (signs.mean() * math.sqrt(table[0])) == pytest.approx(1.0, abs=2e-3)  # a white picture stays white
+    assert (signs.mean() * math.sqrt(table[0])) == pytest.approx(1.0, abs=2e-3)  # a white image stays white white
     assert (table[0] > 1.0) == (name == "mitchell") == math.isfinite(table[1])
 
 

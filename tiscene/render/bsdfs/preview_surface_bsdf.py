@@ -35,7 +35,8 @@ class Lobe(NamedTuple):
     evaluate: Any
 
 
-# A new lobe is a module, an entry here, and its probability in `closure_at`.
+# A new lobe is a module, an entry here, and its probability in `closure_at`. Functions instead of modules: recordings
+# of kernels are keyed by the sources of the functions that they name.
 LOBES = tuple(Lobe(each.sample, each.evaluate) for each in (diffuse, specular, clearcoat, glass))
 
 

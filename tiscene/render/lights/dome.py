@@ -42,8 +42,8 @@ def radiance_from(lights: Template, textures: Template, row: ti.i32, direction: 
     """Return the radiance from a direction of that density, 1/sr; small ones read the filtered copy, 0 does not."""
     values = ti.static(lights.values)
     result = color(values, row)
-    picture = integer(values, row, TEXTURE)
-    if picture >= 0:
+    texture = integer(values, row, TEXTURE)
+    if texture >= 0:
         uv = uv_of(to_light(values, row, direction))
         copy = integer(values, row, SMALL_IMAGE)
         if copy >= 0 and density > 0.0 and density < _SHARP:
@@ -56,7 +56,7 @@ def radiance_from(lights: Template, textures: Template, row: ti.i32, direction: 
             at = copy + 3 * (line * SMALL_WIDTH + column)
             result *= vec3(lights.distribution[at], lights.distribution[at + 1], lights.distribution[at + 2])
         else:
-            result *= lookup_wrapped(textures, picture, uv, REPEAT, CLAMP).xyz
+            result *= lookup_wrapped(textures, texture, uv, REPEAT, CLAMP).xyz
     return result
 
 

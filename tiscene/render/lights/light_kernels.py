@@ -40,6 +40,7 @@ def _built_in(code: int) -> LightKernels:
     return LightKernels(code, module.sample, module.pdf, module.intersect, module.emitted)
 
 
+# Functions instead of modules: recordings of kernels are keyed by the sources of the functions that they name.
 # Emissive meshes are not in the list: their functions have other parameters, and no kernel without meshes calls them.
 LIGHT_KERNELS = [_built_in(code) for code in range(MESH)]
 BUILT_IN_KERNELS = len(LIGHT_KERNELS)
