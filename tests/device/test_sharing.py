@@ -80,7 +80,8 @@ class Program:
             try:
                 wrong()
             except Exception as error:
-                print(type(error).__name__, str(error)[:300])
+                lines = [line for line in str(error).splitlines() if 'File "' not in line]
+                print(type(error).__name__, *lines, sep="|")
 
 @ti.kernel
 def broken():
@@ -143,7 +144,7 @@ def run(tmp_path):
 
 def test_user_code_and_stream_give_the_same_as_alone(run):
     user, stream = run(ALONE)[0], run(STREAM_ALONE)[1]
-    assert len(user) > 3 * 8
+    assert len(user) == 3 * 8
     assert run(SHARED) == (user, stream)
 
 
@@ -183,7 +184,7 @@ def late() -> ti.i32:
     return 4
 print(early(), late())
 changed = {f"{owner.__name__}.{name}" for owner, names in zip(owners, before, strict=True)
-           for name, value in vars(owner).items() if names.get(name) is not value}
+           for name, value in vars(owner).items() if names.get(name) is not value and type(value) is not int}
 print(sorted(changed))
 print(type(early._primal) is type(late._primal) is kernel_impl.Kernel)
 kernels = [k for k in kernel_impl.impl.get_runtime().kernels if isinstance(k, kernel_impl.Kernel)]
@@ -245,7 +246,7 @@ print((fresh[0].rgb == first).all())
 """
 
 
-@pytest.mark.parametrize("switch", ["0", "1"])
+@pytest.mark.parametrize("switch", [pytest.param("0", marks=pytest.mark.slow), "1"])
 def test_stream_after_a_restart_of_taichi_raises_and_a_new_one_works(switch):
     restart = "ti.init(arch=ti.cpu, fast_math=False, log_level=ti.ERROR)"
     printed = run_python(RESTARTED.format(restart=restart), env={"TISCENE_TAICHI_PATCHES": switch}).splitlines()

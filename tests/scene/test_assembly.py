@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tiscene.scene.assembly import LEAST_EXTENT, ObjectParts, bounding_box, box_matrices, corners, joined, rigid
+from tiscene.scene.assembly import MIN_EXTENT, ObjectParts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.scene.description import Mesh, SceneDescription
 
 
@@ -49,7 +49,7 @@ def test_box_coordinates_run_from_0_to_1_and_stay_invertible():
     (matrix,) = box_matrices(box[None], np.diag([2.0, 1, 1, 1])[None])
     np.testing.assert_allclose(matrix @ (-0.5, 2, 0, 1), (0, 0.5, 0))
     np.testing.assert_allclose(matrix @ (1.5, 2, 1, 1), (1, 0.5, 1))
-    assert np.linalg.det(matrix[:, :3]) == pytest.approx(2 / 4 / LEAST_EXTENT)
+    assert np.linalg.det(matrix[:, :3]) == pytest.approx(2 / 4 / MIN_EXTENT)
 
 
 def test_joining_keeps_the_order_and_nothing_joins_to_nothing():

@@ -3,16 +3,18 @@
 
 ::
 
-    description     meshes, materials, lights, instances (host)
-    animation       deforming meshes and moving instances
-    assembly        objects of several meshes; bounding boxes
-    camera          Camera: pose, lens, exposure
-    color           sRGB transfer function
-    placement       transforms of all instances around one frame
-    device_scene    DeviceScene: what kernels read
-    deforming_mesh  a deforming mesh on the device
-    material_table  materials as arrays
-    bvh             bounding volume hierarchies
-    lights          light tables and trees
-    textures        texture atlas
+    description           SceneDescription: meshes, objects, instances
+    material_description  Material, Texture
+    light_description     one class for each kind of light
+    animation             deforming meshes and moving instances
+    assembly              objects of several meshes; bounding boxes
+    camera                Camera: pose, lens, exposure
+    color                 sRGB transfer function
+    placement             transforms of all instances around one frame
+    device_scene          DeviceScene: what kernels read
+    deforming_mesh        a deforming mesh on the device
+    material_table        materials as arrays
+    bvh                   bounding volume hierarchies
+    lights                light tables and trees
+    textures              texture atlas
 """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What changes over time by itself: meshes that deform, instances that move, come and go.
+"""Time-sampled animation of a stage: meshes that deform; instances that move, appear and disappear.
 
-Samples at given times, s, increasing. Before the first and after the last one everything stays as it is there.
+Samples are at increasing times, s. Before the first and after the last sample, everything stays as it is there.
 """
 
 from __future__ import annotations
@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_NEAR = 1e-9  # of the way between two samples: what is so near to one has its values to the bit
+_TOLERANCE = 1e-9  # fraction of an interval; a time this near to a sample has the sample's values to the bit
 
 
 @dataclass(frozen=True, eq=False)
 class Deformation:
-    """Where the vertices of a mesh are over time; between samples they go straight.
+    """Vertices of a mesh over time, interpolated linearly between samples.
 
-    times: float64 [s], s. positions: float32 [s, n, 3], m. normals: float32 [s, n, 3], unit; None for flat shading.
+    Attributes:
+        times: float64 [s], s.
+        positions: float32 [s, n, 3], m.
+        normals: float32 [s, n, 3], unit. None: flat shading.
     """
 
     times: NDArray[np.float64]
@@ -26,18 +29,21 @@ class Deformation:
     normals: NDArray[np.float32] | None = None
 
     def at(self, seconds: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Positions and normals [n, 3]; the normals are not unit between samples."""
-        row, share = between(self.times, seconds)
-        return _mixed(self.positions, row, share), None if self.normals is None else _mixed(self.normals, row, share)
+        """Return positions and normals, [n, 3] each; normals are not unit between samples."""
+        row, t = between(self.times, seconds)
+        return _mixed(self.positions, row, t), None if self.normals is None else _mixed(self.normals, row, t)
 
 
 @dataclass(frozen=True, eq=False)
 class InstanceTrack:
-    """Where some instances of a description are over time: positions go straight, rotations the shortest way.
+    """Transforms of some instances over time: positions are interpolated linearly, rotations by slerp.
 
-    instances: int32 [n], rows of `SceneDescription.instances`. times: float64 [s], s.
-    matrices: float64 [s, n, 3, 4], in the place of `Instance.world_from_object`. present: bool [s, n], until the next
-    sample; where it is False the matrix has no meaning.
+    Attributes:
+        instances: int32 [n], rows of `SceneDescription.instances`.
+        times: float64 [s], s.
+        matrices: float64 [s, n, 3, 4], m; they replace `Instance.world_from_object`.
+        present: bool [s, n], whether the instance exists from a sample to the next. Where False, the matrix is
+            meaningless.
     """
 
     instances: NDArray[np.int32]
@@ -46,40 +52,51 @@ class InstanceTrack:
     present: NDArray[np.bool_]
 
     def at(self, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Matrices [n, 3, 4] and presence [n]."""
-        row, share = between(self.times, seconds)
+        """Return the matrices [n, 3, 4] and presence [n] at a time."""
+        row, t = between(self.times, seconds)
         present = self.present[row]
-        if share == 0.0:
+        if t == 0.0:
             return self.matrices[row].copy(), present
         following = np.where(self.present[row + 1, :, None, None], self.matrices[row + 1], self.matrices[row])
-        return interpolated(self.matrices[row], following, share), present
+        return interpolated(self.matrices[row], following, t), present
 
 
 def between(times: NDArray[np.float64], seconds: float) -> tuple[int, float]:
-    """The sample at or before a time, and how much of the way to the next has gone by, 0..1 without 1."""
+    """Return the sample at or before a time, and the position between it and the next one, 0 <= t < 1.
+
+    Args:
+        times: Times of the samples, increasing, s.
+        seconds: The time, s.
+    """
     row = int(np.searchsorted(times, seconds, side="right")) - 1
     if row < 0 or row + 1 >= len(times):
         return (0, 0.0) if row < 0 else (len(times) - 1, 0.0)
-    share = float((seconds - times[row]) / (times[row + 1] - times[row]))
-    if share > 1.0 - _NEAR:
+    t = float((seconds - times[row]) / (times[row + 1] - times[row]))
+    if t > 1.0 - _TOLERANCE:
         return row + 1, 0.0
-    return row, share if share > _NEAR else 0.0
+    return row, t if t > _TOLERANCE else 0.0
 
 
-def _mixed(samples: NDArray[np.float32], row: int, share: float) -> NDArray[np.float32]:
-    if share == 0.0:
+def _mixed(samples: NDArray[np.float32], row: int, t: float) -> NDArray[np.float32]:
+    if t == 0.0:
         start: NDArray[np.float32] = samples[row]
         return start
-    result: NDArray[np.float32] = samples[row] + np.float32(share) * (samples[row + 1] - samples[row])
+    result: NDArray[np.float32] = samples[row] + np.float32(t) * (samples[row + 1] - samples[row])
     return result
 
 
-def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Affine maps [n, 3, 4] between two; of what turns the rotation goes the shortest way, and the stretch straight."""
-    result: NDArray[np.float64] = a + share * (b - a)
-    turned = np.flatnonzero((a[:, :, :3] != b[:, :, :3]).any(axis=(1, 2)))
-    if len(turned):
-        (rotation_a, stretch_a), (rotation_b, stretch_b) = (polar(each[turned, :, :3]) for each in (a, b))
+def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], t: float) -> NDArray[np.float64]:
+    """Interpolate affine maps [n, 3, 4]: the rotation by slerp, everything else linearly.
+
+    Args:
+        a: Maps at 0.
+        b: Maps at 1.
+        t: Position between them, 0..1.
+    """
+    result: NDArray[np.float64] = a + t * (b - a)
+    rotating = np.flatnonzero((a[:, :, :3] != b[:, :, :3]).any(axis=(1, 2)))
+    if len(rotating):
+        (rotation_a, stretch_a), (rotation_b, stretch_b) = (polar(each[rotating, :, :3]) for each in (a, b))
         p, q = quaternions(rotation_a), quaternions(rotation_b)
         cosine = np.einsum("nc,nc->n", p, q)
         q[cosine < 0.0] *= -1.0
@@ -87,19 +104,19 @@ def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], share: float) -
         sine = np.sin(angle)
         near = sine < 1e-6
         sine[near] = 1.0
-        weight_p = np.where(near, 1.0 - share, np.sin((1.0 - share) * angle) / sine)
-        weight_q = np.where(near, share, np.sin(share * angle) / sine)
+        weight_p = np.where(near, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
+        weight_q = np.where(near, t, np.sin(t * angle) / sine)
         middle = weight_p[:, None] * p + weight_q[:, None] * q
-        stretch = stretch_a + share * (stretch_b - stretch_a)
-        result[turned, :, :3] = np.einsum("nij,njk->nik", _matrices(middle), stretch)
+        stretch = stretch_a + t * (stretch_b - stretch_a)
+        result[rotating, :, :3] = np.einsum("nij,njk->nik", _matrices(middle), stretch)
     return result
 
 
 def polar(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rotations and symmetric stretches [..., 3, 3] whose products matrices are.
+    """Return the polar decomposition `m = rotation @ stretch` of matrices [..., 3, 3]; stretches are symmetric.
 
-    What is mirrored is turned by the rotation of its point reflection: it is the one that turns as the thing does,
-    while which axis a mirror has turned round nobody can tell.
+    The rotation of a mirroring matrix is that of its point reflection, so that it follows the object continuously; the
+    axis of a mirror is arbitrary.
     """
     left, _, right = np.linalg.svd(m)
     rotation = left @ right
@@ -108,7 +125,7 @@ def polar(m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def quaternions(m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit quaternions [n, 4], (w, x, y, z), of rotations [n, 3, 3], w >= 0: of four equal ones the largest."""
+    """Return unit quaternions [n, 4], (w, x, y, z), w >= 0, of rotations [n, 3, 3], from their largest components."""
     xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
     x, y, z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
     xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
@@ -129,7 +146,7 @@ def quaternions(m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _matrices(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotations [n, 3, 3] of quaternions [n, 4], which need not be unit."""
+    """Return rotations [n, 3, 3] of quaternions [n, 4] of any length."""
     w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
     return np.stack(
         [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects made of several meshes: their parts side by side, and the boxes around them."""
+"""Objects made of several meshes: tables of their parts, bounding boxes, merging."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from tiscene.scene.animation import polar
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Matrix, SceneDescription, SceneObject, mesh_boxes
 
-# m: how thick a flat object's box counts, so that the way into it can be turned round.
-LEAST_EXTENT = 1e-4
+MIN_EXTENT = 1e-4  # m, of an object's bounding box along each axis, so that the transform into the box is invertible
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectParts:
-    """Meshes of objects, one row each, object after object.
+    """Meshes of objects, one row for each, object after object.
 
-    mesh: int32 [p]. owner: int32 [p], row of the object. matrix: float64 [p, 3, 4], places the mesh.
-    box_from_mesh: float64 [p, 3, 4], to 0..1 in the box around the whole object. number: int32 [p], of the first of the
-    object's named parts that the mesh shows.
+    Attributes:
+        mesh: int32 [p], row of the mesh.
+        owner: int32 [p], row of the object.
+        matrix: float64 [p, 3, 4], from the mesh's space to the object's, m.
+        box_from_mesh: float64 [p, 3, 4], from the mesh's space to 0..1 in the bounding box of the whole object.
+        number: int32 [p], number of the first of the object's named parts that the mesh shows.
     """
 
     mesh: NDArray[np.int32]
@@ -34,21 +36,21 @@ class ObjectParts:
 
 
 def joined(parts: Sequence[ObjectParts]) -> ObjectParts:
-    """All parts in one table."""
+    """Concatenate tables."""
     none = np.zeros(0, np.int32)
-    nothing = ObjectParts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none)
-    every = [nothing, *parts]
+    empty = ObjectParts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none)
+    tables = [empty, *parts]
     return ObjectParts(
-        np.concatenate([each.mesh for each in every]),
-        np.concatenate([each.owner for each in every]),
-        np.concatenate([each.matrix for each in every]),
-        np.concatenate([each.box_from_mesh for each in every]),
-        np.concatenate([each.number for each in every]),
+        np.concatenate([each.mesh for each in tables]),
+        np.concatenate([each.owner for each in tables]),
+        np.concatenate([each.matrix for each in tables]),
+        np.concatenate([each.box_from_mesh for each in tables]),
+        np.concatenate([each.number for each in tables]),
     )
 
 
 def rigid(matrices: Matrix) -> Matrix:
-    """The rotations of matrices [..., 4, 4] (see `polar`), with their translations."""
+    """Return the rotations (see `polar`) and translations of matrices [..., 4, 4]."""
     result = np.zeros(matrices.shape)
     result[..., :3, :3] = polar(matrices[..., :3, :3])[0]
     result[..., :3, 3] = matrices[..., :3, 3]
@@ -57,15 +59,20 @@ def rigid(matrices: Matrix) -> Matrix:
 
 
 def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]) -> Matrix:
-    """[2, 3]: the box around the vertices of `meshes`, each mapped by its 4x4 matrix; zeros if there are none."""
-    every = mesh_boxes(description.meshes, meshes, np.array(matrices).reshape(-1, 4, 4))
-    low, high = every[:, 0].min(axis=0, initial=np.inf), every[:, 1].max(axis=0, initial=-np.inf)
+    """Return the bounding box of meshes, each transformed by its 4x4 matrix: [2, 3], m; zeros if there are none."""
+    boxes = mesh_boxes(description.meshes, meshes, np.array(matrices).reshape(-1, 4, 4))
+    low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
     return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
 
 
 def box_matrices(boxes: Matrix, matrices: Matrix) -> Matrix:
-    """[p, 3, 4]: from each mesh, by its matrix [p, 4, 4], to 0..1 in its box [p, 2, 3]. What is flat lies at 0.5."""
-    extent = np.maximum(boxes[:, 1] - boxes[:, 0], LEAST_EXTENT)
+    """Return the transforms from meshes to their objects' boxes, 0..1: [p, 3, 4]. Flat objects lie at 0.5.
+
+    Args:
+        boxes: [p, 2, 3], bounding boxes in the objects' spaces, m.
+        matrices: [p, 4, 4], from the meshes' spaces to the objects'.
+    """
+    extent = np.maximum(boxes[:, 1] - boxes[:, 0], MIN_EXTENT)
     unit = np.zeros((len(boxes), 4, 4))
     unit[:, range(3), range(3)], unit[:, 3, 3] = 1.0 / extent, 1.0
     unit[:, :3, 3] = 0.5 - 0.5 * (boxes[:, 0] + boxes[:, 1]) / extent
@@ -74,18 +81,18 @@ def box_matrices(boxes: Matrix, matrices: Matrix) -> Matrix:
 
 
 def corners(box: Matrix) -> tuple[Vector3, Vector3]:
-    """The lowest and the highest corner of a box [2, 3]."""
+    """Return the lowest and highest corner of a box [2, 3] as tuples."""
     (a, b, c), (d, e, f) = box.tolist()
     return (a, b, c), (d, e, f)
 
 
 def as_one(description: SceneDescription, name: str, prim_path: str, category: str, asset: str) -> SceneDescription:
-    """The same with all its objects made one, whose parts are theirs, one after another."""
+    """Return a description in which all objects are merged into one; its parts are theirs, in order."""
     first, names = [], list[str]()
     for each in description.objects:
         first.append(len(names))
-        inner = [part if part.split("/")[0] == each.name else f"{each.name}/{part}" for part in each.parts]
-        names += inner or [each.name]
+        parts = [part if part.split("/")[0] == each.name else f"{each.name}/{part}" for part in each.parts]
+        names += parts or [each.name]
     if len(description.objects) == 1:
         names = list(description.objects[0].parts)
     instances = tuple(replace(each, object=0, part=first[each.object] + each.part) for each in description.instances)

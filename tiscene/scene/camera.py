@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera: a pose, a lens and an exposure. Looks down its -z axis, +y up, as a UsdGeomCamera does."""
+"""Camera: a pose, a lens and an exposure. It looks along its -z axis with +y up, as a UsdGeomCamera does."""
 
 from __future__ import annotations
 
@@ -22,15 +22,22 @@ _LENGTHS = ("lens_radius", "focus_distance", "near", "far")
 class Camera:
     """A pinhole, thin-lens or orthographic camera.
 
-    position: m, world. rotation: unit quaternion (w, x, y, z). vertical_fov: rad.
-    lens_radius: m, 0 for a pinhole. focus_distance: m along the optical axis.
-    orthographic_height: m; an orthographic camera, which sees so much from below to above, in front of its position, without
-    perspective: vertical_fov means nothing then. None: a perspective camera.
-    near, far: m, only what a view frustum for moving objects is made of; nothing is clipped.
-    shutter_open, shutter_close: frames from the frame's own time, -1..1; what moves while it is open is blurred in the
-    picture, and labels are of the frame's time. Equal: the picture is of the frame's time too.
-    exposure: stops; radiance is multiplied by 2**exposure. None: metered once, at the stream's first frame.
-    dynamic: what moves the camera (any `dynamics.Dynamic`), None for a fixed one.
+    Attributes:
+        position: m, world.
+        rotation: Unit quaternion (w, x, y, z); other quaternions are normalized.
+        vertical_fov: Vertical field of view, rad, 0..pi. Unused by an orthographic camera.
+        name: Its name.
+        lens_radius: Radius of the aperture, m. 0: a pinhole, with everything in focus.
+        focus_distance: Distance of the plane in focus along the optical axis, m.
+        near: Near plane of the frustum that moving objects are kept in, m. Nothing is clipped in the image.
+        far: Its far plane, m.
+        exposure: Stops; radiance is multiplied by 2**exposure. None: metered once, at the stream's first frame.
+        orthographic_height: Height of the visible region of an orthographic camera, m; it sees what is in front of its
+            position. None: a perspective camera.
+        shutter_open: Frames from the frame's own time, -1..1. Color is averaged while the shutter is open (motion
+            blur); labels show the frame's own time.
+        shutter_close: The same. Equal to `shutter_open`: no motion blur, and color shows the frame's own time too.
+        dynamic: Motion of the camera, any `dynamics.Dynamic`. None: a fixed camera.
     """
 
     position: Vector3 = (0.0, 1.6, 4.0)
@@ -52,7 +59,7 @@ class Camera:
             return ArgumentError(f"camera {self.name!r}: {name}={getattr(self, name)!r}: {rule}")
 
         if not isinstance(self.name, str) or self.name.encode(errors="ignore").decode() != self.name:
-            raise refuse("name", "must be a text of whole characters")
+            raise refuse("name", "must be a string without lone surrogates")
         for name, count in (("position", 3), ("rotation", 4)):
             if not _are_numbers(getattr(self, name), count):
                 raise refuse(name, f"must be finite numbers, {count} of them")
@@ -66,7 +73,7 @@ class Camera:
         norm = math.sqrt(sum(component * component for component in self.rotation))
         if norm < 1e-9:
             raise refuse("rotation", "is not a quaternion (w, x, y, z)")
-        # One that is a unit quaternion already is kept to the bit, so that a camera survives a file exactly.
+        # A unit quaternion keeps its bits, so that a camera that is saved and loaded is equal.
         scale = 1.0 if abs(norm - 1.0) < 1e-14 else norm
         object.__setattr__(self, "rotation", tuple(component / scale for component in self.rotation))
         if not 0.0 < self.vertical_fov < math.pi:
@@ -86,9 +93,16 @@ class Camera:
 
     @classmethod
     def look_at(cls, position: Vector3, target: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
-        """A camera at `position` that sees `target` in its center; `others` are the remaining fields.
+        """Return a camera that sees a target in the center of its image.
 
-        Raises ArgumentError.
+        Args:
+            position: m, world.
+            target: m, world.
+            up: Direction that points up in the image.
+            others: The other attributes.
+
+        Raises:
+            ArgumentError: The three do not span a plane, or an attribute is invalid.
         """
         for name, value in (("position", position), ("target", target), ("up", up)):
             if not _are_numbers(value, 3):
@@ -96,7 +110,9 @@ class Camera:
         backward = np.subtract(position, target, dtype=np.float64)
         right = np.cross(up, backward)
         if np.linalg.norm(right) < 1e-9:
-            raise ArgumentError(f"look_at: position={position}, target={target} and up={up} do not span a plane")
+            raise ArgumentError(
+                f"look_at: position={position}, target={target} and up={up} do not span a plane; choose another up"
+            )
         backward /= np.linalg.norm(backward)
         right /= np.linalg.norm(right)
         axes = np.column_stack([right, np.cross(backward, right), backward])
@@ -104,7 +120,14 @@ class Camera:
 
     @classmethod
     def framing(cls, low: Vector3, high: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
-        """A camera in front, above and to the right of the box from `low` to `high` that sees all of it."""
+        """Return a camera that sees a whole bounding box, from in front, above and the right.
+
+        Args:
+            low: Lowest corner, m.
+            high: Highest corner, m.
+            up: (0, 1, 0) or (0, 0, 1).
+            others: The other attributes.
+        """
         center = 0.5 * np.add(low, high, dtype=np.float64)
         radius = max(0.5 * float(np.linalg.norm(np.subtract(high, low))), 1e-3)
         vertical = np.asarray(up, dtype=np.float64)
@@ -115,36 +138,36 @@ class Camera:
         return cls.look_at(tuple(position), tuple(center), up, **others)
 
     def with_pose(self, position: Vector3, rotation: Quaternion) -> Camera:
-        """The same camera elsewhere."""
+        """Return the camera with another position, m, and rotation."""
         return replace(self, position=position, rotation=rotation)
 
     def axes(self) -> NDArray[np.float64]:
-        """3x3: the columns are right, up and backward (+x, +y, +z of the camera) in the world."""
+        """Return the camera's axes in the world, 3x3: the columns are right, up and backward (+x, +y, +z)."""
         return matrix_from_quaternion(self.rotation)
 
     def world_from_camera(self) -> NDArray[np.float64]:
-        """4x4 from OpenCV camera coordinates (x right, y down, z forward) to the world, m."""
+        """Return the 4x4 transform from OpenCV camera coordinates (x right, y down, z forward) to the world, m."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.axes() * (1.0, -1.0, -1.0)
         matrix[:3, 3] = self.position
         return matrix
 
     def intrinsics(self, width: int, height: int) -> NDArray[np.float64]:
-        """The 3x3 matrix K of OpenCV's rule: pixel centers at integers, so cx = (width - 1) / 2; px.
+        """Return OpenCV's matrix K, 3x3, px: pixel centers are at integers, so cx = (width - 1) / 2.
 
-        Of an orthographic camera it takes (x, y, 1) to pixels, whatever z is.
+        The matrix of an orthographic camera maps (x, y, 1) to pixels, for any z.
         """
         focal = self.pixels(height)
         return np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
 
     def pixels(self, height: int) -> float:
-        """The focal length in a picture of that height, px; of an orthographic camera, px per meter."""
+        """Return the focal length in an image of that height, px; of an orthographic camera, px per meter."""
         if self.orthographic_height is not None:
             return height / self.orthographic_height
         return 0.5 * height / math.tan(0.5 * self.vertical_fov)
 
     def half_height(self, depth: float) -> float:
-        """Half of what is seen from below to above, m, at so many meters along the axis."""
+        """Return half the height of the visible region, m, at a depth in m along the axis."""
         return (
             depth * math.tan(0.5 * self.vertical_fov)
             if self.orthographic_height is None
@@ -152,9 +175,14 @@ class Camera:
         )
 
     def frustum_planes(self, aspect: float, far: float | None = None) -> NDArray[np.float64]:
-        """The six planes [6, 4] of the view: inside where n·x + d >= 0. Order: left, right, bottom, top, near, far.
+        """Return the six planes of the view frustum, [6, 4]: (n, d) with n·x + d >= 0 inside.
 
-        aspect: width / height. far: m, default the camera's own.
+        Args:
+            aspect: Width / height.
+            far: Distance of the far plane, m. None: the camera's.
+
+        Returns:
+            Left, right, bottom, top, near, far.
         """
         right, up, backward = self.axes().T
         position = np.asarray(self.position)
@@ -172,7 +200,7 @@ class Camera:
 
 
 def _are_numbers(values: Any, count: int) -> bool:
-    """Whether `values` are so many finite numbers."""
+    """Return whether `values` are `count` finite numbers."""
     try:
         listed = list(values)
     except TypeError:
@@ -181,12 +209,12 @@ def _are_numbers(values: Any, count: int) -> bool:
         return False
     try:
         return all(math.isfinite(value) for value in listed)
-    except OverflowError:  # of whole numbers
+    except OverflowError:  # an integer too large for a float
         return False
 
 
 def matrix_from_quaternion(quaternion: Quaternion) -> NDArray[np.float64]:
-    """The 3x3 rotation of a unit quaternion (w, x, y, z)."""
+    """Return the 3x3 rotation of a unit quaternion (w, x, y, z)."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -198,7 +226,7 @@ def matrix_from_quaternion(quaternion: Quaternion) -> NDArray[np.float64]:
 
 
 def quaternion_from_matrix(matrix: NDArray[np.float64]) -> Quaternion:
-    """The unit quaternion (w, x, y, z), w >= 0, of a 3x3 rotation, by its largest component."""
+    """Return the unit quaternion (w, x, y, z), w >= 0, of a 3x3 rotation, from its largest component."""
     m = np.asarray(matrix, dtype=np.float64)
     squares = np.array(
         [

@@ -19,7 +19,7 @@ from tiscene.scene.bvh.rebraid import INFO_PARTS, MOST_OPENED, PARTS, ROW_BITS, 
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.lights.light_table import LightTable
-from tiscene.scene.lights.mesh_lights import MeshLight, mean_emission, build_mesh_light
+from tiscene.scene.lights.mesh_lights import MeshLight, build_mesh_light, mean_emission
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.textures.atlas import TextureAtlas
@@ -267,7 +267,7 @@ class DeviceScene:
             entries[row] = deforming.blas[CURRENT].entry
             self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
             self._parts.entries[row] = 0
-            deforming.forget()
+            deforming.invalidate()
         columns = [entries, self._first_triangles[:-1], flags, moved, first_colors - 3 * first_vertices[:-1]]
         self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 5)
         self._mesh_arrays_are_old = False

@@ -27,7 +27,7 @@ _is_inside_class: Any = kernel_impl._inside_class
 _compilation = threading.RLock()  # Taichi's front end keeps its state in globals
 
 
-class PatchedKernel(Kernel):
+class PatchedKernel(Kernel):  # type: ignore[misc]  # Taichi has no types
     """A kernel that is launched and compiled with less Python.
 
     Attributes:
