@@ -19,6 +19,7 @@ PUBLIC = [
     "Frustum",
     "Keyframes",
     "LightMotion",
+    "Limits",
     "LinearWaypoints",
     "LookAt",
     "Object",

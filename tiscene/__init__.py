@@ -66,6 +66,7 @@ _MODULES = {
     "Frustum": "tiscene.scenario.objects",
     "Keyframes": "dynamics",
     "LightMotion": "tiscene.scenario.light_motion",
+    "Limits": "tiscene.usd.core.limits",
     "LinearWaypoints": "dynamics",
     "LookAt": "dynamics",
     "Object": "tiscene.scenario.objects",

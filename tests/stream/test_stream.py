@@ -20,6 +20,7 @@ from tiscene.errors import (
     CameraNotFound,
     MissingFile,
     SceneNotFound,
+    StageError,
     StageWarning,
     TemplateNotFound,
 )
@@ -178,9 +179,7 @@ def test_paths_until_the_error_is_small_enough():
 
 def test_no_error_is_promised_while_a_shutter_is_open():
     settings = {**SETTINGS, "buffers": ("hdr",), "incremental": None, "relative_error": 0.1, "spp": 16}
-    with pytest.raises(
-        ArgumentError, match=r"relative_error=0.1: not available with an open shutter; give spp="
-    ):
+    with pytest.raises(ArgumentError, match=r"relative_error=0.1: not available with an open shutter; give spp="):
         ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))[4]
     assert ts.Stream(moving_scenario(), **settings, shutter=(0, 0))[4].spp == 16
 
@@ -360,3 +359,11 @@ def test_restarts_free_device_memory():
     finally:
         gc.enable()
     assert counts[-2:] == counts[2:4]
+
+
+def test_limits_bound_the_reading_of_trusted_stages(tmp_path):
+    path = tmp_path / "box.usda"
+    path.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Box"\n{\n}\n')
+    with pytest.raises(StageError, match=r"box\.usda.*\n.*longer than 0\.01 s"):
+        ts.Stream(path, width=8, height=6, buffers=("instance",), limits=ts.Limits(seconds=0.01))
+    ts.Stream(path, width=8, height=6, buffers=("instance",), limits=ts.Limits(seconds=60.0))[0]

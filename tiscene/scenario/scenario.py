@@ -212,7 +212,12 @@ class Scenario:
 
     @classmethod
     def load(
-        cls, source: str | os.PathLike[str], *, variants: Mapping[str, str] | None = None, still: bool = False
+        cls,
+        source: str | os.PathLike[str],
+        *,
+        variants: Mapping[str, str] | None = None,
+        still: bool = False,
+        limits: Any = None,
     ) -> Scenario:
         """Read a scenario file, or the scenario that is authored on a USD stage.
 
@@ -221,6 +226,7 @@ class Scenario:
                 without objects.
             variants: variant selections, added to those in the file.
             still: read no motion from a stage.
+            limits: `ts.Limits` of time and memory that reading a stage may take; None: unlimited.
 
         Raises:
             ArgumentError, MissingFile, SceneNotFound: there is no such source.
@@ -235,7 +241,7 @@ class Scenario:
         if still:
             return cls(os.fspath(source), variants=dict(variants or {}))
         file = catalog.find_scene(source)
-        authored = provider("read_usd")(file, variants=variants)
+        authored = provider("read_usd")(file, variants=variants, limits=limits)
         content = {"format": FORMAT, "version": VERSION, "scene": os.fspath(source)} | authored.content
         content["variants"] = content.get("variants", {}) | dict(variants or {})
         try:

@@ -82,7 +82,8 @@ class StageCache:
             TemplateNotFound, StageError: it cannot be found or read.
         """
         file, variants = catalog.find_template(name, scene=scenario.scene), catalog.template_variants(name)[1]
-        return read_template(file, up_axis=stage.up_axis, taxonomy=self._options["taxonomy"], variants=variants)
+        taxonomy, limits = self._options["taxonomy"], self._loading["limits"]
+        return read_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants, limits=limits)
 
 
 def file_digests(scenario: Scenario, stage: SceneDescription) -> dict[str, str]:

@@ -157,7 +157,7 @@ class Stream(Iterator[Frame]):
             limits=limits,
         )
         if not isinstance(source, Scenario):
-            source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None)
+            source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None, limits=limits)
         elif variants is not None:
             source = replace(source, variants={**source.variants, **variants})
         if camera is not None:
