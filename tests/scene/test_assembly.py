@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ObjectParts of objects and the boxes around them."""
+"""Parts of objects and their bounding boxes."""
 
 import numpy as np
 import pytest
@@ -17,13 +17,13 @@ def placed(rotation: object, scale: object, translation: object = (1, 2, 3)) -> 
 
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (2, 0.1, 30), (1e-6, 1e-6, 1e-6)])
-def test_the_rigid_part_of_a_scaled_matrix_is_its_rotation(scale):
+def test_rigid_part_of_a_scaled_matrix_is_its_rotation(scale):
     rotation = Rotation.from_euler("xyz", (20, 50, -130), degrees=True).as_matrix()
     found = rigid(placed(rotation, scale))
     np.testing.assert_allclose(found, placed(rotation, (1, 1, 1)), atol=1e-14)
 
 
-def test_the_rigid_part_of_a_mirror_is_a_rotation():
+def test_rigid_part_of_a_mirroring_matrix_is_a_rotation():
     found = rigid(placed(np.eye(3), (1, -2, 1)))
     assert np.linalg.det(found[:3, :3]) == pytest.approx(1.0)
     np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-15)
@@ -36,7 +36,7 @@ def description(*points: object) -> SceneDescription:
     return SceneDescription("d", tuple(meshes))
 
 
-def test_the_box_is_around_all_mapped_vertices():
+def test_bounding_box_contains_all_transformed_vertices():
     two = description([(0, 0, 0), (1, 2, 3)], [(1, 1, 1)])
     box = bounding_box(two, [0, 1, 0], [np.eye(4), placed(np.eye(3), (1, 1, 1), (-5, 0, 0)), np.diag([1, -1, 1, 1.0])])
     assert box.tolist() == [[-4, -2, 0], [1, 2, 3]]
@@ -44,7 +44,7 @@ def test_the_box_is_around_all_mapped_vertices():
     assert bounding_box(description([]), [0], [np.eye(4)]).tolist() == [[0, 0, 0], [0, 0, 0]]
 
 
-def test_box_coordinates_run_from_0_to_1_and_stay_invertible():
+def test_box_coordinates_are_0_to_1_and_invertible_for_flat_objects():
     box = np.array([[-1.0, 2.0, 0.0], [3.0, 2.0, 1.0]])
     (matrix,) = box_matrices(box[None], np.diag([2.0, 1, 1, 1])[None])
     np.testing.assert_allclose(matrix @ (-0.5, 2, 0, 1), (0, 0.5, 0))
@@ -52,7 +52,7 @@ def test_box_coordinates_run_from_0_to_1_and_stay_invertible():
     assert np.linalg.det(matrix[:, :3]) == pytest.approx(2 / 4 / MIN_EXTENT)
 
 
-def test_joining_keeps_the_order_and_nothing_joins_to_nothing():
+def test_joined_keeps_the_order_and_accepts_no_tables():
     def part(mesh: int) -> ObjectParts:
         row, matrix = np.zeros(1, np.int32), np.ones((1, 3, 4))
         return ObjectParts(row + mesh, row, matrix, matrix, row + 2 * mesh)

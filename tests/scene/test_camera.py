@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera: poses, intrinsics, frusta."""
+"""Camera: poses, intrinsics, frustum planes, validation."""
 
 import math
 
@@ -15,7 +15,7 @@ def random_quaternions(count: int) -> np.ndarray:
     return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
 
 
-def test_quaternions_and_matrices_are_each_others_inverse():
+def test_quaternion_and_matrix_conversions_are_inverse():
     # Half turns about the axes are where the largest component of the quaternion changes.
     special = [(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1), (0, 0.6, 0.8, 0), (0.5, 0.5, 0.5, 0.5)]
     for quaternion in [*special, *random_quaternions(200)]:
@@ -27,7 +27,7 @@ def test_quaternions_and_matrices_are_each_others_inverse():
         np.testing.assert_allclose(matrix_from_quaternion(back), matrix, atol=1e-12)
 
 
-def test_a_quarter_turn_about_y_turns_left():
+def test_quarter_turn_about_y_turns_left():
     half = math.sqrt(0.5)
     np.testing.assert_allclose(matrix_from_quaternion((half, 0, half, 0)) @ (0, 0, -1), (-1, 0, 0), atol=1e-12)
 
@@ -45,7 +45,7 @@ def project(camera: Camera, point, width: int, height: int) -> np.ndarray:
     return np.array([u / w, v / w, z])
 
 
-def test_look_at_puts_the_target_in_the_center_and_up_up():
+def test_look_at_centers_the_target_and_keeps_the_horizon_level():
     camera = Camera.look_at((3.0, 2.0, 1.0), (-1.0, 0.5, -2.0))
     distance = np.linalg.norm(np.subtract(camera.position, (-1.0, 0.5, -2.0)))
     np.testing.assert_allclose(project(camera, (-1.0, 0.5, -2.0), 64, 48), (31.5, 23.5, distance))
@@ -53,14 +53,14 @@ def test_look_at_puts_the_target_in_the_center_and_up_up():
     assert abs(camera.axes()[1, 0]) < 1e-12, "the horizon is level"
 
 
-def test_camera_axes_are_those_of_usd_and_of_opencv():
+def test_camera_axes_follow_usd_and_opencv():
     camera = Camera(position=(1.0, 2.0, 3.0))
     np.testing.assert_allclose(camera.axes(), np.eye(3))
     np.testing.assert_allclose(camera.world_from_camera() @ (0, 0, 5, 1), (1, 2, -2, 1))
     np.testing.assert_allclose(camera.world_from_camera() @ (0, 1, 0, 1), (1, 1, 3, 1))
 
 
-def test_the_frustum_is_what_the_picture_shows():
+def test_frustum_contains_exactly_the_points_in_the_image():
     camera = Camera.look_at((3.0, 2.0, 1.0), (-1.0, 0.5, -2.0), vertical_fov=0.9, near=0.5, far=6.0)
     width, height = 64, 48
     planes = camera.frustum_planes(width / height)
@@ -79,7 +79,7 @@ def test_the_frustum_is_what_the_picture_shows():
     np.testing.assert_allclose(planes[5, 3] - shorter[5, 3], 4.0)
 
 
-def test_planes_come_in_the_order_that_is_promised():
+def test_frustum_planes_are_in_the_documented_order():
     left, right, bottom, top, near, far = Camera(position=(0, 0, 0)).frustum_planes(1.5)
     assert left[0] > 0 > right[0]
     assert bottom[1] > 0 > top[1]
@@ -87,7 +87,7 @@ def test_planes_come_in_the_order_that_is_promised():
     np.testing.assert_allclose(far, (0, 0, 1, 1000.0), atol=1e-12)
 
 
-def test_a_camera_moved_is_the_same_camera_elsewhere():
+def test_with_pose_keeps_all_other_attributes():
     camera = Camera(vertical_fov=0.5, exposure=1.5, name="Front")
     moved = camera.with_pose((1, 2, 3), (0, 0, 2, 0))
     assert moved.position == (1.0, 2.0, 3.0)
@@ -96,7 +96,7 @@ def test_a_camera_moved_is_the_same_camera_elsewhere():
 
 
 @pytest.mark.parametrize("up", [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
-def test_a_box_is_seen_whole_and_large(up):
+def test_framing_shows_the_whole_box_and_fills_the_image(up):
     low, high = (-1.0, 0.0, -2.0), (3.0, 1.0, 1.0)
     camera = Camera.framing(low, high, up)
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
@@ -107,7 +107,7 @@ def test_a_box_is_seen_whole_and_large(up):
 
 
 @pytest.mark.parametrize(
-    ("fields", "complaint"),
+    ("fields", "message"),
     [
         ({"position": (0.0, math.nan, 0.0)}, "must be finite"),
         ({"rotation": (0.0, 0.0, 0.0, 0.0)}, "not a quaternion"),
@@ -119,14 +119,14 @@ def test_a_box_is_seen_whole_and_large(up):
         ({"far": 10**400}, "must be finite"),
     ],
 )
-def test_impossible_cameras_are_refused(fields, complaint):
-    with pytest.raises(ArgumentError, match=f"camera 'Front': .*{complaint}"):
+def test_invalid_cameras_are_refused(fields, message):
+    with pytest.raises(ArgumentError, match=f"camera 'Front': .*{message}"):
         Camera(name="Front", **fields)
 
 
 @pytest.mark.parametrize("name", [3, "a\ud800"])
-def test_a_camera_has_a_name_that_can_be_written(name):
-    with pytest.raises(ArgumentError, match=r"name=.*: must be a text of whole characters"):
+def test_name_must_be_encodable(name):
+    with pytest.raises(ArgumentError, match=r"name=.*: must be a string without lone surrogates"):
         Camera(name=name)
 
 
@@ -136,13 +136,13 @@ def test_look_at_along_up_is_refused():
 
 
 @pytest.mark.parametrize("places", [("abc", (0, 0, 0)), ((0, 0), (1, 1)), ((0, 0, math.inf), (0, 0, 0))])
-def test_look_at_wants_numbers(places):
+def test_look_at_refuses_positions_that_are_not_three_finite_numbers(places):
     with pytest.raises(ArgumentError, match=r"look_at: position=.*: must be finite numbers, 3 of them"):
         Camera.look_at(*places)
 
 
-def test_what_moves_a_camera_may_hold_lists():
-    """Views are remembered by their cameras, whatever somebody wrote to move them."""
-    moved = Camera(dynamic=["somebody's"])
+def test_camera_with_unhashable_dynamic_is_hashable():
+    """Views are cached by their cameras, and a user's dynamic may hold lists."""
+    moved = Camera(dynamic=["of a user"])
     assert hash(moved) == hash(Camera())
     assert moved != Camera()

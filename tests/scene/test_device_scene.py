@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The device scene holds what was added, row for row, and places it."""
+"""DeviceScene: rows of what was added, placed instances, bounds."""
 
 from dataclasses import replace
 
@@ -20,19 +20,21 @@ SQUARE = mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 
 EMPTY = mesh([], [], "empty")
 
 
-def dressed(source: Mesh, **others: np.ndarray) -> Mesh:
+def with_attributes(source: Mesh, **others: np.ndarray) -> Mesh:
     return replace(source, **others)
 
 
-def test_rows_count_on_through_all_that_is_added() -> None:
+def test_rows_continue_over_several_descriptions() -> None:
     scene = DeviceScene()
     normals = np.tile(np.float32([0, 0, 1]), (4, 1))
     uv = np.float32([[0, 0], [1, 0], [1, 1], [0, 1]])
     first = SceneDescription(
-        "stage", meshes=(TRIANGLE, dressed(SQUARE, normals=normals)), materials=(Material("a"), Material("b"))
+        "stage", meshes=(TRIANGLE, with_attributes(SQUARE, normals=normals)), materials=(Material("a"), Material("b"))
     )
     second = SceneDescription(
-        "template", meshes=(EMPTY, dressed(SQUARE, uv=uv, materials=np.int32([0, 1]))), materials=(Material("c"),) * 2
+        "template",
+        meshes=(EMPTY, with_attributes(SQUARE, uv=uv, materials=np.int32([0, 1]))),
+        materials=(Material("c"),) * 2,
     )
     assert scene.add(first) == 0
     assert scene.add(second) == 2
@@ -54,7 +56,7 @@ def test_rows_count_on_through_all_that_is_added() -> None:
     np.testing.assert_array_equal(info[:, 5], [0, HAS_NORMALS, 0, HAS_UV])
 
 
-def test_instances_carry_identity_and_matrices() -> None:
+def test_placed_instances_have_identity_and_matrices() -> None:
     scene = DeviceScene()
     scene.add(described(SQUARE))
     random = np.random.default_rng(4)
@@ -83,7 +85,7 @@ def test_instances_carry_identity_and_matrices() -> None:
     )
 
 
-def test_bounds_are_those_of_what_is_there_now() -> None:
+def test_bounds_contain_exactly_the_present_instances() -> None:
     scene = DeviceScene()
     scene.add(described(SQUARE, EMPTY))
     np.testing.assert_array_equal(scene.bounds, np.zeros((2, 3)))
@@ -100,24 +102,24 @@ def test_bounds_are_those_of_what_is_there_now() -> None:
     assert scene.instance_count == 0
 
 
-def test_only_wanted_times_are_placed() -> None:
+def test_only_requested_times_are_placed() -> None:
     scene = DeviceScene()
     scene.add(described(SQUARE))
     scene.place(placed([0]), times=(PREVIOUS, NEXT))
-    assert scene.tlas_root(PREVIOUS) == scene.tlas_root(NEXT)  # nothing has moved: one tree for both
+    assert scene.tlas_root(PREVIOUS) == scene.tlas_root(NEXT)  # nothing moved, so they share a tree
     with pytest.raises(ArgumentError, match="time=1"):
         scene.tlas_root(CURRENT)
 
 
 @pytest.mark.parametrize("rows", [[0, 1], [-1]])
-def test_a_mesh_that_was_not_added(rows: list[int]) -> None:
+def test_placing_a_mesh_that_was_not_added_is_refused(rows: list[int]) -> None:
     scene = DeviceScene()
     scene.add(described(SQUARE))
     with pytest.raises(ArgumentError, match="1 meshes were added"):
         scene.place(placed(rows))
 
 
-def test_layout_follows_the_device() -> None:
+def test_traversal_layout_follows_the_device() -> None:
     assert DeviceScene().traversal == ("bvh2" if ti.cfg.arch == ti.cuda else "bvh8")
     assert DeviceScene("bvh2").traversal == "bvh2"
     with pytest.raises(ArgumentError, match="traversal='octal'"):

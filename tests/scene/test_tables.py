@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of materials, textures and lights: rows, flags, packing, chances."""
+"""Tables of materials, textures and lights: rows, flags, packing."""
 
 from dataclasses import replace
 
@@ -48,12 +48,12 @@ from tiscene.scene.textures.atlas import HEIGHT, IS_FLOAT, IS_SRGB, OFFSET, WIDT
 EYE = np.eye(4)
 
 
-def test_upload_keeps_values_and_has_a_row_for_nothing() -> None:
+def test_upload_keeps_values_and_makes_a_row_for_empty_arrays() -> None:
     assert upload(np.arange(6).reshape(2, 3)).to_numpy().tolist() == [[0, 1, 2], [3, 4, 5]]
     assert upload(np.zeros((0, 3), np.float32)).to_numpy().tolist() == [[0.0, 0.0, 0.0]]
 
 
-def test_materials_append_and_find_their_textures() -> None:
+def test_appended_materials_refer_to_their_textures() -> None:
     table = MaterialTable()
     lookup = TextureLookup(1, "g", uv_transform=(2.0, 0.0, 0.25, 0.0, 3.0, 0.5))
     assert table.append([Material("a", diffuse_color=(0.1, 0.2, 0.3))], first_texture=0) == 0
@@ -79,7 +79,7 @@ def test_materials_append_and_find_their_textures() -> None:
     assert table.flags[3] == TEXTURED | COVERAGE
 
 
-def test_normals_of_length_1_are_known() -> None:
+def test_normal_maps_of_unit_length_are_recognized() -> None:
     table = MaterialTable()
     signed = TextureLookup(0, scale=(2.0, -2.0, 2.0, 1.0), bias=(-1.0, 1.0, -1.0, 0.0))
     weak = TextureLookup(0, scale=(0.5, 0.5, 1.0, 1.0), bias=(-0.25, -0.25, 0.0, 0.0))
@@ -89,7 +89,7 @@ def test_normals_of_length_1_are_known() -> None:
     assert lookups[:, LOOKUP_CHANNEL].tolist() == [UNIT_NORMAL, 0]
 
 
-def test_textures_are_packed_one_word_a_pixel_or_four_floats() -> None:
+def test_textures_are_packed_as_one_word_or_four_floats_a_pixel() -> None:
     atlas = TextureAtlas()
     small = Texture("small", np.arange(24, dtype=np.uint8).reshape(2, 3, 4), wrap_s="mirror")
     bright = Texture("bright", np.full((1, 2, 4), 9.5, np.float32), encoding="raw")
@@ -103,7 +103,7 @@ def test_textures_are_packed_one_word_a_pixel_or_four_floats() -> None:
     assert floats[256:].tolist() == [9.5] * 8
 
 
-def test_srgb_is_decoded_but_not_alpha() -> None:
+def test_srgb_colors_are_decoded_and_alpha_is_not() -> None:
     pixels = np.full((1, 1, 4), 188, np.uint8)
     linear = linear_pixels(Texture("t", pixels))[0, 0]
     assert linear == pytest.approx([0.5029, 0.5029, 0.5029, 188 / 255], abs=1e-4)
@@ -131,7 +131,7 @@ def atlas() -> TextureAtlas:
     return result
 
 
-def test_lights_that_can_be_met_come_first() -> None:
+def test_lights_that_rays_can_hit_come_first() -> None:
     arrays = lights().arrays(atlas())
     values, header = arrays.values.to_numpy(), arrays.nodes.to_numpy()[:ROWS].ravel()
     assert values[:, KIND].tolist() == [RECT, SPHERE, POINT, POINT + 1, DOME]
@@ -141,17 +141,17 @@ def test_lights_that_can_be_met_come_first() -> None:
     assert header[[H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS]].tolist() == [3, 4, 5, 5]
 
 
-def test_no_lights_and_black_lights_are_no_error() -> None:
+def test_empty_and_black_light_tables_are_valid() -> None:
     empty = LightTable().arrays(TextureAtlas()).nodes.to_numpy()[:ROWS].reshape(-1, NODE_COLUMNS)
     assert empty[0, H_DOME_END] == 0  # no entry
     dark = LightTable()
     dark.append([RectLight("off", "/off", EYE, (0.0, 0.0, 0.0), 1.0, 1.0)] * 2, first_texture=0)
     nodes = dark.arrays(TextureAtlas()).nodes.to_numpy()[: 2 * ROWS].reshape(-1, NODE_COLUMNS)
     assert not child_rows(nodes[1])[:, [STRENGTH, UNIFORM]].any()
-    assert nodes[0, H_AREA_COUNT] == 2  # they are in the way all the same
+    assert nodes[0, H_AREA_COUNT] == 2  # rays hit them nevertheless
 
 
-def test_what_lamps_do_leaves_the_images_of_lights_on_the_device() -> None:
+def test_moving_a_light_keeps_texture_distributions_on_the_device() -> None:
     table, images = lights(), atlas()
     before = table.arrays(images)
     sky, lamp, *others = table.lights

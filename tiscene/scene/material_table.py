@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All materials of a scene as three arrays: constant inputs, flags, and texture lookups of the inputs that have one."""
+"""MaterialTable: all materials of a scene as three arrays, for kernels.
+
+`values` holds the constant inputs of each material, `info` its flags, and `lookups` the texture lookups of the inputs
+that have one.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,12 @@ import numpy as np
 from tiscene.device.memory import upload
 from tiscene.scene.description import VERTEX_COLORS, Material, TextureLookup
 
-# Columns of `values`, where each input's constant is (3 for a color, 1 for a number).
+# Columns of `values`: the first of each input (3 for a color, 1 for a number).
 VALUE_COLUMNS = 20
 DIFFUSE, EMISSIVE, SPECULAR, METALLIC, ROUGHNESS, CLEARCOAT, CLEARCOAT_ROUGHNESS, OPACITY = 0, 3, 6, 9, 10, 11, 12, 13
 THRESHOLD, IOR = 14, 15
 
-# Columns of `info`: flags; which of the glass energy tables; the first of the material's rows of `lookups`, how many.
+# Columns of `info`: flags, row of the glass energy tables, first row and number of rows of `lookups`.
 INFO_COLUMNS = 4
 FLAGS, GLASS_INDEX, FIRST_LOOKUP, LOOKUP_COUNT = range(INFO_COLUMNS)
 INPUTS = (
@@ -29,11 +33,11 @@ INPUTS = (
     ("clearcoat_roughness", CLEARCOAT_ROUGHNESS),
     ("opacity", OPACITY),
 )
-NORMAL = VALUE_COLUMNS  # stands for the input without a constant
+NORMAL = VALUE_COLUMNS  # the input that has no constant
 
-# Columns of `lookups`. LOOKUP_INPUT: the column of `values` that it replaces, or NORMAL. LOOKUP_SCALED_AREA: by how
-# much the transform scales areas. LOOKUP_TEXTURE: below 0, the vertices' colors. A UNIT_NORMAL is an rgb whose length,
-# with this scale and bias, is 1 in every pixel.
+# Columns of `lookups`. LOOKUP_INPUT: the column of `values` that it replaces, or NORMAL. LOOKUP_SCALED_AREA: the factor
+# by which the transform scales areas. LOOKUP_TEXTURE: below 0 (VERTEX_COLORS) for vertex colors. UNIT_NORMAL is the
+# channel of an rgb whose length, with this scale and bias, is 1 in every pixel.
 LOOKUP_COLUMNS = 20
 LOOKUP_TEXTURE, LOOKUP_CHANNEL, LOOKUP_SCALE, LOOKUP_BIAS, LOOKUP_TRANSFORM, LOOKUP_INPUT = 0, 1, 2, 6, 10, 16
 LOOKUP_SCALED_AREA, LOOKUP_SET = 17, 18
@@ -42,21 +46,27 @@ UNIT_NORMAL = len(CHANNELS)
 
 # Bits of the flags.
 SPECULAR_WORKFLOW = 1
-COVERAGE = 2  # opacity says how much of the surface is there; a ray passes through the rest unchanged
+COVERAGE = 2  # opacity is alpha: the fraction of the surface that exists; rays pass the rest unchanged
 GLASS = 4  # opacity below 1 makes the surface refract
-MATTE = 8  # diffuse reflection alone: no other lobe can be there
+MATTE = 8  # has only the diffuse lobe
 TEXTURED = 16
 EMITS = 32
 COATED = 64
-PLAIN = 128  # matte, of constant colors and wholly there: nothing else of it needs to be looked up
-MAY_MIRROR = 256  # somewhere it may be so smooth and shiny, and is not glass, that one sees other things in it
+PLAIN = 128  # matte, constant and opaque: kernels read nothing else of it
+MAY_MIRROR = 256  # may show clear reflections somewhere, and is not glass
 
-# What that means: less rough, and more metallic or (by the specular workflow) more reflecting in all colors.
+# Limits of MAY_MIRROR: roughness is below, and metallic or (in the specular workflow) specular color is above.
 MIRROR_ROUGHNESS, MIRROR_METALLIC, MIRROR_SPECULAR = 0.15, 0.5, 0.5
 
 
 class MaterialArrays(NamedTuple):
-    """values: f32 [n, 20]; info: i32 [n, 4]; lookups: f32 [k, 20]; columns as named above."""
+    """Device arrays of a material table; the columns are named by the constants of this module.
+
+    Attributes:
+        values: f32 [n, 20].
+        info: i32 [n, 4].
+        lookups: f32 [k, 20].
+    """
 
     values: Any
     info: Any
@@ -64,11 +74,11 @@ class MaterialArrays(NamedTuple):
 
 
 def flags_of(material: Material) -> int:
-    """What kernels may take for granted about a material.
+    """Return the flags of a material: what kernels may rely on.
 
-    UsdPreviewSurface leaves open what a partial opacity is. Here it is *coverage* where the author says so (mode
-    "presence", or a threshold), where it is painted (a texture: leaves, lace, decals) and where nothing could refract
-    (ior 1); else it is glass: `1 - opacity` of the light enters the solid that the mesh encloses.
+    UsdPreviewSurface does not define partial opacity. Here it is coverage (alpha) where the author chose it (mode
+    "presence", or a threshold), where it is a texture (leaves, lace, decals), and where nothing refracts (ior 1). Else
+    the material is glass: the fraction `1 - opacity` of the light enters the solid that the mesh encloses.
     """
     flags = 0
     textured = [name for name, _ in INPUTS if isinstance(getattr(material, name), TextureLookup)]
@@ -88,9 +98,9 @@ def flags_of(material: Material) -> int:
         flags |= EMITS
     if material.clearcoat != 0.0:
         flags |= COATED
-    shines = material.specular_color != (0.0, 0.0, 0.0) if material.use_specular_workflow else material.ior != 1.0
+    reflects = material.specular_color != (0.0, 0.0, 0.0) if material.use_specular_workflow else material.ior != 1.0
     metal = material.metallic != 0.0 and not material.use_specular_workflow
-    if not (shines or metal or flags & (COATED | GLASS)):
+    if not (reflects or metal or flags & (COATED | GLASS)):
         flags |= MATTE
         if not flags & (TEXTURED | COVERAGE):
             flags |= PLAIN
@@ -109,9 +119,13 @@ def _may_mirror(material: Material) -> bool:
 
 
 class MaterialTable:
-    """Grows by `append`; the device arrays are made anew at the next `arrays` after that.
+    """A growing table of materials. After `append`, the next `arrays` uploads them again.
 
-    labels: what materials are called, by number, 0 is "": their prim paths, else their names. Rows may share one.
+    Attributes:
+        materials: The materials, by row.
+        flags: Their flags.
+        labels: Names of materials by number: prim paths, else names. 0 is "". Materials may share a label.
+        glass_iors: Distinct indices of refraction of glass, in order of appearance.
     """
 
     def __init__(self) -> None:
@@ -121,7 +135,7 @@ class MaterialTable:
         self._numbers: dict[str, int] = {"": 0}
         self._label_of_row: list[int] = []
         self._label_array: Any = None
-        self.glass_iors: list[float] = []  # the distinct indices of refraction of glass, in order of appearance
+        self.glass_iors: list[float] = []
         self._first_texture: list[int] = []
         self._arrays: MaterialArrays | None = None
 
@@ -129,7 +143,7 @@ class MaterialTable:
         return len(self.materials)
 
     def append(self, materials: Iterable[Material], first_texture: int) -> int:
-        """Add materials whose textures begin at a row of the atlas; returns the row of the first."""
+        """Add materials whose textures begin at a row of the atlas. Return the row of the first material."""
         first = len(self.materials)
         for material in materials:
             flags = flags_of(material)
@@ -147,22 +161,22 @@ class MaterialTable:
 
     @property
     def any_coverage(self) -> bool:
-        """Whether a ray may pass through some surface."""
+        """Whether some material has partial coverage, so that rays may pass a surface."""
         return any(flags & COVERAGE for flags in self.flags)
 
     @property
     def any_emission(self) -> bool:
-        """Whether some surface gives light."""
+        """Whether some material is emissive."""
         return any(flags & EMITS for flags in self.flags)
 
     def arrays(self) -> MaterialArrays:
-        """What kernels read."""
+        """Return the device arrays."""
         if self._arrays is None:
             self._arrays = self._upload()
         return self._arrays
 
     def label_of_row(self) -> Any:
-        """i32 [n]: the number in `labels` of each row, for kernels."""
+        """Return the number in `labels` of each row, i32 [n], on the device."""
         if self._label_array is None:
             self._label_array = upload(np.array(self._label_of_row, np.int32))
         return self._label_array

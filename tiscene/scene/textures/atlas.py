@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All images of a scene in three flat arrays, so that a kernel can read any of them by its row.
+"""TextureAtlas: all images of a scene in three flat arrays, from which kernels read any image by its row.
 
-8-bit images stay 8-bit (one word a pixel); only float images take floats. Kernels read them through
+8-bit images stay 8-bit, one 32-bit word for each pixel; float images take four floats. Kernels read them by
 `tiscene.render.texture_lookup`.
 """
 
@@ -23,10 +23,14 @@ WRAPS = ("repeat", "clamp", "mirror", "black")
 
 
 class TextureArrays(NamedTuple):
-    """info: i32 [n + copies, 9], columns as named above; OFFSET counts pixels within the image's own array, COARSER is
-    the row of the copy of half the size, LEVELS says how many copies follow each other there.
-    words: i32 [p], one RGBA pixel each, red in the lowest byte.
-    floats: f32 [256 + 4 q]: first the sRGB decoding table, then RGBA pixels of the float images.
+    """Device arrays of a texture atlas.
+
+    Attributes:
+        info: i32 [n + mipmap levels, 9]; columns are named by the constants of this module. OFFSET: the first pixel in
+            the image's array. COARSER: the row of the first mipmap level, which has half the size. LEVELS: the number
+            of levels, in consecutive rows.
+        words: i32 [p], RGBA pixels of 8-bit images, red in the lowest byte.
+        floats: f32 [256 + 4 q], the sRGB decoding table, then RGBA pixels of float images.
     """
 
     info: Any
@@ -35,7 +39,7 @@ class TextureArrays(NamedTuple):
 
 
 def linear_pixels(texture: Texture) -> NDArray[np.float32]:
-    """float32 [h, w, 4]: the image as the renderer sees it, decoded."""
+    """Return an image as the renderer sees it: linear, float32 [height, width, 4]."""
     if texture.pixels.dtype != np.uint8:
         return np.asarray(texture.pixels, np.float32)
     pixels = texture.pixels.astype(np.float32) / np.float32(255.0)
@@ -45,7 +49,7 @@ def linear_pixels(texture: Texture) -> NDArray[np.float32]:
 
 
 class TextureAtlas:
-    """Grows by `append`; the device arrays are made anew at the next `arrays` after that."""
+    """A growing table of images. After `append`, the next `arrays` uploads them again."""
 
     def __init__(self) -> None:
         self.textures: list[Texture] = []
@@ -55,14 +59,14 @@ class TextureAtlas:
         return len(self.textures)
 
     def append(self, textures: Iterable[Texture]) -> int:
-        """Add images; returns the row of the first."""
+        """Add images. Return the row of the first."""
         first = len(self.textures)
         self.textures.extend(textures)
         self._arrays = None
         return first
 
     def arrays(self) -> TextureArrays:
-        """What kernels read."""
+        """Return the device arrays."""
         if self._arrays is None:
             self._arrays = self._upload()
         return self._arrays

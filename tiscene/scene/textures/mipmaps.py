@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Copies of images of half, a quarter, ... of their size.
+"""Mipmaps (Williams, "Pyramidal Parametrics", 1983): images at a half, a quarter, ... of their resolution.
 
-They are means, for whoever could not tell an image's single pixels apart (Williams, "Pyramidal Parametrics", 1983).
+Levels are box-filtered in linear color, and end at images that fit into a processor's cache.
 """
 
 from __future__ import annotations
@@ -15,18 +15,20 @@ from numpy.typing import NDArray
 from tiscene.scene.color import decode_srgb
 from tiscene.scene.description import Texture
 
-SMALLEST_SIZE = 64  # what is smaller stays in a cache as it is
+SMALLEST_SIZE = 64  # px, of the longer side; smaller images stay in the processor's cache
 
 
 @cache
 def srgb_decoding() -> NDArray[np.float32]:
-    """float32 [256]: the linear value of every 8-bit sRGB code."""
+    """Return the linear value of each 8-bit sRGB code, float32 [256]."""
     return decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 
 
 def coarser_copies(texture: Texture) -> tuple[Texture, ...]:
-    """An 8-bit image at half its size each way, at a quarter and so on, until it is at most SMALLEST_SIZE pixels long:
-    the means of linear values over four pixels of the copy before."""
+    """Return the mipmap levels of an 8-bit image, from half its size down to at most SMALLEST_SIZE pixels a side.
+
+    Each pixel is the mean of four pixels of the level above, in linear values. Float images have no levels.
+    """
     pixels = texture.pixels
     if pixels.dtype != np.uint8 or max(pixels.shape[:2]) <= SMALLEST_SIZE:
         return ()
@@ -46,7 +48,7 @@ def coarser_copies(texture: Texture) -> tuple[Texture, ...]:
 
 @cache
 def _wide_codes(is_srgb: bool) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """The linear value, 0..65535, of every 8-bit code, and the nearest code of every such value."""
+    """Return the linear value, 0..65535, of each 8-bit code, and the nearest code of each such value."""
     levels = 65535.0 * (srgb_decoding().astype(np.float64) if is_srgb else np.arange(256) / 255.0)
     codes = np.searchsorted(0.5 * (levels[1:] + levels[:-1]), np.arange(65536))
     return np.rint(levels).astype(np.uint16), codes.astype(np.uint8)
