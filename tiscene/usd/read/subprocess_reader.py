@@ -40,7 +40,13 @@ EMISSION_FILE = "emission"  # written by the child as soon as emission is known;
 _EMISSION_TIMEOUT = 2.0  # s
 
 # Classes that a result may contain. Any other name in the pickle is refused.
-_SCENE_MODULES = ("tiscene.scene.description", "tiscene.scene.animation", "tiscene.scene.camera")
+_SCENE_MODULES = (
+    "tiscene.scene.animation",
+    "tiscene.scene.camera",
+    "tiscene.scene.description",
+    "tiscene.scene.light_description",
+    "tiscene.scene.material_description",
+)
 _NUMPY_NAMES = {
     ("numpy", "ndarray"),
     ("numpy", "dtype"),
