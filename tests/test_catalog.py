@@ -56,6 +56,14 @@ def test_template_is_named_after_its_folder(shelf):
     ]
 
 
+def test_categories_of_shipped_templates_are_registered():
+    ids = catalog.categories()
+    assert {entry.category for entry in catalog.templates().values()} <= set(ids)
+    assert list(ids.values()) == list(range(1, len(ids) + 1))
+    ids.clear()
+    assert catalog.categories()
+
+
 def test_category_of_every_shipped_template_is_that_of_the_objects_made_of_it():
     for entry in catalog.templates().values():
         assert entry.category == read_template(entry.path).category != ""

@@ -33,6 +33,7 @@ PUBLIC = [
     "WaitUntilComplete",
     "Waypoint",
     "World",
+    "categories",
     "scenes",
     "templates",
 ]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """tiscene: endless, exactly repeatable streams of path-traced, labeled frames from USD scenes.
 
-`Stream` renders a scene or a `Scenario`; `scenes()` and `templates()` list what the catalog has. Names are imported at
-first use, so that `import tiscene` is fast and does not start Taichi.
+`Stream` renders a scene or a `Scenario`; `scenes()`, `templates()` and `categories()` list what the catalog
+has. Names are imported at first use, so that `import tiscene` is fast and does not start Taichi.
 
 Packages, from the user's side down::
 
@@ -18,7 +18,7 @@ Packages, from the user's side down::
     usd            USD files to scene descriptions and back
     scene          scene data: on the host, and as device arrays
     device         start-up and memory of Taichi
-    catalog        scenes and templates by name
+    catalog        scenes, templates and categories by name
     validation, errors, files
 
 Two packages stand beside this one: `dynamics` simulates motion, `usd_scenes` contains the shipped scenes.
@@ -80,6 +80,7 @@ _MODULES = {
     "WaitUntilComplete": "dynamics",
     "Waypoint": "dynamics",
     "World": "tiscene.world.world",
+    "categories": "tiscene.catalog",
     "scenes": "tiscene.catalog",
     "templates": "tiscene.catalog",
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Catalog of scenes and object templates: finds their files by name.
+"""Catalog of scenes, object templates and semantic categories by name.
 
 A folder of scenes has the layout of the package `usd_scenes`::
 
@@ -7,13 +7,15 @@ A folder of scenes has the layout of the package `usd_scenes`::
     templates/<folder>/template.usda        a template; its name is that of the folder: chair_01 is "Chair 01"
 
 (`.usd`, `.usdc` and `.usdz` are found as well). The folders in the environment variable TISCENE_PATH are searched
-first, then the package. The first folder that has a name defines it.
+first, then the package. The first folder that has a name defines it. Ids of categories are in the package alone
+(`categories.json`).
 """
 
 from __future__ import annotations
 
 import functools
 import importlib
+import json
 import os
 import re
 import warnings
@@ -26,6 +28,9 @@ from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, StageWarni
 STAGE_SUFFIXES = (".usda", ".usdc", ".usd", ".usdz")
 LAYER_SUFFIXES = (".usda", ".usdc", ".usd")  # USD files that can be written
 SCENARIO_SUFFIXES = (".json",)
+
+# The lowest id of categories that `categories` lacks. Lower ids are reserved for categories of later versions.
+FIRST_UNREGISTERED_ID = 1000
 
 # The reader of templates. Called by name, since `tiscene.usd` imports this module.
 TEMPLATE_READER = ("tiscene.usd.read.template", "read_template")
@@ -87,6 +92,14 @@ def templates() -> dict[str, TemplateEntry]:
     """Return the object templates that can be asked for by name ("Chair 01"), sorted by name. Opens no file."""
     files = {template_name(folder): path for folder, path in _stages("templates/*", "template").items()}
     return {name: TemplateEntry(name, path) for name, path in files.items()}
+
+
+def categories() -> dict[str, int]:
+    """Return the ids of the semantic categories of all shipped scenes and templates, by name in the order of ids.
+
+    An id is the same in every scene and in every version. Other categories get ids from FIRST_UNREGISTERED_ID on.
+    """
+    return dict(_registered_categories())
 
 
 def template_name(folder: str) -> str:
@@ -183,6 +196,12 @@ def _stages(pattern: str, stem: str) -> dict[str, Path]:
             if present:
                 found.setdefault(folder.name, present[0])
     return dict(sorted(found.items()))
+
+
+@functools.cache
+def _registered_categories() -> dict[str, int]:
+    ids: dict[str, int] = json.loads(Path(usd_scenes.__path__[0], "categories.json").read_text(encoding="utf-8"))
+    return ids
 
 
 @functools.lru_cache(maxsize=4096)

@@ -251,7 +251,7 @@ def test_list_prints_every_name_and_file(capsys):
         assert any(line.startswith(f"  {name} ") and line.endswith(f" {text}") for line in printed.splitlines())
 
 
-def test_list_json_has_scenes_templates_with_categories_and_buffers(capsys, tmp_path, monkeypatch):
+def test_list_json_has_scenes_templates_categories_and_buffers(capsys, tmp_path, monkeypatch):
     damaged = tmp_path / "templates" / "damaged" / "template.usda"
     damaged.parent.mkdir(parents=True)
     damaged.write_text("#usda 1.0\n{")
@@ -264,6 +264,7 @@ def test_list_json_has_scenes_templates_with_categories_and_buffers(capsys, tmp_
     assert {row["name"]: row["category"] for row in content["templates"]} == {
         name: None if name == "Damaged" else template.category for name, template in catalog.templates().items()
     }
+    assert {row["name"]: row["id"] for row in content["categories"]} == catalog.categories()
     assert {row["name"]: row["dtype"] for row in content["buffers"]} == {
         name: buffer.dtype for name, buffer in BUFFERS.items()
     }

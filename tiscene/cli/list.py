@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def contents() -> dict[str, list[dict[str, Any]]]:
-    """Return the rows of `scenes`, `templates` and `buffers` as JSON values.
+    """Return the rows of `scenes`, `templates`, `categories` and `buffers` as JSON values.
 
     The category of a template is "" if it has none and None if its file cannot be read.
     """
@@ -34,6 +34,7 @@ def contents() -> dict[str, list[dict[str, Any]]]:
             {"name": template.name, "category": _category(template), "path": str(template.path)}
             for template in catalog.templates().values()
         ],
+        "categories": [{"name": name, "id": id} for name, id in catalog.categories().items()],
         "buffers": [
             {"name": name, "dtype": buffer.dtype, "unit": buffer.unit, "meaning": buffer.doc}
             for name, buffer in BUFFERS.items()

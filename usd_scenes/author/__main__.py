@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m usd_scenes.author [NAME ...] [--output FOLDER]`: write textures, templates and scenes.
 
+Labels that are new get an id in `categories.json`.
+
 NAME: a scene (room_02), a template's folder (chair_01), "textures" or one texture (oak); default everything.
 """
 
@@ -10,7 +12,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from usd_scenes.author import object_view, room_01, room_02, room_03, solid_benchmark, templates
+from usd_scenes.author import category_registry, object_view, room_01, room_02, room_03, solid_benchmark, templates
 from usd_scenes.author.textures.library import MAKERS
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -47,6 +49,7 @@ def main() -> None:
         parser.error(f"unknown: {', '.join(unknown)}; there are: textures, {', '.join(known)}")
     for name in names:
         known[name]()
+    category_registry.update(arguments.output)
 
 
 if __name__ == "__main__":
