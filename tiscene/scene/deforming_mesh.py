@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from tiscene.scene.animation import Deformation, between
 from tiscene.scene.bvh import refit_kernels
-from tiscene.scene.bvh.bvh import Blas, Bvh
+from tiscene.scene.bvh.blas import Blas
+from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.description import Mesh
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What kernels read: every mesh, material, texture and light as device arrays, and the trees that rays walk."""
+"""DeviceScene: meshes, materials, textures and lights as device arrays, and the trees that rays traverse."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from tiscene.device import runtime
 from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
-from tiscene.scene.bvh.bvh import Blas, Bvh
+from tiscene.scene.bvh.blas import Blas
+from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
-from tiscene.scene.bvh.rebraid import INFO_PARTS, MOST_OPENED, PARTS, ROW_BITS, largest
+from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.lights.light_table import LightTable
@@ -29,35 +30,45 @@ INFO_COLUMNS = 17
 
 
 class DeviceScene:
-    """A growing set of meshes, materials, textures and lights, and where the instances are.
+    """A growing set of meshes, materials, textures and lights, and the transforms of the instances.
 
-    Empty at first: `add` what the files said, `place` the instances, then render. Placing is cheap and done for every
-    frame; adding builds trees. Neither compiles anything after the first time. Taichi arrays, of n vertices, m
-    triangles and i instances; those of meshes are replaced by the first `place` after an `add`, those of instances by
-    every `place`:
+    It is empty at first: `add` descriptions, `place` the instances, then render. Placing is cheap and done for every
+    frame; adding builds trees. Neither compiles kernels after the first time. Creating one starts Taichi.
 
-    vertex_position, vertex_normal: f32 [n, 3]. vertex_uv: f32 [n, 2]. Object space, m; zeros where a mesh has none.
-    Behind those of all vertices, vertex_uv has three rows for each vertex of a mesh with colors: second uv, red and
-    green, blue and opacity.
-    A mesh that deforms has its vertices there three times: as they are now, at the next frame, and at the last one.
-    triangle_vertices: i32 [m, 3], rows of the above. triangle_material: i32 [m], row of `materials`.
-    triangle_part: i32 [m], which part of its mesh.
-    instance_info: i32 [i, 17], 0 where rays enter its BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row,
-    5 flags (HAS_NORMALS | HAS_UV | MIRRORED | HAS_COLORS), 6 first part, 7 vertices of a mesh that deforms, else 0,
-    8 first row of colors less 3 times the first vertex, 9 to 16 where rays enter its BLAS's parts (bvh_parts.py). As
-    rays find them at CURRENT; `instances_at` has those of other times.
-    world_from_instance, instance_from_world: f32 [3, i, 12], by time, row-major 3x4.
-    box_from_instance: f32 [i, 12], to the object's bounding box, 0..1.
-    descriptions: what was added, each with the row of its first mesh (host).
-    placement: what was placed last (host). bounds: least and greatest corner of what is at CURRENT, [2, 3], m; zeros
-    for nothing.
+    Args:
+        traversal: Layout of the trees, "bvh8" or "bvh2". None: the layout for the device.
+
+    Attributes:
+        traversal: The layout.
+        materials: All materials.
+        textures: All textures.
+        lights: All lights.
+        descriptions: The descriptions that were added, each with the row of its first mesh.
+        placement: The latest placement.
+        bounds: float64 [2, 3], lowest and highest corner of the instances at CURRENT, m; zeros if there are none.
+
+        vertex_position: f32 [n, 3], object space, m. A deforming mesh has three consecutive blocks: its vertices at
+            CURRENT, NEXT and PREVIOUS. Device arrays of meshes are replaced by the first `place` after an `add`.
+        vertex_normal: f32 [n, 3]; zeros for a mesh without normals.
+        vertex_uv: f32 [n + 3 c, 2]; zeros for a mesh without uv. After the n vertices come three rows for each of the c
+            vertices of meshes with colors: second uv, red and green, blue and opacity.
+        triangle_vertices: i32 [m, 3], rows of `vertex_position`.
+        triangle_material: i32 [m], rows of `materials`.
+        triangle_part: i32 [m], part of the mesh.
+        instance_info: i32 [i, 17], at CURRENT; `instances_at` returns that of other times. Columns: 0 reference of the
+            BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row, 5 flags (HAS_NORMALS | HAS_UV | MIRRORED |
+            HAS_COLORS), 6 first part, 7 number of vertices of a deforming mesh, else 0, 8 first row of colors minus 3
+            times the first vertex, 9 to 16 references of the BLAS's parts (`bvh.rebraid`). Device arrays of instances
+            are replaced by every `place`.
+        world_from_instance: f32 [3, i, 12], by time, row-major 3x4, m.
+        instance_from_world: f32 [3, i, 12], the inverse.
+        box_from_instance: f32 [i, 12], from the mesh's space to the object's bounding box, 0..1.
+
+    Raises:
+        ArgumentError: The layout is unknown.
     """
 
     def __init__(self, traversal: str | None = None) -> None:
-        """traversal: "bvh8" or "bvh2", the layout of the trees; None: what suits the device. Starts Taichi.
-
-        Raises ArgumentError for another layout.
-        """
         architecture = runtime.start()
         self.traversal = traversal or ("bvh2" if architecture == "cuda" else "bvh8")
         self._bvh = Bvh(self.traversal)
@@ -70,18 +81,18 @@ class DeviceScene:
         self._mesh_lights: list[MeshLight | None] = []
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
-        self._first_textures: list[int] = []  # of every description
+        self._first_textures: list[int] = []  # by description
         self._mesh_table = np.zeros((0, 5), np.int32)
         self._first_vertices = np.zeros(1, np.int64)
         self._boxes = np.zeros((3, 0, 2, 3))
-        self._deforming: dict[int, DeformingMesh] = {}  # by row of mesh
+        self._deforming: dict[int, DeformingMesh] = {}  # by mesh row
         self.instance_count = 0
-        self.placement = _NOTHING
+        self.placement = _NO_INSTANCES
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._hittable = np.zeros((3, 0), bool)
         self._instance_boxes = np.zeros((3, 0, 6))
         self.instance_info: Any = None
-        self._info_elsewhen: dict[int, Any] = {}  # by time, where a mesh deforms
+        self._info_at: dict[int, Any] = {}  # at other times than CURRENT, if a mesh deforms
         self.world_from_instance: Any = None
         self.instance_from_world: Any = None
         self.box_from_instance: Any = None
@@ -95,46 +106,46 @@ class DeviceScene:
 
     @property
     def mesh_boxes(self) -> NDArray[np.float64]:
-        """Lowest and highest corner of every mesh at the times of the last `place`, [3, n, 2, 3], m, object space."""
+        """Corners of each mesh at the times of the latest placement, [3, n, 2, 3]: lowest, highest; object space, m."""
         return self._boxes
 
     @property
     def nodes(self) -> Any:
-        """The nodes of all trees; only tiscene.render.intersect knows their layout."""
+        """The nodes of all trees, for `tiscene.render.intersect`."""
         return self._bvh.nodes
 
     @property
     def leaf_blocks(self) -> Any:
-        """The triangles as traversal wants them; only tiscene.render.intersect knows their layout."""
+        """The triangles in the leaves of the trees, for `tiscene.render.intersect`."""
         return self._bvh.leaf_blocks
 
     @property
     def trees(self) -> MeshTrees:
-        """The trees over the meshes, for others than rays."""
+        """The trees of the meshes, for collisions."""
         return MeshTrees(self._bvh, self._blas)
 
     def instances_at(self, time: int) -> Any:
-        """`instance_info` for rays that are traced at a time: a mesh that deforms has another tree at each."""
-        return self._info_elsewhen.get(time, self.instance_info)
+        """Return `instance_info` for rays at a time; deforming meshes have a tree for each time."""
+        return self._info_at.get(time, self.instance_info)
 
     @property
     def deforms(self) -> bool:
-        """Whether some mesh has other vertices at other times."""
+        """Whether some mesh deforms."""
         return bool(self._deforming)
 
     def vertex_rows(self, mesh: int) -> range:
-        """The rows of `vertex_position` with a mesh's vertices as they are at CURRENT."""
+        """Return the rows of `vertex_position` of a mesh at CURRENT."""
         first = int(self._first_vertices[mesh])
         return range(first, first + len(self._meshes[mesh].positions))
 
     def tlas_root(self, time: int) -> int:
-        """Where rays enter the instances at `time`, or MOVERS. Raises ArgumentError if they are not placed there."""
+        """Return the reference of the TLAS at a time, or of MOVERS. Raises ArgumentError if it was not placed."""
         return self._bvh.root(time)
 
     def add(self, description: SceneDescription) -> int:
-        """Append what a stage or template consists of; returns the row of its first mesh.
+        """Append a stage or template; return the row of its first mesh.
 
-        Rows of meshes, materials and textures count on from those before. Call `place` before rendering.
+        Rows of meshes, materials and textures continue those of earlier descriptions. Call `place` before rendering.
         """
         first_mesh = len(self._meshes)
         self.descriptions.append((first_mesh, description))
@@ -145,10 +156,10 @@ class DeviceScene:
         positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
         triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
         self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
-        glow = np.array([mean_emission(material, description.textures) for material in description.materials])
+        emission = np.array([mean_emission(material, description.textures) for material in description.materials])
         for row, mesh in enumerate(description.meshes):
             first_triangle = self._first_triangles[-1]
-            emitted = glow[mesh.materials] if len(glow) else np.zeros(0)
+            emitted = emission[mesh.materials] if len(emission) else np.zeros(0)
             self._mesh_lights.append(build_mesh_light(mesh, emitted) if emitted.any() else None)
             if mesh.deformation is not None:
                 shape = positions[row], triangles[row], first_triangle
@@ -158,20 +169,26 @@ class DeviceScene:
             self._triangle_materials.append(np.asarray(mesh.materials, np.int32) + first_material)
             self._first_triangles.append(first_triangle + len(mesh.triangles))
         self._bvh.clear_instances()
-        self._mesh_arrays_are_old = True
+        self._mesh_arrays_are_stale = True
         return first_mesh
 
     def place(self, placement: Placement, times: Iterable[int] = (CURRENT,)) -> None:
-        """Put the instances where they are around this frame, and build the tree over them for each of `times`.
+        """Place the instances of a frame, and build the TLAS for each of `times`.
 
-        An instance is left out of a tree where it is not present, has nothing to hit or is squashed flat.
-        What was placed last is there already, if it is the same object. Raises ArgumentError for a mesh that was not
-        added.
+        A TLAS leaves out instances that are absent, empty, or have a singular transform. Placing the same object again
+        builds only what is missing.
+
+        Args:
+            placement: The instances.
+            times: PREVIOUS, CURRENT and NEXT, as needed.
+
+        Raises:
+            ArgumentError: The placement refers to a mesh that was not added.
         """
         times = set(times)
         if placement is self.placement and times <= self._bvh.placed():
             return
-        if self._mesh_arrays_are_old:
+        if self._mesh_arrays_are_stale:
             self._upload_meshes()
         count = len(placement.mesh)
         if count and not 0 <= placement.mesh.min() <= placement.mesh.max() < len(self._meshes):
@@ -196,20 +213,20 @@ class DeviceScene:
         self._instance_boxes = boxes = _transformed(self._boxes[:, placement.mesh], placement.world_from_object)
         self._bvh.clear_instances()
         for time in sorted(times):
-            names = self._taken_apart(time, np.flatnonzero(hittable[time]).astype(np.int32))
-            self._bvh.place(time, *names, capacity=count + PARTS * MOST_OPENED)
+            names = self._split_instances(time, np.flatnonzero(hittable[time]).astype(np.int32))
+            self._bvh.place(time, *names, capacity=count + PARTS * MAX_SPLIT)
         here = boxes[CURRENT, hittable[CURRENT]]
         if len(here):
             self.bounds = np.stack([here[:, :3].min(axis=0), here[:, 3:].max(axis=0)])
         else:
             self.bounds = np.zeros((2, 3))
 
-    def _taken_apart(self, time: int, rows: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """World boxes, and what the tree calls what is in them: instances, of large ones their parts instead."""
+    def _split_instances(self, time: int, rows: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """Return world boxes and names for the TLAS: of the instances, and of the parts of large ones instead."""
         boxes = self._instance_boxes[time, rows]
         if not len(rows):
             return boxes, rows
-        large = largest(boxes)
+        large = instances_to_split(boxes)
         meshes = self.placement.mesh[rows[large]]
         large = large[self._parts.entries[meshes].any(axis=1)]
         meshes = self.placement.mesh[rows[large]]
@@ -222,14 +239,14 @@ class DeviceScene:
 
     def _place_mesh_lights(self) -> None:
         placement = self.placement
-        glows = np.array([light is not None for light in self._mesh_lights], bool)
-        rows = np.flatnonzero(self._hittable[CURRENT] & glows[placement.mesh])
+        emits = np.array([light is not None for light in self._mesh_lights], bool)
+        rows = np.flatnonzero(self._hittable[CURRENT] & emits[placement.mesh])
         found = [(int(row), int(placement.mesh[row])) for row in rows]
         lights = [(row, light, self._first_triangles[m]) for row, m in found if (light := self._mesh_lights[m])]
         self.lights.place_meshes(lights, placement.world_from_object[CURRENT, rows])
 
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Build the tree MOVERS over those of the instances at CURRENT; returns their world boxes [n, 6], m."""
+        """Build the TLAS MOVERS over some of the instances at CURRENT; return their world boxes [n, 6], m."""
         rows: NDArray[np.int32] = np.flatnonzero(self._hittable[CURRENT] & moving).astype(np.int32)
         boxes: NDArray[np.float64] = self._instance_boxes[CURRENT, rows]
         self._bvh.place(MOVERS, boxes, rows, capacity=self.instance_count)
@@ -238,14 +255,14 @@ class DeviceScene:
     def _upload_meshes(self) -> None:
         meshes = self._meshes
         copies = [len(BLOCKS) if row in self._deforming else 1 for row in range(len(meshes))]
-        every = [mesh for mesh, count in zip(meshes, copies, strict=True) for _ in range(count)]
+        stored = [mesh for mesh, count in zip(meshes, copies, strict=True) for _ in range(count)]
         vertex_counts = np.array([len(mesh.positions) for mesh in meshes], np.int64)
         self._first_vertices = first_vertices = np.cumsum([0, *(vertex_counts * copies)])
-        self.vertex_position = upload(_stacked([mesh.positions for mesh in every], 3, np.float32))
+        self.vertex_position = upload(_stacked([mesh.positions for mesh in stored], 3, np.float32))
         self.vertex_normal = upload(
-            _stacked([np.zeros_like(m.positions) if m.normals is None else m.normals for m in every], 3, np.float32)
+            _stacked([np.zeros_like(m.positions) if m.normals is None else m.normals for m in stored], 3, np.float32)
         )
-        uvs = [np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in every]
+        uvs = [np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in stored]
         colors, first_colors = _colors(meshes, int(first_vertices[-1]))
         self.vertex_uv = upload(_stacked([*uvs, *colors], 2, np.float32))
         self.triangle_vertices = upload(
@@ -260,7 +277,7 @@ class DeviceScene:
         ]
         entries = [blas.entry for blas in self._blas]
         self._parts = self._bvh.parts(self._blas)
-        moved = np.where(np.array(copies) > 1, vertex_counts, 0)
+        deforming_vertices = np.where(np.array(copies) > 1, vertex_counts, 0)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
         self._boxes = np.array([[blas.box for blas in self._blas]] * 3).reshape(3, -1, 2, 3)
         for row, deforming in self._deforming.items():
@@ -268,9 +285,15 @@ class DeviceScene:
             self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
             self._parts.entries[row] = 0
             deforming.invalidate()
-        columns = [entries, self._first_triangles[:-1], flags, moved, first_colors - 3 * first_vertices[:-1]]
+        columns = [
+            entries,
+            self._first_triangles[:-1],
+            flags,
+            deforming_vertices,
+            first_colors - 3 * first_vertices[:-1],
+        ]
         self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 5)
-        self._mesh_arrays_are_old = False
+        self._mesh_arrays_are_stale = False
 
     def _upload_instances(self, inverse: NDArray[np.float64], determinant: NDArray[np.float64]) -> None:
         placement = self.placement
@@ -290,13 +313,13 @@ class DeviceScene:
             self.instance_from_world = device_array(ti.f32, (3, max(count, 1), 12))
             self.box_from_instance = device_array(ti.f32, (max(count, 1), 12))
         self.instance_count = count
-        self._info_elsewhen = {}
+        self._info_at = {}
         if self._deforming and count:
             for time in (PREVIOUS, NEXT):
                 then = info.copy()
                 for row, deforming in self._deforming.items():
                     then[placement.mesh == row, 0] = deforming.blas[time].entry
-                self._info_elsewhen[time] = upload(then)
+                self._info_at[time] = upload(then)
         if count:
             self.instance_info.from_numpy(info)
             for array, matrices in (
@@ -307,7 +330,7 @@ class DeviceScene:
                 array.from_numpy(matrices.astype(np.float32).reshape(array.shape))
 
 
-_NOTHING = Placement(
+_NO_INSTANCES = Placement(
     mesh=np.zeros(0, np.int32),
     instance_id=np.zeros(0, np.int32),
     category_id=np.zeros(0, np.int32),
@@ -318,7 +341,7 @@ _NOTHING = Placement(
 
 
 def _colors(meshes: Sequence[Mesh], first: int) -> tuple[list[NDArray[np.float32]], NDArray[np.int64]]:
-    """Rows for the second uv and the colors of meshes that have them, from row `first` on; where each mesh's begin."""
+    """Return rows of `vertex_uv` with second uv and colors, from row `first` on, and the first row of each mesh."""
     blocks, starts = [], []
     for mesh in meshes:
         starts.append(first)
@@ -333,7 +356,7 @@ def _stacked(parts: list[Any], width: int, dtype: Any) -> NDArray[Any]:
 
 
 def _inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The inverses of affine maps [..., 3, 4] by cofactors, zeros where there is none, and the determinants [...]."""
+    """Return inverses of affine maps [..., 3, 4], zeros for singular ones, and determinants [...]."""
     rows = np.moveaxis(matrices, (-2, -1), (0, 1))
     (a, b, c, x), (d, e, f, y), (g, h, i, z) = rows
     cofactors = np.array(
@@ -353,7 +376,7 @@ def _inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
 
 
 def _transformed(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """World boxes [3, n, 6] around boxes [3, n, 2, 3] under affine maps [3, n, 3, 4]."""
+    """Return world boxes [3, n, 6] around boxes [3, n, 2, 3] transformed by affine maps [3, n, 3, 4]."""
     center = 0.5 * (boxes[:, :, 0] + boxes[:, :, 1])
     half = 0.5 * (boxes[:, :, 1] - boxes[:, :, 0])
     world_center = matrices[..., 3].copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trees hold every triangle once, inside all boxes above it; they are the same bytes on every build."""
+"""Trees hold every triangle once, inside all boxes above it, and are the same bytes at every build."""
 
 import subprocess
 import sys
@@ -12,8 +12,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
-from tiscene.scene.bvh import bvh
+from tiscene.scene.bvh import bvh, layout_kernels
 from tiscene.scene.bvh.bvh import Bvh
+from tiscene.scene.bvh.workspace import Workspace
 
 pytestmark = pytest.mark.usefixtures("taichi")
 both_layouts = pytest.mark.parametrize("layout", ["bvh8", "bvh2"])
@@ -42,9 +43,9 @@ class Tree:
     def triangles(self, reference: int) -> list[tuple[int, NDArray[np.float32]]]:
         """Number and corners [3, 3] of each triangle of a leaf."""
         if self.is_bvh8:
-            pack = self.leaf_blocks[-1 - reference : 9 - reference]
-            parts = [(int(pack[9].view(np.int32)[k]), pack[:9, k].reshape(3, 3)) for k in range(4)]
-            assert all((pack[:9, k] == 0.0).all() for k in range(4) if parts[k][0] < 0)
+            block = self.leaf_blocks[-1 - reference : 9 - reference]
+            parts = [(int(block[9].view(np.int32)[k]), block[:9, k].reshape(3, 3)) for k in range(4)]
+            assert all((block[:9, k] == 0.0).all() for k in range(4) if parts[k][0] < 0)
             numbers = [number for number, _ in parts if number >= 0]
             assert numbers == sorted(numbers)
         else:
@@ -54,12 +55,12 @@ class Tree:
         return [(n, corners) for n, corners in parts if n >= 0]
 
     def walk(self, root: int) -> tuple[list[int], int, int]:
-        """Checks every box below a root; returns the triangles, the nodes, and the entries a traversal may stack."""
+        """Check every box below a root; return the triangles, the number of nodes, and the stack that is needed."""
         found: list[int] = []
-        nodes = deepest = 0
-        waiting = [(root, np.array([[-np.inf] * 3, [np.inf] * 3]), 0)]
-        while waiting:
-            reference, (low, high), stacked = waiting.pop()
+        nodes = max_stack = 0
+        pending = [(root, np.array([[-np.inf] * 3, [np.inf] * 3]), 0)]
+        while pending:
+            reference, (low, high), stacked = pending.pop()
             if reference < 0:
                 for number, corners in self.triangles(reference):
                     found.append(number)
@@ -69,13 +70,13 @@ class Tree:
             nodes += 1
             children = self.children(reference)
             stacked += max(len(children) - 1, 0)
-            deepest = max(deepest, stacked)
+            max_stack = max(max_stack, stacked)
             for box, child in children:
                 assert child < 0 or child > reference  # depth first
                 assert (box[:3] >= low).all()
                 assert (box[3:] <= high).all()
-                waiting.append((child, box.reshape(2, 3), stacked))
-        return found, nodes, deepest
+                pending.append((child, box.reshape(2, 3), stacked))
+        return found, nodes, max_stack
 
 
 def random_triangles(count: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
@@ -85,7 +86,7 @@ def random_triangles(count: int, seed: int = 0) -> tuple[NDArray[np.float32], ND
 
 
 def nested_triangles(count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Each one is a tenth of the one before: the areas favor peeling off one at a time."""
+    """Return triangles of decreasing size, which SAH splits off one at a time: a deep tree."""
     size = 10.0 ** -np.linspace(0.0, 30.0, count)
     corners = np.array([[1, 1, 1], [2, 1, 1.5], [1, 2, 2]]) * size[:, None, None]
     return corners.reshape(-1, 3).astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
@@ -93,14 +94,14 @@ def nested_triangles(count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]
 
 @both_layouts
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 9, 64, 65, 1000, 20_000])
-def test_every_triangle_is_in_one_leaf(layout: str, count: int) -> None:
+def test_every_triangle_is_in_exactly_one_leaf(layout: str, count: int) -> None:
     tree = Bvh(layout)
     tree.add_mesh(*random_triangles(3), 0)
     blas = tree.add_mesh(*random_triangles(count), 100)
-    found, nodes, deepest = Tree(tree).walk(blas.root)
+    found, nodes, max_stack = Tree(tree).walk(blas.root)
     assert sorted(found) == list(range(100, 100 + count))
     assert nodes <= max(1, count - 1)
-    assert deepest <= tree.layout.blas_stack
+    assert max_stack <= tree.layout.blas_stack
     positions = random_triangles(count)[0]
     np.testing.assert_allclose(blas.box, [positions.min(axis=0), positions.max(axis=0)], atol=1e-5)
     assert (blas.box[0] < positions.min(axis=0)).all()
@@ -108,7 +109,7 @@ def test_every_triangle_is_in_one_leaf(layout: str, count: int) -> None:
 
 
 @both_layouts
-def test_growth_keeps_what_was_there(layout: str) -> None:
+def test_adding_meshes_keeps_existing_trees(layout: str) -> None:
     tree = Bvh(layout)
     first = tree.add_mesh(*random_triangles(50), 0)
     before = Tree(tree).walk(first.root)
@@ -119,23 +120,23 @@ def test_growth_keeps_what_was_there(layout: str) -> None:
 
 @both_layouts
 @pytest.mark.parametrize("count", [7, 100, 5000])
-def test_equal_centers_are_halved(layout: str, count: int) -> None:
+def test_triangles_with_equal_centers_are_halved(layout: str, count: int) -> None:
     positions = np.tile(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), (count, 1))
     tree = Bvh(layout)
     blas = tree.add_mesh(positions, np.arange(3 * count, dtype=np.int32).reshape(-1, 3), 0)
-    found, _, deepest = Tree(tree).walk(blas.root)
+    found, _, max_stack = Tree(tree).walk(blas.root)
     assert sorted(found) == list(range(count))
-    assert deepest <= tree.layout.blas_stack
+    assert max_stack <= tree.layout.blas_stack
 
 
-def test_more_nodes_than_a_ray_can_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bvh.bvh_write, "MOST_NODES", 100)
-    with pytest.raises(ArgumentError, match="nodes of trees are more than the bvh8 traversal can take"):
+def test_more_nodes_than_references_can_hold_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layout_kernels, "MAX_NODES", 100)
+    with pytest.raises(ArgumentError, match="nodes of trees are more than the bvh8 traversal supports"):
         Bvh("bvh8").add_mesh(*random_triangles(3000), 0)
 
 
 @both_layouts
-def test_a_deep_tree_is_balanced(layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tree_too_deep_for_the_stack_is_balanced(layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def limit_stack(entries: int) -> None:
         limited = replace(bvh.LAYOUTS[layout], blas_stack=entries)
         monkeypatch.setitem(bvh.LAYOUTS, layout, limited)
@@ -159,7 +160,7 @@ def test_a_deep_tree_is_balanced(layout: str, monkeypatch: pytest.MonkeyPatch) -
 
 
 @both_layouts
-def test_a_mesh_of_points_is_empty(layout: str) -> None:
+def test_mesh_of_degenerate_triangles_is_empty(layout: str) -> None:
     tree = Bvh(layout)
     line = np.array([[0, 0, 0], [1, 1, 1], [3, 3, 3], [0, 1, 0]], np.float32)
     for triangles in (np.zeros((0, 3), np.int32), np.array([[0, 1, 0], [1, 1, 3]], np.int32)):
@@ -173,18 +174,18 @@ def test_a_mesh_of_points_is_empty(layout: str) -> None:
 
 def tlas_instances(tree: Bvh, time: int) -> list[int]:
     """The instances at a time, in the order of the tree."""
-    arrays, found, waiting = Tree(tree), [], [tree.root(time)]
-    while waiting:
-        for _, reference in arrays.children(waiting.pop()):
+    arrays, found, pending = Tree(tree), [], [tree.root(time)]
+    while pending:
+        for _, reference in arrays.children(pending.pop()):
             if reference >= 0:
-                waiting.append(reference)
+                pending.append(reference)
             else:
                 found.append(-1 - reference if arrays.is_bvh8 else (-1 - reference) // 4)
     return found
 
 
 @both_layouts
-def test_times_have_their_own_trees(layout: str) -> None:
+def test_each_time_has_its_own_tree(layout: str) -> None:
     tree = Bvh(layout)
     blas = tree.add_mesh(*random_triangles(100), 0)
     random = np.random.default_rng(3)
@@ -204,11 +205,11 @@ def test_times_have_their_own_trees(layout: str) -> None:
 
 
 @both_layouts
-def test_a_tree_that_was_placed_lately_is_not_built_again(layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recently_placed_tree_is_not_built_again(layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tree = Bvh(layout)
     built: list[int] = []
-    build = Bvh._build
-    monkeypatch.setattr(Bvh, "_build", lambda self, boxes, *rest: built.append(len(boxes)) or build(self, boxes, *rest))
+    grow = Workspace.grow
+    monkeypatch.setattr(Workspace, "grow", lambda self, *args: built.append(len(args[0])) or grow(self, *args))
     rows = np.arange(40, dtype=np.int32)
     boxes = np.random.default_rng(3).uniform(0, 9, (7, 40, 6))
     boxes[..., 3:] += boxes[..., :3]
@@ -226,7 +227,7 @@ def test_a_tree_that_was_placed_lately_is_not_built_again(layout: str, monkeypat
     assert built == [40, 40, 40, 5, 4] + [40, 5, 4] * 4
 
 
-def test_unknown_layout() -> None:
+def test_unknown_layout_is_refused() -> None:
     with pytest.raises(ArgumentError, match="'octal': must be one of bvh8, bvh2"):
         Bvh("octal")
 
@@ -236,12 +237,12 @@ def built_arrays(layout: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]
     tree = Bvh(layout)
     for mesh in (trimesh.creation.icosphere(subdivisions=2), trimesh.creation.icosphere(subdivisions=5)):
         tree.add_mesh(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32), 0)
-    used = tree._used_nodes * tree.layout.unit
-    return tree.nodes.to_numpy()[:used], tree.leaf_blocks.to_numpy()[: tree._used_leaf_blocks]
+    nodes, leaf_blocks = tree.used_rows
+    return tree.nodes.to_numpy()[:nodes], tree.leaf_blocks.to_numpy()[:leaf_blocks]
 
 
 @both_layouts
-def test_same_bytes_with_one_thread(layout: str, tmp_path: Path) -> None:
+def test_trees_are_the_same_bytes_with_one_thread(layout: str, tmp_path: Path) -> None:
     here = built_arrays(layout)
     for first, second in zip(here, built_arrays(layout), strict=True):
         np.testing.assert_array_equal(first.view(np.int32), second.view(np.int32))
@@ -260,8 +261,8 @@ def test_same_bytes_with_one_thread(layout: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("layout", ["bvh8", "bvh2"])
-def test_meshes_built_side_by_side_are_those_built_alone(layout):
-    """Small, empty, flat and large ones: the same trees, only elsewhere in the arrays."""
+def test_meshes_built_together_equal_meshes_built_alone(layout):
+    """Small, empty, degenerate and large meshes."""
     random = np.random.default_rng(8)
     sizes = (12, 0, 1, 300, 5, 4, 9000, 2, 70_000, 17)
     meshes = [random.normal(size=(3 * size, 3)).astype(np.float32) for size in sizes]

@@ -27,7 +27,7 @@ from tiscene.render.intersect.bvh8 import (
     shear,
 )
 from tiscene.render.intersect.ray_queue import Rays
-from tiscene.scene.bvh.layout_kernels import END_OF_INSTANCE, END_OF_RAY, GUARD_NODE, MOST_NODES
+from tiscene.scene.bvh.layout_kernels import END_OF_INSTANCE, END_OF_RAY, GUARD_NODE, MAX_NODES
 from tiscene.scene.bvh.rebraid import ROW_MASK
 
 RAYS = 4  # interleaved rays of a thread; three and six are slower
@@ -39,7 +39,7 @@ TASK_RAYS = 256  # rays of one task; at its end some of the interleaved rays are
 GROUPS = STACK + 3
 RAY_END_GROUP = GUARD_NODE * 256 + 2
 INSTANCE_END_GROUP = GUARD_NODE * 256 + 1
-NODE_MASK = 8 * (MOST_NODES - 1)  # tells LLVM that the number is positive, which saves an instruction per address
+NODE_MASK = 8 * (MAX_NODES - 1)  # tells LLVM that the number is positive, which saves an instruction per address
 
 # Floats of each ray: origin and reciprocal direction in the space of the current tree, t_max, results of `shear` in the
 # instance, origin, direction and reciprocal direction in world space.

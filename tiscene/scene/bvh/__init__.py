@@ -3,11 +3,12 @@
 
 ::
 
-    bvh             build and refit the trees
+    bvh             Bvh: build, place and refit the trees
+    blas            Blas: the tree of one mesh
     build_kernels   binned surface-area heuristic
     layout_kernels  binary trees to 8-wide nodes and leaf blocks
     refit_kernels   move a deforming mesh's tree
     workspace       arrays of a build in progress
-    rebraid         split large instances in the upper tree
+    rebraid         split large instances in the TLAS
     obstacle_tree   the same trees for collisions
 """

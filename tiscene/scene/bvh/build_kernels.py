@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that grow a binary tree of boxes by the binned surface-area heuristic (Wald 2007).
+"""Kernels that grow a binary tree of boxes by the binned surface-area heuristic (SAH; Wald 2007).
 
-A build runs `grow` (once for the top of the tree, once for the subtrees in parallel), then what bvh_write.py has to
-turn the tree into nodes. A binary node that covers n primitives owns the 2n - 1 slots from its own on, its left
-child next to it, so that subtrees are numbered without talking to each other and the tree is the same for any number of
-threads.
+A build runs `grow` once for the top of the tree and once for the subtrees in parallel; then `layout_kernels` turn the
+tree into nodes. A binary node over n primitives owns 2n - 1 slots, beginning with its own, and its left child is in the
+slot after it. Subtrees are thereby numbered independently, and the tree is the same for any number of threads.
 """
 
 import taichi as ti
@@ -12,18 +11,20 @@ import taichi as ti
 from tiscene.device.kernel_types import Floats2, Ints1, Ints2, Template
 
 BINS = 16
-STACK = 72  # the tree is no deeper than the `sah_depth` of `grow`, 40 at most, plus log2(primitives)
+STACK = 72  # a tree is at most as deep as `sah_depth` of `grow`, 40 at most, plus log2(primitives)
 FAR = 1e30  # an empty box is [FAR, -FAR]
 
 
 @ti.func
 def half_area(low: Template, high: Template) -> ti.f32:
+    """Return half the surface area of a box."""
     size = high - low
     return size.x * size.y + size.y * size.z + size.z * size.x
 
 
 @ti.func
 def box_of(boxes: Template, row: ti.i32):
+    """Return the lowest and highest corner of a box."""
     low = ti.Vector([boxes[row, 0], boxes[row, 1], boxes[row, 2]])
     high = ti.Vector([boxes[row, 3], boxes[row, 4], boxes[row, 5]])
     return low, high
@@ -31,18 +32,19 @@ def box_of(boxes: Template, row: ti.i32):
 
 @ti.func
 def bin_of(boxes: Template, row: ti.i32, axis: ti.i32, low: ti.f32, scale: ti.f32) -> ti.i32:
+    """Return the bin of a box's center, which is doubled as `low` is."""
     return ti.min(BINS - 1, ti.max(0, ti.cast((boxes[row, axis] + boxes[row, 3 + axis] - low) * scale, ti.i32)))
 
 
 @ti.func
 def blocks(count: ti.i32, block: ti.i32) -> ti.f32:
-    """What `count` primitives cost: they are tested in blocks."""
+    """Return the cost of testing primitives: the number of blocks of them."""
     return ti.cast((count + block - 1) // block, ti.f32)
 
 
 @ti.func
 def choose_split(boxes: Template, begin: ti.i32, end: ti.i32, low: Template, size: Template, block: ti.i32):
-    """The axis, last bin of the left side and cost of the cheapest of the 3 * (BINS - 1) planes; axis -1 for none."""
+    """Return axis, last bin of the left side and cost of the best of 3 * (BINS - 1) split planes; axis -1 for none."""
     best = ti.math.inf
     best_axis = -1
     best_bin = 0
@@ -95,7 +97,7 @@ def choose_split(boxes: Template, begin: ti.i32, end: ti.i32, low: Template, siz
 
 @ti.func
 def partition(boxes: Template, order: Template, begin: ti.i32, end: ti.i32, axis, last, low: ti.f32, scale):
-    """Move the primitives of bins 0 to `last` to the front; returns where the others begin."""
+    """Move the primitives of bins 0 to `last` to the front; return where the others begin."""
     i = begin
     j = end - 1
     while i <= j:
@@ -123,7 +125,7 @@ def split(
     block: ti.i32,
     node_cost: ti.f32,
 ) -> ti.i32:
-    """Set the node's box; sort its primitives into two sides and return where the second begins, -1 for a leaf."""
+    """Set a node's box, partition its primitives into two sides, and return where the second begins; -1 for a leaf."""
     low = ti.Vector([FAR, FAR, FAR])
     high = -low
     center_low = low
@@ -173,13 +175,24 @@ def grow(
     block: ti.i32,
     node_cost: ti.f32,
 ) -> ti.i32:
-    """Grow the binary tree below `tasks[first .. first + count)`, rows of (slot, begin, end, depth).
+    """Grow the binary trees below `tasks[first .. first + count)`.
 
+    Args:
+        boxes: Boxes of the primitives, [n, 6]; sorted along with `order`.
+        order: Primitives, [n].
+        node_box: Receives the box of each slot.
+        node_link: Receives left slot (-1 for a leaf), right slot, first primitive and number of primitives.
+        tasks: Rows of (slot, begin, end, depth).
+        first: First task.
+        count: Number of tasks.
+        stop: Ranges of at most this number of primitives are not split but appended as tasks. 0, unless count is 1.
+        sah_depth: Below this depth, ranges are halved instead of split by SAH.
+        leaf_size: Upper limit of primitives in a leaf.
+        block: Number of primitives that are tested at once.
+        node_cost: Cost of visiting a node, in units of testing one block.
 
-    Ranges of at most `stop` primitives are not split but appended as tasks, which is only right when count is 1;
-    returns how many. sah_depth: below this depth ranges are halved, without looking at areas. leaf_size: most
-    primitives in a leaf. block: how many are tested at once. node_cost: a node visited, in units of one block tested.
-    node_link: left slot (-1 for a leaf), right slot, first primitive, number of primitives.
+    Returns:
+        The number of appended tasks.
     """
     found = 0
     ti.loop_config(block_dim=1)

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two-level bounding volume hierarchy: one tree for each mesh (BLAS), one over the instances for each time (TLAS).
+"""Bvh: a two-level bounding volume hierarchy, with one tree for each mesh (BLAS) and one over instances a time (TLAS).
 
-All trees share one array of nodes, so that a ray goes from a TLAS into a BLAS without changing arrays. Two layouts:
-"bvh8", 8 children a node and leaf blocks of 4 triangles, for the vector units of a CPU; "bvh2", for a GPU.
-Building is deterministic: the same input gives the same bytes, for any number of threads.
+All trees share one array of nodes, so that a ray goes from a TLAS into a BLAS without changing arrays. There are two
+layouts: "bvh8", with 8 children a node and leaf blocks of 4 triangles, for the vector units of a CPU; and "bvh2", for
+GPUs. Builds are deterministic: the same input gives the same bytes, for any number of threads.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,42 +16,33 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float4, float8
+from tiscene.device.memory import device_array
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
-from tiscene.scene.bvh.rebraid import SplitInstances, parts_of
-from tiscene.scene.bvh.workspace import BVH8, KEPT_WORKSPACE, LAYOUTS, Boxes, Workspace
+from tiscene.scene.bvh.blas import EMPTY_NODE, Blas
+from tiscene.scene.bvh.rebraid import SplitInstances, root_children
+from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace
 
-TREES = 4  # over instances: one for each time, one over the movers
-EMPTY_NODE = 0  # a node without children: the root of an empty mesh and of an empty TLAS
+TLAS_COUNT = 4  # one for each time, one over the dynamic objects
 LEAF_SIZE = 4
-SAH_DEPTHS = (40, 20, 10, 0)  # a tree that is too deep for the stack is built again, halving ranges from higher up on
-SIDE_BY_SIDE = 1 << 16  # triangles of small meshes that are built at once
-
-
-@dataclass(frozen=True)
-class Blas:
-    """A mesh in the hierarchy.
-
-    root: reference of its first node. entry: where rays enter it, which is a leaf where there is but one pack.
-    box: least and greatest corner, [2, 3], m. nodes, leaf_blocks: the rows that are its own, for a refit.
-    """
-
-    root: int
-    entry: int
-    box: NDArray[np.float64]
-    nodes: range = range(0)
-    leaf_blocks: range = range(0)
-
-    @property
-    def empty(self) -> bool:
-        """No triangle of the mesh can be hit."""
-        return self.root == EMPTY_NODE
+# Depths below which ranges are halved instead of split by SAH. A tree too deep for the stack is built with the next.
+SAH_DEPTHS = (40, 20, 10, 0)
+BATCH_TRIANGLES = 1 << 16  # small meshes are built together, up to this number of triangles
 
 
 class Bvh:
-    """The nodes and packed triangles on the device, and the roots of the trees in them.
+    """The nodes and triangles of all trees on the device, and the roots of the trees.
 
-    nodes, leaf_blocks: Taichi arrays whose rows bvh_write.py describes. They are replaced when they grow.
+    Args:
+        layout: "bvh8" or "bvh2".
+
+    Attributes:
+        layout: The shape of the trees.
+        nodes: Device array of nodes (`layout_kernels`), replaced when it grows.
+        leaf_blocks: Device array of triangles (`layout_kernels`), replaced when it grows.
+
+    Raises:
+        ArgumentError: The layout is unknown.
     """
 
     def __init__(self, layout: str) -> None:
@@ -60,20 +50,30 @@ class Bvh:
             raise ArgumentError(f"traversal={layout!r}: must be one of {', '.join(LAYOUTS)}")
         self.layout = LAYOUTS[layout]
         self._work = Workspace()
-        self._used_nodes = 0
         self._used_leaf_blocks = 0
         self._instance_capacity = 0
         self._roots: dict[int, int] = {}
-        self._kept: dict[int, tuple[NDArray[np.float64], NDArray[np.int32]]] = {}  # by root, what the tree is over
-        self._used_nodes = 2  # the empty one and the guard, which is empty too
+        # Boxes and rows of the instances of each TLAS that exists, by root, the least recently used first.
+        self._cached: dict[int, tuple[NDArray[np.float64], NDArray[np.int32]]] = {}
+        self._used_nodes = 2  # the empty node and the guard node
         self.nodes = self._new_nodes(self._used_nodes)
         self.leaf_blocks = self._new_leaf_blocks(1)
-        self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.NAME)
+        self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.INSTANCE_LEAF)
         if self.layout is BVH8:
             layout_kernels.write_guard(self.nodes)
 
+    @property
+    def used_rows(self) -> tuple[int, int]:
+        """Rows of `nodes` and of `leaf_blocks` that hold BLAS and static instances; the others change or are free."""
+        rows = 10 if self.layout is BVH8 else 1
+        return self._used_nodes * self.layout.unit, self._used_leaf_blocks * rows
+
     def root(self, time: int) -> int:
-        """The reference where rays enter the instances at PREVIOUS, CURRENT or NEXT, or the MOVERS."""
+        """Return the reference of the TLAS at PREVIOUS, CURRENT or NEXT, or of the MOVERS.
+
+        Raises:
+            ArgumentError: No instances are placed at that time.
+        """
         if time not in self._roots:
             raise ArgumentError(f"time={time}: no instances are placed there; name it in place(..., times=...)")
         return self._roots[time]
@@ -81,22 +81,28 @@ class Bvh:
     def add_mesh(
         self, positions: Boxes, triangles: NDArray[np.int32], first_triangle: int, *, deforms: bool = False
     ) -> Blas:
-        """Build the tree of a mesh whose triangles are rows `first_triangle` and on of the scene.
+        """Build the tree of a mesh.
 
-        Triangles with two corners at one point are left out, unless the mesh deforms. Thin ones stay: without them
-        their neighbors would gape.
+        Triangles with two corners at one point are left out, unless the mesh deforms. Thin triangles stay: without them
+        there would be gaps between their neighbors.
+
+        Args:
+            positions: float32 [n, 3], m.
+            triangles: int32 [m, 3].
+            first_triangle: The scene's row of the first triangle.
+            deforms: Whether the vertices change later (`refit`).
         """
         return self._add([positions], [triangles], first_triangle, deforms)[0]
 
     def add_meshes(
         self, positions: Sequence[Boxes], triangles: Sequence[NDArray[np.int32]], first_triangle: int
     ) -> list[Blas]:
-        """The same of many meshes, one after another; small ones are built side by side."""
+        """Build the trees of consecutive meshes, with the result of `add_mesh`; small meshes are built in parallel."""
         result: list[Blas] = []
         begin = 0
         while begin < len(triangles):
             end, size = begin + 1, len(triangles[begin])
-            while end < len(triangles) and size + len(triangles[end]) <= SIDE_BY_SIDE:
+            while end < len(triangles) and size + len(triangles[end]) <= BATCH_TRIANGLES:
                 size += len(triangles[end])
                 end += 1
             result += self._add(positions[begin:end], triangles[begin:end], first_triangle)
@@ -116,8 +122,8 @@ class Bvh:
         begin = np.cumsum([0, *(len(each) for each in positions)])
         faces = np.concatenate([each + first for each, first in zip(triangles, begin, strict=False)]).astype(np.int32)
         corners = [points[faces[:, k]] for k in range(3)]
-        apart = [(corners[k] != corners[k - 1]).any(axis=1) for k in range(3)]
-        solid = np.flatnonzero(apart[0] & apart[1] & apart[2] | deforms).astype(np.int32)
+        distinct = [(corners[k] != corners[k - 1]).any(axis=1) for k in range(3)]
+        solid = np.flatnonzero(distinct[0] & distinct[1] & distinct[2] | deforms).astype(np.int32)
         result = [Blas(EMPTY_NODE, EMPTY_NODE, np.zeros((2, 3)))] * len(sizes)
         if not len(solid):
             return result
@@ -131,12 +137,12 @@ class Bvh:
         starts = ends - counts[meshes]
         kind = self.layout.leaf_kind
         found = self._build(boxes, solid, starts, LEAF_SIZE, self.layout.block, kind)
-        if found is None:  # too deep for the stack, one of them
+        if found is None:  # one of them is too deep for the stack
             if len(sizes) == 1:
                 raise self._too_many(len(solid), "triangles in one mesh")
             firsts = (first_triangle + np.cumsum(sizes) - sizes).tolist()
             return [self.add_mesh(*each) for each in zip(positions, triangles, firsts, strict=True)]
-        nodes, leaf_blocks = int(found[-1, 0]), int(found[-1, 1]) if kind == layout_kernels.LEAF_BLOCK else len(solid)
+        nodes, leaf_blocks = int(found[-1, 0]), int(found[-1, 1]) if kind == layout_kernels.BLOCK_LEAF else len(solid)
         self._reserve(nodes, leaf_blocks)
         first, first_block = self._used_nodes, self._used_leaf_blocks
         self._write_nodes(nodes, first, first_block, kind)
@@ -148,90 +154,102 @@ class Bvh:
             layout_kernels.write_triangles(*source, leaf_blocks, *target)
         self._used_nodes += nodes
         self._used_leaf_blocks += leaf_blocks
-        if self._work.capacity > KEPT_WORKSPACE:
+        if self._work.capacity > MAX_KEPT_CAPACITY:
             self._work = Workspace()
         node_ends = first + found[:, 0]
-        block_ends = first_block + (found[:, 1] if kind == layout_kernels.LEAF_BLOCK else ends)
+        block_ends = first_block + (found[:, 1] if kind == layout_kernels.BLOCK_LEAF else ends)
         rows = np.stack([[first, *node_ends[:-1]], node_ends, [first_block, *block_ends[:-1]], block_ends], axis=1)
-        around = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
-        for mesh, row, box in zip(meshes.tolist(), rows.tolist(), np.stack(around, axis=1), strict=True):
+        bounds = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
+        for mesh, row, box in zip(meshes.tolist(), rows.tolist(), np.stack(bounds, axis=1), strict=True):
             root = row[0] * self.layout.unit
             entry = -1 - 10 * row[2] if self.layout is BVH8 and row[3] - row[2] == 1 else root
             result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
         return result
 
     def parts(self, meshes: Sequence[Blas]) -> SplitInstances:
-        """The children of the meshes' roots; none of a mesh of one pack, and none in the binary layout."""
+        """Return the children of the meshes' roots; none for a mesh of one leaf block, none in the layout "bvh2"."""
         if self.layout is not BVH8:
-            return parts_of(np.zeros((len(meshes), 8, 8), np.float32))
+            return root_children(np.zeros((len(meshes), 8, 8), np.float32))
         roots = np.array([blas.root if blas.entry == blas.root else EMPTY_NODE for blas in meshes], np.int64)
-        return parts_of(self.nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
+        return root_children(self.nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
 
-    def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, moved: int) -> None:
-        """Fit the tree of a mesh that deforms to where its vertices are now.
+    def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, offset: int) -> None:
+        """Fit the boxes and triangles of a deforming mesh's tree to its present vertices.
 
-        vertex_position, triangle_vertices: as a DeviceScene has them. moved: how many rows behind the one that
-        `triangle_vertices` names a vertex is read.
+        Args:
+            blas: The tree.
+            vertex_position: The scene's device array.
+            triangle_vertices: The scene's device array.
+            offset: Added to each row of `triangle_vertices`.
         """
         nodes, leaf_blocks = blas.nodes, blas.leaf_blocks
-        source = vertex_position, triangle_vertices, moved
+        source = vertex_position, triangle_vertices, offset
         if self.layout is BVH8:
             refit_kernels.refit_leaf_blocks(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
-            refit_kernels.refit_wide(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
+            refit_kernels.refit_bvh8(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
         else:
             refit_kernels.refit_triangles(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
-            refit_kernels.refit_binary(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
+            refit_kernels.refit_bvh2(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
 
     def placed(self) -> set[int]:
-        """The times at which something, or nothing, is placed."""
+        """Return the times at which `place` was called since `clear_instances`."""
         return set(self._roots)
 
     def clear_instances(self) -> None:
-        """Let nothing be placed."""
+        """Make all times unplaced."""
         self._roots.clear()
 
     def place(self, time: int, boxes: NDArray[np.float64], rows: NDArray[np.int32], capacity: int) -> None:
-        """Build the tree over the instances `rows` with world boxes [n, 6]. capacity: how many instances there are."""
+        """Build the TLAS at a time, unless an existing one is over the same instances.
+
+        Args:
+            time: PREVIOUS, CURRENT, NEXT or MOVERS.
+            boxes: float64 [n, 6], world boxes of the instances, m.
+            rows: int32 [n], names of the instances in the leaves.
+            capacity: Upper limit of n, for all times.
+        """
         if capacity > self._instance_capacity:
             self._instance_capacity = max(64, 1 << (capacity - 1).bit_length())
             self._reserve(0, 0)
-            self._forget()
+            self._drop_instances()
         self._roots.pop(time, None)
         if not len(rows):
             self._roots[time] = EMPTY_NODE
             return
-        self._roots[time] = first = self._kept_tree(boxes, rows)
-        if first not in self._kept:
+        self._roots[time] = first = self._tlas_region(boxes, rows)
+        if first not in self._cached:
             nodes = self._build_instances(boxes, rows)
-            self._write_nodes(nodes, first // self.layout.unit, 0, layout_kernels.NAME)
-        self._kept[first] = self._kept.pop(first, (boxes, rows))  # the one that was not used for longest is first
+            self._write_nodes(nodes, first // self.layout.unit, 0, layout_kernels.INSTANCE_LEAF)
+        self._cached[first] = self._cached.pop(first, (boxes, rows))  # the least recently used comes first
 
-    def _kept_tree(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
-        """The root of a tree over the same instances, or one where nothing is that is needed: what comes at one frame
-        is there at the next."""
-        for root, (kept_boxes, kept_rows) in self._kept.items():
-            if np.array_equal(kept_rows, rows) and np.array_equal(kept_boxes, boxes):
+    def _tlas_region(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
+        """Return the root of the TLAS over these instances, if there is one, else of a region that is free.
+
+        The tree of NEXT at one frame is that of CURRENT at the following one.
+        """
+        for root, (cached_boxes, cached_rows) in self._cached.items():
+            if np.array_equal(cached_rows, rows) and np.array_equal(cached_boxes, boxes):
                 return root
         end = self._node_capacity()
-        regions = range(end - TREES * self._instance_capacity, end, self._instance_capacity)
-        roots = [first * self.layout.unit for first in regions if first * self.layout.unit not in self._kept]
-        free = next(root for root in (*roots, *self._kept) if root not in self._roots.values())
-        self._kept.pop(free, None)
+        regions = range(end - TLAS_COUNT * self._instance_capacity, end, self._instance_capacity)
+        roots = [first * self.layout.unit for first in regions if first * self.layout.unit not in self._cached]
+        free = next(root for root in (*roots, *self._cached) if root not in self._roots.values())
+        self._cached.pop(free, None)
         return free
 
-    def _forget(self) -> None:
-        """Forget the trees over instances: they are to be elsewhere."""
+    def _drop_instances(self) -> None:
+        """Drop all TLAS, since their regions move."""
         self._roots.clear()
-        self._kept.clear()
+        self._cached.clear()
 
-    def place_for_good(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
-        """Build a tree over instances that stays, whatever is placed later; returns the reference of its first node."""
+    def add_static_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
+        """Build a tree over instances that `place` does not replace; return the reference of its first node."""
         if not len(rows):
             return EMPTY_NODE
         nodes = self._build_instances(boxes, rows)
         self._reserve(nodes, 0)
         first = self._used_nodes
-        self._write_nodes(nodes, first, 0, layout_kernels.NAME)
+        self._write_nodes(nodes, first, 0, layout_kernels.INSTANCE_LEAF)
         self._used_nodes += nodes
         return first * self.layout.unit
 
@@ -244,11 +262,13 @@ class Bvh:
         block: int,
         leaf_kind: int,
     ) -> NDArray[np.int32] | None:
-        """Build trees into the workspace, of the boxes from each of `starts` on.
+        """Build trees in the workspace, each over the boxes from one of `starts` to the next.
 
-        Returns the totals of nodes and leaf_blocks after each tree, and its stack; None if a stack is too small.
+        Returns:
+            For each tree: the totals of nodes and leaf blocks up to it, and the stack that it needs. None: a tree needs
+            more stack than there is.
         """
-        budget = self.layout.tlas_stack if leaf_kind == layout_kernels.NAME else self.layout.blas_stack
+        budget = self.layout.tlas_stack if leaf_kind == layout_kernels.INSTANCE_LEAF else self.layout.blas_stack
         ends = np.append(starts[1:], len(order))
         tasks = np.stack([2 * starts, starts, ends, np.zeros_like(starts)], axis=1).astype(np.int32)
         for sah_depth in SAH_DEPTHS if len(starts) == 1 else SAH_DEPTHS[:1]:
@@ -259,35 +279,35 @@ class Bvh:
         return None
 
     def _build_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
-        """Build a tree over instances into the workspace; returns its number of nodes."""
-        found = self._build(_widened(boxes), rows, np.zeros(1, np.int64), 1, 1, layout_kernels.NAME)
+        """Build a tree over instances in the workspace; return its number of nodes."""
+        found = self._build(_widened(boxes), rows, np.zeros(1, np.int64), 1, 1, layout_kernels.INSTANCE_LEAF)
         if found is None:
             raise self._too_many(len(rows), "instances")
         return int(found[0, 0])
 
     def _too_many(self, count: int, what: str) -> ArgumentError:
-        return ArgumentError(f"{count} {what} are more than the {self.layout.name} traversal can take")
+        return ArgumentError(f"{count} {what} are more than the {self.layout.name} traversal supports")
 
     def _write_nodes(self, count: int, first: int, first_block: int, leaf_kind: int) -> None:
         work = self._work
         if self.layout is BVH8:
-            rows = 10 if leaf_kind == layout_kernels.LEAF_BLOCK else 1
-            layout_kernels.write_wide_nodes(
+            rows = 10 if leaf_kind == layout_kernels.BLOCK_LEAF else 1
+            layout_kernels.write_bvh8_nodes(
                 work.node_box, work.node_link, work.children, count, self.nodes, first, first_block, rows
             )
         else:
-            layout_kernels.write_binary_nodes(
+            layout_kernels.write_bvh2_nodes(
                 work.node_box, work.node_link, work.children, count, self.nodes, first, first_block
             )
 
     def _reserve(self, nodes: int, leaf_blocks: int) -> None:
-        """Make room for more BLAS nodes and leaf_blocks, the TLAS regions included, which lie at the end."""
-        needed = self._used_nodes + nodes + TREES * self._instance_capacity
-        if needed > layout_kernels.MOST_NODES and self.layout is BVH8:
+        """Make room for more BLAS nodes and leaf blocks. The TLAS regions are at the end of the nodes."""
+        needed = self._used_nodes + nodes + TLAS_COUNT * self._instance_capacity
+        if needed > layout_kernels.MAX_NODES and self.layout is BVH8:
             raise self._too_many(needed, "nodes of trees")
         if needed > self._node_capacity():
             self.nodes = _grown(self.nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
-            self._forget()
+            self._drop_instances()
         if self._used_leaf_blocks + leaf_blocks > self._leaf_block_capacity():
             needed = self._used_leaf_blocks + leaf_blocks
             self.leaf_blocks = _grown(
@@ -295,10 +315,10 @@ class Bvh:
             )
 
     def _new_nodes(self, count: int) -> Any:
-        return ti.ndarray(float8, 8 * count) if self.layout is BVH8 else ti.ndarray(ti.f32, (count, 16))
+        return device_array(float8, 8 * count) if self.layout is BVH8 else device_array(ti.f32, (count, 16))
 
     def _new_leaf_blocks(self, count: int) -> Any:
-        return ti.ndarray(float4, 10 * count) if self.layout is BVH8 else ti.ndarray(ti.f32, (count, 12))
+        return device_array(float4, 10 * count) if self.layout is BVH8 else device_array(ti.f32, (count, 12))
 
     def _node_capacity(self) -> int:
         return int(self.nodes.shape[0]) // self.layout.unit
@@ -308,7 +328,7 @@ class Bvh:
 
 
 def _grown(old: Any, new: Any) -> Any:
-    """The larger array `new` with the values of `old` at its beginning."""
+    """Copy the values of an array to the beginning of a larger one, and return that."""
     values = old.to_numpy()
     filled = np.zeros((new.shape[0], *values.shape[1:]), np.float32)
     filled[: len(values)] = values
@@ -317,7 +337,7 @@ def _grown(old: Any, new: Any) -> Any:
 
 
 def _widened(boxes: NDArray[np.floating]) -> Boxes:
-    """Boxes [n, 6] that still contain what they should after rounding, and that a ray within a face of them enters."""
+    """Return boxes [n, 6] enlarged by rounding errors, so that rays within a face of a flat box hit it."""
     margin = np.maximum(4e-7 * np.abs(boxes).max(axis=1, keepdims=True), 1e-12)
     result: Boxes = np.empty(boxes.shape, np.float32)
     np.subtract(boxes[:, :3], margin, out=result[:, :3], casting="same_kind")

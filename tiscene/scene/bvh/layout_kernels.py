@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that turn a binary tree of boxes (bvh_build.py) into the nodes and triangles that rays meet."""
+"""Kernels that turn a binary tree of boxes (`build_kernels`) into the nodes and leaf blocks that rays traverse."""
 
 import taichi as ti
 
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints1, Ints2, Template
 from tiscene.scene.bvh.build_kernels import FAR, box_of, half_area
 
-NAME, LEAF_BLOCK, ROWS = 0, 1, 2  # what a leaf refers to: its only primitive, one pack of all, a row for each
+# Kinds of leaves: the name of one instance; one leaf block with all triangles; a row for each triangle.
+INSTANCE_LEAF, BLOCK_LEAF, ROW_LEAF = 0, 1, 2
 
-# Of the wide layout: an empty node whose first two references are what is at the end of an instance and of a ray
-# (render/intersect/any_hit.py).
+# Of the layout "bvh8": an empty node whose first two references mark the end of an instance and of a ray
+# (`render.intersect.bvh8_any_hit`).
 GUARD_NODE = 1
-MOST_NODES = 1 << 23  # so that a node's first row and a bit for each child are one i32
+MAX_NODES = 1 << 23  # so that a node's first row and a bit for each child fit one i32
 END_OF_INSTANCE, END_OF_RAY = -(1 << 31), 1 - (1 << 31)
 
 
@@ -30,11 +31,21 @@ def collapse(
 ):
     """Merge the binary nodes of trees into nodes of up to `width` children, numbered depth first, tree after tree.
 
-    roots: the slot of each tree's root, in the first column. found: for each tree how many nodes and leaf blocks
-    there are so far, it included, and the most entries that a traversal of it can have on its stack.
+    The child with the largest area is opened first.
 
-    children[node]: slots, -1 for none. The child with the largest area (by_count: the most primitives) is opened first.
-    In node_link column 2 of an inner slot becomes its wide node, column 1 of a leaf what `leaf_kind` says.
+    Args:
+        order: Primitives in the order of the leaves.
+        node_box: Boxes of the binary nodes, by slot.
+        node_link: Links of the binary nodes, by slot (`build_kernels.grow`). Column 2 of an inner slot becomes its
+            merged node, column 1 of a leaf what `leaf_kind` says.
+        children: Receives the slots of each node's children, -1 for none.
+        stack: Scratch.
+        roots: Column 0 holds the slot of each tree's root.
+        found: Receives, for each tree, the numbers of nodes and leaf blocks up to it, and the most entries that its
+            traversal can have on the stack.
+        width: 2 or 8.
+        leaf_kind: INSTANCE_LEAF, BLOCK_LEAF or ROW_LEAF.
+        by_count: 1: the child with the most primitives is opened first.
     """
     ti.loop_config(serialize=True)
     for tree in range(found.shape[0]):
@@ -43,14 +54,14 @@ def collapse(
         if tree > 0:
             nodes = found[tree - 1, 0]
             leaf_blocks = found[tree - 1, 1]
-        deepest = 0
+        max_stack = 0
         stack[0, 0] = roots[tree, 0]
         stack[0, 1] = 0
-        waiting = 1
-        while waiting > 0:
-            waiting -= 1
-            slot = stack[waiting, 0]
-            below = stack[waiting, 1]
+        pending = 1
+        while pending > 0:
+            pending -= 1
+            slot = stack[pending, 0]
+            stacked = stack[pending, 1]
             opened = ti.Vector([-1] * 8)
             opened[0] = slot
             count = 1
@@ -75,19 +86,19 @@ def collapse(
                     count += 1
             if node_link[slot, 0] >= 0:
                 node_link[slot, 2] = nodes
-            below += count - 1
-            deepest = ti.max(deepest, below)
+            stacked += count - 1
+            max_stack = ti.max(max_stack, stacked)
             for k in range(8):
                 s = opened[k]
                 children[nodes, k] = s
                 if s >= 0:
                     if node_link[s, 0] >= 0:
-                        stack[waiting, 0] = s
-                        stack[waiting, 1] = below
-                        waiting += 1
-                    elif leaf_kind == NAME:
+                        stack[pending, 0] = s
+                        stack[pending, 1] = stacked
+                        pending += 1
+                    elif leaf_kind == INSTANCE_LEAF:
                         node_link[s, 1] = order[node_link[s, 2]]
-                    elif leaf_kind == LEAF_BLOCK:
+                    elif leaf_kind == BLOCK_LEAF:
                         node_link[s, 1] = leaf_blocks
                         leaf_blocks += 1
                     else:
@@ -95,11 +106,11 @@ def collapse(
             nodes += 1
         found[tree, 0] = nodes
         found[tree, 1] = leaf_blocks
-        found[tree, 2] = deepest
+        found[tree, 2] = max_stack
 
 
 @ti.kernel
-def write_wide_nodes(
+def write_bvh8_nodes(
     node_box: Floats2,
     node_link: Ints2,
     children: Ints2,
@@ -109,10 +120,11 @@ def write_wide_nodes(
     first_leaf: ti.i32,
     leaf_rows: ti.i32,
 ):
-    """Eight rows a node, a lane for each child: least x, y, z, greatest x, y, z, references (bits of int32), infinity.
+    """Write nodes of the layout "bvh8": eight rows each, with a lane for each child.
 
-    Where there is no child the box is inverted, the reference 0, the last row -1.
-    A reference is the first row of an inner node, or -1 - row of a leaf: `leaf_rows` rows each from `first_leaf` on.
+    Rows 0 to 2 are the lowest x, y and z, rows 3 to 5 the highest, row 6 references (bits of int32), row 7 infinity.
+    Without a child, the box is inverted, the reference 0 and row 7 is -1. A reference is the first row of an inner
+    node, or -1 - first row of a leaf; leaves have `leaf_rows` rows each, from leaf `first_leaf` on.
     """
     for node in range(count):
         at = 8 * (first_node + node)
@@ -135,7 +147,7 @@ def write_wide_nodes(
 
 @ti.kernel
 def write_guard(nodes: Float8s1):
-    """Make the first two references of the empty GUARD_NODE what they are."""
+    """Write the first two references of the empty GUARD_NODE."""
     nodes[8 * GUARD_NODE + 6][0] = ti.bit_cast(END_OF_INSTANCE, ti.f32)
     nodes[8 * GUARD_NODE + 6][1] = ti.bit_cast(END_OF_RAY, ti.f32)
 
@@ -152,7 +164,10 @@ def write_leaf_blocks(
     first_block: ti.i32,
     first_triangle: ti.i32,
 ):
-    """Ten rows a pack of up to four triangles: their vertices, global triangle (bits of int32), ascending."""
+    """Write leaf blocks: ten rows with a lane for each of up to four triangles, in ascending order.
+
+    Rows 0 to 8 are the coordinates of three vertices, row 9 the scene's triangle (bits of int32), -1 for none.
+    """
     for node, k in ti.ndrange(count, 8):
         slot = children[node, k]
         if slot >= 0:
@@ -175,6 +190,7 @@ def write_leaf_blocks(
 
 @ti.func
 def sort(order: Template, begin: ti.i32, end: ti.i32):
+    """Sort a range in ascending order, by insertion."""
     for i in range(begin + 1, end):
         j = i
         while j > begin and order[j - 1] > order[j]:
@@ -183,7 +199,7 @@ def sort(order: Template, begin: ti.i32, end: ti.i32):
 
 
 @ti.kernel
-def write_binary_nodes(
+def write_bvh2_nodes(
     node_box: Floats2,
     node_link: Ints2,
     children: Ints2,
@@ -192,14 +208,15 @@ def write_binary_nodes(
     first_node: ti.i32,
     first_leaf: ti.i32,
 ):
-    """Sixteen numbers a node: the boxes of two children (least x, y, z, greatest x, y, z), their references, nothing.
+    """Write nodes of the layout "bvh2": 16 numbers each.
 
-    A reference is an inner node, or -1 - (4 * first row + rows - 1) of a leaf.
+    Two boxes (lowest x, y, z, highest x, y, z), two references (bits of int32), two unused. A reference is an inner
+    node, or -1 - (4 * first row + rows - 1) of a leaf.
     """
     for node, k in ti.ndrange(count, 2):
         at = first_node + node
         for c in ti.static(range(3)):
-            nodes[at, 6 * k + c] = ti.math.inf  # a box that no ray reaches, whichever way it goes
+            nodes[at, 6 * k + c] = ti.math.inf  # a box that no ray hits, in any direction
             nodes[at, 6 * k + 3 + c] = ti.math.inf
         nodes[at, 12 + k] = 0.0
         nodes[at, 14 + k] = 0.0
@@ -223,7 +240,10 @@ def write_triangles(
     first_row: ti.i32,
     first_triangle: ti.i32,
 ):
-    """Twelve numbers a triangle, in the order of the leaves: vertex 0, its global number (bits), vertices 1 and 2."""
+    """Write triangles of the layout "bvh2", in the order of the leaves: 12 numbers each.
+
+    Vertex 0, the scene's triangle (bits of int32), vertex 1, unused, vertex 2, unused.
+    """
     for i in range(count):
         local = order[i]
         at = first_row + i

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The instances of a stage as obstacles: a tree over what stands still, above the trees that rays walk."""
+"""Instances of a stage as obstacles of a simulation: a tree over them, above the same mesh trees that rays traverse."""
 
 from __future__ import annotations
 
@@ -9,13 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.scene.bvh.bvh import Blas, Bvh
+from tiscene.scene.bvh.blas import Blas
+from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.workspace import BVH8
 from tiscene.scene.description import Instance, Mesh
 
 
 class MeshTrees:
-    """The trees over a stage's meshes, by the meshes' rows. bvh: holds them. blas: one for each mesh."""
+    """The trees of a stage's meshes.
+
+    Attributes:
+        bvh: Holds their nodes and triangles.
+        blas: The tree of each mesh, by row.
+    """
 
     def __init__(self, bvh: Bvh, blas: Sequence[Blas]) -> None:
         self.bvh = bvh
@@ -28,7 +34,12 @@ class MeshTrees:
 
     @classmethod
     def built(cls, meshes: Sequence[Mesh], layout: str | None = None) -> MeshTrees:
-        """Trees of their own, where nobody renders the meshes. layout: None: what suits the device. Taichi must run."""
+        """Build trees of meshes that are not rendered. Taichi must run.
+
+        Args:
+            meshes: The meshes.
+            layout: "bvh8" or "bvh2". None: the layout for the device.
+        """
         bvh = Bvh(layout or ("bvh2" if runtime.running() == "cuda" else "bvh8"))
         positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in meshes]
         triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in meshes]
@@ -36,16 +47,24 @@ class MeshTrees:
 
 
 class ObstacleTree:
-    """A tree over placed meshes, with what `dynamics.obstacles.Obstacles.from_trees` asks for.
+    """A tree over placed meshes, with the arrays that `dynamics.obstacles.Obstacles.from_trees` needs.
 
-    Instances that are squashed flat, and meshes without any area, are left out: rays do not meet them either; so are
-    those that the stage says nothing collides with.
-    rows: int64 [i], the instances of the tree as rows of what was given. matrices: float64 [i, 3, 4]. roots: int32 [i],
-    the first node of each. root: where the tree begins.
+    Instances with a singular transform and meshes without area are left out, as rays cannot hit them; so are instances
+    that the stage excludes from collisions.
+
+    Args:
+        trees: Trees of the meshes.
+        instances: The instances.
+        present: Whether each instance is in the tree. None: all are. Absent instances keep their rows.
+
+    Attributes:
+        rows: int64 [i], the instances of the tree, as rows of `instances`.
+        matrices: float64 [i, 3, 4], m.
+        roots: int32 [i], reference of the first node of each.
+        root: Reference of the tree's first node.
     """
 
-    def __init__(self, trees: MeshTrees, instances: Sequence[Instance], there: Sequence[bool] | None = None) -> None:
-        """there: which of the instances are in the way; None: all. The others keep their rows."""
+    def __init__(self, trees: MeshTrees, instances: Sequence[Instance], present: Sequence[bool] | None = None) -> None:
         roots, boxes, rows = [], [], []
         for row, instance in enumerate(instances):
             blas = trees.blas[instance.mesh]
@@ -60,6 +79,6 @@ class ObstacleTree:
         self.rows: NDArray[np.int64] = np.array(rows, np.int64)
         self.roots: NDArray[np.int32] = np.array(roots, np.int32)
         self.matrices = np.array([instances[row].world_from_object[:3] for row in rows], np.float64).reshape(-1, 3, 4)
-        solid = np.array([there is None or there[row] for row in rows], np.bool_)
-        standing = np.flatnonzero(solid).astype(np.int32)
-        self.root = trees.bvh.place_for_good(np.array(boxes).reshape(-1, 6)[standing], standing)
+        included = np.array([present is None or present[row] for row in rows], np.bool_)
+        chosen = np.flatnonzero(included).astype(np.int32)
+        self.root = trees.bvh.add_static_instances(np.array(boxes).reshape(-1, 6)[chosen], chosen)

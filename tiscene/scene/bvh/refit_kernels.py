@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that move a mesh: new vertices, the triangles that rays meet, and boxes of the same tree around them.
+"""Kernels that refit the tree of a deforming mesh: new vertices, the triangles in its leaves, and the boxes above them.
 
-Each box is made of what is below it, from the last node to the first: children have higher numbers (bvh_write.py).
+The tree keeps its topology. Nodes are refitted from last to first, since children have higher numbers than parents
+(`layout_kernels`).
 """
 
 import taichi as ti
@@ -9,7 +10,7 @@ import taichi as ti
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints2
 from tiscene.scene.bvh.build_kernels import FAR
 
-_MARGIN = 4e-7  # of a box's largest coordinate, as in bvh.py
+_MARGIN = 4e-7  # of a box's largest coordinate, as in `bvh`
 
 
 @ti.kernel
@@ -21,7 +22,7 @@ def write_vertices(
     vertex_position: Floats2,
     vertex_normal: Floats2,
 ):
-    """Put a mesh's vertices into the scene's rows from `first` on."""
+    """Write a mesh's vertices to the scene's rows from `first` on. Normals are normalized."""
     for i in range(positions.shape[0]):
         for c in ti.static(range(3)):
             vertex_position[first + i, c] = positions[i, c]
@@ -41,21 +42,21 @@ def refit_leaf_blocks(
     count: ti.i32,
     vertex_position: Floats2,
     triangle_vertices: Ints2,
-    moved: ti.i32,
+    offset: ti.i32,
 ):
-    """The wide layout's triangles. moved: how far behind its row of `triangle_vertices` each vertex is."""
+    """Write the triangles of leaf blocks again. `offset` is added to each row of `triangle_vertices`."""
     for pack in range(count):
         at = 10 * (first + pack)
         for lane in ti.static(range(4)):
             triangle = ti.bit_cast(leaf_blocks[at + 9][lane], ti.i32)
             if triangle >= 0:
                 for corner, c in ti.static(ti.ndrange(3, 3)):
-                    vertex = triangle_vertices[triangle, corner] + moved
+                    vertex = triangle_vertices[triangle, corner] + offset
                     leaf_blocks[at + 3 * corner + c][lane] = vertex_position[vertex, c]
 
 
 @ti.kernel
-def refit_wide(nodes: Float8s1, first: ti.i32, count: ti.i32, leaf_blocks: Float4s1):
+def refit_bvh8(nodes: Float8s1, first: ti.i32, count: ti.i32, leaf_blocks: Float4s1):
     ti.loop_config(serialize=True)
     for turn in range(count):
         at = 8 * (first + count - 1 - turn)
@@ -85,17 +86,17 @@ def refit_wide(nodes: Float8s1, first: ti.i32, count: ti.i32, leaf_blocks: Float
 
 @ti.kernel
 def refit_triangles(
-    rows: Floats2, first: ti.i32, count: ti.i32, vertex_position: Floats2, triangle_vertices: Ints2, moved: ti.i32
+    rows: Floats2, first: ti.i32, count: ti.i32, vertex_position: Floats2, triangle_vertices: Ints2, offset: ti.i32
 ):
-    """The binary layout's triangles; `moved` as for `refit_leaf_blocks`."""
+    """Write the triangles of the layout "bvh2" again; `offset` as for `refit_leaf_blocks`."""
     for row in range(first, first + count):
         triangle = ti.bit_cast(rows[row, 3], ti.i32)
         for corner, c in ti.static(ti.ndrange(3, 3)):
-            rows[row, 4 * corner + c] = vertex_position[triangle_vertices[triangle, corner] + moved, c]
+            rows[row, 4 * corner + c] = vertex_position[triangle_vertices[triangle, corner] + offset, c]
 
 
 @ti.kernel
-def refit_binary(nodes: Floats2, first: ti.i32, count: ti.i32, rows: Floats2):
+def refit_bvh2(nodes: Floats2, first: ti.i32, count: ti.i32, rows: Floats2):
     ti.loop_config(serialize=True)
     for turn in range(count):
         at = first + count - 1 - turn

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A build in progress: the shapes that trees have, and the arrays in which they grow."""
+"""Layouts of trees, and the arrays of a build in progress."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from tiscene.device.memory import device_array
 from tiscene.scene.bvh import build_kernels, layout_kernels
 
 Boxes = NDArray[np.float32]
@@ -16,9 +17,17 @@ Boxes = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Layout:
-    """The shape of a tree. Stacks: entries that a traversal needs at most for a BLAS and a TLAS.
+    """The shape of trees.
 
-    unit: what one node adds to its number to refer to it. node_cost: in units of one block of triangles tested.
+    Attributes:
+        name: "bvh8" or "bvh2".
+        width: Children of a node.
+        unit: Rows of a node; a reference is the node's number times this.
+        block: Triangles that are tested at once.
+        leaf_kind: BLOCK_LEAF or ROW_LEAF of `layout_kernels`.
+        node_cost: Cost of visiting a node, in units of testing one block.
+        blas_stack: Stack entries that a traversal of a BLAS may need.
+        tlas_stack: Stack entries that a traversal of a TLAS may need.
     """
 
     name: str
@@ -31,15 +40,15 @@ class Layout:
     tlas_stack: int
 
 
-BVH8 = Layout("bvh8", 8, 8, 4, layout_kernels.LEAF_BLOCK, 0.5, 56, 56)
-BVH2 = Layout("bvh2", 2, 1, 1, layout_kernels.ROWS, 1.0, 48, 24)
+BVH8 = Layout("bvh8", 8, 8, 4, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
+BVH2 = Layout("bvh2", 2, 1, 1, layout_kernels.ROW_LEAF, 1.0, 48, 24)
 LAYOUTS = {layout.name: layout for layout in (BVH8, BVH2)}
-KEPT_WORKSPACE = 1 << 18  # primitives; the memory for building larger trees is given back
+MAX_KEPT_CAPACITY = 1 << 18  # primitives; a larger workspace is freed after the build
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
 
 
 class Workspace:
-    """The arrays of a build in progress. Those on the device grow and stay; order and tasks are the host's."""
+    """Arrays of a build in progress. Those on the device grow and are reused; order and tasks are on the host."""
 
     def __init__(self) -> None:
         self._allocate(64)
@@ -47,10 +56,10 @@ class Workspace:
 
     def _allocate(self, capacity: int) -> None:
         self.capacity = capacity
-        self.node_box = ti.ndarray(ti.f32, (2 * capacity, 6))
-        self.node_link = ti.ndarray(ti.i32, (2 * capacity, 4))
-        self.children = ti.ndarray(ti.i32, (capacity, 8))
-        self.stack = ti.ndarray(ti.i32, (capacity, 2))
+        self.node_box = device_array(ti.f32, (2 * capacity, 6))
+        self.node_link = device_array(ti.i32, (2 * capacity, 4))
+        self.children = device_array(ti.i32, (capacity, 8))
+        self.stack = device_array(ti.i32, (capacity, 2))
 
     def grow(
         self,
@@ -62,10 +71,10 @@ class Workspace:
         leaf_size: int,
         block: int,
     ) -> None:
-        """Split primitives into binary trees, one for each task (bvh_build.py)."""
+        """Build binary trees, one for each task (`build_kernels.grow`)."""
         count, trees = len(order), len(tasks)
         if count > self.capacity:
-            self._allocate(max(count, 2 * min(self.capacity, KEPT_WORKSPACE)))
+            self._allocate(max(count, 2 * min(self.capacity, MAX_KEPT_CAPACITY)))
         serial_until = 0 if count <= SERIAL_BUILD or trees > 1 else max(SERIAL_BUILD // 4, count // 64)
         boxes, self.order = boxes.copy(), order.copy()  # they are sorted in place
         self.tasks = np.concatenate([tasks, np.zeros((count + 1 - trees, 4), np.int32)])
@@ -79,7 +88,7 @@ class Workspace:
             run(1, subtrees, 0)
 
     def collapse(self, trees: int, width: int, leaf_kind: int, by_count: bool) -> NDArray[np.int32]:
-        """Merge binary nodes; of each tree the nodes and leaf_blocks there are so far, and the stack that it needs."""
+        """Merge binary nodes; return `found` of `layout_kernels.collapse`, int32 [trees, 3]."""
         found = np.zeros((trees, 3), np.int32)
         arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self.tasks, found)
         layout_kernels.collapse(*arrays, width, leaf_kind, int(by_count))
