@@ -3,10 +3,11 @@
 
 ::
 
-    runtime         start Taichi once per process
-    restart         notice that the user's code restarted Taichi
-    vector_mode     compile kernels with SIMD vectors
-    memory          host arrays to device arrays
-    kernel_types    types of kernel arguments
-    taichi_patches  replacements for slow parts of Taichi's Python code
+    runtime           start Taichi once per process
+    restart           notice that the user's code restarted Taichi
+    vector_mode       compile kernels with SIMD vectors
+    memory            host arrays to device arrays
+    kernel_types      types of kernel arguments
+    argument_bundles  named tuples as kernel parameters
+    taichi_patches    replacements for slow parts of Taichi's Python code
 """

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Texture lookups in the atlas: bilinear, or stochastic with the same mean."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Template, vec2, vec3, vec4
+from tiscene.device.kernel_types import Floats1, Ints1, Ints2, Template, vec2, vec3, vec4
 from tiscene.scene.textures.atlas import (
     COARSER,
     HEIGHT,
@@ -24,11 +24,11 @@ _DECODING_LENGTH = 256
 
 
 class Textures(NamedTuple):
-    """The arrays of a TextureAtlas, bundled inside a kernel."""
+    """The arrays of a TextureAtlas; a parameter of kernels, see `argument_bundles`."""
 
-    info: Any
-    words: Any
-    floats: Any
+    info: Ints2
+    words: Ints1
+    floats: Floats1
 
 
 @ti.func

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inputs of UsdPreviewSurface at a surface point, from constants and textures; the shading normal."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Template, vec2, vec3, vec4
+from tiscene.device.kernel_types import Floats2, Ints2, Template, vec2, vec3, vec4
 from tiscene.render.sampling.sobol import mix
 from tiscene.render.texture_lookup import lookup, lookup_stochastic, mip_row
 from tiscene.scene.material_table import (
@@ -50,11 +50,11 @@ MIN_COSINE = 0.01  # between the adjusted shading normal and the outgoing direct
 
 
 class Materials(NamedTuple):
-    """The arrays of a MaterialTable, bundled inside a kernel."""
+    """The arrays of a MaterialTable; a parameter of kernels, see `argument_bundles`."""
 
-    values: Any
-    info: Any
-    lookups: Any
+    values: Floats2
+    info: Ints2
+    lookups: Floats2
 
 
 @ti.dataclass

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Template, vec2, vec3, vec4
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3, vec4
 
 INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART, INFO_MOVED = range(1, 8)
 INFO_COLORS = 8
@@ -20,19 +20,16 @@ OFFSET = 1e-5
 
 
 class Geometry(NamedTuple):
-    """The arrays of a DeviceScene that `surface_at` reads, bundled inside a kernel.
+    """The arrays of a DeviceScene that `surface_at` reads; a parameter of kernels, see `argument_bundles`."""
 
-    A kernel has each as a parameter: ``geometry = ti.static(Geometry(vertex_position, ...))``.
-    """
-
-    vertex_position: Any
-    vertex_normal: Any
-    vertex_uv: Any
-    triangle_vertices: Any
-    triangle_material: Any
-    instance_info: Any
-    world_from_instance: Any
-    instance_from_world: Any
+    vertex_position: Floats2
+    vertex_normal: Floats2
+    vertex_uv: Floats2
+    triangle_vertices: Ints2
+    triangle_material: Ints1
+    instance_info: Ints2
+    world_from_instance: Floats3
+    instance_from_world: Floats3
 
 
 def geometry_of(scene: Any) -> Geometry:

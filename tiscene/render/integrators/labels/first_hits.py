@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Ints1
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
 from tiscene.render.intersect.ray_queue import HitIds, Hits, RayArrays, Rays, RayWave, ray_direction
 from tiscene.render.intersect.surface_interaction import Geometry, geometry_of, offset_origin, surface_at
@@ -65,45 +66,21 @@ def first_hits(
 
 
 @ti.kernel
+@bundled
 def reject_transparent_hits(
     queue: Ints1,
     count: ti.i32,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
-    vertex_position: Floats2,
-    vertex_normal: Floats2,
-    vertex_uv: Floats2,
-    triangle_vertices: Ints2,
-    triangle_material: Ints1,
-    instance_info: Ints2,
-    world_from_instance: Floats3,
-    instance_from_world: Floats3,
-    material_values: Floats2,
-    material_info: Ints2,
-    material_lookups: Floats2,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    geometry: Geometry,
+    materials: Materials,
+    textures: Textures,
     time: ti.i32,
     next_queue: Ints1,
     next_count: Ints1,
 ):
     """Move rays with alpha-rejected hits behind the surface and append them to `next_queue`."""
-    geometry = ti.static(
-        Geometry(
-            vertex_position,
-            vertex_normal,
-            vertex_uv,
-            triangle_vertices,
-            triangle_material,
-            instance_info,
-            world_from_instance,
-            instance_from_world,
-        )
-    )
-    materials = ti.static(Materials(material_values, material_info, material_lookups))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(count):
         ray = queue[i]
         row = hit_ids[ray][0]
@@ -111,7 +88,7 @@ def reject_transparent_hits(
         hits[ray][0] = rays[ray][TRAVELED] + step
         may_be_rejected = False
         if row >= 0:
-            may_be_rejected = material_info[triangle_material[hit_ids[ray][1]], FLAGS] & COVERAGE != 0
+            may_be_rejected = materials.info[geometry.triangle_material[hit_ids[ray][1]], FLAGS] & COVERAGE != 0
         if may_be_rejected:
             direction = ray_direction(rays, ray)
             surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], time, direction)

@@ -73,9 +73,7 @@ def camera_point(
 
 @ti.func
 def deformed_point(
-    vertex_position: Template,
-    triangle_vertices: Template,
-    instance_info: Template,
+    geometry: Template,
     row: ti.i32,
     triangle: ti.i32,
     b1: ti.f32,
@@ -86,9 +84,9 @@ def deformed_point(
     """Return where a point at `now` in the space of its mesh is at another time, if the mesh deforms."""
     point = now
     if row >= 0:
-        if instance_info[row, INFO_MOVED] > 0:
-            moved = vertex_offset(instance_info, row, time)
-            point = object_point_at(vertex_position, triangle_vertices, triangle, b1, b2, moved)
+        if geometry.instance_info[row, INFO_MOVED] > 0:
+            moved = vertex_offset(geometry.instance_info, row, time)
+            point = object_point_at(geometry.vertex_position, geometry.triangle_vertices, triangle, b1, b2, moved)
     return point
 
 

@@ -7,7 +7,8 @@ iteration is one pixel of a queue; no sums over pixels.
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, UShorts2, vec2, vec3
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, UShorts2, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import (
     Footprint,
     Materials,
@@ -96,26 +97,16 @@ def reflection(surface: Template, point: Template, direction: vec3) -> vec3:
 
 
 @ti.kernel
+@bundled
 def surface_labels(
     queue: Ints1,
     count: ti.i32,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
-    vertex_position: Floats2,
-    vertex_normal: Floats2,
-    vertex_uv: Floats2,
-    triangle_vertices: Ints2,
-    triangle_material: Ints1,
-    instance_info: Ints2,
-    world_from_instance: Floats3,
-    instance_from_world: Floats3,
-    material_values: Floats2,
-    material_info: Ints2,
-    material_lookups: Floats2,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    geometry: Geometry,
+    materials: Materials,
+    textures: Textures,
     box_from_instance: Floats2,
     triangle_part: Ints1,
     instance_motion: Floats2,
@@ -148,8 +139,7 @@ def surface_labels(
 ):
     """Write the label buffers at the hits of the rays in the queue.
 
-    The arguments from vertex_position to texture_floats are geometry, materials and textures of the scene; those from
-    `depth` on are the buffers, in the order of SURFACE_BUFFERS, of one pixel where not wanted.
+    The arguments from `depth` on are the buffers, in the order of SURFACE_BUFFERS, of one pixel where not wanted.
 
     Args:
         instance_motion, camera_motion: See the functions of these names in `label_pass`.
@@ -158,20 +148,6 @@ def surface_labels(
         mirrored_count: i32 [1], number of reflected rays, incremented.
         wanted: i32 [len(SURFACE_BUFFERS)], 1 for the buffers to write.
     """
-    geometry = ti.static(
-        Geometry(
-            vertex_position,
-            vertex_normal,
-            vertex_uv,
-            triangle_vertices,
-            triangle_material,
-            instance_info,
-            world_from_instance,
-            instance_from_world,
-        )
-    )
-    materials = ti.static(Materials(material_values, material_info, material_lookups))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(count):
         pixel = queue[i]
         x, y = pixel % width, pixel // width
@@ -183,7 +159,12 @@ def surface_labels(
         object_point = vec3(0.0)
         if row >= 0:
             object_point = object_point_at(
-                vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], 0
+                geometry.vertex_position,
+                geometry.triangle_vertices,
+                hit_ids[pixel][1],
+                hits[pixel][1],
+                hits[pixel][2],
+                0,
             )
         triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
         camera_space = camera_point(CURRENT, row, object_point, towards, instance_motion, camera_motion)
@@ -195,33 +176,31 @@ def surface_labels(
             length = camera_space.norm() if ahead > 0.0 else camera_space.z
             distance[y, x] = length if row >= 0 else ti.math.inf
         if wanted[OF_SEMANTIC]:
-            category = instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
+            category = geometry.instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
             semantic[y, x] = ti.cast(category, ti.u16)
         if wanted[OF_INSTANCE]:
-            instance[y, x] = instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
+            instance[y, x] = geometry.instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
         if wanted[OF_PART]:
-            part[y, x] = 1 + instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel][1]] if row >= 0 else 0
-        if wanted[OF_FORWARD_FLOW]:
-            moved_point = deformed_point(
-                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
+            part[y, x] = (
+                1 + geometry.instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel][1]] if row >= 0 else 0
             )
+        if wanted[OF_FORWARD_FLOW]:
+            moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, NEXT)
             after = camera_point(NEXT, row, moved_point, towards, instance_motion, camera_motion)
             write2(forward_flow, y, x, from_principal_point(after, camera_motion, NEXT) - image_point)
         if wanted[OF_BACKWARD_FLOW]:
-            moved_point = deformed_point(
-                vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, PREVIOUS
-            )
+            moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, PREVIOUS)
             before = camera_point(PREVIOUS, row, moved_point, towards, instance_motion, camera_motion)
             write2(backward_flow, y, x, from_principal_point(before, camera_motion, PREVIOUS) - image_point)
         if wanted[OF_SCENE_FLOW]:
             displacement = vec3(0.0)
             if row >= 0:
-                moved_point = deformed_point(
-                    vertex_position, triangle_vertices, instance_info, row, triangle, b1, b2, object_point, NEXT
-                )
+                moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, NEXT)
                 displacement = affine(instance_motion, row, DISPLACEMENT, moved_point)
-                if instance_info[row, INFO_MOVED] > 0:
-                    displacement += transform_vector(world_from_instance, CURRENT, row, moved_point - object_point)
+                if geometry.instance_info[row, INFO_MOVED] > 0:
+                    displacement += transform_vector(
+                        geometry.world_from_instance, CURRENT, row, moved_point - object_point
+                    )
             write3(scene_flow, y, x, displacement)
         if wanted[OF_OBJECT_COORDINATES]:
             coordinates = vec3(0.0)
@@ -250,7 +229,7 @@ def surface_labels(
                 if any_material:
                     inputs = wanted[OF_ALBEDO] << DIFFUSE
                     inputs |= wanted[OF_ROUGHNESS] << ROUGHNESS | wanted[OF_METALLIC] << METALLIC
-                    may_mirror = follow != 0 and (material_info[surface.material, FLAGS] & MAY_MIRROR) != 0
+                    may_mirror = follow != 0 and (materials.info[surface.material, FLAGS] & MAY_MIRROR) != 0
                     if may_mirror:
                         inputs |= _MIRROR_INPUTS
                     for filtered in range(2):  # not unrolled: texture lookups compile slowly

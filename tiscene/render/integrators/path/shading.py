@@ -9,7 +9,8 @@ combined by multiple importance sampling. See Physically Based Rendering, 4th ed
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec2, vec3
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
 from tiscene.render.integrators.path.path_state import (
@@ -74,21 +75,11 @@ def read3(array: Template, row: ti.i32, column: ti.i32) -> vec3:
 
 
 @ti.kernel
+@bundled
 def shade(
-    vertex_position: Floats2,
-    vertex_normal: Floats2,
-    vertex_uv: Floats2,
-    triangle_vertices: Ints2,
-    triangle_material: Ints1,
-    instance_info: Ints2,
-    world_from_instance: Floats3,
-    instance_from_world: Floats3,
-    material_values: Floats2,
-    material_info: Ints2,
-    material_lookups: Floats2,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    geometry: Geometry,
+    materials: Materials,
+    textures: Textures,
     light_values: Floats2,
     light_nodes: Float8s1,
     light_distribution: Floats1,
@@ -135,20 +126,6 @@ def shade(
         first_sample: Number of the first of the `spp` samples in each pixel.
         any_emission: Compile-time: whether a material is emissive.
     """
-    geometry = ti.static(
-        Geometry(
-            vertex_position,
-            vertex_normal,
-            vertex_uv,
-            triangle_vertices,
-            triangle_material,
-            instance_info,
-            world_from_instance,
-            instance_from_world,
-        )
-    )
-    materials = ti.static(Materials(material_values, material_info, material_lookups))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
     first_set = FIRST_STEP_SET + SETS * step
     texture_key = set_key(frame_key, first_set + TEXTURE_SET)
@@ -171,7 +148,7 @@ def shade(
         # At the last vertex of a path only emission counts: a surface that cannot emit need not be evaluated.
         skip_surface = False
         if instance >= 0 and depth + 1 >= max_depth and (status_bits & FEATURES_WRITTEN) != 0:
-            skip_surface = (material_info[triangle_material[hit_ids[i][1]], FLAGS] & (COVERAGE | EMITS)) == 0
+            skip_surface = (materials.info[geometry.triangle_material[hit_ids[i][1]], FLAGS] & (COVERAGE | EMITS)) == 0
         emitted = vec3(0.0)  # radiance that arrives along the segment
         emits, triangle, emission, previous_depth = False, -1, vec3(0.0), depth
         if light < 0 and instance < 0 and pdf == 0.0 and background_red >= 0.0:

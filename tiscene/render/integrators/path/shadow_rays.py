@@ -7,7 +7,8 @@ ray whose hit is alpha-rejected continues behind the surface; `PathPass.cast_sha
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Floats3, Ints1, Ints2
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
 from tiscene.render.intersect.ray_queue import PLACE, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
@@ -22,21 +23,11 @@ _RESOLVED = 1e-30
 
 
 @ti.kernel
+@bundled
 def continue_shadow_rays(
-    vertex_position: Floats2,
-    vertex_normal: Floats2,
-    vertex_uv: Floats2,
-    triangle_vertices: Ints2,
-    triangle_material: Ints1,
-    instance_info: Ints2,
-    world_from_instance: Floats3,
-    instance_from_world: Floats3,
-    material_values: Floats2,
-    material_info: Ints2,
-    material_lookups: Floats2,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    geometry: Geometry,
+    materials: Materials,
+    textures: Textures,
     light_values: Floats2,
     light_nodes: Float8s1,
     light_distribution: Floats1,
@@ -67,20 +58,6 @@ def continue_shadow_rays(
     Returns:
         The number of rays that continue.
     """
-    geometry = ti.static(
-        Geometry(
-            vertex_position,
-            vertex_normal,
-            vertex_uv,
-            triangle_vertices,
-            triangle_material,
-            instance_info,
-            world_from_instance,
-            instance_from_world,
-        )
-    )
-    materials = ti.static(Materials(material_values, material_info, material_lookups))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     continued = 0
     shadow_key = set_key(frame_key, _SHADOW_SETS + (step << 8) + layer)
     for k in range(count):
