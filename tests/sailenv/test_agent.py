@@ -215,7 +215,7 @@ def test_views_are_the_buffers_of_a_stream_of_the_same_scenario(make_agent):
         camera=ts.Camera(position=(0, 1, 0), exposure=start.exposure),
     )
     buffers = ("rgb", "instance", "depth", "backward_flow")
-    settings = {"quality": "preview", "spp": 1, "incremental": False}
+    settings = {"quality": "preview", "spp": 1}
     stream = ts.Stream(native, width=64, height=48, seed=3, buffers=buffers, **settings)
     for _, frame in zip(range(3), stream, strict=False):
         seen = agent.get_frame()

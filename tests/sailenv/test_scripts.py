@@ -69,6 +69,18 @@ def test_script_runs_unchanged_until_the_frame_limit(tmp_path):
     assert lines[-2:] == ["frames 3", "script.py: stopped after 3 frames"]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "incremental"), [((), True), (("--no-incremental",), False), (("--quality", "photo"), False)]
+)
+def test_incremental_flag_of_scripts(tmp_path, arguments, incremental):
+    script = (
+        "from sailenv.agent import Agent\nagent = Agent(width=8, height=8)\nagent.register()\n"
+        "agent.change_scene('object_view/scene')\nprint(agent.environment.stream.render_settings.incremental)\n"
+    )
+    done = run(tmp_path, script, *arguments, "SCRIPT")
+    assert done.stdout.splitlines() == [str(incremental)], done.stderr
+
+
 def test_headless_disables_windows_and_key_presses(tmp_path):
     """A fake module `cv2` takes the place of OpenCV."""
     (tmp_path / "cv2.py").write_text("def imshow(*_):\n    raise SystemExit('no display')\nwaitKey = imshow\n")

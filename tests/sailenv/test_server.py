@@ -382,6 +382,13 @@ def test_memory_does_not_grow_with_random_messages(server):
     assert serves(server)
 
 
+def test_no_incremental_renders_each_frame_from_scratch(tmp_path):
+    with served(tmp_path, "object_view", "--no-incremental") as server, Client(server.address) as c:
+        c.spawn("Sphere", (0, 1, 2.5))
+        frames = [c.frame(MAIN)["main"] for _ in range(2)]
+    assert (frames[0] != frames[1]).any()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_stops_the_server_cleanly(tmp_path, number):
     server = Served(tmp_path, "object_view")

@@ -134,7 +134,7 @@ def _render(commands: Commands) -> None:
 
 def _list(commands: Commands) -> None:
     listing = commands.add_parser("list", help="list scenes, object templates and buffers")
-    listing.add_argument("--json", action="store_true", help="print JSON, with the categories of templates")
+    listing.add_argument("--json", action="store_true", help="print JSON, with the ids of categories")
 
 
 def _show(commands: Commands) -> None:
@@ -205,6 +205,12 @@ def _serve(commands: Commands) -> None:
     serve.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
     _add_quality(serve, "preview")
     _add_spp(serve)
+    serve.add_argument(
+        "--incremental",
+        action=argparse.BooleanOptionalAction,
+        help="frames of a camera that stands still do not flicker; their first one waits for a base image "
+        "(default: by --quality)",
+    )
     _add_seed(serve)
     serve.add_argument(
         "--wait",

@@ -23,7 +23,13 @@ def run(args: argparse.Namespace) -> None:
     if not args.wait >= 0.0:
         raise ArgumentError(f"--wait {args.wait}: must be 0 s or more")
     environment = Environment(
-        args.scene, fps=args.fps, quality=args.quality, spp=args.spp, seed=args.seed, arch=args.arch
+        args.scene,
+        fps=args.fps,
+        quality=args.quality,
+        spp=args.spp,
+        incremental=args.incremental,
+        seed=args.seed,
+        arch=args.arch,
     )
     server = Server(environment, args.host, args.port, wait=args.wait)
     try:

@@ -79,8 +79,10 @@ def make_headless() -> None:
 
 def _agent_class(args: argparse.Namespace) -> type[Agent]:
     """Return Agent with the settings of the command line, and with a limit of frames for all agents together."""
-    options = {"strict": args.strict or None, "quality": args.quality, "spp": args.spp, "seed": args.seed}
-    settings = {name: value for name, value in options.items() if value is not None}
+    names = ("quality", "spp", "seed", "incremental")
+    settings = {name: value for name in names if (value := getattr(args, name)) is not None}
+    if args.strict:
+        settings["strict"] = True
 
     class ScriptAgent(Agent):
         frame_count = 0
@@ -104,6 +106,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--frames", type=int, metavar="N", help="end the script when it requests frame N + 1")
     parser.add_argument("--quality", help="preset: fast, preview, standard or photo (default: preview)")
     parser.add_argument("--spp", type=int, help="samples per pixel (default: by --quality)")
+    parser.add_argument(
+        "--incremental",
+        action=argparse.BooleanOptionalAction,
+        help="frames of a camera that stands still do not flicker; their first one waits for a base image "
+        "(default: by --quality)",
+    )
     parser.add_argument("--seed", type=int, help="seed of the rendering (default: 0)")
     parser.add_argument("--strict", action="store_true", help="raise the errors that SAILenv prints")
     parser.add_argument("script", metavar="SCRIPT", help="a Python file that imports sailenv")

@@ -88,7 +88,7 @@ class Agent(AgentLights):
             use_gzip: Has no effect in process.
             strict: Raise a TisceneError where SAILenv prints a message.
             settings: Arguments of `tiscene.sailenv.environment.Environment` for the first agent of a world: scene, fps,
-                quality, spp, max_depth, denoise, seed, arch.
+                quality, spp, max_depth, denoise, incremental, seed, arch.
         """
         self.main_frame_active = main_frame_active
         self.object_frame_active = object_frame_active
@@ -117,6 +117,14 @@ class Agent(AgentLights):
     def flags(self) -> int:
         """The active views as bits of `FrameFlags`."""
         return sum(view.flag for name, view in VIEWS.items() if self.active_frames[name])
+
+    @property
+    def frame_index(self) -> int:
+        """Extension of tiscene: the index of the frame received last, -1 before the first.
+
+        Frames are counted from 0 at the start of a scene or scenario. The count is that of the world, not of the agent.
+        """
+        return self._registered()[1].last_frame
 
     @property
     def environment(self) -> Environment:

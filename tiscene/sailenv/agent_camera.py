@@ -28,8 +28,7 @@ class AgentCamera:
         last_frame: The last frame that the agent has received; -1 for none.
         has_edited: Whether the agent has edited the world since its last frame.
         is_stepping: Whether the agent requests frames, so that the clock waits for it.
-        last_camera: The camera of its last frame.
-        static_since: The frame since which that camera is the same.
+        last_camera: The camera of its last frame; None before the first.
     """
 
     id: int
@@ -44,7 +43,6 @@ class AgentCamera:
     has_edited: bool = False
     is_stepping: bool = False
     last_camera: Camera | None = None
-    static_since: int = 0
 
     def reset(self, profile: SceneProfile) -> None:
         """Move to the start pose of a scene."""

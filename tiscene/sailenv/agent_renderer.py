@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Render the views of agents in the current frame of an environment.
 
-Agents with equal cameras, sizes and backgrounds share buffers. Views of a camera and a world that have been static for
-a while are rendered incrementally.
+Agents with equal cameras, sizes and backgrounds share buffers. A view depends on the world and on the agent's camera in
+this frame and in its last one, not on how long the agent has been there: an agent that joins late gets the same bytes.
 """
 
 from __future__ import annotations
@@ -22,10 +22,6 @@ from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.scene.camera import Camera
 from tiscene.stream.stream import Stream
 
-# Incremental rendering begins after this many frames without an edit of the world or a change of the camera. A base
-# image for fewer frames would not pay off.
-STATIC_FRAMES = 25
-
 
 class AgentRenderer:
     """Renderer of agents' views, with the buffers of the current frame.
@@ -38,18 +34,13 @@ class AgentRenderer:
         self.start_scene()
 
     def start_scene(self) -> None:
-        """Forget everything: black ambient light, no edits, no buffers."""
+        """Forget everything: black ambient light, no buffers."""
         self.ambient: Color8 = (0, 0, 0)
-        self._unedited_since = 0
         self._buffers: dict[Any, dict[str, NDArray[Any]]] = {}  # of the current frame, by view
 
     def discard_buffers(self) -> None:
         """Discard the buffers, for a new frame or a change that shows in the current one."""
         self._buffers.clear()
-
-    def world_edited(self, frame: int) -> None:
-        """Record that an edit of the world shows from a frame on."""
-        self._unedited_since = frame
 
     def render(
         self,
@@ -83,12 +74,11 @@ class AgentRenderer:
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
         if agent.background is not None and "main" in views:
             needed.add("instance")
-        is_static = frame - max(agent.static_since, self._unedited_since) >= STATIC_FRAMES
-        key = (view.cameras, view.width, view.height, agent.background, is_static)
+        key = (view.cameras, view.width, view.height, agent.background)
         buffers = self._buffers.setdefault(key, {})
         missing = sorted(needed - set(buffers))
         if missing:
-            buffers.update(stream.render_view(frame, view, missing, incremental=is_static).buffers)
+            buffers.update(stream.render_view(frame, view, missing).buffers)
         numbers = np.array([profile.category_number(name) for _, name in sorted(stream.categories.items())], np.uint8)
         result = {name: frame_views.VIEWS[name].convert(buffers, numbers) for name in views}
         if agent.background is not None and "main" in result:

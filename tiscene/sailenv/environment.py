@@ -60,6 +60,7 @@ class Environment:
         spp: int | None = None,
         max_depth: int | None = None,
         denoise: bool | None = None,
+        incremental: bool | None = None,
         seed: int = 0,
         arch: str | None = None,
     ) -> None:
@@ -68,10 +69,12 @@ class Environment:
         Args:
             scene: SAILenv's or tiscene's name of the first scene; None for SAILenv's default.
             fps: Frames per second.
-            quality: Preset of the render settings, as of `Stream`; the next three arguments override its parts.
+            quality: Preset of the render settings, as of `Stream`; the next four arguments override its parts.
             spp: Samples per pixel.
             max_depth: Maximum path depth in segments.
             denoise: Whether color is denoised.
+            incremental: Whether views of a camera that stands still are rendered incrementally, without flicker and
+                after waiting for a base image; None: as the preset says ("fast", "preview": yes).
             seed: Seed of the rendering.
             arch: "cpu" or "cuda"; None for "cpu".
 
@@ -79,7 +82,7 @@ class Environment:
             TisceneError: An argument is invalid.
         """
         self.fps = positive("fps", fps)
-        overrides = {"spp": spp, "max_depth": max_depth, "denoise": denoise}
+        overrides = {"spp": spp, "max_depth": max_depth, "denoise": denoise, "incremental": incremental}
         preset(quality, **overrides)  # raises errors before clients connect
         integer("seed", seed, 0, 2**32 - 1)
         runtime.start(arch)
@@ -154,8 +157,6 @@ class Environment:
             self._renderer.discard_buffers()
         steps = self.clock - agent.last_frame if agent.last_frame >= 0 else 1
         camera = agent.camera(self._profile, self.clock)
-        if camera != agent.last_camera:
-            agent.static_since = self.clock
         result = self._renderer.render(stream, self._profile, agent, camera, self.clock, views)
         agent.last_frame, agent.has_edited, agent.is_stepping, agent.last_camera = self.clock, False, True, camera
         return result, steps / self.fps
@@ -339,7 +340,6 @@ class Environment:
     def _mark_edited(self, agent: AgentCamera) -> None:
         """Record that an agent has edited the world, so that its next frame is a new one."""
         agent.has_edited = True
-        self._renderer.world_edited(self.clock + 1)
 
     def _move_walls(self, stream: Stream) -> None:
         """Move the walls to the current camera of their agent."""
@@ -384,7 +384,7 @@ class Environment:
         self._renderer.start_scene()
         self.clock = -1
         for each in self.agents.values():
-            each.last_frame, each.has_edited, each.last_camera, each.static_since = -1, False, None, 0
+            each.last_frame, each.has_edited, each.last_camera = -1, False, None
             each.track_start = None if each.track_start is None else 0
 
     def _template(self, name: str) -> str:
@@ -397,4 +397,3 @@ class Environment:
     def _set_light(self, row: int, light: Light) -> None:
         self.stream.set_light(row, light)
         self._renderer.discard_buffers()
-        self._renderer.world_edited(self.clock + 1)
