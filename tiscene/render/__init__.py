@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendering: labels, path tracing, incremental rendering. Knows the device scene, not USD.
+"""Rendering of a device scene: labels, path tracing, incremental rendering. Independent of USD.
+
+`Renderer.render` is the entry point: a view and a placement in, buffers out.
 
 ::
 
     renderer        Renderer and RenderSettings
-    view            cameras of a frame
+    render_settings  RenderSettings and presets
+    view            cameras of a frame, camera rays, projection
     warm_up         compile the kernels by rendering one pixel
     texture_lookup  filtered texture lookups
     integrators     label pass, path tracer, incremental renderer
