@@ -18,6 +18,7 @@ from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, TemplateNotFound
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
+from tiscene.world.category_ids import CategoryIds
 from tiscene.world.world import World
 
 
@@ -357,6 +358,23 @@ def test_impossible_worlds_are_refused():
         world().state(-1)
     with pytest.raises(TypeError):
         world().state(1.5)
-    things = tuple(SceneObject(f"t{i}", f"/t{i}", f"label {i}") for i in range(65536))
-    with pytest.raises(ScenarioError, match="'label 65535': there are 65535 categories already"):
-        World(ts.Scenario("many"), SceneDescription("many", objects=things), CATALOG.__getitem__, 25.0)
+
+
+def test_there_may_be_more_categories_than_16_bits_hold():
+    objects = tuple(SceneObject(f"t{i}", f"/t{i}", f"label {i}") for i in range(65537))
+    made = World(ts.Scenario("many"), SceneDescription("many", objects=objects), CATALOG.__getitem__, 25.0)
+    assert made.categories[65537] == "label 65536"
+
+
+def test_category_ids_of_a_world_can_be_chosen():
+    ids = CategoryIds({"lamp": 7, "ball": 3}, 100)
+    scenario = ts.Scenario("room", [ts.Object("a", "Ball", collide=False), ts.Object("b", "Chair 01", collide=False)])
+    made = World(scenario, STAGE, load, 10.0, category_ids=ids)
+    assert made.categories == {0: "", 100: "floor", 7: "lamp", 3: "ball", 101: "chair"}
+    assert {row.category: row.category_id for row in made.state(0).objects} == {
+        "floor": 100,
+        "lamp": 7,
+        "": 0,
+        "ball": 3,
+        "chair": 101,
+    }

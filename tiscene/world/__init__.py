@@ -5,7 +5,8 @@
 
     world            World
     world_state      WorldState: everything about one frame
-    object_registry  ids, categories, meshes and boxes of all objects
+    object_registry  ids, labels, meshes and boxes of all objects
+    category_ids     ids of semantic categories
     stage_objects    edits of the stage's own objects
     stage_animation  instances that move by the stage's time samples
     trajectories     poses of objects, cameras and lights; collisions

@@ -16,11 +16,11 @@ from tiscene.scene.animation import InstanceTrack, quaternions
 from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners, joined, rigid
 from tiscene.scene.camera import Quaternion, Vector3
 from tiscene.scene.description import Light, SceneDescription, Template, mesh_boxes
+from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import AttachedLight
 from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
 
 Array = NDArray[np.float64]
-MAX_CATEGORIES = 65535  # besides the background: PNG files of `semantic` have 16 bits
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,11 @@ class ObjectRegistry:
     Args:
         stage: the stage.
         load_template: loads a template that the stage does not hold; raises TemplateNotFound.
+        category_ids: assigns the ids of categories.
 
     Attributes:
         descriptions: the stage, then each template's description in the order in which templates were first needed.
-        categories: names by id.
+        category_ids: ids of all categories.
         templates: templates by name.
         stage_rows: the stage's objects, posed as authored.
         object_rows: the scenario's objects, at their initial position.
@@ -109,18 +110,19 @@ class ObjectRegistry:
         carried: lights of the objects' templates.
     """
 
-    def __init__(self, stage: SceneDescription, load_template: Callable[[str], Template]) -> None:
+    def __init__(
+        self, stage: SceneDescription, load_template: Callable[[str], Template], category_ids: CategoryIds
+    ) -> None:
         self.stage = stage
         self.descriptions = [stage]
-        self.categories = {0: ""}
-        self._category_ids = {"": 0}
+        self.category_ids = category_ids
         self.templates: dict[str, Template] = {}
         for template in stage.templates:
             self.templates.setdefault(template.name, template)
         self._first_mesh: dict[str, int] = {}
         self._load_template = load_template
         for category in (*(each.category for each in stage.objects), *(each.category for each in stage.templates)):
-            self._category_id(category)
+            self.category_ids.of(category)
         self.stage_rows, self._stage_parts = self._settle_stage()
         self.stage_owner = self._stage_parts.owner
         self._stage_changing = changing(stage)[self._stage_order]
@@ -148,15 +150,6 @@ class ObjectRegistry:
             mesh, matrix = description.meshes[each.mesh], (scale @ each.world_from_object)[:3]
             triangles.append((mesh.positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
         return np.concatenate(triangles)
-
-    def _category_id(self, category: str) -> int:
-        if len(self._category_ids) > MAX_CATEGORIES and category not in self._category_ids:
-            raise ScenarioError(
-                f"category {category!r}: there are {MAX_CATEGORIES} categories already, as many as `semantic` can hold"
-            )
-        number = self._category_ids.setdefault(category, len(self._category_ids))
-        self.categories[number] = category
-        return number
 
     def _settle_stage(self) -> tuple[list[WorldObject], ObjectParts]:
         """Return rows and parts of the stage's objects. An object's axes are those of its first mesh, without scale."""
@@ -190,7 +183,7 @@ class ObjectRegistry:
                 name=each.name,
                 template="",
                 category=each.category,
-                category_id=self._category_id(each.category),
+                category_id=self.category_ids.of(each.category),
                 prim_path=each.prim_path,
                 position=(x, y, z),
                 rotation=tuple(rotation),
@@ -245,7 +238,7 @@ class ObjectRegistry:
             name=each.id,
             template=template.name,
             category=template.category,
-            category_id=self._category_id(template.category),
+            category_id=self.category_ids.of(template.category),
             prim_path="",
             position=each.position,
             rotation=(1.0, 0.0, 0.0, 0.0),

@@ -30,6 +30,7 @@ from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.lights.light_groups import LightGroups
 from tiscene.scene.placement import Placement
 from tiscene.validation import positive
+from tiscene.world.category_ids import CategoryIds
 from tiscene.world.event_detector import detect_changes
 from tiscene.world.lights import WorldLights, same_lights
 from tiscene.world.object_registry import ObjectRegistry, WorldObject
@@ -45,8 +46,7 @@ class World:
     """The objects of a stage and of a scenario, on the clock of a stream.
 
     Instance ids: objects of the stage have 1 to n in the stage's order, objects of the scenario the following ones in
-    theirs. Categories: 0 is the background (""); the others are numbered as they first appear among the objects of the
-    stage, its templates and the scenario's objects, so that all scenarios in one scene agree on the scene's categories.
+    theirs. Category ids: see CategoryIds.
 
     A running stream can be edited: `spawn`, `despawn` and `move` take effect at its next frame and are kept in
     `scenario.edits`, so that a world of that scenario has the same states.
@@ -59,6 +59,7 @@ class World:
         aspect: width / height of the main camera's view, which the frustum's walls enclose.
         trees: returns the bounding volume hierarchies of the stage's meshes, if a renderer has them; requested if
             objects can collide.
+        category_ids: assigns the ids of categories; None: 1, 2, ... as they first appear.
 
     Attributes:
         stage: the stage.
@@ -79,6 +80,7 @@ class World:
         fps: float,
         aspect: float = 4.0 / 3.0,
         trees: Callable[[], MeshTrees] | None = None,
+        category_ids: CategoryIds | None = None,
     ) -> None:
         self._scenario = scenario
         self._log = scenario.log()
@@ -92,7 +94,7 @@ class World:
         self._starting_lights: tuple[LightGroups, ...] | None = None
         self._last_state: WorldState | None = None
         self._aspect = aspect
-        self._registry = ObjectRegistry(stage, load_template)
+        self._registry = ObjectRegistry(stage, load_template, category_ids or CategoryIds())
         self._histories = self._log.lives
         registry = self._registry
         self._stage_objects = StageObjects(stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, fps)
@@ -138,7 +140,12 @@ class World:
     @property
     def categories(self) -> dict[int, str]:
         """Names of category ids; 0 is the background."""
-        return self._registry.categories
+        return self.category_ids.names
+
+    @property
+    def category_ids(self) -> CategoryIds:
+        """Ids of the categories of all objects so far."""
+        return self._registry.category_ids
 
     @property
     def initial_objects(self) -> list[WorldObject]:
