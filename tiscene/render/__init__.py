@@ -5,16 +5,16 @@
 
 ::
 
-    renderer        Renderer and RenderSettings
+    renderer         Renderer, which renders the buffers of a frame
     render_settings  RenderSettings and presets
-    view            cameras of a frame, camera rays, projection
-    warm_up         compile the kernels by rendering one pixel
-    texture_lookup  filtered texture lookups
-    integrators     label pass, path tracer, incremental renderer
-    intersect       ray-scene intersection
-    lights          sampling and intersecting lights
-    bsdfs           surface scattering
-    sampling        random numbers, warps, pixel filters
-    film            adaptive sampling, denoising, upsampling, tone mapping
-    annotations     per-object boxes, pixel counts and masks
+    view             cameras of a frame, camera rays, projection
+    warm_up          compile the kernels by rendering one pixel
+    texture_lookup   filtered texture lookups
+    integrators      label pass, path tracer, incremental renderer
+    intersect        ray-scene intersection
+    lights           sampling and intersecting lights
+    bsdfs            surface scattering
+    sampling         random numbers, warps, pixel filters
+    film             adaptive sampling, denoising, upsampling, tone mapping
+    annotations      per-object boxes, pixel counts and masks
 """

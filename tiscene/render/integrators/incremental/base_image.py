@@ -38,7 +38,7 @@ class IncrementalBase:
 
     Attributes:
         lights: The static scene's lights. Only these are sampled; emission of movers is found by BSDF sampling.
-        image: Base image, float32 [h, w, 6 + 3 * groups], columns as `light_column` says.
+        image: Base image, float32 [h, w, 6 + 3 * groups], columns: see `light_column`.
         cache: Cached paths of all pixels.
         coverage: Measures the fraction of each pixel that movers cover.
         extra_cache: Further cached paths, for pixels in which a mover is visible.
@@ -149,7 +149,7 @@ def render_base_image(
         max_depth: Largest number of segments of a path.
 
     Returns:
-        float32 [h, w, 6 + 3 * groups], columns as `light_column` says.
+        float32 [h, w, 6 + 3 * groups], columns: see `light_column`.
     """
     groups = static.light_groups
     count = 1 if groups is None else len(groups.factors)

@@ -2,7 +2,7 @@
 """Kernels that record paths while they are traced, and sort the records by path.
 
 A record is a ray that a mover may block together with the light that the pixel loses if one does. There are two kinds,
-told apart by column 3 of the ray:
+distinguished by column 3 of the ray:
 
 - a *segment* between two path vertices, with the emission found at its end. Column 3 is the index of its restart state,
   from which the path can be traced again.

@@ -250,8 +250,8 @@ def compose(
             paths that hit each.
         correction, mover_sums: See `accumulate_corrections`.
         factors: f32 [groups, 3], intensity of each light group.
-        mean: f32 [pixels, ...], mean of the cached paths; columns as `light_column` says.
-        base: f32 [h, w, ...], base image; columns as `light_column` says.
+        mean: f32 [pixels, ...], mean of the cached paths; columns: see `light_column`.
+        base: f32 [h, w, ...], base image; columns: see `light_column`.
         noise_matched: f32 [h, w, 3 * groups], see `IncrementalBase.noise_matched`.
         hdr: Output, radiance.
         denoiser_input: Output, radiance for the denoiser, with `noise_matched` in place of `base`.
