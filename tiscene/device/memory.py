@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Host arrays to Taichi ndarrays."""
+"""Allocate Taichi arrays, and copy NumPy arrays into them."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def device_array(dtype: Any, shape: int | tuple[int, ...]) -> Any:
     Taichi 1.7.4 frees arrays of scalars only; arrays of vectors would stay until the process ends.
 
     Args:
-        dtype: a Taichi scalar or vector type.
-        shape: lengths of the axes, each at least 1.
+        dtype: A Taichi scalar or vector type.
+        shape: Lengths of the axes, each at least 1.
 
     Returns:
-        A ti.ndarray, its values undefined.
+        A ti.ndarray of zeros.
     """
     array = ti.ndarray(dtype, shape)
     if not isinstance(array, ScalarNdarray):
@@ -32,14 +32,16 @@ def device_array(dtype: Any, shape: int | tuple[int, ...]) -> Any:
 
 
 def _free(program: Any, memory: Any) -> None:
-    if impl.get_runtime().prog is program:  # else Taichi was started anew, and has freed everything
+    if impl.get_runtime().prog is program:  # else Taichi was restarted, and has freed everything
         program.delete_ndarray(memory)
 
 
 def upload(values: NDArray[Any]) -> Any:
-    """A ti.ndarray of the same shape and values: float32 or int32. An axis of length 0 becomes one row of zeros.
+    """Return a device array with the shape and values of a NumPy array.
 
-    (A Taichi array cannot be empty; kernels are told the true count.)
+    Args:
+        values: Integers become int32, everything else float32. Taichi arrays cannot be empty: an axis of length 0
+            becomes one row of zeros, and kernels take the count as an argument.
     """
     dtype = np.dtype(np.int32) if np.issubdtype(values.dtype, np.integer) else np.dtype(np.float32)
     if values.size == 0:
@@ -50,7 +52,7 @@ def upload(values: NDArray[Any]) -> Any:
 
 
 def upload_vectors(values: NDArray[np.float32]) -> Any:
-    """Rows, float32 [n, k], as a ti.ndarray of n vectors: a kernel then knows that their numbers stand together."""
+    """Return rows, float32 [n, k], as a device array of n vectors, which kernels load with one instruction."""
     count, length = values.shape
     array = device_array(ti.types.vector(length, ti.f32), count)
     array.from_numpy(np.ascontiguousarray(values, np.float32))
