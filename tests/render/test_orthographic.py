@@ -147,7 +147,7 @@ def test_free_space():
     np.testing.assert_allclose(points, [(0, 0, 4), (3.2, 2.4, 1)], atol=1e-12)
     np.testing.assert_allclose(space.project(points), [(0.5, 1.0), (0.5, 0.0), (1.0, 4.0)])
     assert space.in_view(np.array([(3.1, 0, 1), (3.3, 0, 1), (0, 0, 6)])).tolist() == [True, False, False]
-    assert space.is_clear(np.array([(0, 0, 2.0), (0, 0, 0.2)]), 0.5).tolist() == [True, False]
+    assert space.is_free(np.array([(0, 0, 2.0), (0, 0, 0.2)]), 0.5).tolist() == [True, False]
 
 
 def test_invalid_orthographic_cameras_raise():
