@@ -21,7 +21,7 @@ def test_arrays_have_the_shape_and_type_of_the_table() -> None:
     assert BUFFERS["depth"].empty(4, 3).shape == (3, 4)
     assert BUFFERS["forward_flow"].empty(4, 3).shape == (3, 4, 2)
     assert BUFFERS["coverage"].empty(4, 3).shape == (3, 4, RANKS, 2)
-    assert BUFFERS["semantic"].empty(4, 3).dtype == np.uint16
+    assert {BUFFERS[name].empty(4, 3).dtype for name in ("semantic", "instance", "part")} == {np.dtype(np.int32)}
     assert BUFFERS["backward_occlusion"].empty(4, 3).dtype == np.bool_
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     Ints1: TypeAlias = Any
     Ints2: TypeAlias = Any
     u32: TypeAlias = Any
-    UShorts2: TypeAlias = Any
     vec2: TypeAlias = Any
     vec3: TypeAlias = Any
     vec4: TypeAlias = Any
@@ -44,7 +43,6 @@ else:
     Ints1 = ti.types.ndarray(ti.i32, 1)
     Ints2 = ti.types.ndarray(ti.i32, 2)
     u32 = ti.u32
-    UShorts2 = ti.types.ndarray(ti.u16, 2)
     vec2 = ti.math.vec2
     vec3 = ti.math.vec3
     vec4 = ti.math.vec4

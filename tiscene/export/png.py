@@ -3,7 +3,7 @@
 
 ======================================  ==================================================================
 `rgb`                                   8-bit RGB PNG
-`semantic`, `instance`                  16-bit gray PNG of the ids, 0 is the background
+`semantic`, `instance`, `part`          16-bit gray PNG of the ids, 0 is the background
 `depth`, `distance`                     16-bit gray PNG in mm; 0: no hit, 65535: 65.535 m or farther
 `forward_flow`, `backward_flow`         Middlebury .flo: float32 (dx, dy) in px, little endian
 the occlusion masks                     8-bit gray PNG, 255 is True
@@ -32,7 +32,7 @@ FLO_TAG = 202021.25  # the magic number of .flo files; its bytes are "PIEH"
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """Return the files of a frame by name. Raises ExportError for an id beyond 16 bits."""
+    """Return the files of a frame by name. Raises ExportError for an id beyond unsigned 16 bits."""
     files = {}
     for name, buffer in frame.buffers.items():
         suffix, data = _encode_buffer(name, buffer)
@@ -47,10 +47,10 @@ def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
     if buffer.dtype == np.bool_:
         return ".png", _png(buffer.astype(np.uint8) * np.uint8(255))
     if np.issubdtype(buffer.dtype, np.integer):
-        if buffer.max(initial=0) > 65535:
-            raise ExportError(
-                f"buffer {name!r} has the id {buffer.max()}; PNG files hold ids up to 65535: export as exr or npz"
-            )
+        low, high = int(buffer.min(initial=0)), int(buffer.max(initial=0))
+        if low < 0 or high > 65535:
+            id = low if low < 0 else high
+            raise ExportError(f"buffer {name!r} has the id {id}; PNG files hold ids 0..65535: export as exr or npz")
         return ".png", _png(buffer.astype(np.uint16))
     if name in ("depth", "distance"):
         return ".png", _png(_millimeters(buffer))

@@ -43,7 +43,7 @@ def encode(frame: Frame) -> dict[str, bytes]:
     """Return the files of a frame by name. Raises BufferNotFound without one of BUFFERS."""
     image = io.BytesIO()
     Image.fromarray(frame.rgb).save(image, "png", compress_level=4)
-    semantic = frame.semantic.ravel().astype(np.int32)
+    semantic = frame.semantic.ravel()
     (supervised,) = np.nonzero(semantic)
     name = file_name(frame.index)
     return {

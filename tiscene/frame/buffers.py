@@ -80,7 +80,7 @@ BUFFERS: dict[str, Buffer] = {
         Buffer("albedo", "float32", (3,), "", 0.0, "Base color, linear, of the first surface that is not a mirror."),
         Buffer("roughness", "float32", (), "", 0.0, "Roughness, 0..1, of the first surface that is not a mirror."),
         Buffer("metallic", "float32", (), "", 0.0, "Metalness, 0..1, of the first surface that is not a mirror."),
-        Buffer("semantic", "uint16", (), "id", 0, "Category id; `frame.categories` names them."),
+        Buffer("semantic", "int32", (), "id", 0, "Category id; `frame.categories` names them."),
         Buffer("instance", "int32", (), "id", 0, "Object id, stable for the whole stream and never reused."),
         Buffer("part", "int32", (), "id", 0, "Part of the object, 1 and up; its row in `frame.objects` names them."),
         Buffer(

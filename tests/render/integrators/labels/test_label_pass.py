@@ -66,14 +66,14 @@ def test_empty_scene_is_background() -> None:
 
 
 def test_geometry_labels_of_plate_match_closed_form() -> None:
-    stage = Stage([plate(2.0, 1.0)], [PlacedMesh(0, [pose((0.52, 0.25, -2.0))], category=700, id=41)])
+    stage = Stage([plate(2.0, 1.0)], [PlacedMesh(0, [pose((0.52, 0.25, -2.0))], category=70_000, id=41)])
     labels = stage.render(VIEW, *LABELS)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     right, up = (x - 39.5) * 2.0 / FOCAL, (29.5 - y) * 2.0 / FOCAL  # m, on the plate's plane
     hit = (np.abs(right - 0.52) < 1.0) & (np.abs(up - 0.25) < 0.5)
     assert hit.sum() == 50 * 25
     np.testing.assert_array_equal(labels["instance"], np.where(hit, 41, 0))
-    np.testing.assert_array_equal(labels["semantic"], np.where(hit, 700, 0))
+    np.testing.assert_array_equal(labels["semantic"], np.where(hit, 70_000, 0))
     np.testing.assert_allclose(labels["depth"], np.where(hit, 2.0, np.inf), rtol=1e-6)
     position = np.stack([right, up, np.full_like(up, -2.0)], axis=-1)
     np.testing.assert_allclose(labels["position"][hit], position[hit], atol=1e-5)

@@ -8,7 +8,7 @@ iteration is one pixel of a queue; no sums over pixels.
 import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
-from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, UShorts2, vec2, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import (
     Footprint,
     Materials,
@@ -124,7 +124,7 @@ def surface_labels(
     normal: Floats3,
     geometric_normal: Floats3,
     normal_camera: Floats3,
-    semantic: UShorts2,
+    semantic: Ints2,
     instance: Ints2,
     part: Ints2,
     forward_flow: Floats3,
@@ -176,8 +176,7 @@ def surface_labels(
             length = camera_space.norm() if ahead > 0.0 else camera_space.z
             distance[y, x] = length if row >= 0 else ti.math.inf
         if wanted[OF_SEMANTIC]:
-            category = geometry.instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
-            semantic[y, x] = ti.cast(category, ti.u16)
+            semantic[y, x] = geometry.instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
         if wanted[OF_INSTANCE]:
             instance[y, x] = geometry.instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
         if wanted[OF_PART]:
