@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Room in front of a camera: what is in view, hidden, free."""
+"""Free space before a camera: projection, lines of sight, distances, reachability."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.read.stage_reader import read_stage
 
-# A box of 2 m about the origin, and a far small one that makes the bounds wide.
+CAMERA = Camera((0, 0, 5), vertical_fov=np.pi / 2)
+# A box of 2 m about the origin, and a plate behind it, 18 m wide.
 SCENE = """
 def Cube "Box"
 {
 }
-def Cube "Far"
+def Cube "Plate"
 {
     double3 xformOp:translate = (0, 0, -20)
     double3 xformOp:scale = (9, 9, 0.1)
@@ -26,13 +27,16 @@ def Cube "Far"
 """
 
 
+def free_space(folder, stage: str) -> FreeSpace:
+    return FreeSpace(read_stage(write(folder, stage)), CAMERA, 1.5)
+
+
 @pytest.fixture(scope="module")
 def space(tmp_path_factory: pytest.TempPathFactory) -> FreeSpace:
-    camera = Camera((0, 0, 5), vertical_fov=np.pi / 2)
-    return FreeSpace(read_stage(write(tmp_path_factory.mktemp("scene"), SCENE)), camera, 1.5)
+    return free_space(tmp_path_factory.mktemp("scene"), SCENE)
 
 
-def test_points_and_their_projections_are_inverse(space):
+def test_project_inverts_points(space):
     rng = np.random.default_rng(1)
     x, y, depth = rng.random(50), rng.random(50), rng.uniform(0.2, 30, 50)
     np.testing.assert_allclose(space.project(space.points(x, y, depth)), (x, y, depth), atol=1e-12)
@@ -46,34 +50,28 @@ def test_in_view_and_hidden(space):
     assert space.hidden(points).tolist() == [False, True, False, False, False, False, False]
 
 
-def test_a_ball_is_free_where_it_touches_nothing(space):
+def test_hidden_is_exact_at_silhouettes(space):
+    """The box's front face, 4 m ahead, hides a point at z = -3 within 1 m * 8 / 4 of the axis."""
+    points = np.array([(x, y, -3.0) for x in (1.999, 2.001) for y in (-1.999, -2.001)])
+    assert space.hidden(points).tolist() == [True, False, False, False]
+
+
+def test_distances_count_surfaces_and_near_plane(space):
+    points = np.array([(0, 0, 2.5), (3, 0, 0), (0, 0, -10), (0, 0, 4.5), (0, 0, 5.4)])
+    expected = [1.5, 2, 4, 0.5 - CAMERA.near, 0.4 - CAMERA.near]
+    np.testing.assert_allclose(space.distances(points, 4.0), expected, atol=1e-5)
+
+
+def test_is_free_requires_radius_and_reachability(space):
     points = np.array([(0, 0, 2.5), (0, 0, 1.4), (0, 0, 0), (0, 0, -1.4), (0, 0, -3), (1.4, 0, 0), (3, 0, 0)])
+    # The center of the box is 1 m away from every surface, but enclosed.
     assert space.is_free(points, 0.5).tolist() == [True, False, False, False, True, False, True]
-    # A ball that reaches beyond the picture may meet what is not seen, unless it is within the scene and clear of all.
-    assert space.is_free(points, 1.3).tolist() == [False, False, False, False, True, False, False]
-    assert not space.is_free(
-        np.array([(0, 0, -19.9), (0, 0, -30), (50, 0, 0)]), 0.5
-    ).any()  # outside the scene's bounds
+    assert space.is_free(points, 1.7).tolist() == [False, False, False, False, True, False, True]
+    in_plate_behind_and_beside = np.array([(0, 0, -19.9), (0, 0, -30), (50, 0, 0)])
+    assert not space.is_free(in_plate_behind_and_beside, 0.5).any()
 
 
-def test_what_nobody_sees_is_in_the_way_but_hides_nothing(tmp_path):
-    pane = """
-def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-{
-    uniform token purpose = "guide"
-    double3 xformOp:translate = (0, 0, -8)
-    double3 xformOp:scale = (9, 9, 0.1)
-    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-}
-"""
-    camera = Camera((0, 0, 5), vertical_fov=np.pi / 2)
-    space = FreeSpace(read_stage(write(tmp_path, SCENE + pane)), camera, 1.5)
-    points = np.array([(5, 0, -7.0), (5, 0, -8.0), (5, 0, -8.5)])
-    assert space.is_free(points, 0.5).tolist() == [True, False, False]
-    assert not space.hidden(points).any()
-
-
-def test_free_balls_hold_no_vertex_and_no_surface(space):
+def test_free_balls_intersect_no_box(space):
     rng = np.random.default_rng(2)
     points = rng.uniform((-8, -8, -19), (8, 8, 4), (2000, 3))
     for radius in (0.1, 1.0):
@@ -83,7 +81,38 @@ def test_free_balls_hold_no_vertex_and_no_surface(space):
         assert np.linalg.norm(free - nearest, axis=1).min() > radius
 
 
-def test_nothing_at_all_is_all_room():
+def test_invisible_collider_blocks_and_does_not_hide(tmp_path):
+    pane = """
+def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+{
+    uniform token purpose = "guide"
+    double3 xformOp:translate = (5, 0, -8)
+    double3 xformOp:scale = (3, 3, 0.1)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+}
+"""
+    space = free_space(tmp_path, SCENE + pane)
+    points = np.array([(5, 0, -7.0), (5, 0, -8.0), (5, 0, -8.5), (5, 0, -12.0)])
+    assert space.is_free(points, 0.5).tolist() == [True, False, False, True]  # the last: around the pane
+    assert not space.hidden(points).any()
+
+
+def test_space_behind_closed_collider_is_not_reachable(tmp_path):
+    cell = """
+def Cube "Cell" (prepend apiSchemas = ["PhysicsCollisionAPI"])
+{
+    uniform token purpose = "guide"
+    double3 xformOp:translate = (5, 0, -10)
+    double3 xformOp:scale = (2, 2, 2)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+}
+"""
+    space = free_space(tmp_path, SCENE + cell)
+    points = np.array([(5, 0, -10.0), (5, 0, -7.0)])
+    assert space.is_free(points, 0.5).tolist() == [False, True]
+    assert not space.hidden(points).any()
+
+
+def test_empty_scene_is_free_everywhere():
     space = FreeSpace(SceneDescription("empty"), Camera(), 1.0)
-    assert space.empty
     assert space.is_free(np.array([(0, 0, -100), (0, 0, 100)]), 3.0).all()

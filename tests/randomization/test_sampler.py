@@ -15,8 +15,8 @@ import tiscene as ts
 from dynamics import UniformMovementRandomBounce
 from tests.usd.helpers import write
 from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, SceneNotFound, TemplateNotFound
+from tiscene.randomization.draws import Draws
 from tiscene.randomization.ranges import ScenarioRanges
-from tiscene.randomization.sampler import _Draws
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
 
@@ -187,15 +187,15 @@ def test_an_empty_scene_is_all_room():
 
 
 def test_draws_are_uniform_and_independent():
-    values = np.concatenate([_Draws(seed, 2**64 - 1).uniform("speed", 0, 50) for seed in range(200)])
+    values = np.concatenate([Draws(seed, 2**64 - 1).uniform("speed", 0, 50) for seed in range(200)])
     assert np.all((values >= 0) & (values < 1))
     counts, _ = np.histogram(values, bins=20, range=(0, 1))
     assert ((counts - 500) ** 2 / 500).sum() < 43.8  # chi-square, 19 degrees of freedom, 0.1 %
-    streams = [_Draws(7, n).uniform(what, a, 4).tolist() for n in range(3) for what in ("a", "b") for a in range(3)]
+    streams = [Draws(7, n).uniform(what, a, 4).tolist() for n in range(3) for what in ("a", "b") for a in range(3)]
     assert len({tuple(stream) for stream in streams}) == len(streams)
-    assert np.array_equal(_Draws(1, 2).uniform("x", 3, 9)[:4], _Draws(1, 2).uniform("x", 3, 4))
+    assert np.array_equal(Draws(1, 2).uniform("x", 3, 9)[:4], Draws(1, 2).uniform("x", 3, 4))
     # Kept for ever: a scenario's seed is all that a paper may state.
-    np.testing.assert_allclose(_Draws(42, 1).uniform("speed", 0, 2), PINNED, rtol=0, atol=0)
+    np.testing.assert_allclose(Draws(42, 1).uniform("speed", 0, 2), PINNED, rtol=0, atol=0)
 
 
 PINNED = (0.026698027485287157, 0.08494093512643908)

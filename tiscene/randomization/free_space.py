@@ -1,8 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""FreeSpace: find room for objects in a camera's view of a static scene.
+"""FreeSpace: where objects fit in a static scene, and what a static camera sees there.
 
-A depth image gives the free length of each line of sight: a ball nearer than everything visible around it is free.
-Elsewhere, behind objects or out of view, a ball must not intersect the bounding box of any mesh.
+Three exact queries against the scene's triangles answer this:
+
+- the distance from a point to the nearest surface, which is the radius of the largest free ball about it;
+- the line of sight from the camera to a point, by the rule of the label buffers: alpha-rejected surfaces hide nothing;
+- whether a point is reachable from the camera without crossing a surface, so that the inside of furniture, walls and
+  rooms next door is not free space. Points that the camera cannot see are connected to it over landmarks: random points
+  that see each other.
+
+Invisible colliders bound free space and hide nothing.
 """
 
 from __future__ import annotations
@@ -12,17 +19,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.contact import MAX_TOUCHES, TOUCH_COLUMNS
+from dynamics.obstacles import Obstacles
+from dynamics.sweep_obstacles import obstacle_distances
 from tiscene.device import runtime
-from tiscene.render.integrators.labels.label_pass import LabelPass
-from tiscene.render.view import View
-from tiscene.scene.assembly import bounding_box
+from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.intersect.ray_queue import RayWave
+from tiscene.render.intersect.trace import closest
+from tiscene.scene.bvh.obstacle_tree import ObstacleTree
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, Placement
+from tiscene.scene.placement import CURRENT, NEXT, Placement
 
 Array = NDArray[np.float64]
-ROWS = 96  # of the depth image
+Mask = NDArray[np.bool_]
+
+LANDMARKS = 384
+NEIGHBORS = 24  # landmarks from which a point is looked for
+_RAY_END = 1.0 - 1e-5  # part of a segment that is tested, so that a point on a surface is not hidden by it
 
 
 class FreeSpace:
@@ -32,27 +47,19 @@ class FreeSpace:
         stage: the scene.
         camera: the camera.
         aspect: width / height of its image.
+
+    Attributes:
+        bounds: float64 [2, 3], lowest and highest corner of the scene, m; zeros for an empty scene.
     """
 
     def __init__(self, stage: SceneDescription, camera: Camera, aspect: float) -> None:
+        runtime.start()
         self.camera = camera
         self.aspect = aspect
-        self._depth = _depth_image(stage, camera, max(1, round(ROWS * aspect)), ROWS)
         self.bounds = stage.bounds()
-        # Invisible colliders are obstacles too.
-        self._reach = self._depth
-        if stage.colliders:
-            solid = replace(stage, instances=(*stage.instances, *stage.colliders))
-            self._reach = _depth_image(solid, camera, max(1, round(ROWS * aspect)), ROWS)
-        boxes = _mesh_boxes(stage)
-        # A mesh around the camera, such as a room modeled in one piece, is hollow.
-        around = np.all((boxes[:, 0] < camera.position) & (camera.position < boxes[:, 1]), axis=1)
-        self._boxes = boxes[~around]
-
-    @property
-    def empty(self) -> bool:
-        """Whether the scene has no geometry."""
-        return not np.any(self.bounds[1] > self.bounds[0])
+        self._scene, self._obstacles = _on_device(stage)
+        self._rays = RayWave()
+        self._landmarks = self._reachable_landmarks()
 
     def points(self, x: Array, y: Array, depth: Array) -> Array:
         """Return world points [n, 3] at image coordinates (0..1 from the left and from the top) and depths (m)."""
@@ -75,78 +82,141 @@ class FreeSpace:
         half = self.camera.half_height(1.0)
         return half * (depth if self.camera.orthographic_height is None else np.where(np.isnan(depth), np.nan, 1.0))
 
-    def in_view(self, points: Array) -> NDArray[np.bool_]:
+    def in_view(self, points: Array) -> Mask:
         """Return which of the points [n, 3] lie in the view."""
         x, y, depth = self.project(points)
         return (depth > self.camera.near) & (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
 
-    def hidden(self, points: Array) -> NDArray[np.bool_]:
+    def hidden(self, points: Array) -> Mask:
         """Return which of the points [n, 3] lie in the view, but are occluded by the scene."""
-        x, y, depth = self.project(points)
-        seen = self.in_view(points)
-        column, row = self._pixels(np.where(seen, x, 0.0), np.where(seen, y, 0.0))
-        result: NDArray[np.bool_] = seen & (self._depth[row, column] < depth)
+        result = self.in_view(points)
+        rows = np.flatnonzero(result)
+        result[rows] = self._is_blocked(self._sight_origins(points[rows]), points[rows], CURRENT)
         return result
 
-    def is_free(self, points: Array, radius: float) -> NDArray[np.bool_]:
-        """Return at which of the points [n, 3] a ball is free."""
-        return self._in_front(points, radius) | self.is_clear(points, radius)
+    def distances(self, points: Array, limit: float) -> Array:
+        """Return how far points [n, 3] are from the nearest surface, collider or the near plane, m; at most `limit`."""
+        columns = np.full((len(points), 4), limit, np.float32)
+        columns[:, :3] = points
+        if len(points):
+            touches = np.zeros((MAX_TOUCHES, TOUCH_COLUMNS), np.float32)
+            obstacle_distances(columns, limit, touches, *self._obstacles.arguments())
+        from_camera = np.linalg.norm(points - self.camera.position, axis=1)
+        depth = self.project(points)[2]
+        from_near_plane = np.where(self.in_view(points), depth, from_camera) - self.camera.near
+        return np.minimum(columns[:, 3].astype(np.float64), from_near_plane)
 
-    def _in_front(self, points: Array, radius: float) -> NDArray[np.bool_]:
-        """Return whether everything visible around each ball lies behind it; False beyond the image."""
-        x, y, depth = self.project(points)
-        result = np.zeros(len(points), np.bool_)
-        for row in np.flatnonzero(depth > radius + self.camera.near):
-            reach = radius / (2.0 * self.camera.half_height(float(depth[row]) - radius))  # of the image's height
-            left, right = x[row] - reach / self.aspect, x[row] + reach / self.aspect
-            top, bottom = y[row] - reach, y[row] + reach
-            if left >= 0.0 and right <= 1.0 and top >= 0.0 and bottom <= 1.0:
-                (a, b), (c, d) = self._pixels(np.array([left, right]), np.array([top, bottom]))
-                result[row] = self._reach[c : d + 1, a : b + 1].min() > depth[row] + radius
+    def is_free(self, points: Array, radius: float) -> Mask:
+        """Return at which of the points [n, 3] a ball touches no surface and is reachable from the camera."""
+        result: Mask = self.distances(points, 2.0 * radius) > radius
+        rows = np.flatnonzero(result)
+        result[rows] = self.is_reachable(points[rows])
         return result
 
-    def is_clear(self, points: Array, radius: float) -> NDArray[np.bool_]:
-        """Return at which of the points [n, 3] a ball lies within the scene's bounds and intersects no mesh's box."""
-        if self.empty:
+    def is_reachable(self, points: Array) -> Mask:
+        """Return which of the points [n, 3] are connected to the camera by free space.
+
+        Points that are not in direct sight must lie within the scene's bounds. Some reachable points in narrow corners
+        are missed; no unreachable point is returned.
+        """
+        if not self._scene.instance_count:
             return np.ones(len(points), np.bool_)
-        inside = np.all((points > self.bounds[0] + radius) & (points < self.bounds[1] - radius), axis=1)
-        nearest = np.clip(points[:, None], self._boxes[None, :, 0], self._boxes[None, :, 1])
-        distance = np.linalg.norm(points[:, None] - nearest, axis=2)
-        result: NDArray[np.bool_] = inside & np.all(distance > radius, axis=1)
+        in_view = self.in_view(points)
+        origins = np.where(in_view[:, None], self._sight_origins(points), self.camera.position)
+        within: Mask = np.all((points > self.bounds[0]) & (points < self.bounds[1]), axis=1)
+        result: Mask = (in_view | within) & ~self._is_blocked(origins, points, NEXT)
+        rows = np.flatnonzero(within & ~result)
+        result[rows] = self._sees_any(points[rows], self._landmarks)
         return result
 
-    def _pixels(self, x: Array, y: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        height, width = self._depth.shape
-        column = np.clip((x * width).astype(np.intp), 0, width - 1)
-        return column, np.clip((y * height).astype(np.intp), 0, height - 1)
+    def _reachable_landmarks(self) -> Array:
+        """Return random points [n, 3] of the scene's bounds that are connected to the camera by free space."""
+        numbers = np.random.Philox(key=np.zeros(2, np.uint64)).random_raw(3 * LANDMARKS) >> np.uint64(11)
+        low, high = self.bounds
+        points: Array = low + numbers.reshape(-1, 3) * 2.0**-53 * (high - low)
+        origins = np.broadcast_to(np.asarray(self.camera.position), points.shape)
+        is_reached: Mask = ~self._is_blocked(origins, points, NEXT)
+        found = True
+        while found:
+            rest = np.flatnonzero(~is_reached)
+            rest = rest[self._sees_any(points[rest], points[is_reached])]
+            is_reached[rest] = True
+            found = len(rest) > 0
+        reached: Array = points[is_reached]
+        return reached
+
+    def _sees_any(self, points: Array, others: Array) -> Mask:
+        """Return which of the points [n, 3] are connected to one of the nearest `others` [m, 3] by a free segment."""
+        if not len(points) or not len(others):
+            return np.zeros(len(points), np.bool_)
+        squares = ((points[:, None] - others[None]) ** 2).sum(axis=2)
+        nearest = np.argsort(squares, axis=1, kind="stable")[:, :NEIGHBORS]
+        starts = others[nearest].reshape(-1, 3)
+        blocked = self._is_blocked(starts, np.repeat(points, nearest.shape[1], axis=0), NEXT)
+        return np.array(~blocked.reshape(nearest.shape).all(axis=1), np.bool_)
+
+    def _sight_origins(self, points: Array) -> Array:
+        """Return where the lines of sight to points [n, 3] in view begin, on the near plane."""
+        forward = -self.camera.axes()[:, 2]
+        depth = (points - self.camera.position) @ forward
+        if self.camera.orthographic_height is not None:
+            return points - np.outer(depth - self.camera.near, forward)
+        part = self.camera.near / np.where(depth > 1e-9, depth, np.nan)
+        origins: Array = self.camera.position + (points - self.camera.position) * part[:, None]
+        return np.nan_to_num(origins)
+
+    def _is_blocked(self, origins: Array, targets: Array, time: int) -> Mask:
+        """Return which of the segments between points [n, 3] a surface blocks.
+
+        Args:
+            origins: float64 [n, 3].
+            targets: float64 [n, 3].
+            time: CURRENT: visible surfaces that are not alpha-rejected. NEXT: all surfaces and colliders.
+        """
+        count = len(origins)
+        if not count or not self._scene.instance_count:
+            return np.zeros(count, np.bool_)
+        wave = self._rays.reserved(count)
+        offset = targets - origins
+        length = np.linalg.norm(offset, axis=1)
+        rays = np.zeros((*wave.rays.shape, 8), np.float32)
+        rays[:count, :3] = origins
+        rays[:count, 4:7] = offset / np.maximum(length, 1e-12)[:, None]
+        rays[:count, 7] = length * _RAY_END
+        wave.rays.from_numpy(rays)
+        if time == CURRENT:
+            first_hits(self._scene, time, wave, wave.queue, count)
+        else:
+            closest(self._scene, time, wave.rays, wave.queue, count, wave.hits, wave.hit_ids)
+        result: Mask = wave.hit_ids.to_numpy()[:count, 0] >= 0
+        return result
 
 
-def _depth_image(stage: SceneDescription, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
-    """Return the depth image of the scene, +inf where nothing is hit."""
-    count = len(stage.instances)
-    if not count:
-        return np.full((height, width), np.inf, np.float32)
-    runtime.start()
+def _on_device(stage: SceneDescription) -> tuple[DeviceScene, Obstacles]:
+    """Return a scene for rays, at CURRENT without the colliders and at NEXT with them, and the same as obstacles.
+
+    Meshes that the stage exempts from collisions are obstacles too.
+    """
     scene = DeviceScene()
-    scene.add(stage)
-    world = np.array([each.world_from_object[:3] for each in stage.instances])
+    placed = [replace(each, collides=True) for each in (*stage.instances, *stage.colliders)]
+    if not placed:
+        return scene, Obstacles.empty()
+    scene.add(replace(stage, lights=()))
+    # Before the instances are placed, because more nodes unplace them.
+    trees = scene.trees
+    tree = ObstacleTree(trees, placed)
+    obstacles = Obstacles.from_trees(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
+    count = len(placed)
+    present = np.ones((3, count), np.bool_)
+    present[CURRENT, len(stage.instances) :] = False
+    world = np.array([each.world_from_object[:3] for each in placed])
     placement = Placement(
-        mesh=np.array([each.mesh for each in stage.instances], np.int32),
-        instance_id=np.array([each.object + 1 for each in stage.instances], np.int32),
+        mesh=np.array([each.mesh for each in placed], np.int32),
+        instance_id=np.arange(1, count + 1, dtype=np.int32),
         category_id=np.zeros(count, np.int32),
         world_from_object=np.broadcast_to(world, (3, count, 3, 4)).copy(),
         box_from_object=np.broadcast_to(np.eye(4)[:3], (count, 3, 4)).copy(),
-        present=np.ones((3, count), np.bool_),
+        present=present,
     )
-    scene.place(placement, (CURRENT,))
-    depth: NDArray[np.float32] = LabelPass(scene).render(View(camera, camera, camera, width, height), ("depth",))[
-        "depth"
-    ]
-    return depth
-
-
-def _mesh_boxes(stage: SceneDescription) -> Array:
-    """Return the lowest and highest corner of every placed mesh: float64 [n, 2, 3]."""
-    placed = (*stage.instances, *stage.colliders)
-    boxes = [bounding_box(stage, [each.mesh], [each.world_from_object]) for each in placed]
-    return np.array(boxes).reshape(-1, 2, 3)
+    scene.place(placement, (CURRENT, NEXT))
+    return scene, obstacles

@@ -34,6 +34,7 @@ class ScenarioRanges:
     region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
     in_view: tuple[float, float] = (1.0, 1.0)
     occlusion: tuple[float, float] = (0.0, 0.0)
+    min_size: float = 0.03
     frames: int | None = None
     life: tuple[int, int] | None = None
     wait_time: float = 0.0
@@ -67,6 +68,12 @@ class ScenarioRanges:
             raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
         if self.frames is not None:
             self._set("frames", _whole_range(self.frames, "frames", 1, math.inf)[0])
+        min_size = _numbers((self.min_size,), "min_size", 1)[0]
+        if not 0.0 <= min_size <= 1.0:
+            raise ArgumentError(
+                f"min_size={self.min_size!r}: must be a fraction of the image's height, 0 <= min_size < 1"
+            )
+        self._set("min_size", min_size)
         aspect = _numbers((self.aspect,), "aspect", 1)[0]
         if aspect <= 0.0:
             raise ArgumentError(f"aspect={self.aspect!r}: must be greater than 0")

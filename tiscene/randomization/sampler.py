@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw random scenarios from ranges, for `Scenario.sample`.
 
-Each random number depends only on (seed, object, attempt, purpose), by the counter-based generator Philox (Salmon et
-al. 2011): one more object, or another range of speeds, changes no other object and no other quantity. Drawn objects are
-measured; those outside the ranges are rejected and drawn again. Scenarios are JSON values here.
+An object is drawn as a kind of trajectory, a scale, a template and a place. A template that fits nowhere within the
+ranges is replaced by another one. Scenarios are JSON values here.
 """
 
 from __future__ import annotations
@@ -23,20 +22,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import CatmullWaypoints, LinearWaypoints, Waypoint
-from dynamics.dynamic import LENGTH_STEPS, Pose
+from dynamics.dynamic import Pose
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError
+from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
+from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer
+from tiscene.randomization.point_pools import DECIMALS, PointPools
 from tiscene.randomization.ranges import ScenarioRanges
+from tiscene.randomization.template_extent import template_extent
 from tiscene.scene.camera import Camera
 from tiscene.usd.read.stage_reader import read_stage
-from tiscene.usd.read.template import read_template
 
 Array = NDArray[np.float64]
-ATTEMPTS = 200  # draws of one object before its ranges are refused
-PLACES = 256  # draws of one waypoint per attempt
-DECIMALS = 4  # of positions (m) and angles (degrees), so that files stay readable
-_TOLERANCE = 1e-9
+MAX_TEMPLATES = 12  # templates that are tried for one object
+SCENES = 2  # whose free space is kept
+SCENARIO = 2**64 - 1  # number of the draws that belong to no object
 
 
 def sample(
@@ -67,13 +68,15 @@ def sample(
         raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
     limits = ScenarioRanges(**ranges)
     names = sorted(catalog.templates()) if limits.templates is None else limits.templates
+    for name in names:
+        catalog.find_template(name)
     file = catalog.find_scene(scene)
     space, up_axis = _space(file, file.stat().st_mtime_ns, camera, limits.aspect)
-    count = _Draws(int(seed), 2**64 - 1).whole("objects", 0, *limits.objects)
+    count = Draws(int(seed), SCENARIO).whole("objects", 0, *limits.objects)
     objects: list[dict[str, Any]] = []
     starts: list[tuple[Array, float]] = []
     for number in range(count):
-        content, start = _Sampler(limits, names, space, up_axis, _Draws(int(seed), number), number).draw(starts)
+        content, start = _ObjectSampler(limits, space, up_axis, Draws(int(seed), number), number).draw(names, starts)
         objects.append(content)
         starts.append(start)
     # Bouncing objects that must stay in view need walls.
@@ -86,174 +89,118 @@ def sample(
     }
 
 
-class _Draws:
-    """Uniform random numbers of one object, each a pure function of (seed, object, purpose, attempt)."""
-
-    def __init__(self, seed: int, number: int) -> None:
-        self._key = np.array([seed, number], np.uint64)
-
-    def uniform(self, what: str, attempt: int, count: int = 1) -> Array:
-        """Return `count` numbers in [0, 1)."""
-        purpose = int.from_bytes(what.encode()[:8].ljust(8), "little")
-        counter = np.array([0, attempt, purpose, 0], np.uint64)
-        raw = np.random.Philox(key=self._key, counter=counter).random_raw(count)
-        values: Array = (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
-        return values
-
-    def between(self, what: str, attempt: int, low: float, high: float) -> float:
-        """Return one number from low to high."""
-        return low + (high - low) * float(self.uniform(what, attempt)[0])
-
-    def whole(self, what: str, attempt: int, low: int, high: int) -> int:
-        """Return one whole number from low to high, both included."""
-        return low + int(self.uniform(what, attempt)[0] * (high - low + 1))
-
-
-class _Sampler:
+class _ObjectSampler:
     """Draws one object."""
 
-    def __init__(
-        self,
-        limits: ScenarioRanges,
-        names: Sequence[str],
-        space: FreeSpace,
-        up_axis: str,
-        draws: _Draws,
-        number: int,
-    ) -> None:
+    def __init__(self, limits: ScenarioRanges, space: FreeSpace, up_axis: str, draws: Draws, number: int) -> None:
         self.limits = limits
         self.space = space
-        self.draws = draws
         self.up_axis = up_axis
-        self.template = names[draws.whole("template", 0, 0, len(names) - 1)]
+        self.draws = draws
+        self.number = number
         self.kind = limits.dynamics[draws.whole("dynamics", 0, 0, len(limits.dynamics) - 1)]
         self.scale = round(draws.between("scale", 0, *limits.scale), DECIMALS)
-        self.radius = _radius(catalog.find_template(self.template), up_axis) * self.scale
-        name = Path(self.template).stem if Path(self.template).suffix else self.template
-        self.id = f"{name.lower().replace(' ', '_')}_{number}"
+        self.pools = PointPools(space, limits, draws)
 
-    def draw(self, starts: Sequence[tuple[Array, float]]) -> tuple[dict[str, Any], tuple[Array, float]]:
+    def draw(
+        self, names: Sequence[str], starts: Sequence[tuple[Array, float]]
+    ) -> tuple[dict[str, Any], tuple[Array, float]]:
         """Draw the object.
 
         Args:
+            names: templates to choose from.
             starts: center and radius of each object drawn before, at its start.
 
         Returns:
             The object's JSON object, and center and radius at its start.
+
+        Raises:
+            ScenarioError: none of the templates that were tried fits.
         """
+        order = np.argsort(self.draws.uniform("template", 0, len(names)), kind="stable")
+        tried = [names[row] for row in order[:MAX_TEMPLATES].tolist()]
         reasons: Counter[str] = Counter()
-        for attempt in range(ATTEMPTS):
-            points, wrong = self._places(attempt)
-            if not wrong and any(np.linalg.norm(points[0] - at) < self.radius + size for at, size in starts):
-                wrong = "it would start inside another object"
-            dynamic: dict[str, Any] = {"type": "Still"}
-            if not wrong and self.kind != "still":
-                dynamic, wrong = self._dynamic(points, attempt)
-            if not wrong:
-                return self._object(points, dynamic), (points[0], self.radius)
-            reasons[wrong] += 1
+        radii = []
+        for name in tried:
+            extent = template_extent(catalog.find_template(name), self.up_axis)
+            radius, diameter = extent.radius * self.scale, extent.diameter * self.scale
+            placer = ObjectPlacer(self.space, self.limits, self.draws, self.pools, radius, diameter, starts)
+            content, start = self._placed(placer)
+            if start is not None:
+                return self._object(name, start, content), (start, radius)
+            reasons += placer.reasons
+            radii.append(radius)
         tally = ", ".join(f"{reason} ({count} times)" for reason, count in reasons.most_common())
+        if len(tried) == 1:
+            what, draws = f"object {self._id(tried[0])!r} ({self.kind}, {radii[0]:.2f} m about its origin)", ""
+        else:
+            sizes = f"{min(radii):.2f} to {max(radii):.2f} m about their origins"
+            what, draws = f"object {self.number} ({self.kind})", f" of each of {len(tried)} templates ({sizes})"
         raise ScenarioError(
-            f"object {self.id!r} ({self.kind}, {self.radius:.2f} m about its origin) fits nowhere in {ATTEMPTS} draws: "
-            f"{tally}. Widen depth, region, in_view or occlusion, or draw from smaller templates"
+            f"{what} fits nowhere in {ATTEMPTS} draws{draws}: {tally}. "
+            "Widen depth, region, in_view or occlusion, lower min_size, or draw from smaller templates"
         )
 
-    def _places(self, attempt: int) -> tuple[Array, str]:
-        """Return waypoints [n, 3] (one for objects without a path), or the reason why there are none."""
-        draws, ranges = self.draws, self.limits
-        loop = self.kind in ("linear", "catmull")
-        count = draws.whole("waypoints", attempt, *ranges.waypoints) if loop else 1
-        seen = round(count * draws.between("in view", attempt, *ranges.in_view))
-        hidden = round(seen * draws.between("occluded", attempt, *ranges.occlusion))
-        points = []
-        for row in range(count):
-            wanted = "hidden" if row < hidden else "visible" if row < seen else "out of view"
-            place = self._place(wanted, attempt, row)
-            if place is None:
-                return np.zeros((0, 3)), f"no free point {wanted}"
-            points.append(place)
-        order = np.argsort(draws.uniform("order", attempt, count))
-        return np.array(points)[order], ""
-
-    def _place(self, wanted: str, attempt: int, row: int) -> Array | None:
-        """Return a free point that is visible, hidden, or out of view; None if none was found."""
-        numbers = self.draws.uniform(f"place{row}", attempt, 3 * PLACES).reshape(PLACES, 3)
-        near, far = self.limits.depth
-        near = max(near, self.space.camera.near + self.radius)
-        if near > far:
-            return None
-        if wanted == "out of view":
-            low, high = self.space.bounds
-            points = low + numbers * (high - low)
-        else:
-            left, top, right, bottom = self.limits.region
-            # Uniform in the volume of the cut pyramid.
-            depth = np.cbrt(near**3 + numbers[:, 2] * (far**3 - near**3))
-            x, y = left + numbers[:, 0] * (right - left), top + numbers[:, 1] * (bottom - top)
-            points = self.space.points(x, y, depth)
-        points = np.round(points, DECIMALS)
-        hidden = self.space.hidden(points)
-        in_view = self.space.in_view(points)
-        fits = {"out of view": ~in_view, "hidden": hidden, "visible": in_view & ~hidden}[wanted]
-        if wanted == "visible":
-            return next((point for point in points[fits] if self.space.is_free(point[None], self.radius)[0]), None)
-        clear = points[fits][self.space.is_clear(points[fits], self.radius)]
-        return clear[0] if len(clear) else None
-
-    def _dynamic(self, points: Array, attempt: int) -> tuple[dict[str, Any], str]:
-        """Return the trajectory's JSON object, and the reason why it is rejected or ""."""
-        draws, ranges = self.draws, self.limits
-        speed = draws.between("speed", 0, *ranges.speed)
-        spin = draws.between("spin", 0, *ranges.angular_speed)
-        axis = [round(each, DECIMALS) for each in _direction(*draws.uniform("axis", 0, 2))]
-        if self.kind == "bounce":
-            direction = [round(each, DECIMALS) for each in _direction(*draws.uniform("heading", attempt, 2))]
-            seed = int(draws.uniform("bounces", 0)[0] * 2**31)
-            content = {"speed": speed, "angular_speed": spin, "start_direction": direction, "seed": seed}
-            return {"type": "UniformMovementRandomBounce"} | content, ""
+    def _placed(self, placer: ObjectPlacer) -> tuple[dict[str, Any], Array | None]:
+        """Return the trajectory's JSON object and the object's start [3]; None if it fits nowhere."""
+        if self.kind in ("still", "bounce"):
+            return (self._bounce() if self.kind == "bounce" else {"type": "Still"}), placer.position()
         cls = LinearWaypoints if self.kind == "linear" else CatmullWaypoints
+        points = placer.loop(cls)
+        return ({}, None) if points is None else (self._loop(cls, points), points[0])
+
+    def _bounce(self) -> dict[str, Any]:
+        """Return the JSON object of a bouncing trajectory."""
+        return {
+            "type": "UniformMovementRandomBounce",
+            "speed": self._speed(),
+            "angular_speed": self._spin(),
+            "start_direction": self._direction("heading"),
+            "seed": int(self.draws.uniform("bounces", 0)[0] * 2**31),
+        }
+
+    def _loop(self, cls: type[LinearWaypoints] | type[CatmullWaypoints], points: Array) -> dict[str, Any]:
+        """Return the JSON object of a closed path through waypoints [n, 3]."""
         waypoints = [Waypoint(tuple(place), self._rotation()) for place in points.tolist()]
-        try:
-            lengths, path = _sampled(cls(waypoints, pacing="arc_length"))
-        except ValueError:
-            return {}, "two waypoints coincide"
-        wrong = self._rejection(path, np.diff(lengths, axis=1).reshape(-1))
+        (track,) = cls(waypoints, pacing="arc_length").tracks(Pose())
+        assert track.lengths is not None  # of pacing="arc_length"
         loop: dict[str, Any] = {
             "type": cls.__name__,
             "waypoints": [{"position": list(each.position), "rotation": list(each.rotation)} for each in waypoints],
-            "total_time": float(lengths[-1, -1]) / speed,
+            "total_time": float(track.lengths[-1, -1]) / self._speed(),
             "pacing": "arc_length",
         }
+        spin = self._spin()
         if spin > 0.0:
-            turn = {"type": "Orbit", "period": 2.0 * math.pi / spin, "axis": axis}
+            turn = {"type": "Orbit", "period": 2.0 * math.pi / spin, "axis": self._direction("axis")}
             loop = {"type": "Composite", "parts": [loop, turn]}
-        return loop, wrong
+        return loop
 
-    def _rejection(self, path: Array, lengths: Array) -> str:
-        """Return the reason why a path [n, 3], with a length for each point, misses the ranges; "" if it does not."""
-        if not self.space.is_free(path, self.radius).all():
-            return "its path collides with the scene"
-        seen, hidden = self.space.in_view(path), self.space.hidden(path)
-        in_view = float(lengths @ seen) / float(lengths.sum())
-        low, high = self.limits.in_view
-        if not low - _TOLERANCE <= in_view <= high + _TOLERANCE:
-            return "in_view is missed"
-        low, high = self.limits.occlusion
-        occluded = float(lengths @ hidden) / max(float(lengths @ seen), _TOLERANCE)
-        if not low - _TOLERANCE <= occluded <= high + _TOLERANCE:
-            return "occlusion is missed"
-        return ""
+    def _speed(self) -> float:
+        return self.draws.between("speed", 0, *self.limits.speed)
+
+    def _spin(self) -> float:
+        return self.draws.between("spin", 0, *self.limits.angular_speed)
+
+    def _direction(self, purpose: str) -> list[float]:
+        return [round(each, DECIMALS) for each in self.draws.direction(purpose, 0)]
 
     def _rotation(self) -> tuple[float, float, float]:
         """Return a random rotation about the vertical."""
         yaw = round(self.draws.between("yaw", 0, -180.0, 180.0), DECIMALS)
         return (0.0, yaw, 0.0) if self.up_axis == "Y" else (0.0, 0.0, yaw)
 
-    def _object(self, points: Array, dynamic: Mapping[str, Any]) -> dict[str, Any]:
+    def _id(self, template: str) -> str:
+        """Return the object's id: the template's name and the object's number."""
+        name = Path(template).stem if Path(template).suffix else template
+        return f"{name.lower().replace(' ', '_')}_{self.number}"
+
+    def _object(self, template: str, start: Array, dynamic: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the object's JSON object."""
         content = {
-            "id": self.id,
-            "template": self.template,
-            "position": points[0].tolist(),
+            "id": self._id(template),
+            "template": template,
+            "position": start.tolist(),
             "rotation": list(self._rotation()),
             "dynamic": dict(dynamic),
             "frustum_limited": self.limits.in_view[0] == 1.0,
@@ -266,38 +213,9 @@ class _Sampler:
         return content
 
 
-def _sampled(loop: LinearWaypoints | CatmullWaypoints) -> tuple[Array, Array]:
-    """Return arc lengths [n, LENGTH_STEPS + 1] along a loop's segments, and midpoints [n * LENGTH_STEPS, 3]."""
-    (track,) = loop.tracks(Pose())
-    cubics = track.segments[:, :12].reshape(-1, 4, 3)
-    t = (np.arange(LENGTH_STEPS) + 0.5) / LENGTH_STEPS
-    powers = t[:, None] ** np.arange(4)
-    assert track.lengths is not None  # of pacing="arc_length"
-    return track.lengths, np.einsum("tk,nkc->ntc", powers, cubics).reshape(-1, 3)
-
-
-def _direction(a: float, b: float) -> tuple[float, float, float]:
-    """Map two uniform numbers to a unit vector, uniform over the sphere."""
-    height, angle = 1.0 - 2.0 * float(a), 2.0 * math.pi * float(b)
-    radius = math.sqrt(max(0.0, 1.0 - height * height))
-    return (radius * math.cos(angle), radius * math.sin(angle), height)
-
-
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=SCENES)
 def _space(file: Path, modified: int, camera: Camera | str | None, aspect: float) -> tuple[FreeSpace, str]:
     """Return the free space before a camera of a scene, and the up axis. `modified` invalidates the cache."""
     stage = read_stage(file)
     watching = camera if isinstance(camera, Camera) else stage.camera(camera)
     return FreeSpace(stage, watching, aspect), stage.up_axis
-
-
-@functools.lru_cache(maxsize=256)
-def _radius(file: Path, up_axis: str) -> float:
-    """Return the radius of the ball about a template's origin that encloses it, m."""
-    description = read_template(file, up_axis="Y" if up_axis == "Y" else "Z").description
-    farthest = 0.0
-    for each in description.instances:
-        positions = description.meshes[each.mesh].positions
-        placed = positions @ each.world_from_object[:3, :3].T + each.world_from_object[:3, 3]
-        farthest = max(farthest, float(np.linalg.norm(placed, axis=1).max(initial=0.0)))
-    return farthest

@@ -130,6 +130,7 @@ class Scenario:
         region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
         in_view: Range = (1.0, 1.0),
         occlusion: Range = (0.0, 0.0),
+        min_size: float = 0.03,
         frames: int | None = None,
         life: WholeRange | None = None,
         wait_time: float = 0.0,
@@ -156,6 +157,9 @@ class Scenario:
             region: left, top, right and bottom of the part of the image, 0..1, in which waypoints lie.
             in_view: fraction of its path during which an object's center is in view.
             occlusion: fraction of the path in view during which its center is hidden by the scene.
+            min_size: least size of an object while its center is in view, as a fraction of the image's height: the
+                diameter of the disk whose area is that of the object's convex silhouette, averaged over all
+                directions. It bounds the depth of small objects. Of a bouncing object, at its start.
             frames: length of the stream; needed for `life`.
             life: number of frames for which an object is alive, from a random one on; None: always.
             wait_time: time until all objects start, s.
