@@ -63,7 +63,7 @@ def slow(*args):
         yield
     print("end", flush=True)
 loading.warm_up_steps = slow
-loading._is_worth_a_process = lambda buffers: True
+loading.is_worth_a_process = lambda buffers: True
 loading.load(Path(sys.argv[1]), ("rgb",), PRESETS["fast"], None, False)
 """
 
@@ -71,7 +71,7 @@ loading.load(Path(sys.argv[1]), ("rgb",), PRESETS["fast"], None, False)
 @pytest.fixture
 def beside(monkeypatch):
     """As in a process that has not started Taichi yet."""
-    monkeypatch.setattr(loading, "_is_worth_a_process", lambda buffers: True)
+    monkeypatch.setattr(loading, "is_worth_a_process", lambda buffers: True)
 
 
 def load(path):
@@ -122,12 +122,12 @@ def test_what_is_not_saved_is_read_here_and_what_needs_few_kernels(tmp_path, mon
     monkeypatch.setattr(loading.runtime, "running", lambda: None)
     monkeypatch.setattr(loading.os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
     path = write(tmp_path, BOX)
-    assert loading._is_worth_a_process(("depth", "rgb"))
-    assert not loading._is_worth_a_process(("depth", "instance"))
+    assert loading.is_worth_a_process(("depth", "rgb"))
+    assert not loading.is_worth_a_process(("depth", "instance"))
     layer = Sdf.Layer.FindOrOpen(str(path))
     layer.documentation = "changed"
     assert has_unsaved_layers()
-    assert not loading._is_worth_a_process(("depth", "rgb"))
+    assert not loading.is_worth_a_process(("depth", "rgb"))
 
 
 @pytest.mark.parametrize("buffers", [("rgb", "depth"), tuple(BUFFERS)], ids=["few", "all"])

@@ -10,5 +10,6 @@
     shutter        sample times while the shutter is open (motion blur)
     stage_cache    stages that were read last
     loading        read a stage while kernels compile
+    saved_state    check of saved states
     progress       default progress bar
 """

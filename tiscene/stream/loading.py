@@ -50,7 +50,7 @@ def load(
     Raises:
         MissingFile, StageError, DeviceError: as `read_stage` and `runtime.start` do.
     """
-    if not untrusted and _is_worth_a_process(buffers):
+    if not untrusted and is_worth_a_process(buffers):
         in_child = options | {"limits": limits, "isolate": False}
         with (
             contextlib.suppress(SubprocessFailed),
@@ -64,7 +64,7 @@ def load(
     return read_stage(path, untrusted=untrusted, limits=limits, **options), runtime.start(arch)
 
 
-def _is_worth_a_process(buffers: Sequence[str]) -> bool:
+def is_worth_a_process(buffers: Sequence[str]) -> bool:
     """Return whether kernels must be compiled, a second processor is free, and a child process reads the same stage."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     is_python = "python" in Path(sys.executable or "").name.lower() and not hasattr(sys, "frozen")

@@ -18,6 +18,7 @@ from functools import partial
 from types import TracebackType
 from typing import Any, overload
 
+from tiscene import catalog
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import COLORS, buffer_names, rendered_buffers
@@ -31,11 +32,13 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.progress import ProgressBar
+from tiscene.stream.saved_state import VERSION, check_state
 from tiscene.stream.stage_cache import StageCache, digest, file_digests
 from tiscene.stream.view_renderer import ViewRenderer, render_all_cameras
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.scenario.bake import write_motion
-from tiscene.validation import integer, number, positive, shutter_times
+from tiscene.validation import distinct_names, integer, number, positive, shutter_times
+from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import warn_if_dark
 from tiscene.world.world import World
 
@@ -81,6 +84,8 @@ class Stream(Iterator[Frame]):
         time_code: show the stage as it is at this time code, without motion; None: it plays.
         variants: variant selections by prim and set, {"/Prim{set}": "variant"}; added to the scenario's.
         taxonomy: taxonomy of the semantic labels; None for "class", else "category", else the first by name.
+        categories: names of the categories that have the ids 1, 2, ... in `semantic`, in this order; everything else
+            has 0, as the background. None: all categories, with ids that are the same in all scenes (`ts.categories`).
         root: folder that all of the stage's files must be in; None: anywhere.
         untrusted: read the stage in a process with limits, for files that may be damaged or hostile. Reads no motion.
         limits: time and memory that reading a stage may take, `ts.Limits(seconds=, memory=)`; None: unlimited, unless
@@ -117,6 +122,7 @@ class Stream(Iterator[Frame]):
         time_code: float | None = None,
         variants: Mapping[str, str] | None = None,
         taxonomy: str | None = None,
+        categories: Sequence[str] | None = None,
         root: str | os.PathLike[str] | None = None,
         untrusted: bool = False,
         limits: Limits | None = None,
@@ -144,9 +150,10 @@ class Stream(Iterator[Frame]):
         self.shutter = None if shutter is None else shutter_times(shutter)
         self.time_code = None if time_code is None else number("time_code", time_code)
         self.taxonomy = taxonomy
+        self._selected_categories = None if categories is None else distinct_names("categories", categories)
         self._cache_bytes = integer("cache_bytes", cache_bytes, 1, sys.maxsize)
         self._progress = progress or ProgressBar()
-        self._stages = StageCache(
+        self.stages = StageCache(
             self.buffers,
             self.render_settings,
             arch=arch,
@@ -163,6 +170,7 @@ class Stream(Iterator[Frame]):
         if camera is not None:
             source = replace(source, camera=camera)
         self.restart(source)
+        self.world.category_ids.check_selection(each.category for each in catalog.templates().values())
         if not COLORS.isdisjoint(rendered_buffers(self.buffers)):
             warn_if_dark(source.scene, self.world.descriptions)
 
@@ -180,7 +188,7 @@ class Stream(Iterator[Frame]):
             TisceneError: the scenario, its stage or a template is invalid; nothing has changed then.
         """
         width, height = width or self.width, height or self.height
-        stage = self._stages.stage(scenario)
+        stage = self.stages.stage(scenario)
         renderer = ViewRenderer(
             self.render_settings,
             seed=self.seed,
@@ -188,8 +196,9 @@ class Stream(Iterator[Frame]):
             cache_bytes=self._cache_bytes,
             progress=self._progress,
         )
-        load_template = partial(self._stages.template, scenario=scenario, stage=stage)
-        world = World(scenario, stage, load_template, self.fps, width / height, renderer.mesh_trees)
+        load_template = partial(self.stages.template, scenario=scenario, stage=stage)
+        ids = CategoryIds(catalog.categories(), catalog.FIRST_UNREGISTERED_ID, self._selected_categories)
+        world = World(scenario, stage, load_template, self.fps, width / height, renderer.mesh_trees, ids)
         renderer.set_world(world)
         self.close()
         self.world, self._renderer = world, renderer
@@ -233,7 +242,7 @@ class Stream(Iterator[Frame]):
     @property
     def arch(self) -> str | None:
         """The architecture that kernels run on: "cpu" or "cuda"."""
-        return self._stages.arch
+        return self.stages.arch
 
     @property
     def scenario(self) -> Scenario:
@@ -242,7 +251,7 @@ class Stream(Iterator[Frame]):
 
     @property
     def categories(self) -> dict[int, str]:
-        """Names of the ids in the `semantic` buffer; 0 is the background."""
+        """Names of the ids in `semantic`: of the scene so far, or those selected; 0 is the background."""
         return self.world.categories
 
     @property
@@ -327,7 +336,7 @@ class Stream(Iterator[Frame]):
 
     def state_dict(self) -> dict[str, Any]:
         """Return the stream's position and settings as JSON-ready values below 1 kB."""
-        return {"version": 1, "position": self._position, "settings": self.settings()}
+        return {"version": VERSION, "position": self._position, "settings": self.settings()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue where `state_dict` was taken.
@@ -335,14 +344,7 @@ class Stream(Iterator[Frame]):
         Raises:
             ArgumentError: the state is of another stream; nothing has changed then.
         """
-        is_state = isinstance(state, Mapping) and isinstance(state.get("settings"), Mapping) and "position" in state
-        if not is_state or state.get("version") != 1:
-            raise ArgumentError("this is not a state_dict of this version of tiscene (version 1)")
-        theirs, ours = state["settings"], self.settings()
-        if different := [name for name in ours if theirs.get(name) != ours[name]]:
-            listing = ", ".join(f"{name}: {theirs.get(name)!r} there, {ours[name]!r} here" for name in different)
-            cures = " ".join(dict.fromkeys(_CURES.get(name, _OTHER_CURE.format(name)) for name in different))
-            raise ArgumentError(f"the state is of another stream ({listing}). {cures}")
+        check_state(state, self.settings())
         self.seek(state["position"])
 
     def settings(self) -> dict[str, Any]:
@@ -365,6 +367,7 @@ class Stream(Iterator[Frame]):
             "shutter": None if self.shutter is None else list(self.shutter),
             "time_code": self.time_code,
             "taxonomy": self.taxonomy,
+            "categories": None if self._selected_categories is None else list(self._selected_categories),
         }
 
     def file_digests(self) -> dict[str, str]:
@@ -388,11 +391,3 @@ class Stream(Iterator[Frame]):
         if frames is None:
             raise ArgumentError("frames=None: an endless stream cannot be written whole; pass frames=N")
         write_motion(self.world, path, frames)
-
-
-# What to do about a setting that differs, by its name.
-_CURES = {
-    "scenario": "Make the stream from the saved scenario, edits included (stream.scenario.save(...)).",
-    "files": "The files of the scene or of a template have changed: restore them, or start again.",
-}
-_OTHER_CURE = "Pass the saved {0} to Stream(...)."
