@@ -11,7 +11,7 @@ import pytest
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame.buffers import buffer_names
 from tiscene.render.render_settings import preset
-from tiscene.validation import integer, number, positive, shutter_times
+from tiscene.validation import distinct_names, integer, number, positive, shutter_times
 
 
 def test_numpy_numbers_become_plain_ones():
@@ -31,6 +31,12 @@ def test_numpy_numbers_become_plain_ones():
         (lambda: positive("fps", 0), "fps=0: must be greater than 0"),
         (lambda: shutter_times((0.5, 0.0)), r"shutter=\(0.5, 0.0\): must be -1 <= open <= close <= 1"),
         (lambda: shutter_times(0.5), "shutter=0.5: must be two numbers"),
+        (lambda: distinct_names("categories", "chair"), "categories='chair': must be a sequence of names"),
+        (lambda: distinct_names("categories", 3), "categories=3: must be a sequence of names"),
+        (lambda: distinct_names("categories", ()), r"categories=\(\): must be one or more names"),
+        (lambda: distinct_names("categories", ("chair", "")), "categories=.*none of them empty"),
+        (lambda: distinct_names("categories", ("chair", 3)), "categories=.*must be one or more names"),
+        (lambda: distinct_names("categories", ["a", "b", "a"]), "categories: 'a' is named twice; name each once"),
         (lambda: preset("preview", spp=0), "spp=0: must be at least 1"),
         (lambda: preset("preview", max_depth=1.5), "max_depth=1.5: must be a whole number"),
         (lambda: preset("preview", base_spp="many"), "base_spp='many': must be a whole number"),

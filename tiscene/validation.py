@@ -8,6 +8,7 @@ range are those of `dynamics.argument_checks`.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from typing import Any
 
 from dynamics import argument_checks
@@ -31,6 +32,19 @@ def number(name: str, value: Any) -> float:
 def positive(name: str, value: Any) -> float:
     """Return `value` as a finite float above 0."""
     return argument_checks.positive(value, name)
+
+
+def distinct_names(name: str, value: Any) -> tuple[str, ...]:
+    """Return `value`, a sequence of one or more different and non-empty strings, as a tuple."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise ArgumentError(f"{name}={value!r}: must be a sequence of names, such as ('chair', 'ball')")
+    result = tuple(value)
+    if not result or not all(isinstance(each, str) and each for each in result):
+        raise ArgumentError(f"{name}={result!r}: must be one or more names, none of them empty")
+    repeated = [each for index, each in enumerate(result) if each in result[:index]]
+    if repeated:
+        raise ArgumentError(f"{name}: {repeated[0]!r} is named twice; name each once")
+    return result
 
 
 def shutter_times(value: Any) -> tuple[float, float]:

@@ -79,7 +79,9 @@ class AgentRenderer:
         missing = sorted(needed - set(buffers))
         if missing:
             buffers.update(stream.render_view(frame, view, missing).buffers)
-        numbers = np.array([profile.category_number(name) for _, name in sorted(stream.categories.items())], np.uint8)
+        numbers = np.zeros(max(stream.categories) + 1, np.uint8)
+        for category_id, name in sorted(stream.categories.items()):
+            numbers[category_id] = profile.category_number(name)
         result = {name: frame_views.VIEWS[name].convert(buffers, numbers) for name in views}
         if agent.background is not None and "main" in result:
             frame_views.fill_background(result["main"], buffers["instance"], agent.background)

@@ -52,11 +52,16 @@ class CategoryIds:
     def check_selection(self, others: Iterable[str] = ()) -> None:
         """Check that each selected category is registered, has been looked up, or is among `others`.
 
+        Args:
+            others: further known categories; read only if needed.
+
         Raises:
             UnknownName: for the first that is not.
         """
-        known = {*self._registered, *self._ids, *others} - {""}
-        for name in self._selected or ():
+        present = {*self._registered, *self._ids}
+        missing = [name for name in self._selected or () if name not in present]
+        known = {*present, *others} - {""} if missing else present
+        for name in missing:
             if name not in known:
-                hint = "`tiscene list --json` and `stream.categories` list them."
+                hint = "`tiscene list --json` lists those of all shipped scenes, `stream.categories` those of a scene."
                 raise UnknownName("category", name, known, hint=hint)
