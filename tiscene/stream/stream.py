@@ -153,7 +153,7 @@ class Stream(Iterator[Frame]):
         self._selected_categories = None if categories is None else distinct_names("categories", categories)
         self._cache_bytes = integer("cache_bytes", cache_bytes, 1, sys.maxsize)
         self._progress = progress or ProgressBar()
-        self._stages = StageCache(
+        self.stages = StageCache(
             self.buffers,
             self.render_settings,
             arch=arch,
@@ -188,7 +188,7 @@ class Stream(Iterator[Frame]):
             TisceneError: the scenario, its stage or a template is invalid; nothing has changed then.
         """
         width, height = width or self.width, height or self.height
-        stage = self._stages.stage(scenario)
+        stage = self.stages.stage(scenario)
         renderer = ViewRenderer(
             self.render_settings,
             seed=self.seed,
@@ -196,7 +196,7 @@ class Stream(Iterator[Frame]):
             cache_bytes=self._cache_bytes,
             progress=self._progress,
         )
-        load_template = partial(self._stages.template, scenario=scenario, stage=stage)
+        load_template = partial(self.stages.template, scenario=scenario, stage=stage)
         ids = CategoryIds(catalog.categories(), catalog.FIRST_UNREGISTERED_ID, self._selected_categories)
         world = World(scenario, stage, load_template, self.fps, width / height, renderer.mesh_trees, ids)
         renderer.set_world(world)
@@ -242,7 +242,7 @@ class Stream(Iterator[Frame]):
     @property
     def arch(self) -> str | None:
         """The architecture that kernels run on: "cpu" or "cuda"."""
-        return self._stages.arch
+        return self.stages.arch
 
     @property
     def scenario(self) -> Scenario:
