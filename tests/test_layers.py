@@ -48,7 +48,7 @@ MAY_IMPORT = {
     },
     "tiscene.sailenv": {
         *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.render", "tiscene.scenario"),
-        *("tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.validation"),
+        *("tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.validation", "tiscene.world"),
     },
     "tiscene.export": {
         *("tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.stream"),

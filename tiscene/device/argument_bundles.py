@@ -53,7 +53,7 @@ def bundled(function: _Kernel) -> _Kernel:
     tuples = ""
     for row in range(definition, docstring):
         match = re.fullmatch(r"\s+(\w+): (\w+),\n", lines[row])
-        bundle = function.__globals__.get(match[2]) if match else None
+        bundle: Any = function.__globals__.get(match[2]) if match else None
         if match and isinstance(bundle, type) and issubclass(bundle, tuple):
             parameter, kind = match.groups()
             fields = [(f"{parameter}_{field}", f"{kind}.__annotations__[{field!r}]") for field in bundle._fields]

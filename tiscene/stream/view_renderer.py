@@ -65,7 +65,7 @@ class ViewRenderer:
         self._exposure = world.camera.exposure
 
     def close(self) -> None:
-        """Drop all arrays at once. The world refers back to this object, so they would wait for the cyclic collector."""
+        """Drop all arrays now. The world refers back to this object, so they would wait for the cyclic collector."""
         vars(self).clear()
 
     def mesh_trees(self) -> MeshTrees:

@@ -90,7 +90,8 @@ def _author_samples(root: UsdSkel.Root, time: Usd.TimeCode, plays: bool) -> None
             attribute = query.GetPrim().GetAttribute(name)
             if not attribute.ValueMightBeTimeVarying():
                 continue
-            times = dense_times(attribute.GetTimeSamples()) if plays else [] if time.IsEarliestTime() else [time.GetValue()]
+            static = [] if time.IsEarliestTime() else [time.GetValue()]
+            times = dense_times(attribute.GetTimeSamples()) if plays else static
             values = [
                 (each, attribute.Get(each)) for each in times
             ]  # read all first: authored samples hide those of weaker layers
