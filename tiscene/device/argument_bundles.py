@@ -54,7 +54,7 @@ def bundled(function: _Kernel) -> _Kernel:
     for row in range(definition, docstring):
         match = re.fullmatch(r"\s+(\w+): (\w+),\n", lines[row])
         bundle: Any = function.__globals__.get(match[2]) if match else None
-        if match and isinstance(bundle, type) and issubclass(bundle, tuple):
+        if match and hasattr(bundle, "_fields"):
             parameter, kind = match.groups()
             fields = [(f"{parameter}_{field}", f"{kind}.__annotations__[{field!r}]") for field in bundle._fields]
             lines[row] = f"    {', '.join(f'{name}: {annotation}' for name, annotation in fields)},\n"
