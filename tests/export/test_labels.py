@@ -39,7 +39,7 @@ def test_events_have_the_fields_of_event():
 def test_object_row_has_every_column_and_null_for_none():
     frame = FakeStream()[0]
     (row,) = frame_json.frame_labels(frame, objects="all")["objects"]
-    assert list(row) == [*ObjectTable().columns(), "parts"]
+    assert list(row) == [*ObjectTable().arrays(), "parts"]
     assert row["parts"] == ["Seat", "Back"]
     assert row["name"] == "chair"
     assert row["visible_box"] == [1.0, 2.0, 4.0, 5.0]

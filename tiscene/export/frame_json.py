@@ -56,7 +56,7 @@ def frame_labels(frame: Frame, objects: str | None) -> dict[str, Any]:
         "events": [asdict(event) for event in frame.events],
     }
     if objects is not None:
-        columns = {name: column.tolist() for name, column in frame.objects.columns().items()}
+        columns = {name: column.tolist() for name, column in frame.objects.arrays().items()}
         labels["objects"] = [
             {name: _json_cell(name, values[row]) for name, values in columns.items()} | {"parts": list(item.parts)}
             for row, item in enumerate(frame.objects)

@@ -309,7 +309,22 @@ class ObjectTable(Sequence[ObjectRow]):
         raise ObjectNotFound("object", name, [row.name for row in self._rows], " in this frame")
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return all columns as arrays with one entry per row.
+        """Return all columns as 1-D arrays with one entry per row, as data frames take them.
+
+        They are those of `arrays`; a column of vectors becomes one per component: `position_x`, `visible_box_x0`,
+        `rotation_w`, `world_bounds_x0` (lowest corner) and so on.
+        """
+        result: dict[str, NDArray[Any]] = {}
+        for name, array in self.arrays().items():
+            if array.ndim == 1:
+                result[name] = array
+            else:
+                for component, values in zip(_components(name, array.shape[1]), array.T, strict=True):
+                    result[f"{name}_{component}"] = values.copy()
+        return result
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all columns as arrays with one entry per row; vectors and boxes are [rows, components].
 
         Text columns are str. Where a row has None, a float column has nan and `last_frame` has -1.
         """
@@ -355,6 +370,14 @@ _OF_NOTHING = StoredMeasurements(
 
 def _floats(values: Any, columns: int) -> NDArray[np.float64]:
     return np.array(values, np.float64).reshape(len(values), columns)
+
+
+def _components(name: str, count: int) -> tuple[str, ...]:
+    """Return the names of the components of a column of vectors."""
+    if name.endswith("rotation"):
+        return "w", "x", "y", "z"
+    corners = ("x0", "y0", "x1", "y1"), ("x0", "y0", "z0", "x1", "y1", "z1")
+    return next((each for each in corners if len(each) == count), ("x", "y", "z"))
 
 
 def _ratios(parts: NDArray[np.int64], wholes: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -194,7 +194,7 @@ def test_table_access_by_row_name_and_column() -> None:
         rows.by_name("thing1")
     with pytest.raises(ObjectNotFound, match="object '9' in this frame"):
         rows.by_id(9)
-    columns = rows.columns()
+    columns = rows.arrays()
     assert columns["id"].dtype == np.int32
     assert columns["visible_box"].shape == (2, 4)
     assert columns["last_frame"].tolist() == [-1, -1]
@@ -255,7 +255,7 @@ def test_given_instance_buffer_is_not_rendered_again() -> None:
 def test_table_without_objects_is_empty() -> None:
     rows = ObjectTable()
     assert len(rows) == 0
-    columns = rows.columns()
+    columns = rows.arrays()
     assert columns["position"].shape == (0, 3)
     assert all(len(column) == 0 for column in columns.values())
 
