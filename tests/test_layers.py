@@ -72,6 +72,7 @@ CALLED_BY_NAME = {
     "read_usd": "tiscene.usd.scenario.read:read_scenario",
     "write_usd": "tiscene.usd.scenario.write:write_scenario",
     "sample": "tiscene.randomization.sampler:sample",
+    "template": "tiscene.usd.read.template:read_template",  # by the catalog, for categories in binary templates
 }
 
 # Packages that may be imported in some places only.
@@ -176,10 +177,11 @@ def test_modules_have_no_import_cycle():
 
 
 def test_upward_calls_are_those_listed():
+    from tiscene.catalog import TEMPLATE_READER
     from tiscene.scenario.providers import PROVIDERS
 
-    assert PROVIDERS == CALLED_BY_NAME
-    for target in PROVIDERS.values():
+    assert PROVIDERS | {"template": ":".join(TEMPLATE_READER)} == CALLED_BY_NAME
+    for target in CALLED_BY_NAME.values():
         module, function = target.split(":")
         assert callable(getattr(importlib.import_module(module), function))
 
