@@ -78,7 +78,7 @@ def test_render_writes_frames_and_prints_only_the_folder(tmp_path, fake, capsys)
 def test_render_passes_every_option_to_the_stream(tmp_path, fake):
     options = ["--quality", "photo", "--spp", 64, "--camera", "Front", "--fps", 12.5, "--arch", "cpu"]
     options += ["--taxonomy", "wikidata", "--relative-error", 0.02, "--clamp", 10, "--pixel-filter", "gaussian"]
-    options += ["--max-depth", 3, "--no-denoise"]
+    options += ["--max-depth", 3, "--no-denoise", "--categories", "chair,alarm clock"]
     options += ["--shutter", "0,0.5", "--time-code", "12", "--root", ".", "--untrusted"]
     variants = ["--variant", "/Room{lighting}=evening", "--variant", "/Room{appearance}=primitives"]
     assert render("-o", tmp_path, *options, *variants) == 0
@@ -99,6 +99,7 @@ def test_render_passes_every_option_to_the_stream(tmp_path, fake):
         "incremental": None,
         "time_code": 12.0,
         "taxonomy": "wikidata",
+        "categories": ("chair", "alarm clock"),
         "root": ".",
         "untrusted": True,
         "variants": {"/Room{lighting}": "evening", "/Room{appearance}": "primitives"},

@@ -128,6 +128,13 @@ def _render(commands: Commands) -> None:
         action=argparse.BooleanOptionalAction,
         help="render frames of a static camera as a base image plus what movers change (default: by --quality)",
     )
+    render.add_argument(
+        "--categories",
+        metavar="NAME,...",
+        type=_names,
+        help="categories with the ids 1, 2, ... in semantic; everything else is 0 (default: all, with the ids that "
+        "`tiscene list --json` prints)",
+    )
     _add_reading(render)
     _add_arch(render)
 

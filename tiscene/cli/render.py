@@ -41,6 +41,7 @@ def run(args: argparse.Namespace) -> None:
                 time_code=args.time_code,
                 variants=dict(args.variant),
                 taxonomy=args.taxonomy,
+                categories=args.categories,
                 root=args.root,
                 untrusted=args.untrusted,
                 arch=args.arch,
