@@ -73,6 +73,19 @@ def test_agent_alone_gets_the_frames_of_an_agent_with_company(make_agent):
             assert here[name].tobytes() == there[name].tobytes()
 
 
+def test_edit_of_a_light_shows_in_the_frame_after_the_current_one_for_all_agents(make_agent):
+    early, late = make_agent(), make_agent()
+    early.spawn_object("Sphere", (0, 1, 2.5))
+    before = early.get_frame()
+    early.set_light_intensity("Main Light", 0.0)
+    early.set_ambient_light_color(0, 200, 0)
+    assert late.get_frame()["main"].tobytes() == before["main"].tobytes()
+    after = early.get_frame()
+    assert early.frame_index == 1
+    assert after["main"].tobytes() != before["main"].tobytes()
+    assert late.get_frame()["main"].tobytes() == after["main"].tobytes()
+
+
 def test_frame_index_counts_the_frames_of_the_world(make_agent):
     agent = make_agent(main_frame_active=False)
     assert agent.frame_index == -1

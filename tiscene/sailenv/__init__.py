@@ -18,8 +18,10 @@
     server, connection  TCP server
     wire_format         bytes of the protocol
     environment         the world and the frame clock that agents share
+    scene_session       the running scene: stream, profile, lights
     agent_camera        state of one agent
     agent_renderer      rendering of agents' views
+    agent_walls         walls at the sides of an agent's view
     frame_views         views of a frame in SAILenv's types
     scene_profile       start pose, camera track, category numbers
     light_controls      lights by SAILenv's names

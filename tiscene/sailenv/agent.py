@@ -339,7 +339,7 @@ class Agent(AgentLights):
 
     def set_ambient_light_color(self, r: int, g: int, b: int) -> None:
         """Set the color of the ambient light, which reaches every surface equally, 8-bit sRGB."""
-        self._try("Error setting ambient light color: {}", lambda world, _: world.set_ambient((r, g, b)))
+        self._try("Error setting ambient light color: {}", lambda world, camera: world.set_ambient(camera, (r, g, b)))
 
     def _update_names(self) -> None:
         """Update the names of categories, templates and lights for a new scene."""

@@ -5,11 +5,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tiscene.errors import ArgumentError
 from tiscene.sailenv.json_messages import bounded
 from tiscene.sailenv.light_controls import Color8
 from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.unity_coordinates import euler_of, mirrored, quaternion_of
 from tiscene.scene.camera import Camera, Vector3
+
+MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
 
 
 @dataclass(eq=False)
@@ -29,6 +32,9 @@ class AgentCamera:
         has_edited: Whether the agent has edited the world since its last frame.
         is_stepping: Whether the agent requests frames, so that the clock waits for it.
         last_camera: The camera of its last frame; None before the first.
+
+    Raises:
+        ArgumentError: The image is too large or empty.
     """
 
     id: int
@@ -43,6 +49,17 @@ class AgentCamera:
     has_edited: bool = False
     is_stepping: bool = False
     last_camera: Camera | None = None
+
+    def __post_init__(self) -> None:
+        width, height = self.width, self.height
+        if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
+            raise ArgumentError(
+                f"{width}x{height} px: a side must be from 1 to {MAX_SIDE}, all pixels at most {MAX_PIXELS}"
+            )
+
+    def needs_new_frame(self, clock: int) -> bool:
+        """Return whether the agent's next frame is later than the current one, whose index is `clock`."""
+        return clock < 0 or self.has_edited or self.last_frame == clock
 
     def reset(self, profile: SceneProfile) -> None:
         """Move to the start pose of a scene."""

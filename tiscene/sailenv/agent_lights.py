@@ -29,7 +29,7 @@ class AgentLights:
 
     def set_light_color(self, light_name: str, r: int, g: int, b: int) -> None:
         """Set a light's color, 8-bit sRGB."""
-        self._light("setting light color", lambda lights: lights.set_color(light_name, (r, g, b)))
+        self._set_light("color", light_name, lambda: (r, g, b))
 
     def get_light_position(self, light_name: str) -> tuple[float, float, float] | None:
         """Return a light's position, m."""
@@ -37,9 +37,7 @@ class AgentLights:
 
     def set_light_position(self, light_name: str, position: Any) -> None:
         """Set a light's position, m."""
-        self._light(
-            "setting light position", lambda lights: lights.set_position(light_name, single_precision(position))
-        )
+        self._set_light("position", light_name, lambda: single_precision(position))
 
     def get_light_direction(self, light_name: str) -> tuple[float, float, float] | None:
         """Return the direction in which a light emits."""
@@ -47,9 +45,7 @@ class AgentLights:
 
     def set_light_direction(self, light_name: str, direction: Any) -> None:
         """Set the direction in which a light emits."""
-        self._light(
-            "setting light direction", lambda lights: lights.set_direction(light_name, single_precision(direction))
-        )
+        self._set_light("direction", light_name, lambda: single_precision(direction))
 
     def get_light_intensity(self, light_name: str) -> float | None:
         """Return a light's intensity; 1 is that of the scene."""
@@ -57,9 +53,7 @@ class AgentLights:
 
     def set_light_intensity(self, light_name: str, intensity: float) -> None:
         """Set a light's intensity; 1 is that of the scene."""
-        self._light(
-            "setting light intensity", lambda lights: lights.set_intensity(light_name, float(np.float32(intensity)))
-        )
+        self._set_light("intensity", light_name, lambda: float(np.float32(intensity)))
 
     def get_light_indirect_multiplier(self, light_name: str) -> float | None:
         """Return the factor of a light's indirect light; 1 is that of the scene."""
@@ -67,10 +61,7 @@ class AgentLights:
 
     def set_light_indirect_multiplier(self, light_name: str, indirect_multiplier: float) -> None:
         """Set the factor of a light's indirect light; 1 is that of the scene."""
-        self._light(
-            "setting light indirect multiplier",
-            lambda lights: lights.set_indirect_multiplier(light_name, float(indirect_multiplier)),
-        )
+        self._set_light("indirect_multiplier", light_name, lambda: float(indirect_multiplier))
 
     def get_light_type(self, light_name: str) -> str | None:
         """Return "Directional", "Point", "Rectangle", "Disc" or "Area"."""
@@ -79,6 +70,10 @@ class AgentLights:
     def _light(self, task: str, call: Callable[[LightControls], Result]) -> Result | None:
         result: Result | None = self._try(f"Error {task}: {{}}", lambda world, _: call(world.lights))
         return result
+
+    def _set_light(self, quantity: str, name: str, value: Callable[[], Any]) -> None:
+        task = f"setting light {quantity.replace('_', ' ')}"
+        self._try(f"Error {task}: {{}}", lambda world, camera: world.set_light(camera, quantity, name, value()))
 
     def _try(self, message: str, call: Callable[[Environment, AgentCamera], Any], default: Any = None) -> Any:
         """Return the result of a call; if it raises a TisceneError, print the message and return the default."""

@@ -24,23 +24,19 @@ from tiscene.stream.stream import Stream
 
 
 class AgentRenderer:
-    """Renderer of agents' views, with the buffers of the current frame.
-
-    Attributes:
-        ambient: The color of the ambient light, 8-bit sRGB.
-    """
+    """Renderer of agents' views, with the buffers of the current frame."""
 
     def __init__(self) -> None:
-        self.start_scene()
+        self.start_frame((0, 0, 0))
 
-    def start_scene(self) -> None:
-        """Forget everything: black ambient light, no buffers."""
-        self.ambient: Color8 = (0, 0, 0)
-        self._buffers: dict[Any, dict[str, NDArray[Any]]] = {}  # of the current frame, by view
+    def start_frame(self, ambient: Color8) -> None:
+        """Discard the buffers of the previous frame.
 
-    def discard_buffers(self) -> None:
-        """Discard the buffers, for a new frame or a change that shows in the current one."""
-        self._buffers.clear()
+        Args:
+            ambient: The color of the ambient light in the new frame, 8-bit sRGB.
+        """
+        self._ambient = ambient
+        self._buffers: dict[Any, dict[str, NDArray[Any]]] = {}  # by view
 
     def render(
         self,
@@ -68,7 +64,7 @@ class AgentRenderer:
             camera,
             agent.width,
             agent.height,
-            self._ambient_radiance(stream.exposure) if any(self.ambient) else (0.0, 0.0, 0.0),
+            self._ambient_radiance(stream.exposure) if any(self._ambient) else (0.0, 0.0, 0.0),
             background,
         )
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
@@ -89,5 +85,5 @@ class AgentRenderer:
 
     def _ambient_radiance(self, exposure: float) -> tuple[float, float, float]:
         """Return the radiance by which a white surface has the ambient color at an exposure."""
-        r, g, b = (component * 2.0**-exposure for component in linear(self.ambient))
+        r, g, b = (component * 2.0**-exposure for component in linear(self._ambient))
         return (r, g, b)

@@ -181,7 +181,7 @@ class Connection:
 
     async def set_ambient(self, agent: AgentCamera) -> None:
         color = await self._read.ints()
-        await self._acknowledge(f"set_ambient_light_color {color}", self._environment.set_ambient, color)
+        await self._acknowledge(f"set_ambient_light_color {color}", self._environment.set_ambient, agent, color)
 
     async def spawn_view_frustum(self, agent: AgentCamera) -> None:
         await self._try("spawn_view_frustum", self._environment.set_frustum_walls, agent)
@@ -213,11 +213,11 @@ class Connection:
             return
         await self._send(text_bytes("ok") + (as_bytes(*value) if isinstance(value, tuple) else as_bytes(value)))
 
-    async def set_light(self, quantity: str, read: Callable[[Reader], Awaitable[Any]]) -> None:
+    async def set_light(self, agent: AgentCamera, quantity: str, read: Callable[[Reader], Awaitable[Any]]) -> None:
         name = await self._read.text()
         value = await read(self._read)
         await self._acknowledge(
-            f"set_{quantity} {name} {value}", lambda: getattr(self._environment.lights, f"set_{quantity}")(name, value)
+            f"set_{quantity} {name} {value}", self._environment.set_light, agent, quantity, name, value
         )
 
     async def light_type(self, agent: AgentCamera) -> None:
@@ -275,7 +275,7 @@ def _get(quantity: str, as_bytes: Callable[..., bytes]) -> Handler:
 
 
 def _set(quantity: str, read: Callable[[Reader], Awaitable[Any]]) -> Handler:
-    return lambda client, _: client.set_light(quantity, read)
+    return lambda client, agent: client.set_light(agent, quantity, read)
 
 
 HANDLERS: dict[Command, Handler] = {

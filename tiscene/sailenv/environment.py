@@ -13,6 +13,7 @@ threads at once.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,22 +23,21 @@ from numpy.typing import NDArray
 import tiscene.scenario.objects as native_objects
 import tiscene.scenario.scenario as native
 from tiscene.device import runtime
-from tiscene.errors import ArgumentError
 from tiscene.render.render_settings import preset
 from tiscene.sailenv import asset_names, frame_views, json_messages
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_renderer import AgentRenderer
+from tiscene.sailenv.agent_walls import AgentWalls
 from tiscene.sailenv.json_messages import bounded
 from tiscene.sailenv.light_controls import Color8, LightControls, clipped, integer_color
 from tiscene.sailenv.scene_profile import SceneProfile
+from tiscene.sailenv.scene_session import SceneSession
 from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
 from tiscene.sailenv.uploaded_models import UploadedModels
-from tiscene.scene.camera import Camera, Vector3
-from tiscene.scene.description import Light
+from tiscene.scene.camera import Vector3
 from tiscene.stream.stream import Stream
 from tiscene.validation import integer, positive
 
-MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
 _UPLOAD_PREFIX = "file:"
 
 
@@ -91,19 +91,19 @@ class Environment:
         self.uploads = UploadedModels()
         self._first_scene = scene or asset_names.default_scene()
         asset_names.catalog_scene(self._first_scene)
-        self._settings: dict[str, Any] = {"fps": self.fps, "quality": quality, **overrides, "seed": seed, "arch": arch}
-        self._stream: Stream | None = None
+        settings = {"fps": self.fps, "quality": quality, **overrides, "seed": seed, "arch": arch}
+        self._session = SceneSession(settings)
+        weakref.finalize(self, self._session.close).atexit = False
         self._renderer = AgentRenderer()
-        self._walls: tuple[AgentCamera, native_objects.Frustum] | None = None  # the agent whose view has walls
-        self._walls_camera: Camera | None = None  # the camera at which the walls are
+        self._walls: AgentWalls | None = None
+        self._ambient: Color8 = (0, 0, 0)
         self._next_id = 0
 
     @property
     def stream(self) -> Stream:
         """The stream that simulates and renders the scene; made at first use."""
         self._ensure_scene()
-        assert self._stream is not None
-        return self._stream
+        return self._session.stream
 
     # Agents
 
@@ -117,14 +117,10 @@ class Environment:
         Raises:
             ArgumentError: The image is too large or empty.
         """
-        if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
-            raise ArgumentError(
-                f"{width}x{height} px: a side must be from 1 to {MAX_SIDE}, all pixels at most {MAX_PIXELS}"
-            )
         agent = AgentCamera(self._next_id, width, height)
         self._next_id += 1
         self.agents[agent.id] = agent
-        if self._stream is not None:
+        if self._session.is_running:
             agent.reset(self._profile)
         return agent
 
@@ -134,10 +130,10 @@ class Environment:
 
     def agents_to_wait_for(self, agent: AgentCamera) -> list[AgentCamera]:
         """Return the other agents that would miss the current frame if this agent were given its next frame now."""
-        if not self._advances_clock(agent):
+        if not agent.needs_new_frame(self.clock):
             return []
         others = (each for each in self.agents.values() if each is not agent and each.is_stepping)
-        return [each for each in others if not self._advances_clock(each)]
+        return [each for each in others if not each.needs_new_frame(self.clock)]
 
     def frame(self, agent: AgentCamera, views: Sequence[str]) -> tuple[dict[str, NDArray[Any]], float]:
         """Render an agent's next frame.
@@ -150,11 +146,13 @@ class Environment:
             The views by name, and the time since the agent's last frame, s.
         """
         stream = self.stream
-        if self._advances_clock(agent):
+        if agent.needs_new_frame(self.clock):
             self.clock += 1
-            self._move_walls(stream)
+            self._session.apply_light_edits()
+            if self._walls is not None:
+                self._walls.follow(stream, self._profile, self.clock)
             stream.seek(self.clock + 1)
-            self._renderer.discard_buffers()
+            self._renderer.start_frame(self._ambient)
         steps = self.clock - agent.last_frame if agent.last_frame >= 0 else 1
         camera = agent.camera(self._profile, self.clock)
         result = self._renderer.render(stream, self._profile, agent, camera, self.clock, views)
@@ -219,19 +217,35 @@ class Environment:
 
     @property
     def lights(self) -> LightControls:
-        """The lights of the scene; changes show from the next frame on."""
+        """The lights of the scene; edits show from the next frame on. Agents edit them by `set_light`."""
         self._ensure_scene()
-        return self._lights
+        return self._session.lights
+
+    def set_light(self, agent: AgentCamera, quantity: str, name: str, value: Any) -> None:
+        """Edit a light, from the next frame on.
+
+        Args:
+            agent: The agent that edits it.
+            quantity: "color", "intensity", "indirect_multiplier", "position" or "direction".
+            name: The name of the light.
+            value: As of the method `set_<quantity>` of LightControls.
+
+        Raises:
+            LightNotFound, ArgumentError: The name or the value is invalid; nothing has changed then.
+        """
+        getattr(self.lights, f"set_{quantity}")(name, value)
+        self._mark_edited(agent)
 
     @property
     def ambient(self) -> Color8:
         """The color of the ambient light, which reaches every surface equally, 8-bit sRGB; black by default."""
-        return self._renderer.ambient
+        return self._ambient
 
-    def set_ambient(self, color: Sequence[int]) -> None:
-        """Set the color of the ambient light, 8-bit sRGB; values outside 0..255 are clipped."""
-        self._renderer.ambient = clipped(color)
-        self._renderer.discard_buffers()
+    def set_ambient(self, agent: AgentCamera, color: Sequence[int]) -> None:
+        """Set the color of the ambient light from the next frame on, 8-bit sRGB; values outside 0..255 are clipped."""
+        self._ensure_scene()
+        self._ambient = clipped(color)
+        self._mark_edited(agent)
 
     def change_scene(self, name: str) -> None:
         """Start a scene, with all agents at its start pose. Raises SceneNotFound, StageError."""
@@ -323,37 +337,28 @@ class Environment:
     def set_frustum_walls(self, agent: AgentCamera) -> None:
         """Put walls at the sides of an agent's view, up to its far plane; they follow the agent."""
         self._ensure_scene()
-        self._walls, self._walls_camera = (agent, native_objects.Frustum()), None
+        self._walls = AgentWalls(agent, native_objects.Frustum())
         self._mark_edited(agent)
 
     def close(self) -> None:
-        """Delete the uploaded models."""
+        """Free the memory of the scene, and delete the uploaded models."""
+        self._session.close()
         self.uploads.close()
 
     # Implementation
 
     def _ensure_scene(self) -> None:
         """Start the first scene, unless a scene has been started."""
-        if self._stream is None:
+        if not self._session.is_running:
             self.change_scene(self._first_scene)
+
+    @property
+    def _profile(self) -> SceneProfile:
+        return self._session.profile
 
     def _mark_edited(self, agent: AgentCamera) -> None:
         """Record that an agent has edited the world, so that its next frame is a new one."""
         agent.has_edited = True
-
-    def _move_walls(self, stream: Stream) -> None:
-        """Move the walls to the current camera of their agent."""
-        if self._walls is None:
-            return
-        agent, frustum = self._walls
-        camera = agent.camera(self._profile, self.clock)
-        if camera != self._walls_camera:
-            stream.world.set_frustum_walls(frustum, camera, agent.width / agent.height)
-            self._walls_camera = camera
-
-    def _advances_clock(self, agent: AgentCamera) -> bool:
-        """Return whether the agent's next frame is later than the current one."""
-        return self.clock < 0 or agent.has_edited or agent.last_frame == self.clock
 
     def _start_scene(
         self, scene: str, scenario: native.Scenario | None = None, agent: AgentCamera | None = None
@@ -364,24 +369,21 @@ class Environment:
             scene: Its name in the catalog.
             scenario: A scenario of that scene; None for the motion that the author of the stage has defined.
             agent: The agent that has loaded the scenario.
+
+        Raises:
+            TisceneError: The scene or the scenario is invalid; nothing has changed then.
         """
-        stream = self._stream
-        if stream is None or stream.scenario.scene != scene:
-            stream = Stream(native.Scenario.load(scene), width=64, height=48, **self._settings)
-            self._profile = SceneProfile.of(stream)
-        self._walls = self._walls_camera = None
+        walls = None
         if scenario is None or agent is None:
-            stream.restart(self._profile.scenario)
+            self._session.start(scene)
         else:
-            camera = agent.camera(self._profile, 0) if agent.has_own_pose else self._profile.start
-            stream.restart(replace(scenario, camera=camera), width=agent.width, height=agent.height)
+            profile = self._session.profile_of(scene)
+            camera = agent.camera(profile, 0) if agent.has_own_pose else profile.start
+            self._session.start(scene, replace(scenario, camera=camera), (agent.width, agent.height))
             if scenario.frustum is not None:
-                self._walls, self._walls_camera = (agent, scenario.frustum), camera
-        stream.seek(0)
-        light_names = asset_names.sailenv_names()["lights"].get(scene, ["Directional Light"])
-        self._lights = LightControls(stream.world.stage.lights, light_names, self._set_light)
-        self._stream = stream
-        self._renderer.start_scene()
+                walls = AgentWalls(agent, scenario.frustum, camera)
+        self._walls, self._ambient = walls, (0, 0, 0)
+        self._renderer.start_frame(self._ambient)
         self.clock = -1
         for each in self.agents.values():
             each.last_frame, each.has_edited, each.last_camera = -1, False, None
@@ -393,7 +395,3 @@ class Environment:
         if name.startswith(_UPLOAD_PREFIX):
             return self.uploads.template(name.removeprefix(_UPLOAD_PREFIX))
         return asset_names.catalog_template(name)
-
-    def _set_light(self, row: int, light: Light) -> None:
-        self.stream.set_light(row, light)
-        self._renderer.discard_buffers()

@@ -16,7 +16,6 @@ from tiscene.sailenv import asset_names, frame_views
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera, Quaternion, Vector3
 from tiscene.scene.description import SceneDescription
-from tiscene.stream.stream import Stream
 
 TRACK_SPEED = 0.5  # m/s
 MIN_WAYPOINT_DISTANCE = 0.05  # m; cameras closer than this to the one before add no waypoint
@@ -29,7 +28,7 @@ class SceneProfile:
 
     Attributes:
         scenario: The motion that the author of the stage has defined, seen by `start`.
-        start: The camera of an agent that has not moved.
+        start: The camera of an agent that has not moved; its exposure is None until it has been metered.
         track: The camera track.
         fps: Frames per second.
         category_numbers: Numbers by category name. Categories beyond the 255th get NO_CATEGORY.
@@ -42,20 +41,17 @@ class SceneProfile:
     category_numbers: dict[str, int] = field(default_factory=lambda: {"": frame_views.NO_CATEGORY})
 
     @classmethod
-    def of(cls, stream: Stream) -> SceneProfile:
-        """Return the profile of the scene of a stream.
+    def of(cls, authored: Scenario, stage: SceneDescription, fps: float) -> SceneProfile:
+        """Return the profile of a scene.
 
         Args:
-            stream: A stream of the scene as its author made it. It is restarted if the start camera's exposure must be
-                metered.
+            authored: The motion that the author of the stage has defined.
+            stage: The stage.
+            fps: Frames per second.
         """
-        authored, stage = stream.scenario, stream.world.stage
         start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, far=frame_views.FAR, lens_radius=0.0)
-        if start.exposure is None:
-            stream.restart(replace(authored, camera=start))
-            start = replace(start, exposure=stream.exposure)
         camera = authored.camera if isinstance(authored.camera, Camera) and authored.camera.dynamic else None
-        profile = cls(replace(authored, camera=start), start, CameraTrack(stage, camera), stream.fps)
+        profile = cls(replace(authored, camera=start), start, CameraTrack(stage, camera), fps)
         for category in (*(each.category for each in stage.objects), *asset_names.template_categories().values()):
             profile.category_number(category)
         return profile

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of the scene: memory, and what other agents see of them."""
+
+import gc
+import io
+import shutil
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+from taichi.lang._ndarray import Ndarray
+
+import usd_scenes
+from tests.sailenv.conftest import SCENE
+from tiscene.sailenv import Object, Scenario
+from tiscene.sailenv.environment import Environment
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
+
+
+def device_arrays():
+    return sum(isinstance(each, Ndarray) for each in gc.get_objects())
+
+
+def resident():
+    """Return the resident memory of this process, bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+@pytest.fixture
+def small_scenes(tmp_path, monkeypatch):
+    """Return SAILenv's names of three small scenes."""
+    copy = tmp_path / "third_view"
+    shutil.copytree(Path(usd_scenes.__file__).parent / "object_view", copy)
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
+    return SCENE, "solid_benchmark/scene", "third_view/scene"
+
+
+def test_changing_between_scenes_frees_device_memory(make_agent, small_scenes):
+    agent = make_agent(width=16, height=12, max_depth=2)
+    gc.collect()
+    gc.disable()  # device memory is freed at once, without the cyclic garbage collector
+    try:
+        counts = []
+        for number in range(40):
+            agent.change_scene(small_scenes[number % 3])
+            agent.spawn_object("Cube", (0, 1, 3))
+            agent.get_frame()
+            counts.append(device_arrays())
+    finally:
+        gc.enable()
+    assert counts[-3:] == counts[3:6]
+
+
+def test_uploaded_models_are_freed_with_the_scene(make_agent):
+    agent = make_agent(width=16, height=12)
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        archive.writestr("square.obj", SQUARE)
+    path = agent.send_obj_zip(data, "square.zip")
+    gc.collect()
+    gc.disable()
+    try:
+        counts = []
+        for _ in range(4):
+            agent.change_scene(SCENE)
+            assert agent.spawn_object("file:" + path, (0, 1, 3))
+            assert agent.get_frame()["object"].any()
+            agent.change_scene(SCENE)
+            agent.get_frame()
+            counts.append(device_arrays())
+    finally:
+        gc.enable()
+    assert counts[1:] == counts[1:2] * 3
+
+
+def test_deleting_the_last_agent_frees_the_world(make_agent):
+    agent = make_agent(width=16, height=12)
+    agent.get_frame()
+    agent.delete()
+    gc.collect()
+    gc.disable()
+    try:
+        before = device_arrays()
+        agent.register()
+        agent.get_frame()
+        assert device_arrays() > before
+        agent.delete()
+        assert device_arrays() <= before
+    finally:
+        gc.enable()
+
+
+def test_a_scene_that_is_started_again_gives_the_same_frames(make_agent, small_scenes):
+    agent = make_agent()
+
+    def frames():
+        agent.spawn_object("Sphere", (0, 1, 3))
+        return [agent.get_frame()["main"].tobytes() for _ in range(2)]
+
+    seen = {}
+    for name in (*small_scenes, *small_scenes):
+        agent.change_scene(name)
+        assert seen.setdefault(name, rendered := frames()) == rendered
+
+
+def test_scene_without_exposure_is_metered_from_its_start_camera(make_agent, tmp_path, monkeypatch):
+    """In the first scenario as in later ones, and whatever the pose of the agent."""
+    folder = tmp_path / "unmetered"
+    folder.mkdir()
+    (folder / "scene.usda").write_text(
+        '#usda 1.0\n(\n    metersPerUnit = 1\n    defaultPrim = "Room"\n)\ndef Xform "Room"\n{\n'
+        '    def Cube "Box"\n    {\n        double size = 4\n        double3 xformOp:translate = (0, 0, -6)\n'
+        '        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n'
+        '    def SphereLight "Lamp"\n    {\n        float inputs:intensity = 40\n    }\n'
+        '    def Camera "Agent"\n    {\n    }\n}\n'
+    )
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
+    exposures = []
+    for position in ((0, 0, 1), (0, 0, -40)):
+        agent = make_agent(port=position[2] + 50, scene="unmetered/scene")
+        agent.set_position(position)
+        agent.load_scenario(Scenario("unmetered/scene", [Object("a", "Cube", (0, 0, 3), (0, 0, 0))]))
+        assert agent.get_frame()["main"].max() > 0.0
+        exposures.append(agent.environment.stream.exposure)
+    assert exposures[0] == exposures[1]
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_changes_between_rooms():
+    environment = Environment("room_02/scene", quality="fast", spp=1)
+    agent = environment.register(64, 48)
+    used, seconds = [], []
+    for number in range(40):
+        began = time.perf_counter()
+        environment.change_scene(("room_02/scene", "object_view/scene", "room_01/scene")[number % 3])
+        seconds.append(time.perf_counter() - began)
+        environment.frame(agent, ["main", "object"])
+        used.append(resident())
+    environment.close()
+    assert used[-1] < 1.1 * max(used[:10]), used
+    assert max(seconds[3:]) < 1.0, seconds
