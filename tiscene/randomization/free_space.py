@@ -150,7 +150,7 @@ class FreeSpace:
         if not len(points) or not len(others):
             return np.zeros(len(points), np.bool_)
         squares = ((points[:, None] - others[None]) ** 2).sum(axis=2)
-        nearest = np.argsort(squares, axis=1, kind="stable")[:, :NEIGHBORS]
+        nearest = np.argpartition(squares, min(NEIGHBORS, len(others)) - 1, axis=1)[:, :NEIGHBORS]
         starts = others[nearest].reshape(-1, 3)
         blocked = self._is_blocked(starts, np.repeat(points, nearest.shape[1], axis=0), NEXT)
         return np.array(~blocked.reshape(nearest.shape).all(axis=1), np.bool_)

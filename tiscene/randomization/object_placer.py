@@ -66,6 +66,7 @@ class ObjectPlacer:
         self._radius = radius
         self._occupied = occupied
         self._far = farthest_depth(space, diameter, ranges.min_size)
+        self._points: dict[str, Array] = {}
 
     def position(self) -> Array | None:
         """Return a free position [3]; None if none was found."""
@@ -109,7 +110,9 @@ class ObjectPlacer:
         numbers = draws.uniform("choices", attempt, count * choices).reshape(count, choices)
         points: list[Array] = []
         for kind, row in zip(wanted, numbers, strict=True):
-            pool = self._pools.points(kind, self._radius + CLEARANCE, self._far)
+            if kind not in self._points:
+                self._points[kind] = self._pools.points(kind, self._radius + CLEARANCE, self._far)
+            pool = self._points[kind]
             if not len(pool):
                 too_small = kind != OUT_OF_VIEW and self._far < self._ranges.depth[0]
                 self.reasons["it looks smaller than min_size" if too_small else f"no free point {kind}"] += 1
@@ -171,7 +174,8 @@ def farthest_depth(space: FreeSpace, diameter: float, min_size: float) -> float:
 
 def segment_cubics(cls: LoopClass, waypoints: Array) -> Array:
     """Return the coefficients [n, 4, 3] of the cubics, constant term first, of a loop through waypoints [n, 3]."""
-    (track,) = cls([Waypoint(tuple(each)) for each in waypoints.tolist()]).tracks(Pose())
+    # Angles are cheaper than quaternions, and play no part here.
+    (track,) = cls([Waypoint(tuple(each)) for each in waypoints.tolist()], rotation="euler").tracks(Pose())
     return track.segments[:, :12].reshape(-1, 4, 3)
 
 
