@@ -8,11 +8,13 @@ import time
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from taichi.lang._ndarray import Ndarray
 
 import usd_scenes
 from tests.sailenv.conftest import SCENE
+from tiscene.errors import TisceneError
 from tiscene.sailenv import Object, Scenario
 from tiscene.sailenv.environment import Environment
 
@@ -141,3 +143,70 @@ def test_memory_is_flat_over_changes_between_rooms():
     environment.close()
     assert used[-1] < 1.1 * max(used[:10]), used
     assert max(seconds[3:]) < 1.0, seconds
+
+
+BOUNCE = {"type": "uniform_movement_random_bounce", "description": {}}
+INVALID = [
+    {"scene_name": "nowhere/scene", "objects": []},
+    {"objects": []},
+    {"scene_name": "solid_benchmark/scene", "objects": {}},
+    {"scene_name": "solid_benchmark/scene", "objects": [1]},
+    {"scene_name": "solid_benchmark/scene", "objects": [], "timings": 5},
+    {"scene_name": "solid_benchmark/scene", "objects": [], "timings": {"type": "at_random"}},
+    {"scene_name": "solid_benchmark/scene", "objects": [], "timings": {"type": "all_together", "description": [1]}},
+    {
+        "scene_name": "solid_benchmark/scene",
+        "objects": [{"id": "a", "prefab": "Cube", "dynamic": BOUNCE}],
+        "timings": {"type": "wait_until_complete", "description": {"wait_time": 1.0}},
+    },
+    {"scene_name": "broken/scene", "objects": []},
+    {"scene_name": "solid_benchmark/scene", "objects": [], "frustum": {"spawn": True, "far_clip_plane": "x"}},
+]
+
+
+@pytest.mark.parametrize("content", INVALID, ids=range(len(INVALID)))
+def test_invalid_scenario_changes_nothing_for_anybody(make_agent, tmp_path, monkeypatch, content):
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "scene.usda").write_text("#usda 1.0\ndef (\n")
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
+
+    def frames(port, contents):
+        sender, other = (make_agent(port=port, width=32, height=24) for _ in range(2))
+        environment = sender.environment
+        sender.load_scenario(Scenario(SCENE, [Object("a", "Cube", (0, 1, 3), (0, 0, 0))]))
+        sender.spawn_object("Sphere", (0.5, 1, 2))
+        sender.set_light_color("Main Light", 255, 100, 0)
+        other.set_position((0.1, 1, 0))
+        other.spawn_collidable_view_frustum()
+        seen = [agent.get_frame() for agent in (sender, other)]
+        sender.set_light_intensity("Main Light", 0.5)  # shows in the next frame
+        for each in contents:
+            with pytest.raises(TisceneError):
+                environment.load_scenario(environment.agents[sender.id], each)
+        seen += [agent.get_frame() for _ in range(2) for agent in (other, sender)]
+        return seen, environment.clock, sender.get_position(), other.get_position(), environment.stream.settings()
+
+    expected, *others = frames(1, [])
+    seen, *same = frames(2, [content] * 2)
+    assert same == others
+    for here, there in zip(seen, expected, strict=True):
+        assert {name: np.asarray(view).tobytes() for name, view in here.items() if name != "sizes"} == {
+            name: np.asarray(view).tobytes() for name, view in there.items() if name != "sizes"
+        }
+
+
+def test_invalid_first_scenario_leaves_the_first_scene(make_agent):
+    agent = make_agent(scene="solid_benchmark/scene", width=16, height=12)
+    environment = agent.environment
+    with pytest.raises(TisceneError):
+        environment.load_scenario(environment.agents[agent.id], INVALID[5] | {"scene_name": SCENE})
+    assert environment.stream.scenario.scene == "solid_benchmark"
+
+
+def test_unknown_scene_changes_nothing(make_agent):
+    agent = make_agent(width=16, height=12)
+    agent.spawn_object("Cube", (0, 1, 3))
+    before = agent.get_frame()["object"]
+    agent.change_scene("nowhere/scene")
+    assert agent.frame_index == 0
+    assert (agent.get_frame()["object"] == before).all()

@@ -134,7 +134,8 @@ def scenario_of(
     Returns:
         The scenario, the name of each object of the content, and a message for each invalid one.
     """
-    contents = content.get("objects") or []
+    contents = content.get("objects")
+    contents = [] if contents is None else contents
     if not isinstance(contents, list) or not all(isinstance(each, dict) for each in contents):
         raise ScenarioError("objects: must be a list of objects")
     names = object_names(contents)
