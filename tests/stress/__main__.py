@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run hard use and print a table: `python -m tests.stress [ROW ...] [--scale S]`.
+
+--scale multiplies all counts: 1 (default) runs hours, 0.01 minutes. Exit status 1 if something did not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import platform
+import sys
+import time
+from collections.abc import Sequence
+
+from tests.stress.outcomes import HEADER, Outcome, table_line
+
+# Rows of docs/dev/hard-use.md, and the modules whose function `rows(scale)` runs them.
+ROWS = {
+    "memory": "steady_state",
+    "kills": "killed_processes",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run rows and print the table.
+
+    Args:
+        arguments: Command-line arguments; None for those of this process.
+
+    Returns:
+        The exit status: 0, 1 if something did not hold, 2 for an unknown row.
+    """
+    parser = argparse.ArgumentParser(prog="python -m tests.stress", description="Hard use, and figures of it.")
+    parser.add_argument("rows", metavar="ROW", nargs="*", help=f"rows to run (default: all): {', '.join(ROWS)}")
+    parser.add_argument("--scale", type=float, default=1.0, help="multiplies all counts (default: 1)")
+    args = parser.parse_args(arguments)
+    unknown = [name for name in args.rows if name not in ROWS]
+    if unknown:
+        print(f"no row {unknown[0]!r}; known: {', '.join(ROWS)}", file=sys.stderr)
+        return 2
+    print(f"{platform.machine()}, {os.cpu_count()} logical cores, scale {args.scale:g}\n\n{HEADER}", flush=True)
+    held = True
+    for name in args.rows or ROWS:
+        began = time.monotonic()
+        module = importlib.import_module(f"tests.stress.{ROWS[name]}")
+        try:
+            for outcome in module.rows(args.scale):
+                print(table_line(name, outcome), flush=True)
+                held = held and outcome.held
+        except Exception as error:  # a defect of the program itself must not hide the other rows
+            print(table_line(name, Outcome("the program itself", repr(error), False)), flush=True)
+            held = False
+        print(f"{name}: {time.monotonic() - began:.0f} s", file=sys.stderr)
+    return int(not held)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
