@@ -284,7 +284,7 @@ def test_ranges_that_nothing_fits_raise_with_reasons(room):
         Scenario.sample(room, templates=("Pillow 01",), depth=(0.05, 0.2))
     with pytest.raises(ScenarioError, match="no free point hidden"):
         Scenario.sample(room, templates=SMALL[:1], occlusion=(0.9, 1), depth=(1, 3))
-    with pytest.raises(ScenarioError, match=r"object 0 \(catmull\) fits nowhere in 256 draws of each of 3 templates "):
+    with pytest.raises(ScenarioError, match=r"object 0 \(catmull\) fits nowhere .* of each of 3 templates "):
         Scenario.sample(room, templates=SMALL, occlusion=(0.9, 1), depth=(1, 3))
     with pytest.raises(TemplateNotFound):
         Scenario.sample(room, templates=("Char 01",))

@@ -24,7 +24,7 @@ from tiscene.randomization.ranges import ScenarioRanges
 Array = NDArray[np.float64]
 LoopClass = type[LinearWaypoints] | type[CatmullWaypoints]
 
-ATTEMPTS = 256  # paths, or positions, that are drawn of an object of one template
+ATTEMPTS = 256  # paths, or positions, that are drawn of an object of one template, at most
 BLOCK = 32  # paths that are tested at once
 CLEARANCE = 0.01  # m between the object's ball and surfaces
 SPACING = 0.02  # m: largest distance of the points at which a path is measured
@@ -90,6 +90,8 @@ class ObjectPlacer:
                     self.reasons["two waypoints coincide"] += 1
                     continue
                 candidates.append((points, segment_cubics(cls, points)))
+            if not candidates and first == 0:
+                return None
             for points, cubics in self._collision_free(candidates):
                 wrong = self._rejection(cubics)
                 if not wrong:

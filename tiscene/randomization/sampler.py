@@ -35,7 +35,7 @@ from tiscene.scene.camera import Camera
 from tiscene.usd.read.stage_reader import read_stage
 
 Array = NDArray[np.float64]
-MAX_TEMPLATES = 12  # templates that are tried for one object
+MAX_TEMPLATES = 32  # templates that are tried for one object
 SCENES = 2  # whose free space is kept
 SCENARIO = 2**64 - 1  # number of the draws that belong to no object
 
@@ -137,7 +137,7 @@ class _ObjectSampler:
             sizes = f"{min(radii):.2f} to {max(radii):.2f} m about their origins"
             what, draws = f"object {self.number} ({self.kind})", f" of each of {len(tried)} templates ({sizes})"
         raise ScenarioError(
-            f"{what} fits nowhere in {ATTEMPTS} draws{draws}: {tally}. "
+            f"{what} fits nowhere in up to {ATTEMPTS} draws{draws}: {tally}. "
             "Widen depth, region, in_view or occlusion, lower min_size, or draw from smaller templates"
         )
 
