@@ -116,3 +116,66 @@ def test_first_still_frame_equals_the_next_one(make_agent, quality):
     agent = make_agent(quality=quality, spp=None)
     agent.spawn_object("Sphere", (0, 1, 2.5))
     np.testing.assert_array_equal(agent.get_frame()["main"], agent.get_frame()["main"])
+
+
+def skipping(make_agent, **settings):
+    """Return the flow of an agent that gets frames 0 and 4 only, and those frames of one that gets every frame.
+
+    Both cameras pan by 1° at each frame, and an object moves to the right by 1 cm.
+    """
+    agent, other = make_agent(main_frame_active=False, **settings), make_agent(main_frame_active=False)
+    cube = Object("a", "Cube", (0, 0, 0), (0, 0, 0), path((-0.5, 1, 3), (0.5, 1, 3), seconds=8.0))
+    agent.load_scenario(Scenario(SCENE, [cube], AllTogetherTimings(0.0)))
+    complete = []
+    for index in range(5):
+        for each in (agent, other):
+            each.set_rotation((0, index, 0))
+        complete.append(other.get_frame())
+        if index in (0, 4):
+            frame = agent.get_frame()
+    assert agent.frame_index == other.frame_index == 4
+    assert frame["deltaTime"] == pytest.approx(4 / 25)
+    return frame, complete
+
+
+def test_flow_of_an_agent_that_skips_frames_spans_the_time_since_its_last_one(make_agent):
+    frame, complete = skipping(make_agent)
+    there = frame["object"].any(axis=-1)
+    for part in (there, ~there):  # the object, and the background
+        steps = [np.median(each["flow"][part], axis=0) for each in complete[1:]]
+        np.testing.assert_allclose(np.median(frame["flow"][part], axis=0), np.sum(steps, axis=0), rtol=0.1, atol=0.1)
+    still = np.median(complete[1]["flow"][~there], axis=0)
+    assert np.median(frame["flow"][~there], axis=0)[0] > 3.5 * still[0] > 2.0
+    object_part = np.median(frame["flow"][there], axis=0) - np.median(frame["flow"][~there], axis=0)
+    assert object_part[0] < -0.4  # -4 cm at 3 m
+
+
+def test_consecutive_flow_is_that_of_an_agent_that_gets_every_frame(make_agent):
+    frame, complete = skipping(make_agent, consecutive_flow=True)
+    for name in ("flow", "object", "depth", "category"):
+        np.testing.assert_array_equal(frame[name], complete[-1][name])
+
+
+def test_object_spawned_while_an_agent_skipped_frames_has_flow_in_its_view(make_agent):
+    agent, other = make_agent(main_frame_active=False), make_agent(main_frame_active=False)
+    agent.get_frame(), other.get_frame()
+    for _ in range(3):
+        other.get_frame()
+    other.spawn_object("Cube", (0, 1, 3))
+    other.get_frame()
+    frame = agent.get_frame()
+    assert frame["object"].any()
+    assert np.isfinite(frame["flow"]).all()
+
+
+def test_categories_have_the_same_numbers_in_all_scenes(make_agent):
+    agent = make_agent(main_frame_active=False)
+    agent.change_scene(SCENE)
+    there = agent.categories
+    agent.change_scene("solid_benchmark/scene")
+    common = set(there.values()) & set(agent.categories.values())
+    assert {"cube", "chair"} <= common
+    assert [n for n, name in sorted(there.items()) if name in common] == [
+        n for n, name in sorted(agent.categories.items()) if name in common
+    ]
+    assert all(agent.categories[number] == name for number, name in there.items() if name in common)

@@ -220,6 +220,11 @@ def _serve(commands: Commands) -> None:
     )
     _add_seed(serve)
     serve.add_argument(
+        "--consecutive-flow",
+        action="store_true",
+        help="flow is always that from the frame before (default: from the client's last frame)",
+    )
+    serve.add_argument(
         "--wait",
         type=float,
         default=1.0,

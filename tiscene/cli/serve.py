@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> None:
         spp=args.spp,
         incremental=args.incremental,
         seed=args.seed,
+        consecutive_flow=args.consecutive_flow,
         arch=args.arch,
     )
     server = Server(environment, args.host, args.port, wait=args.wait)

@@ -23,7 +23,8 @@
     agent_renderer      rendering of agents' views
     agent_walls         walls at the sides of an agent's view
     frame_views         views of a frame in SAILenv's types
-    scene_profile       start pose, camera track, category numbers
+    scene_profile       start pose and camera track
+    category_numbers    numbers in category views
     light_controls      lights by SAILenv's names
     uploaded_models     models sent by agents
     json_messages       SAILenv's JSON to scenarios

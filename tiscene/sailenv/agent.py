@@ -88,7 +88,8 @@ class Agent(AgentLights):
             use_gzip: Has no effect in process.
             strict: Raise a TisceneError where SAILenv prints a message.
             settings: Arguments of `tiscene.sailenv.environment.Environment` for the first agent of a world: scene, fps,
-                quality, spp, max_depth, denoise, incremental, seed, arch.
+                quality, spp, max_depth, denoise, incremental, seed,
+                consecutive_flow, arch.
         """
         self.main_frame_active = main_frame_active
         self.object_frame_active = object_frame_active

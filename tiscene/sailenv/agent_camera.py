@@ -15,6 +15,21 @@ from tiscene.scene.camera import Camera, Vector3
 MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
 
 
+@dataclass(frozen=True)
+class FlowStep:
+    """An agent's camera in a frame, and in an earlier one from which flow is measured.
+
+    Attributes:
+        current: The camera in the frame.
+        previous: The camera in the earlier frame.
+        since: The index of the earlier frame; None for the frame before.
+    """
+
+    current: Camera
+    previous: Camera
+    since: int | None = None
+
+
 @dataclass(eq=False)
 class AgentCamera:
     """The camera of an agent and its state in an environment.
@@ -32,6 +47,8 @@ class AgentCamera:
         has_edited: Whether the agent has edited the world since its last frame.
         is_stepping: Whether the agent requests frames, so that the clock waits for it.
         last_camera: The camera of its last frame; None before the first.
+        frame_camera: Its camera when the current frame began; None if it was not there.
+        camera_before: Its camera in the frame before, received or not; None if it was not there.
 
     Raises:
         ArgumentError: The image is too large or empty.
@@ -49,6 +66,8 @@ class AgentCamera:
     has_edited: bool = False
     is_stepping: bool = False
     last_camera: Camera | None = None
+    frame_camera: Camera | None = None
+    camera_before: Camera | None = None
 
     def __post_init__(self) -> None:
         width, height = self.width, self.height
@@ -60,6 +79,32 @@ class AgentCamera:
     def needs_new_frame(self, clock: int) -> bool:
         """Return whether the agent's next frame is later than the current one, whose index is `clock`."""
         return clock < 0 or self.has_edited or self.last_frame == clock
+
+    def restart_clock(self) -> None:
+        """Forget all frames, for a new scene; an agent on the camera track starts it again."""
+        self.last_frame, self.has_edited = -1, False
+        self.last_camera = self.frame_camera = self.camera_before = None
+        self.track_start = None if self.track_start is None else 0
+
+    def begin_frame(self, profile: SceneProfile, frame: int) -> None:
+        """Record the cameras at a new frame and at the one before it, whether the agent receives them or not."""
+        self.camera_before = self.last_camera if self.last_frame == frame - 1 else self.frame_camera
+        self.frame_camera = self.camera(profile, frame)
+
+    def flow_step(self, profile: SceneProfile, clock: int, consecutive: bool) -> FlowStep:
+        """Return the cameras between which flow in frame `clock` is measured.
+
+        Args:
+            profile: The profile of the scene.
+            clock: The current frame.
+            consecutive: Whether flow is measured from the frame before instead of the agent's last frame.
+        """
+        camera = self.camera(profile, clock)
+        if self.last_camera is None:
+            return FlowStep(camera, camera)
+        if consecutive:
+            return FlowStep(camera, self.camera_before or camera)
+        return FlowStep(camera, self.last_camera, self.last_frame if self.last_frame < clock - 1 else None)
 
     def reset(self, profile: SceneProfile) -> None:
         """Move to the start pose of a scene."""

@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.tone_map import radiance_shown_as
 from tiscene.render.view import SKY, View
 from tiscene.sailenv import frame_views
-from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.agent_camera import AgentCamera, FlowStep
+from tiscene.sailenv.category_numbers import CategoryNumbers
 from tiscene.sailenv.light_controls import Color8, linear
-from tiscene.sailenv.scene_profile import SceneProfile
-from tiscene.scene.camera import Camera
 from tiscene.stream.stream import Stream
 
 
@@ -41,9 +39,9 @@ class AgentRenderer:
     def render(
         self,
         stream: Stream,
-        profile: SceneProfile,
+        category_numbers: CategoryNumbers,
         agent: AgentCamera,
-        camera: Camera,
+        step: FlowStep,
         frame: int,
         views: Sequence[str],
     ) -> dict[str, NDArray[Any]]:
@@ -51,17 +49,17 @@ class AgentRenderer:
 
         Args:
             stream: The stream of the scene.
-            profile: Its profile.
+            category_numbers: Numbers of its categories.
             agent: The agent whose views are rendered.
-            camera: The agent's camera in this frame.
+            step: The agent's camera in this frame, and in the frame from which its flow is measured.
             frame: The current frame.
             views: Keys of `frame_views.VIEWS`.
         """
         background = SKY if agent.background is None else radiance_shown_as(agent.background, stream.exposure)
         view = View(
-            agent.last_camera or camera,
-            camera,
-            camera,
+            step.previous,
+            step.current,
+            step.current,
             agent.width,
             agent.height,
             self._ambient_radiance(stream.exposure) if any(self._ambient) else (0.0, 0.0, 0.0),
@@ -70,14 +68,12 @@ class AgentRenderer:
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
         if agent.background is not None and "main" in views:
             needed.add("instance")
-        key = (view.cameras, view.width, view.height, agent.background)
+        key = (step, view.width, view.height, agent.background)
         buffers = self._buffers.setdefault(key, {})
         missing = sorted(needed - set(buffers))
         if missing:
-            buffers.update(stream.render_view(frame, view, missing).buffers)
-        numbers = np.zeros(max(stream.categories) + 1, np.uint8)
-        for category_id, name in sorted(stream.categories.items()):
-            numbers[category_id] = profile.category_number(name)
+            buffers.update(stream.render_view(frame, view, missing, since=step.since).buffers)
+        numbers = category_numbers.table(stream.categories)
         result = {name: frame_views.VIEWS[name].convert(buffers, numbers) for name in views}
         if agent.background is not None and "main" in result:
             frame_views.fill_background(result["main"], buffers["instance"], agent.background)

@@ -24,7 +24,7 @@ import tiscene.scenario.objects as native_objects
 import tiscene.scenario.scenario as native
 from tiscene.device import runtime
 from tiscene.render.render_settings import preset
-from tiscene.sailenv import asset_names, frame_views, json_messages
+from tiscene.sailenv import asset_names, json_messages
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_renderer import AgentRenderer
 from tiscene.sailenv.agent_walls import AgentWalls
@@ -48,6 +48,7 @@ class Environment:
         fps: Frames per second.
         clock: The index of the current frame; -1 before the first.
         agents: The registered agents by id.
+        consecutive_flow: Whether flow is always measured from the frame before.
         uploads: Models that agents have sent.
     """
 
@@ -62,6 +63,7 @@ class Environment:
         denoise: bool | None = None,
         incremental: bool | None = None,
         seed: int = 0,
+        consecutive_flow: bool = False,
         arch: str | None = None,
     ) -> None:
         """Check the arguments; the scene is read when it is first needed.
@@ -76,6 +78,7 @@ class Environment:
             incremental: Whether views of a camera that stands still are rendered incrementally, without flicker and
                 after waiting for a base image; None: as the preset says ("fast", "preview": yes).
             seed: Seed of the rendering.
+            consecutive_flow: Whether flow is always measured from the frame before. False: from the agent's last frame.
             arch: "cpu" or "cuda"; None for "cpu".
 
         Raises:
@@ -86,6 +89,7 @@ class Environment:
         preset(quality, **overrides)  # raises errors before clients connect
         integer("seed", seed, 0, 2**32 - 1)
         runtime.start(arch)
+        self.consecutive_flow = bool(consecutive_flow)
         self.clock = -1
         self.agents: dict[int, AgentCamera] = {}
         self.uploads = UploadedModels()
@@ -148,15 +152,17 @@ class Environment:
         stream = self.stream
         if agent.needs_new_frame(self.clock):
             self.clock += 1
+            for each in self.agents.values():
+                each.begin_frame(self._profile, self.clock)
             self._session.apply_light_edits()
             if self._walls is not None:
                 self._walls.follow(stream, self._profile, self.clock)
             stream.seek(self.clock + 1)
             self._renderer.start_frame(self._ambient)
         steps = self.clock - agent.last_frame if agent.last_frame >= 0 else 1
-        camera = agent.camera(self._profile, self.clock)
-        result = self._renderer.render(stream, self._profile, agent, camera, self.clock, views)
-        agent.last_frame, agent.has_edited, agent.is_stepping, agent.last_camera = self.clock, False, True, camera
+        step = agent.flow_step(self._profile, self.clock, self.consecutive_flow)
+        result = self._renderer.render(stream, self._session.category_numbers, agent, step, self.clock, views)
+        agent.last_frame, agent.has_edited, agent.is_stepping, agent.last_camera = self.clock, False, True, step.current
         return result, steps / self.fps
 
     def position(self, agent: AgentCamera) -> Vector3:
@@ -210,10 +216,8 @@ class Environment:
 
     def categories(self) -> dict[int, str]:
         """Return the names of the numbers in `category` views: of the scene, and of all templates."""
-        for category in self.stream.categories.values():
-            self._profile.category_number(category)
-        numbers = self._profile.category_numbers
-        return {number: name for name, number in numbers.items() if number != frame_views.NO_CATEGORY}
+        categories = self.stream.categories.values()
+        return self._session.category_numbers.names(categories)
 
     @property
     def lights(self) -> LightControls:
@@ -386,8 +390,7 @@ class Environment:
         self._renderer.start_frame(self._ambient)
         self.clock = -1
         for each in self.agents.values():
-            each.last_frame, each.has_edited, each.last_camera = -1, False, None
-            each.track_start = None if each.track_start is None else 0
+            each.restart_clock()
 
     def _template(self, name: str) -> str:
         """Return the catalog name of SAILenv's template `name`, or the file of an uploaded model."""

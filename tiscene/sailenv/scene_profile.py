@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What SAILenv's agents need to know about a scene: start pose, camera track, and category numbers.
+"""What SAILenv's agents need to know about a scene: start pose and camera track.
 
-SAILenv's camera track is a path that an agent can follow (`toggle_follow`). Its category numbers fit 8 bits; 255 stands
-for no category.
+SAILenv's camera track is a path that an agent can follow (`toggle_follow`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from dynamics import Body, CatmullWaypoints, Dynamic, Simulation, Waypoint
-from tiscene.sailenv import asset_names, frame_views
+from tiscene.sailenv import frame_views
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera, Quaternion, Vector3
 from tiscene.scene.description import SceneDescription
@@ -24,21 +23,19 @@ CIRCLE_RADIUS = 0.3  # m; of the track about a single camera's position
 
 @dataclass(frozen=True)
 class SceneProfile:
-    """Start pose, camera track and category numbers of a scene.
+    """Start pose and camera track of a scene.
 
     Attributes:
         scenario: The motion that the author of the stage has defined, seen by `start`.
         start: The camera of an agent that has not moved; its exposure is None until it has been metered.
         track: The camera track.
         fps: Frames per second.
-        category_numbers: Numbers by category name. Categories beyond the 255th get NO_CATEGORY.
     """
 
     scenario: Scenario
     start: Camera
     track: CameraTrack
     fps: float
-    category_numbers: dict[str, int] = field(default_factory=lambda: {"": frame_views.NO_CATEGORY})
 
     @classmethod
     def of(cls, authored: Scenario, stage: SceneDescription, fps: float) -> SceneProfile:
@@ -51,18 +48,11 @@ class SceneProfile:
         """
         start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, far=frame_views.FAR, lens_radius=0.0)
         camera = authored.camera if isinstance(authored.camera, Camera) and authored.camera.dynamic else None
-        profile = cls(replace(authored, camera=start), start, CameraTrack(stage, camera), fps)
-        for category in (*(each.category for each in stage.objects), *asset_names.template_categories().values()):
-            profile.category_number(category)
-        return profile
+        return cls(replace(authored, camera=start), start, CameraTrack(stage, camera), fps)
 
     def track_pose(self, frames: int) -> tuple[Vector3, Quaternion]:
         """Return the pose on the camera track a number of frames after its start."""
         return self.track.pose(frames / Fraction(str(self.fps)))
-
-    def category_number(self, category: str) -> int:
-        """Return the number of a category in `category` views; a new category gets the next number."""
-        return self.category_numbers.setdefault(category, min(len(self.category_numbers), frame_views.NO_CATEGORY))
 
 
 class CameraTrack:

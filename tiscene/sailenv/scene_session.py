@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from tiscene.sailenv import asset_names
+from tiscene.sailenv.category_numbers import CategoryNumbers
 from tiscene.sailenv.light_controls import LightControls
 from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.scenario.scenario import Scenario
@@ -29,11 +30,13 @@ class SceneSession:
         stream: The stream that simulates and renders it. Raises AttributeError before the first scene, as the others.
         profile: Its profile.
         lights: Its lights by SAILenv's names.
+        category_numbers: Numbers of its categories, and of those of all templates.
     """
 
     stream: Stream
     profile: SceneProfile
     lights: LightControls
+    category_numbers: CategoryNumbers
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
         """Start nothing.
@@ -93,6 +96,11 @@ class SceneSession:
                 exposed = replace(scenario, camera=replace(scenario.camera, exposure=profile.start.exposure))
             stream.restart(exposed, width=width, height=height)
         names = asset_names.sailenv_names()["lights"].get(scene, ["Directional Light"])
+        categories = (
+            *(each.category for each in stream.world.stage.objects),
+            *asset_names.template_categories().values(),
+        )
+        self.category_numbers = CategoryNumbers(categories)
         self._light_edits.clear()
         self.lights = LightControls(stream.world.stage.lights, names, self._light_edits.__setitem__)
         self.stream, self.profile = stream, profile

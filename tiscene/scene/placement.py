@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,3 +44,16 @@ class Placement:
     part: NDArray[np.int32] | None = None
     seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     light_groups: LightGroups | None = None
+
+    def since(self, earlier: Placement) -> Placement:
+        """Return this placement with PREVIOUS at the time of an earlier one, so that flow spans the frames between.
+
+        Args:
+            earlier: Placement of the same instances.
+        """
+        world_from_object, present = self.world_from_object.copy(), self.present.copy()
+        seconds = np.array(self.seconds, np.float64)
+        world_from_object[PREVIOUS] = earlier.world_from_object[CURRENT]
+        present[PREVIOUS] = earlier.present[CURRENT]
+        seconds[PREVIOUS] = earlier.seconds[CURRENT]
+        return replace(self, world_from_object=world_from_object, present=present, seconds=seconds)

@@ -306,7 +306,13 @@ class Stream(Iterator[Frame]):
         return render_all_cameras(self._renderer, self.world.state(index), self.buffers, self.width, self.height)
 
     def render_view(
-        self, index: int, view: View, buffers: Sequence[str] | None = None, *, incremental: bool | None = None
+        self,
+        index: int,
+        view: View,
+        buffers: Sequence[str] | None = None,
+        *,
+        since: int | None = None,
+        incremental: bool | None = None,
     ) -> Frame:
         """Render frame `index` from another camera or in another size, in the exposure of the stream's own camera.
 
@@ -314,13 +320,14 @@ class Stream(Iterator[Frame]):
             index: frame number.
             view: the camera at frames index - 1, index and index + 1, and the image size.
             buffers: names of buffers; None: the stream's.
+            since: the frame of `view.previous`, from which `backward_flow` is measured; None: index - 1.
             incremental: overrides the stream's setting for this frame.
         """
         names = self.buffers if buffers is None else buffer_names(buffers)
         size = self.width, self.height
         self._renderer.check_session()
         state = self.world.state(index)
-        return self._renderer.render(state, view, names, main_size=size, incremental=incremental)
+        return self._renderer.render(state, view, names, main_size=size, since=since, incremental=incremental)
 
     @property
     def exposure(self) -> float:

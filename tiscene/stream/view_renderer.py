@@ -93,6 +93,7 @@ class ViewRenderer:
         *,
         main_size: tuple[int, int],
         camera_row: int | None = None,
+        since: int | None = None,
         incremental: bool | None = None,
     ) -> Frame:
         """Render one view of a world state.
@@ -104,12 +105,15 @@ class ViewRenderer:
             main_size: width and height in which the exposure is metered, px.
             camera_row: the world's camera that this is, whose path the shutter follows; None: the view's cameras are
                 interpolated.
+            since: frame from which `backward_flow` is measured; None: the one before.
             incremental: overrides the stream's setting for this frame.
 
         Returns:
             The frame, in the exposure of the world's main camera unless the view's camera has its own.
         """
         self.check_session()
+        if since is not None and since != state.frame - 1:
+            state = replace(state, placement=state.placement.since(self.world.state(since).placement))
         names, buffers = buffers, rendered_buffers(buffers)
         colored = not COLORS.isdisjoint(buffers)
         samples = None
