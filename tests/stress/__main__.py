@@ -20,6 +20,8 @@ from tests.stress.outcomes import HEADER, Outcome, table_line
 ROWS = {
     "memory": "steady_state",
     "kills": "killed_processes",
+    "storage": "unwritable_storage",
+    "files": "mutated_files",
 }
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -91,10 +92,8 @@ def kill_after(process: subprocess.Popen[str], delay: float, number: int = signa
 
 def kill_group(process: subprocess.Popen[str]) -> None:
     """Kill a process of `start` and its children."""
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
 
 
 def ended_within(process: subprocess.Popen[str], seconds: float) -> float | None:

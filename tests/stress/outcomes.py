@@ -29,6 +29,6 @@ def table_line(row: str, outcome: Outcome) -> str:
     return "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |"
 
 
-def count(full: int, scale: float, least: int = 1) -> int:
+def count(full: float, scale: float, least: int = 1) -> int:
     """Return a scaled number of repetitions, at least `least`."""
     return max(least, round(full * scale))
