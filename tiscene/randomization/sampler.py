@@ -36,7 +36,7 @@ from tiscene.usd.read.stage_reader import read_stage
 
 Array = NDArray[np.float64]
 MAX_TEMPLATES = 32  # templates that are tried for one object
-SCENES = 2  # whose free space is kept
+SCENES = 4  # whose free space is kept
 SCENARIO = 2**64 - 1  # number of the draws that belong to no object
 
 
