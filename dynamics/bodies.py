@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from numbers import Rational
 from typing import Any
 
@@ -13,8 +14,21 @@ from numpy.typing import NDArray
 
 from dynamics import argument_checks
 from dynamics.closed_form import Still
-from dynamics.dynamic import LENGTH_STEPS, SEGMENT_COLUMNS, Aim, Curve, Dynamic, Pose, Track, Turn, check_dynamic
+from dynamics.dynamic import (
+    LENGTH_STEPS,
+    SEGMENT_COLUMNS,
+    Aim,
+    ClosedForm,
+    Curve,
+    Dynamic,
+    Pose,
+    Track,
+    Turn,
+    check_dynamic,
+    fixed,
+)
 from dynamics.rotation import quaternion
+from dynamics.stepped_dynamic import Stepped, SteppedStates
 
 # Kinds of tracks, and how u selects the segment of a curve: by index, by arc length, by time.
 CURVE, TURN, AIM = 0, 1, 2
@@ -56,6 +70,16 @@ class Body:
         """Pose at which the body is placed."""
         w, x, y, z = quaternion(self.rotation).tolist()
         return Pose(self.position, (w, x, y, z))
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        """Tracks of its path, computed once: a static one for a dynamic that is not closed-form."""
+        return self.dynamic.tracks(self.start) if isinstance(self.dynamic, ClosedForm) else (fixed(self.start),)
+
+    @cached_property
+    def states(self) -> SteppedStates | None:
+        """States of its Stepped dynamic, which all simulations of the body share; None for other dynamics."""
+        return SteppedStates(self.dynamic, self.start, self.name) if isinstance(self.dynamic, Stepped) else None
 
 
 @dataclass(frozen=True)

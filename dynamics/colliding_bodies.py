@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,7 @@ class Mover:
         first_frame: First frame at which it exists and collides.
         last_frame: Last such frame; None: forever.
         moves: Teleports in the order of their frames. After one, a static body stays there, a body on a path returns to
-            its path, and a bouncing body continues from there.
+            its path, and a bouncing body continues from there. A list may grow; see `SteppedSimulation.amend`.
     """
 
     body: Body
@@ -48,7 +49,7 @@ class Mover:
     limited: bool = True
     first_frame: int = 0
     last_frame: int | None = None
-    moves: tuple[Teleport, ...] = ()
+    moves: Sequence[Teleport] = ()
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,9 @@ class Contact:
     """A contact of a mover on the way from the previous frame.
 
     Attributes:
-        mover: Row of the mover.
+        mover: Number of the mover.
         kind: "obstacle", "mover" or "wall".
-        other: Row of the instance, mover or wall that it touched.
+        other: Number of the instance, mover or wall that it touched.
     """
 
     mover: int
@@ -68,9 +69,10 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class CollisionState:
-    """All movers at one frame.
+    """The movers at one frame.
 
     Attributes:
+        numbers: Ascending numbers of the n movers.
         poses: float64 [n, 7], position (meters) and unit quaternion (w, x, y, z).
         arrivals: The same before the teleports of this frame.
         blocked: bool [n], whether a body on a path was kept from it, or a bouncing body could not move for most of the
@@ -78,6 +80,7 @@ class CollisionState:
         contacts: Contacts since the previous frame.
     """
 
+    numbers: tuple[int, ...]
     poses: Array
     arrivals: Array
     blocked: NDArray[np.bool_]

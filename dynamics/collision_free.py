@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Test for paths on which no collision is possible, so that nothing needs to be simulated."""
+"""Tests for paths on which no collision is possible, so that nothing needs to be simulated.
+
+All are conservative: bodies count as spheres about their origins, and time does not count.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -12,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynamics.bodies import Body
 from dynamics.clocks import exact
+from dynamics.closed_form import Still
 from dynamics.colliding_bodies import Mover
 from dynamics.contact import MAX_TOUCHES, TOUCH_COLUMNS
 from dynamics.dynamic import ClosedForm
@@ -23,38 +27,57 @@ SAMPLES = 64  # positions per loop
 MARGIN = 0.005  # m
 
 
-def all_free(movers: Sequence[Mover], obstacles: Obstacles, walled: bool) -> bool:
-    """Return whether no mover can ever touch an obstacle, another mover or a wall, wherever in its loop each is.
+@dataclass(frozen=True, eq=False)
+class PathBounds:
+    """Where a mover may be, wherever on its path it is.
 
-    The test is conservative: bodies count as spheres about their origins. It may return False for paths that are free.
-
-    Args:
-        movers: The movers.
-        obstacles: Static triangles.
-        walled: Whether there are walls for movers that are `limited`.
+    Attributes:
+        positions: float64 [n, 3], positions along its loop, m; one for a static body.
+        size: Radius of a sphere about each position; together they contain the mover on all of its path, m.
     """
-    solid = [mover for mover in movers if mover.shape is not None]
-    boxes = []
-    for mover in solid:
-        path = _path(mover.body)
-        if path is None or (walled and mover.limited):
-            return False
+
+    positions: NDArray[np.float64]
+    size: float
+
+    @classmethod
+    def of(cls, mover: Mover) -> PathBounds | None:
+        """Return the bounds of a mover's path; None for a dynamic without a loop, whose path is unbounded."""
+        positions = _positions(mover.body)
+        if positions is None:
+            return None
         # Between two samples a path deviates by less than their distance.
-        advance = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max(initial=0.0))
-        size = (mover.shape.reach if mover.shape else 0.0) + advance + MARGIN
-        if len(path) > 1 and _nearest(path, 2.0 * size, obstacles) < size:
+        advance = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).max(initial=0.0))
+        return cls(positions, (mover.shape.reach if mover.shape else 0.0) + advance + MARGIN)
+
+    @property
+    def is_static(self) -> bool:
+        """Whether it is one position."""
+        return len(self.positions) == 1
+
+    def may_meet(self, other: PathBounds) -> bool:
+        """Return whether a mover may touch another one. Two static movers do not count."""
+        if self.is_static and other.is_static:
             return False
-        boxes.append((path.min(axis=0) - size, path.max(axis=0) + size, len(path) > 1))
-    for row, (low, high, moves) in enumerate(boxes):
-        for other_low, other_high, other_moves in boxes[:row]:
-            if (moves or other_moves) and (low <= other_high).all() and (other_low <= high).all():
-                return False
-    return True
+        gap = np.maximum(
+            self.positions.min(axis=0) - other.positions.max(axis=0),
+            other.positions.min(axis=0) - self.positions.max(axis=0),
+        )
+        return bool((gap <= self.size + other.size).all())
+
+    def is_clear_of(self, obstacles: Obstacles) -> bool:
+        """Return whether the mover cannot touch an obstacle."""
+        limit = 2.0 * self.size
+        points = np.zeros((len(self.positions), 4), dtype=np.float32)
+        points[:, :3] = self.positions
+        touches = np.zeros((MAX_TOUCHES, TOUCH_COLUMNS), dtype=np.float32)
+        obstacle_distances(points, limit, touches, *obstacles.arguments())
+        return float(points[:, 3].min()) >= self.size
 
 
-def _path(body: Body) -> NDArray[np.float64] | None:
-    """Return positions [n, 3] along a body's loop: one for a static body; None for a dynamic without a loop."""
+def _positions(body: Body) -> NDArray[np.float64] | None:
     dynamic = body.dynamic
+    if isinstance(dynamic, Still):
+        return np.array([body.position])
     if not isinstance(dynamic, ClosedForm) or math.isinf(dynamic.loop_time):
         return None
     alone = Simulation([Body(dynamic, body.position, body.rotation)])
@@ -62,12 +85,3 @@ def _path(body: Body) -> NDArray[np.float64] | None:
         return alone.poses(0)[:, :3]
     loop = exact(dynamic.loop_time)
     return np.concatenate([alone.poses(loop * Fraction(i, SAMPLES))[:, :3] for i in range(SAMPLES + 1)])
-
-
-def _nearest(path: NDArray[np.float64], limit: float, obstacles: Obstacles) -> float:
-    """Return the smallest distance of `path` [n, 3] to an obstacle, meters; `limit` if none is nearer."""
-    points = np.zeros((len(path), 4), dtype=np.float32)
-    points[:, :3] = path
-    touches = np.zeros((MAX_TOUCHES, TOUCH_COLUMNS), dtype=np.float32)
-    obstacle_distances(points, limit, touches, *obstacles.arguments())
-    return float(points[:, 3].min())

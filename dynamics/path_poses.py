@@ -15,11 +15,11 @@ import numpy as np
 from dynamics.bodies import Body, columns
 from dynamics.clocks import Clocks, Window, exact
 from dynamics.closed_form import check_closed_form
-from dynamics.dynamic import Array, Track, fixed
+from dynamics.dynamic import Array, Track
 from dynamics.quadrature import GAUSS
 from dynamics.random_bounce import UniformMovementRandomBounce
-from dynamics.stepped_dynamic import Stepped, SteppedStates
-from dynamics.timings import ALWAYS, Timing
+from dynamics.stepped_dynamic import Stepped
+from dynamics.timings import ALWAYS, AssignedWindows, Timing
 from dynamics.trajectory_kernel import evaluate
 
 # A clock as a track whose parameter is its time in seconds; longer than any stream.
@@ -29,7 +29,7 @@ _CLOCK = Track(2.0**40, 2.0**40, False)
 class Paths:
     """The paths of bodies on their clocks; a bouncing body stays at its start pose."""
 
-    def __init__(self, bodies: Sequence[Body], timings: Timing, label: str = "bodies") -> None:
+    def __init__(self, bodies: Sequence[Body], timings: Timing | AssignedWindows, label: str = "bodies") -> None:
         """Build the tracks and clocks.
 
         Args:
@@ -44,11 +44,7 @@ class Paths:
         self._tracks = [_tracks(body, f"{label}[{row}] ({body.name!r}): dynamic") for row, body in enumerate(bodies)]
         self._all_static = not any(track.duration for tracks in self._tracks for track in tracks)
         self._columns: tuple[Any, ...] = (*columns(self._tracks).arrays(), GAUSS)
-        self._stepped = {
-            row: SteppedStates(body.dynamic, body.start, body.name)
-            for row, body in enumerate(bodies)
-            if isinstance(body.dynamic, Stepped)
-        }
+        self._stepped = {row: states for row, body in enumerate(bodies) if (states := body.states) is not None}
         births = [exact(body.birth) for body in bodies]
         windows = _windows(bodies, timings)
         self._clocks = Clocks(windows, births, self._tracks)
@@ -87,12 +83,12 @@ class Paths:
 
 
 def _tracks(body: Body, name: str) -> tuple[Track, ...]:
-    if isinstance(body.dynamic, UniformMovementRandomBounce | Stepped):
-        return (fixed(body.start),)
-    return check_closed_form(body.dynamic, name).tracks(body.start)
+    if not isinstance(body.dynamic, UniformMovementRandomBounce | Stepped):
+        check_closed_form(body.dynamic, name)
+    return body.tracks
 
 
-def _windows(bodies: Sequence[Body], timings: Timing) -> list[Window]:
+def _windows(bodies: Sequence[Body], timings: Timing | AssignedWindows) -> list[Window]:
     """Return when each body's clock runs; bodies that are not timed always run."""
     timed = [row for row, body in enumerate(bodies) if body.timed]
     windows = [ALWAYS] * len(bodies)

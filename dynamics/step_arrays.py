@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arrays of a stepped simulation, and calls of its kernel.
 
-Columns of bodies are those of `dynamics.body_layout`. Sphere proxies are uploaded once; bodies are host arrays, which
-Taichi copies for each launch.
+Columns of bodies are those of `dynamics.body_layout`. Sphere proxies are uploaded once, at the first substep;
+bodies are host arrays, which Taichi copies for each launch.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -26,47 +27,68 @@ KINDS = {OBSTACLE: "obstacle", MOVER: "mover", WALL: "wall"}
 
 
 class StepArrays:
-    """The state of all movers, and the arrays that the kernel needs besides.
+    """The state of some movers, and the arrays that the kernel needs besides.
+
+    Args:
+        numbers: Numbers of the movers, by row.
+        movers: The movers.
 
     Attributes:
+        numbers: Numbers of the movers, by row.
         bodies: float64 [n, FLOAT_COLUMNS].
         integers: int32 [n, INTEGER_COLUMNS].
     """
 
-    def __init__(self, movers: Sequence[Mover]) -> None:
+    def __init__(self, numbers: tuple[int, ...], movers: Sequence[Mover]) -> None:
+        self.numbers = numbers
         self._count = len(movers)
         rows = max(1, self._count)
-        groups, spheres, bounding = [], [], []
+        self._groups: list[tuple[int, int, int]] = []
+        self._spheres: list[NDArray[np.float32]] = []
+        self._bounding: list[NDArray[np.float32]] = []
         first = 0
         for row, mover in enumerate(movers):
             if mover.shape is not None:
                 shape = mover.shape
-                groups += [(row, first + a, b - a) for a, b in pairwise(shape.first)]
-                spheres.append(shape.spheres)
-                bounding.append(shape.groups)
+                self._groups += [(row, first + a, b - a) for a, b in pairwise(shape.first)]
+                self._spheres.append(shape.spheres)
+                self._bounding.append(shape.groups)
                 first += len(shape.spheres)
-        groups_array = np.array(groups or [(0, 0, 0)], dtype=np.int32)
         self.bodies: Array = np.zeros((rows, at.FLOAT_COLUMNS))
         self.integers: NDArray[np.int32] = np.zeros((rows, at.INTEGER_COLUMNS), dtype=np.int32)
         self._has_shape = np.array([mover.shape is not None for mover in movers], dtype=np.bool_)
         self._limited = np.array([mover.limited for mover in movers], dtype=np.bool_)
-        self._proxies = (
-            _uploaded(groups_array),
-            _uploaded(np.concatenate(spheres) if spheres else np.zeros((1, 4), np.float32)),
-            _uploaded(np.concatenate(bounding) if bounding else np.zeros((1, 4), np.float32)),
+
+    @cached_property
+    def _proxies(self) -> tuple[Any, ...]:
+        """Sphere groups, spheres and bounding spheres of the groups."""
+        none = np.zeros((1, 4), np.float32)
+        return (
+            _uploaded(np.array(self._groups or [(0, 0, 0)], dtype=np.int32)),
+            _uploaded(np.concatenate(self._spheres) if self._spheres else none),
+            _uploaded(np.concatenate(self._bounding) if self._bounding else none),
         )
-        # Centers of spheres, groups and bodies at the start of the substep; neighbors of each body.
-        self._frozen = (
-            ti.ndarray(ti.f32, (max(1, first), 3)),
-            ti.ndarray(ti.f32, (len(groups_array), 3)),
+
+    @cached_property
+    def _frozen(self) -> tuple[Any, ...]:
+        """Centers of spheres, groups and bodies at the start of the substep; neighbors of each body."""
+        groups, spheres, _ = self._proxies
+        rows = len(self.bodies)
+        return (
+            ti.ndarray(ti.f32, (spheres.shape[0], 3)),
+            ti.ndarray(ti.f32, (groups.shape[0], 3)),
             ti.ndarray(ti.f32, (rows, 3)),
             ti.ndarray(ti.i32, (rows, rows + 1)),
         )
-        # Touches, times and touch counts of each group.
-        self._scratch = (
-            ti.ndarray(ti.f32, (len(groups_array) * MAX_TOUCHES, TOUCH_COLUMNS)),
-            ti.ndarray(ti.f32, len(groups_array)),
-            ti.ndarray(ti.i32, len(groups_array)),
+
+    @cached_property
+    def _scratch(self) -> tuple[Any, ...]:
+        """Touches, times and touch counts of each group."""
+        groups = self._proxies[0].shape[0]
+        return (
+            ti.ndarray(ti.f32, (groups * MAX_TOUCHES, TOUCH_COLUMNS)),
+            ti.ndarray(ti.f32, groups),
+            ti.ndarray(ti.i32, groups),
         )
 
     def restore(self, bodies: Array, integers: NDArray[np.int32]) -> None:
@@ -121,12 +143,15 @@ class StepArrays:
         bodies, integers = self.bodies[: self._count], self.integers[: self._count]
         lost = (integers[:, at.KIND] == at.BOUNCES) & (bodies[:, at.LOST_TIME] > 0.5 * frame_time)
         contacts = [
-            Contact(row, KINDS[int(integers[row, k])], int(integers[row, k + 1]))
+            self._contact(row, KINDS[int(integers[row, k])], int(integers[row, k + 1]))
             for row in np.flatnonzero(integers[:, at.CONTACT_COUNT]).tolist()
             for k in range(at.FIRST_CONTACT, at.FIRST_CONTACT + 2 * int(integers[row, at.CONTACT_COUNT]), 2)
         ]
         poses = bodies[:, at.POSITION : at.ROTATION + 4].copy()
-        return CollisionState(poses, poses, (integers[:, at.BLOCKED] > 0) | lost, tuple(contacts))
+        return CollisionState(self.numbers, poses, poses, (integers[:, at.BLOCKED] > 0) | lost, tuple(contacts))
+
+    def _contact(self, row: int, kind: str, other: int) -> Contact:
+        return Contact(self.numbers[row], kind, self.numbers[other] if kind == KINDS[MOVER] else other)
 
 
 def _uploaded(values: NDArray[Any]) -> Any:

@@ -2,7 +2,8 @@
 """SteppedSimulation: bodies that collide with obstacles, walls and each other, simulated frame by frame.
 
 Every frame is advanced in substeps of equal length by the kernel of `dynamics.step_kernel`. Checkpoints of the state
-let any earlier frame be recomputed.
+let any earlier frame be recomputed. Only movers that exist around a frame have a row in its arrays: however many movers
+come and go, a frame costs no more than those that exist at the same time.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from numbers import Rational
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +31,7 @@ from dynamics.obstacles import Obstacles
 from dynamics.path_poses import Paths
 from dynamics.random_bounce import UniformMovementRandomBounce
 from dynamics.step_arrays import StepArrays
-from dynamics.timings import AllTogether, Timing
+from dynamics.timings import AllTogether, AssignedWindows, Timing
 
 SUBSTEP = Fraction(1, 200)  # s: longest substep; movers see each other's positions at its start
 CACHED_FRAMES = 16  # results kept for repeated requests
@@ -37,7 +39,13 @@ CHECKPOINT = 16  # initial number of frames between checkpoints
 MAX_CHECKPOINTS = 1024
 RECENT_FRAMES = 4  # latest states kept besides checkpoints, for edits of the next frame
 
-State = tuple[Array, NDArray[np.int32]]  # float and integer columns of all bodies
+
+class _State(NamedTuple):
+    """The movers of a frame: their numbers, float columns and integer columns, a row each."""
+
+    numbers: tuple[int, ...]
+    bodies: Array
+    integers: NDArray[np.int32]
 
 
 class SteppedSimulation:
@@ -52,23 +60,28 @@ class SteppedSimulation:
         timings: When each body's clock runs.
         fps: Frames per second, exactly.
         substeps: Number of substeps per frame.
+        simulated_frames: Number of frames computed so far, those computed again included.
     """
 
     def __init__(
         self,
         movers: Sequence[Mover],
-        timings: Timing | None = None,
+        timings: Timing | AssignedWindows | None = None,
         *,
         fps: float | Rational,
+        existing: Callable[[int], Sequence[int]] | None = None,
         obstacles: Callable[[int], Obstacles] | None = None,
         walls: Callable[[Fraction], Array | None] | None = None,
     ) -> None:
         """Prepare the trajectories; nothing is simulated yet.
 
         Args:
-            movers: The movers.
+            movers: The movers; their indices are their numbers.
             timings: When each body's clock runs; None: AllTogether(0).
             fps: Frames per second.
+            existing: Returns the ascending numbers of the movers that have a row at a frame: each mover at least from
+                its first frame to the one after its last. Other movers are not read. Timings must then assign the same
+                windows to any of the movers, as `AssignedWindows` does. None: all movers at all frames.
             obstacles: Returns the obstacles between a frame and the next; the same object while nothing changes. None:
                 no obstacles.
             walls: Returns six planes [6, 4] at a time, seconds, or None for no walls. Inside is n . x + d >= 0, with a
@@ -78,20 +91,22 @@ class SteppedSimulation:
             ArgumentError: For timings that cannot apply to these bodies.
             ArgumentTypeError: For a dynamic that is neither closed-form nor Stepped nor bouncing.
         """
-        self.movers = tuple(movers)
-        self.timings = AllTogether(0.0) if timings is None else timings
+        self._existing = existing
+        self.timings: Timing | AssignedWindows = AllTogether(0.0) if timings is None else timings
         argument_checks.positive(fps, "fps")
         self.fps = exact(fps)
         self._walls = walls or (lambda _time: None)
         self._obstacles = obstacles or _NoObstacles()
         self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
-        self._paths = self._build_paths()
-        self._arrays: StepArrays | None = None
+        self.simulated_frames = 0
+        self._first = 0  # the frame to start from; before it there is no collision
         self._current = -1  # frame of the state in the arrays; -1: none
-        self._checkpoints: dict[int, State] = {}
-        self._recent: dict[int, State] = {}
+        self._checkpoints: dict[int, _State] = {}
+        self._recent: dict[int, _State] = {}
         self._interval = CHECKPOINT
         self._results: OrderedDict[int, CollisionState] = OrderedDict()
+        self._set_movers(movers)
+        self._build(self._numbers(0))
 
     @property
     def checkpoint_frames(self) -> list[int]:
@@ -106,14 +121,12 @@ class SteppedSimulation:
         if number in self._results:
             self._results.move_to_end(number)
             return self._results[number]
-        arrays = self._arrays = self._arrays or StepArrays(self.movers)
-        if not self._current <= number or self._current < 0 or number - self._current > self._interval:
-            self._seek(arrays, number)
+        if not self._first <= self._current <= number <= self._current + self._interval:
+            self._seek(number)
         while self._current < number:
-            state = self._advance(arrays, self._current)
+            state = self._advance(self._current)
             self._current += 1
-            self._cache(self._current, self._teleported(arrays, state))
-            self._save(arrays)
+            self._keep(self._with_current_movers(state))
         return self._results[number]
 
     def amend(self, movers: Sequence[Mover], frame: int) -> None:
@@ -121,14 +134,11 @@ class SteppedSimulation:
 
         Args:
             movers: The current movers, with other moves and last frames from `frame` on; then new ones, which do not
-                exist before `frame`.
-            frame: First frame that may differ.
+                exist before `frame`. With `existing`, it may be the same sequence as before, changed in place.
+            frame: First frame that may differ. With `existing`, results of earlier frames may lack new movers.
         """
-        grown = len(movers) > len(self.movers)
-        self.movers = tuple(movers)
-        if grown:
-            self._paths = self._build_paths()
-            self._arrays = None
+        grown = self._existing is None and len(movers) > len(self.movers)
+        self._set_movers(movers)
         for known in (self._results, self._checkpoints, self._recent):
             for number in [each for each in known if each >= frame or (grown and known is self._results)]:
                 del known[number]
@@ -137,56 +147,92 @@ class SteppedSimulation:
 
     def start_at(self, frame: int) -> None:
         """Skip the frames before `frame`, in which no body bounces and all paths are free of collisions."""
+        self._first = max(frame - 1, 0)
         self._current = -1
         for known in (self._results, self._checkpoints, self._recent):
             known.clear()
-        if frame > 0:
-            self._checkpoints[frame - 1] = self._initial_state(frame - 1)
 
-    def _build_paths(self) -> Paths:
-        return Paths([mover.body for mover in self.movers], self.timings, "movers")
+    def _set_movers(self, movers: Sequence[Mover]) -> None:
+        self.movers = tuple(movers) if self._existing is None else movers
 
-    def _seek(self, arrays: StepArrays, number: int) -> None:
-        """Restore the last kept state before `number`, unless the current one is as near."""
-        states = self._checkpoints | self._recent
-        before = [frame for frame in states if frame < number]
-        latest = max(before, default=0)
-        if 0 <= self._current < number and self._current >= latest:
-            return
-        if before:
-            arrays.restore(*self._with_new_movers(latest, states[latest]))
-            self._current = latest
+    def _numbers(self, frame: int) -> tuple[int, ...]:
+        """Return the numbers of the movers that have a row at a frame."""
+        return tuple(range(len(self.movers)) if self._existing is None else self._existing(frame))
+
+    def _select(self, numbers: tuple[int, ...]) -> None:
+        """Read some movers; if they are others than before, make paths and arrays for them."""
+        if self._arrays.numbers != numbers:
+            self._build(numbers)
         else:
-            arrays.restore(*self._initial_state(0))
-            self._current = 0
-            self._cache(0, self._teleported(arrays, arrays.collision_state()))
-            self._save(arrays)
+            self._selected = [self.movers[number] for number in numbers]
 
-    def _with_new_movers(self, frame: int, state: State) -> State:
-        """Return the state at a frame, extended by movers that were added after it was saved."""
-        bodies, integers = state
-        if len(bodies) == max(1, len(self.movers)):
-            return state
-        all_bodies, all_integers = self._initial_state(frame)
-        all_bodies[: len(bodies)], all_integers[: len(bodies)] = bodies, integers
-        return all_bodies, all_integers
+    def _build(self, numbers: tuple[int, ...]) -> None:
+        """Read some movers, and make paths and arrays for them."""
+        self._selected = [self.movers[number] for number in numbers]
+        self._paths = Paths([mover.body for mover in self._selected], self.timings, "movers")
+        self._arrays: StepArrays = StepArrays(numbers, self._selected)
 
-    def _save(self, arrays: StepArrays) -> None:
-        self._recent[self._current] = arrays.state()
+    def _load(self, frame: int, saved: _State | None) -> None:
+        """Fill the arrays with the movers of a frame: as they were saved, others as they start."""
+        numbers = self._numbers(frame)
+        self._select(numbers)
+        self._current = frame
+        if saved is not None and saved.numbers == numbers:
+            self._arrays.restore(saved.bodies, saved.integers)
+            return
+        bodies, integers = self._initial_state(frame)
+        if saved is not None:
+            _, rows, saved_rows = np.intersect1d(numbers, saved.numbers, assume_unique=True, return_indices=True)
+            groups = integers[rows, at.FIRST_GROUP]
+            bodies[rows], integers[rows] = saved.bodies[saved_rows], saved.integers[saved_rows]
+            integers[rows, at.FIRST_GROUP] = groups
+            integers[rows, at.CONTACT_COUNT] = 0  # contacts name rows of the saved state
+        self._arrays.restore(bodies, integers)
+
+    def _seek(self, number: int) -> None:
+        """Load the last kept state before `number`, unless the current one is as near."""
+        if number <= self._first:
+            self._load(number, None)
+            self._keep(self._arrays.collision_state())
+            return
+        states = self._checkpoints | self._recent
+        latest = max((frame for frame in states if self._first <= frame < number), default=self._first)
+        if latest <= self._current < number:
+            return
+        self._load(latest, states.get(latest))
+        if latest not in states:
+            self._keep(self._arrays.collision_state())
+
+    def _with_current_movers(self, result: CollisionState) -> CollisionState:
+        """Drop movers that have no row at the current frame from the arrays and from its result; add new ones."""
+        numbers = self._numbers(self._current)
+        if numbers == result.numbers:
+            return result
+        self._load(self._current, _State(result.numbers, *self._arrays.state()))
+        blocked = dict(zip(result.numbers, result.blocked.tolist(), strict=True))
+        state = self._arrays.collision_state()
+        return replace(
+            state, blocked=np.array([blocked.get(each, False) for each in numbers], bool), contacts=result.contacts
+        )
+
+    def _keep(self, state: CollisionState) -> None:
+        """Apply the current frame's teleports; keep its result, its state and, at intervals, a checkpoint."""
+        frame = self._current
+        self._results[frame] = self._teleported(self._arrays, state)
+        while len(self._results) > CACHED_FRAMES:
+            self._results.popitem(last=False)
+        if frame < self._first:
+            return
+        self._recent[frame] = _State(self._arrays.numbers, *self._arrays.state())
         while len(self._recent) > RECENT_FRAMES:
             del self._recent[next(iter(self._recent))]
-        if self._current % self._interval or self._current in self._checkpoints:
+        if frame in self._checkpoints or (frame != self._first and frame % self._interval):
             return
-        self._checkpoints[self._current] = self._recent[self._current]
+        self._checkpoints[frame] = self._recent[frame]
         if len(self._checkpoints) > MAX_CHECKPOINTS:
             # Drop every other one: memory stays bounded while the interval grows with the stream.
             self._interval *= 2
             self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
-
-    def _cache(self, number: int, state: CollisionState) -> None:
-        self._results[number] = state
-        while len(self._results) > CACHED_FRAMES:
-            self._results.popitem(last=False)
 
     def _teleported(self, arrays: StepArrays, state: CollisionState) -> CollisionState:
         """Apply the teleports of the current frame to the arrays and to its result."""
@@ -200,20 +246,23 @@ class SteppedSimulation:
 
     def _last_moves(self, frame: int, exactly: bool) -> Iterator[tuple[int, tuple[Sequence[float], Sequence[float]]]]:
         """Yield row, position and rotation of each mover's last teleport up to `frame`, or only of those at `frame`."""
-        for row, mover in enumerate(self.movers):
+        for row, mover in enumerate(self._selected):
             done = bisect.bisect_right(mover.moves, frame, key=lambda move: move.frame)
             if done and not (exactly and mover.moves[done - 1].frame < frame):
                 yield row, (mover.moves[done - 1].position, mover.moves[done - 1].rotation)
 
-    def _advance(self, arrays: StepArrays, frame: int) -> CollisionState:
+    def _advance(self, frame: int) -> CollisionState:
         """Simulate from frame `frame` to the next."""
+        self.simulated_frames += 1
+        arrays = self._arrays
+        self._select(arrays.numbers)  # `amend` may have changed the movers
         times = [Fraction(frame * self.substeps + part, self.substeps) / self.fps for part in range(self.substeps + 1)]
         targets = self._path_poses(times, frame)
         clocks = [self._paths.seconds(time) for time in times]
         obstacles = self._obstacles(frame)
         if frame > 0 and self._obstacles(frame - 1) is not obstacles:
             arrays.obstacles_changed()
-        arrays.begin_frame(targets[0], [self._is_present(mover, frame) for mover in self.movers])
+        arrays.begin_frame(targets[0], [self._is_present(mover, frame) for mover in self._selected])
         for part in range(self.substeps):
             active = clocks[part + 1] - clocks[part]
             length = float(times[part + 1] - times[part])
@@ -224,7 +273,7 @@ class SteppedSimulation:
         """Return the poses on the paths, float64 [times, n, 7], after all teleports up to `frame`."""
         poses = self._paths.poses(times)
         for row, last in self._last_moves(frame, exactly=False):
-            if isinstance(self.movers[row].body.dynamic, Still):
+            if isinstance(self._selected[row].body.dynamic, Still):
                 poses[:, row] = _pose(*last)
         return poses
 
@@ -232,14 +281,17 @@ class SteppedSimulation:
     def _is_present(mover: Mover, frame: int) -> bool:
         return mover.first_frame <= frame and (mover.last_frame is None or frame <= mover.last_frame)
 
-    def _initial_state(self, frame: int) -> State:
-        """Return the columns of bodies that had no collision before a frame; bouncing bodies are at their start."""
-        bodies = np.zeros((max(1, len(self.movers)), at.FLOAT_COLUMNS))
-        integers = np.zeros((max(1, len(self.movers)), at.INTEGER_COLUMNS), dtype=np.int32)
-        poses = self._path_poses([Fraction(frame) / self.fps], frame)[0]
-        bodies[: len(self.movers), at.POSITION : at.ROTATION + 4] = poses
+    def _initial_state(self, frame: int) -> tuple[Array, NDArray[np.int32]]:
+        """Return the columns of bodies that had no collision before a frame; bouncing bodies are at their start.
+
+        They are not teleported at that frame yet.
+        """
+        count = len(self._selected)
+        bodies = np.zeros((max(1, count), at.FLOAT_COLUMNS))
+        integers = np.zeros((max(1, count), at.INTEGER_COLUMNS), dtype=np.int32)
+        bodies[:count, at.POSITION : at.ROTATION + 4] = self._path_poses([Fraction(frame) / self.fps], frame - 1)[0]
         group = 0
-        for row, mover in enumerate(self.movers):
+        for row, mover in enumerate(self._selected):
             dynamic = mover.body.dynamic
             shape = mover.shape
             integers[row, at.KIND] = at.FOLLOWS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Timings: which bodies move when. `AllTogether`, `WaitUntilComplete` and `DictTimings`.
+"""Timings: which bodies move when. `AllTogether`, `WaitUntilComplete` and `DictTimings`; `AssignedWindows` for subsets.
 
 A timing assigns each body a window of time in which its clock runs (`dynamics.clocks`). It considers all bodies
 together; their lifespans do not shift the windows.
@@ -141,6 +141,29 @@ class DictTimings(Timing):
 
     def _pairs(self) -> tuple[tuple[int | str, float], ...]:
         return tuple(self.times)  # type: ignore[arg-type]
+
+
+class AssignedWindows:
+    """The windows that a timing assigns to a group of bodies, for simulations of some of them.
+
+    Timings consider all bodies together. These windows stay the same whichever bodies are simulated.
+    """
+
+    def __init__(self, timing: Timing, bodies: Sequence[tuple[str, Dynamic]]) -> None:
+        """Assign the windows.
+
+        Args:
+            timing: The timing.
+            bodies: Name and dynamic of each body of the group; names must differ.
+
+        Raises:
+            ArgumentError: If the timing cannot apply to these bodies.
+        """
+        self._by_name = dict(zip((name for name, _ in bodies), timing.windows(bodies), strict=True))
+
+    def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
+        """Return the windows of some bodies of the group."""
+        return [self._by_name[name] for name, _ in bodies]
 
 
 # SAILenv's names.

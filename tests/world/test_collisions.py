@@ -11,7 +11,6 @@ from tests.reference.distance import point_triangle
 from tiscene.errors import ScenarioError
 from tiscene.frame.events import Event
 from tiscene.scene.description import Collider, Instance, Mesh, SceneDescription, SceneObject, Template
-from tiscene.world.trajectories import Trajectories
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep
 
@@ -195,10 +194,9 @@ def test_bouncing_scenarios_are_written_and_read(tmp_path):
 def test_shapes_are_shared_by_template_and_scale():
     made = world(bouncer("a"), bouncer("b", position=(-1, 0, 0)), bouncer("c", position=(-1, 1, 0), scale=2.0))
     assert is_stepped(made)
-    motion = made.trajectories
-    assert isinstance(motion, Trajectories)
-    assert len(motion._shapes) == 2
-    first, second, third = (mover.shape for mover in motion.stepped.movers)
+    movers = made.trajectories.movers
+    first, second, third = (mover.shape for mover in movers)
+    assert movers.cached_shapes == 2
     assert first is second
     assert third.reach > 1.5 * first.reach
 

@@ -6,6 +6,7 @@
     scenario       Scenario
     objects         Object and Frustum
     edits          Spawn, Despawn, Move and the edit log
+    lifespan_index  objects that are alive at a frame
     light_motion   motion and brightness of lights over time
     serialization  values to JSON and back
     providers        functions of higher packages, imported at first use

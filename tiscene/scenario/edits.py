@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from dynamics import Still, argument_checks
 from tiscene.errors import ScenarioError, scenario_errors
+from tiscene.scenario.lifespan_index import LifespanIndex
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scene.camera import Camera, Vector3
 
@@ -118,9 +119,9 @@ class SetFrustumWalls:
 Edit = Spawn | Despawn | Move | SetFrustumWalls
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class ObjectHistory:
-    """An object of the scenario with its edits.
+    """An object of the scenario with its edits. An EditLog extends it in place.
 
     Attributes:
         spec: the object, as in the scenario or in its spawn.
@@ -132,7 +133,7 @@ class ObjectHistory:
     spec: Object
     spawned: int | None = None
     despawned: int | None = None
-    moves: tuple[Move, ...] = ()
+    moves: list[Move] = field(default_factory=list)
 
     @property
     def last_frame(self) -> int | None:
@@ -148,6 +149,11 @@ class ObjectHistory:
             return False
         return self.spec.alive(frame)
 
+    def move(self, frame: int) -> Move | None:
+        """Return the last move up to a frame; None: there is none."""
+        done = bisect.bisect_right(self.moves, frame, key=lambda move: move.frame)
+        return self.moves[done - 1] if done else None
+
     def is_static(self, as_of: int) -> bool:
         """Return whether, as of a frame, it is alive for ever and never moves; True before its spawn."""
         if self.spawned is not None and self.spawned > as_of:
@@ -161,16 +167,10 @@ class ObjectHistory:
             and not any(frame is not None and frame <= as_of for frame in edited)
         )
 
-    def edited(self, edit: Move | Despawn) -> ObjectHistory:
-        """Return the history with one more edit."""
-        if isinstance(edit, Despawn):
-            return replace(self, despawned=edit.frame)
-        return replace(self, moves=_with(self.moves, edit))
 
-
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class StageObjectHistory:
-    """An object of the stage with its edits.
+    """An object of the stage with its edits. An EditLog extends it in place.
 
     Attributes:
         despawned: frame of its removal; None: none.
@@ -178,7 +178,7 @@ class StageObjectHistory:
     """
 
     despawned: int | None = None
-    moves: tuple[Move, ...] = ()
+    moves: list[Move] = field(default_factory=list)
 
     def alive(self, frame: int, as_of: int) -> bool:
         """Return whether it is alive at a frame, as known when frame `as_of` was made."""
@@ -189,17 +189,12 @@ class StageObjectHistory:
         done = bisect.bisect_right(self.moves, min(frame, as_of), key=lambda move: move.frame)
         return self.moves[done - 1] if done else None
 
-    def edited(self, edit: Move | Despawn) -> StageObjectHistory:
-        """Return the history with one more edit."""
-        if isinstance(edit, Despawn):
-            return replace(self, despawned=edit.frame)
-        return replace(self, moves=_with(self.moves, edit))
-
 
 class EditLog:
     """The edits of a scenario and the histories that result; grows by one edit at a time.
 
-    Edits are in the order in which they were made. Their frames can decrease where the stream was sought back.
+    Edits are in the order in which they were made. Their frames can decrease where the stream was sought back. Adding
+    an edit takes the same time whatever their number.
 
     Args:
         objects: the scenario's objects.
@@ -221,12 +216,22 @@ class EditLog:
         self.stage: dict[str, StageObjectHistory] = {}
         self.enclosures: list[SetFrustumWalls] = []
         self._rows = {each.id: row for row, each in enumerate(objects)}
+        self._unspawned = range(len(objects))
+        self._spawned = LifespanIndex()
         for edit in edits:
             self.add(edit)
 
     def row(self, id: str) -> int | None:
         """Return the row of an object in `lives`; None for objects of the stage."""
         return self._rows.get(id)
+
+    def around(self, frame: int) -> tuple[int, ...]:
+        """Return the rows in `lives` of the objects that have to do with a frame, in ascending order.
+
+        These are the spawned objects that are alive at the frame or at the one before it, and all objects that the
+        scenario has without edits: the rows of static objects are the same at all frames.
+        """
+        return *self._unspawned, *self._spawned.at(frame)
 
     def add(self, edit: Edit) -> None:
         """Add an edit.
@@ -243,28 +248,46 @@ class EditLog:
         elif isinstance(edit, Spawn):
             if edit.object.id in self._rows:
                 raise ScenarioError(f"{where}: the id {edit.object.id!r} is taken; ids are not reused")
-            self._rows[edit.object.id] = len(self.lives)
+            row = self._rows[edit.object.id] = len(self.lives)
             self.lives.append(ObjectHistory(edit.object, spawned=edit.frame))
+            self._spawned.add(row, *_relevant(self.lives[row]))
         elif edit.id in self._rows:
             row = self._rows[edit.id]
-            if not self.lives[row].alive(edit.frame, edit.frame):
+            history = self.lives[row]
+            if not history.alive(edit.frame, edit.frame):
                 raise ScenarioError(f"{where}: the object {edit.id!r} is not alive at frame {edit.frame}")
-            self.lives[row] = self.lives[row].edited(edit)
+            if isinstance(edit, Despawn) and history.spawned is not None:
+                self._spawned.remove(row, *_relevant(history))
+                history.despawned = edit.frame
+                self._spawned.add(row, *_relevant(history))
+            else:
+                _extend(history, edit)
         elif edit.id.startswith("/"):
-            life = self.stage.get(edit.id, StageObjectHistory())
-            if not life.alive(edit.frame, edit.frame):
+            stage_history = self.stage.get(edit.id) or StageObjectHistory()
+            if not stage_history.alive(edit.frame, edit.frame):
                 raise ScenarioError(f"{where}: {edit.id!r} is not alive at frame {edit.frame}")
-            self.stage[edit.id] = life.edited(edit)
+            _extend(stage_history, edit)
+            self.stage[edit.id] = stage_history
         else:
             raise ScenarioError(f"{where}: no object {edit.id!r} exists before this edit")
         self.edits.append(edit)
 
 
-def _with(moves: tuple[Move, ...], move: Move) -> tuple[Move, ...]:
-    """Insert a move by frame; of two at one frame the later edit wins."""
-    if not moves or moves[-1].frame <= move.frame:
-        return (*moves, move)
-    return tuple(sorted((*moves, move), key=lambda each: each.frame))
+def _extend(history: ObjectHistory | StageObjectHistory, edit: Move | Despawn) -> None:
+    """Add an edit to a history; of two moves at one frame the later edit wins."""
+    if isinstance(edit, Despawn):
+        history.despawned = edit.frame
+    else:
+        bisect.insort(history.moves, edit, key=lambda move: move.frame)
+
+
+def _relevant(history: ObjectHistory) -> tuple[int, int | None]:
+    """Return the first frame of a lifespan and the first one after it: None if it does not end.
+
+    An object that is despawned at the frame of its spawn has neither.
+    """
+    first, last = history.spec.first_frame, history.last_frame
+    return first, None if last is None else last + (last >= first)
 
 
 def _frame(value: Any) -> int:

@@ -51,7 +51,7 @@ def shutter_samples(
         an object nor a light changes.
     """
     opens, closes = shutter or (view.current.shutter_open, view.current.shutter_close)
-    is_still = view.previous == view.current == view.next and not world.has_dynamic_lights
+    is_still = view.previous == view.current == view.next and not state.has_dynamic_lights
     if opens == closes or (is_still and not state.movers.any()):
         return None
     return _samples(world, state.frame, view, opens, closes, spp, seed, camera_row)

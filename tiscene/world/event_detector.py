@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from tiscene.frame.events import Event
 from tiscene.scenario.edits import ObjectHistory, StageObjectHistory
@@ -15,7 +15,7 @@ def detect_changes(
     frame: int,
     stage: SceneDescription,
     stage_histories: Mapping[int, StageObjectHistory],
-    histories: Sequence[ObjectHistory],
+    histories: Mapping[int, ObjectHistory],
     collisions: Iterable[Collision],
 ) -> tuple[Event, ...]:
     """Return the events between frames `frame - 1` and `frame` that no camera is needed for.
@@ -24,7 +24,8 @@ def detect_changes(
         frame: k, 0 or more.
         stage: the stage; its objects have the ids 1 to n.
         stage_histories: edits of the stage's objects, by their row in `stage.objects`.
-        histories: the scenario's objects; they have the ids n + 1 and up.
+        histories: the scenario's objects that are alive now or were so at the frame before, by row; their ids are
+            n + 1 + row.
         collisions: collisions of the scenario's objects since the frame before.
 
     Returns:
@@ -32,7 +33,7 @@ def detect_changes(
     """
     first_id = len(stage.objects) + 1
     lifecycle = [Event("despawn", row + 1) for row, each in stage_histories.items() if each.despawned == frame]
-    for row, history in enumerate(histories):
+    for row, history in histories.items():
         alive = history.alive(frame, as_of=frame)
         if alive != (frame > 0 and history.alive(frame - 1, as_of=frame - 1)):
             lifecycle.append(Event("spawn" if alive else "despawn", first_id + row))

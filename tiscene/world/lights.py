@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -41,11 +41,13 @@ class AttachedLight:
 
     Attributes:
         object: row of the object.
+        number: index among the object's lights.
         description: row of the template's description.
         light: the light, in the object's axes.
     """
 
     object: int
+    number: int
     description: int
     light: Light
 
@@ -94,7 +96,7 @@ class WorldLights:
         matrices: Array,
         edited: Callable[[str], Array | None],
         carried: Sequence[AttachedLight],
-        objects: Sequence[Array | None],
+        objects: Mapping[int, Array],
     ) -> tuple[tuple[int, Light], ...]:
         """Return all lights at a time, each with the row of its description. Unchanged lights are the same objects.
 
@@ -104,7 +106,7 @@ class WorldLights:
             edited: returns by prim path the 4x4 matrix by which edits moved the object that the prim is part of; None
                 if it was removed.
             carried: lights attached to objects.
-            objects: pose of each object of the scenario, 4x4; None where it is not alive.
+            objects: poses of live objects of the scenario, 4x4, by row.
         """
         result = []
         moved = dict(zip(self.motions, matrices, strict=True))
@@ -119,10 +121,12 @@ class WorldLights:
                 pose = pose if motion.dynamic is None else moved[row]
                 shines = motion.radiance_at(time, shines)
             result.append((0, self._settled((_NOW, 0, row), light, pose, shines)))
-        for number, each in enumerate(carried):
-            where = objects[each.object]
+        if len(self._known) > 2 * (2 * len(self.stage.lights) + len(carried)):
+            self._known = {key: each for key, each in self._known.items() if key[0] < 0 or key[0] in objects}
+        for each in carried:
+            where = objects.get(each.object)
             if where is not None:
-                key = each.object, each.description, number
+                key = each.object, each.description, each.number
                 pose = where @ each.light.world_from_light
                 result.append((each.description, self._settled(key, each.light, pose, emission_of(each.light))))
         return tuple(result)

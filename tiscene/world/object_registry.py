@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import ObjectHistory
 from tiscene.scenario.objects import Object
-from tiscene.scene.animation import InstanceTrack, quaternions
-from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners, joined, rigid
+from tiscene.scene.animation import quaternions
+from tiscene.scene.assembly import ObjectParts, box_matrices, corners, joined, rigid
 from tiscene.scene.camera import Quaternion, Vector3
-from tiscene.scene.description import Light, SceneDescription, Template, mesh_boxes
+from tiscene.scene.description import SceneDescription, Template, mesh_boxes
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import AttachedLight
-from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
+from tiscene.world.object_geometry import ObjectGeometry
+from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing
 
 Array = NDArray[np.float64]
+MAX_GEOMETRIES = 256  # of templates and scales; the least recently made ones are dropped first
 
 
 @dataclass(frozen=True)
@@ -83,35 +85,59 @@ class PlacementColumns:
     part: NDArray[np.int32]
 
 
+@dataclass(frozen=True, eq=False)
+class ObjectSelection:
+    """Some objects of the scenario beside the stage, with the columns of a placement of both.
+
+    Attributes:
+        rows: the objects, as ascending rows of `EditLog.lives`.
+        objects: the same at their initial position.
+        columns: constant columns of placements.
+        owner: int32 [object parts], which of the objects each part belongs to, 0 for the first.
+        matrix: float64 [object parts, 3, 4], each part's pose in its object's axes.
+        tracks: authored animation of the objects' parts.
+        changing: bool [p], whether a part is animated or deforms.
+        lights: lights of the objects' templates.
+    """
+
+    rows: tuple[int, ...]
+    objects: tuple[WorldObject, ...]
+    columns: PlacementColumns
+    owner: NDArray[np.int32]
+    matrix: Array
+    tracks: AnimatedInstances
+    changing: NDArray[np.bool_]
+    lights: tuple[AttachedLight, ...]
+
+
 class ObjectRegistry:
     """The objects of a stage and of a scenario, as far as no frame changes them.
 
     It owns the numbering of meshes: rows count through `descriptions` in their order, and the device scene adds them in
-    the same order.
+    the same order. Of objects only those of recent selections are kept.
 
     Args:
         stage: the stage.
         load_template: loads a template that the stage does not hold; raises TemplateNotFound.
         category_ids: assigns the ids of categories.
+        histories: the scenario's objects. It may grow; see `settle`.
 
     Attributes:
         descriptions: the stage, then each template's description in the order in which templates were first needed.
         category_ids: ids of all categories.
         templates: templates by name.
         stage_rows: the stage's objects, posed as authored.
-        object_rows: the scenario's objects, at their initial position.
-        columns: constant columns of placements.
         stage_owner: int32 [stage parts], row of each part's object.
-        owner: int32 [object parts], row of each part's object.
-        matrix: float64 [object parts, 3, 4], each part's pose in its object's axes.
         stage_tracks: authored animation of the stage's parts.
-        object_tracks: authored animation of the objects' parts.
-        changing: bool [p], whether a part is animated or deforms.
-        carried: lights of the objects' templates.
+        first_light_frame: first frame at which an object whose template has lights is known; None: none is.
     """
 
     def __init__(
-        self, stage: SceneDescription, load_template: Callable[[str], Template], category_ids: CategoryIds
+        self,
+        stage: SceneDescription,
+        load_template: Callable[[str], Template],
+        category_ids: CategoryIds,
+        histories: Sequence[ObjectHistory] = (),
     ) -> None:
         self.stage = stage
         self.descriptions = [stage]
@@ -123,28 +149,37 @@ class ObjectRegistry:
         self._load_template = load_template
         for category in (*(each.category for each in stage.objects), *(each.category for each in stage.templates)):
             self.category_ids.of(category)
-        self.stage_rows, self._stage_parts = self._settle_stage()
-        self.stage_owner = self._stage_parts.owner
+        self.stage_rows, stage_parts = self._settle_stage()
+        self.stage_owner = stage_parts.owner
         self._stage_changing = changing(stage)[self._stage_order]
-        self.carried: list[AttachedLight] = []
-        self.object_rows: list[WorldObject] = []
-        self._planned: list[Object] = []
-        self._object_parts: list[ObjectParts] = []
-        self.settle([])
+        self._stage_columns = PlacementColumns(
+            len(stage_parts.mesh),
+            stage_parts.mesh,
+            np.array([self.stage_rows[owner].id for owner in stage_parts.owner], dtype=np.int32),
+            np.array([self.stage_rows[owner].category_id for owner in stage_parts.owner], dtype=np.int32),
+            stage_parts.box_from_mesh,
+            stage_parts.number,
+        )
+        self.first_light_frame: int | None = None
+        self._histories = histories
+        self._settled = 0
+        self._geometries: dict[tuple[str, Vector3], ObjectGeometry] = {}
+        self._entries: dict[int, tuple[WorldObject, ObjectGeometry]] = {}
+        self._selection: ObjectSelection | None = None
+        self.settle()
 
-    def surface(self, number: int) -> Array:
-        """Return the collision surface of an object of the scenario: its template's colliders, else all its meshes.
+    def surface(self, spec: Object) -> Array:
+        """Return the collision surface of an object: its template's colliders, else all its meshes.
 
         Args:
-            number: row of the object.
+            spec: the object.
 
         Returns:
             float64 [m, 3, 3], triangles in the object's axes, m.
         """
-        planned = self._planned[number]
-        description = self.template(planned).description
+        description = self.template(spec).description
         solid = (*(each for each in description.instances if each.collides), *description.colliders)
-        scale = np.diag([*np.broadcast_to(planned.scale, 3), 1.0])
+        scale = np.diag([*np.broadcast_to(spec.scale, 3), 1.0])
         triangles = [np.zeros((0, 3, 3))]
         for each in solid or description.instances:
             mesh, matrix = description.meshes[each.mesh], (scale @ each.world_from_object)[:3]
@@ -200,72 +235,107 @@ class ObjectRegistry:
         # Not axes @ own: the authored matrices are kept to the bit.
         return objects, ObjectParts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
 
-    def settle(self, lives: Sequence[ObjectHistory]) -> None:
-        """Add the scenario's objects that are new in `lives`, which begins with those added before."""
-        for number in range(len(self.object_rows), len(lives)):
-            row, parts = self._settle_object(number, lives[number].spec)
-            self.object_rows.append(row)
-            self._planned.append(lives[number].spec)
-            self._object_parts.append(parts)
-            description = self.template(lives[number].spec).description
-            lights_scale = np.broadcast_to(lives[number].spec.scale, 3)
-            place = next(at for at, each in enumerate(self.descriptions) if each is description)
-            self.carried += [AttachedLight(number, place, _scaled(light, lights_scale)) for light in description.lights]
-        objects = joined(self._object_parts)
-        self.object_tracks = AnimatedInstances(objects.matrix, self._object_track_rows())
-        changes = [self._stage_changing]
-        changes += [changing(self.template(each).description) for each in self._planned]
-        self.changing = np.concatenate(changes)
-        self.owner = objects.owner
-        self.matrix = objects.matrix
-        self.columns = self._columns(objects)
+    def settle(self) -> None:
+        """Register the templates and categories of objects that are new in `histories`."""
+        for history in self._histories[self._settled :]:
+            template = self.template(history.spec)
+            self.category_ids.of(template.category)
+            if template.description.lights:
+                known = history.spawned or 0
+                self.first_light_frame = min(known, known if self.first_light_frame is None else self.first_light_frame)
+        self._settled = len(self._histories)
 
-    def _settle_object(self, number: int, each: Object) -> tuple[WorldObject, ObjectParts]:
-        """Return row and parts of an object of the scenario."""
-        template = self.template(each)
-        description = template.description
-        scale = np.diag([*np.broadcast_to(each.scale, 3), 1.0])
-        own = [scale @ instance.world_from_object for instance in description.instances]
-        meshes = [instance.mesh for instance in description.instances]
-        box = bounding_box(description, meshes, own)
-        if description.tracks:
-            tracks = AnimatedInstances(
-                np.array(own)[:, :3], [(track.instances, scaled(track, scale)) for track in description.tracks]
+    def id_of(self, row: int) -> int:
+        """Return the instance id of an object of the scenario."""
+        return len(self.stage.objects) + row + 1
+
+    def row_of(self, id: int) -> int | None:
+        """Return the row of an object of the scenario by its instance id; None if it is of the stage or unknown."""
+        row = id - len(self.stage.objects) - 1
+        return row if 0 <= row < self._settled else None
+
+    def select(self, rows: tuple[int, ...]) -> ObjectSelection:
+        """Return some objects of the scenario, by ascending rows. The last selection is kept."""
+        if self._selection is None or self._selection.rows != rows:
+            self._selection = self._select(rows)
+        return self._selection
+
+    def _select(self, rows: tuple[int, ...]) -> ObjectSelection:
+        if len(self._entries) > 2 * len(rows):
+            self._entries = {row: self._entries[row] for row in rows if row in self._entries}
+        entries = [self._entry(row) for row in rows]
+        parts = [
+            replace(geometry.parts, owner=np.full(len(geometry.parts.mesh), place, np.int32))
+            for place, (_, geometry) in enumerate(entries)
+        ]
+        objects = joined(parts)
+        first = np.cumsum([0, *(len(each.mesh) for each in parts)]).tolist()
+        tracks = [
+            (first[place] + track.instances.astype(np.int64), track)
+            for place, (_, geometry) in enumerate(entries)
+            for track in geometry.tracks
+        ]
+        lights = [
+            AttachedLight(row, number, geometry.description, light)
+            for row, (_, geometry) in zip(rows, entries, strict=True)
+            for number, light in enumerate(geometry.lights)
+        ]
+        stage = self._stage_columns
+        ids = np.array([each.id for each, _ in entries], np.int32)
+        categories = np.array([each.category_id for each, _ in entries], np.int32)
+        return ObjectSelection(
+            rows=rows,
+            objects=tuple(each for each, _ in entries),
+            columns=PlacementColumns(
+                stage.stage,
+                np.concatenate([stage.mesh, objects.mesh]),
+                np.concatenate([stage.instance_id, ids[objects.owner]]),
+                np.concatenate([stage.category_id, categories[objects.owner]]),
+                np.concatenate([stage.box_from_mesh, objects.box_from_mesh]),
+                np.concatenate([stage.part, objects.number]),
+            ),
+            owner=objects.owner,
+            matrix=objects.matrix,
+            tracks=AnimatedInstances(objects.matrix, tracks),
+            changing=np.concatenate([self._stage_changing, *(geometry.changing for _, geometry in entries)]),
+            lights=tuple(lights),
+        )
+
+    def _entry(self, row: int) -> tuple[WorldObject, ObjectGeometry]:
+        if row not in self._entries:
+            spec = self._histories[row].spec
+            template, geometry = self.template(spec), self._geometry(spec)
+            whole = template.description.objects
+            world_object = WorldObject(
+                id=self.id_of(row),
+                name=spec.id,
+                template=template.name,
+                category=template.category,
+                category_id=self.category_ids.of(template.category),
+                prim_path="",
+                position=spec.position,
+                rotation=(1.0, 0.0, 0.0, 0.0),
+                velocity=(0.0, 0.0, 0.0),
+                box=geometry.box,
+                first_frame=spec.first_frame,
+                last_frame=spec.last_frame,
+                parts=whole[0].parts if len(whole) == 1 else (),
+                asset=next((each.asset for each in whole), "") or template.name,
             )
-            box = box_over_time(description, meshes, tracks.over_time(np.arange(len(own))), own=False)
-        row = WorldObject(
-            id=len(self.stage.objects) + number + 1,
-            name=each.id,
-            template=template.name,
-            category=template.category,
-            category_id=self.category_ids.of(template.category),
-            prim_path="",
-            position=each.position,
-            rotation=(1.0, 0.0, 0.0, 0.0),
-            velocity=(0.0, 0.0, 0.0),
-            box=corners(box),
-            first_frame=each.first_frame,
-            last_frame=each.last_frame,
-            parts=description.objects[0].parts if len(description.objects) == 1 else (),
-            asset=next((whole.asset for whole in description.objects), "") or template.name,
-        )
-        parts = ObjectParts(
-            np.array(meshes, dtype=np.int32) + self._first_mesh[each.template],
-            np.full(len(meshes), number, dtype=np.int32),
-            np.array([matrix[:3] for matrix in own]),
-            box_matrices(np.tile(box, (len(own), 1, 1)), np.array(own)),
-            np.array([instance.part for instance in description.instances], dtype=np.int32),
-        )
-        return row, parts
+            self._entries[row] = world_object, geometry
+        return self._entries[row]
 
-    def _object_track_rows(self) -> Iterator[tuple[NDArray[np.int64], InstanceTrack]]:
-        """Yield the animation of the objects' templates, each track with the parts that it moves."""
-        first = 0
-        for planned, parts in zip(self._planned, self._object_parts, strict=True):
-            scale = np.diag([*np.broadcast_to(planned.scale, 3), 1.0])
-            for track in self.template(planned).description.tracks:
-                yield first + track.instances.astype(np.int64), scaled(track, scale)
-            first += len(parts.mesh)
+    def _geometry(self, spec: Object) -> ObjectGeometry:
+        """Return the geometry of an object; objects of one template and scale share it."""
+        x, y, z = np.broadcast_to(spec.scale, 3).tolist()
+        key = spec.template, (x, y, z)
+        if key not in self._geometries:
+            description = self.template(spec).description
+            place = next(at for at, each in enumerate(self.descriptions) if each is description)
+            while len(self._geometries) >= MAX_GEOMETRIES:
+                del self._geometries[next(iter(self._geometries))]
+            self._geometries[key] = ObjectGeometry.of(description, place, self._first_mesh[spec.template], (x, y, z))
+        return self._geometries[key]
 
     def template(self, each: Object) -> Template:
         """Return an object's template; its description is added to `descriptions` at first use."""
@@ -278,22 +348,3 @@ class ObjectRegistry:
             self._first_mesh[each.template] = sum(len(description.meshes) for description in self.descriptions)
             self.descriptions.append(template.description)
         return template
-
-    def _columns(self, objects: ObjectParts) -> PlacementColumns:
-        stage = self._stage_parts
-        rows = [self.stage_rows[owner] for owner in stage.owner] + [self.object_rows[row] for row in objects.owner]
-        return PlacementColumns(
-            len(stage.mesh),
-            np.concatenate([stage.mesh, objects.mesh]),
-            np.array([row.id for row in rows], dtype=np.int32),
-            np.array([row.category_id for row in rows], dtype=np.int32),
-            np.concatenate([stage.box_from_mesh, objects.box_from_mesh]),
-            np.concatenate([stage.number, objects.number]),
-        )
-
-
-def _scaled(light: Light, scale: Array) -> Light:
-    """Return a light of a template that is scaled about its origin. The light keeps its size."""
-    matrix = light.world_from_light.copy()
-    matrix[:3, 3] *= scale
-    return replace(light, world_from_light=matrix)

@@ -33,6 +33,7 @@ class StageObjects:
 
     Attributes:
         lives: histories of the edited objects, by row.
+        first_edit_frame: frame of the earliest edit; None: there is none.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class StageObjects:
         self._tracked = np.unique(owner[tracks.rows])
         self._numbers = {each.prim_path: row for row, each in enumerate(stage.objects)}
         self.lives: dict[int, StageObjectHistory] = {}
+        self.first_edit_frame: int | None = None
 
     def settle(self, lives: Mapping[str, StageObjectHistory]) -> None:
         """Take the histories of edited objects, by prim path.
@@ -68,6 +70,9 @@ class StageObjects:
                 raise ScenarioError(f"edits: no object {path!r} in scene {self._stage.name!r}{hint}")
         numbered = {self._numbers[path]: life for path, life in lives.items()}
         self.lives = dict(sorted(numbered.items()))
+        moved = [life.moves[0].frame for life in lives.values() if life.moves]
+        removed = [life.despawned for life in lives.values() if life.despawned is not None]
+        self.first_edit_frame = min((*moved, *removed), default=None)
 
     def is_alive(self, number: int, frame: int) -> bool:
         """Return whether an object, by its row, is alive at a frame."""

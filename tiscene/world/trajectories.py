@@ -12,38 +12,30 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import (
-    Body,
-    Dynamic,
-    Mover,
-    Shape,
-    Simulation,
-    SteppedSimulation,
-    Still,
-    Teleport,
-    UniformMovementRandomBounce,
-    cover,
-)
+from dynamics import Body, CollisionState, Dynamic, Simulation, SteppedSimulation, Still
 from dynamics.clocks import exact
-from dynamics.collision_free import all_free
 from dynamics.obstacles import Obstacles
-from dynamics.rotation import quaternion
+from dynamics.timings import AssignedWindows
 from tiscene.errors import ScenarioError
-from tiscene.scenario.edits import Despawn, Edit, EditLog, Move, ObjectHistory, SetFrustumWalls, Spawn
+from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
+from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, SceneDescription
+from tiscene.world.collision_onset import CollisionOnset
+from tiscene.world.object_movers import ObjectMovers
 
 Array = NDArray[np.float64]
 WALLS = ("left", "right", "bottom", "top", "near", "far")
 # A state needs the poses of three frames, two of which the next state needs again.
 KEPT_FRAMES = 8
+KEPT_OBSTACLES = 8  # states of the stage as an obstacle, of which a frame needs two
 
 
 @dataclass(frozen=True)
@@ -72,7 +64,7 @@ class TrajectoryContext:
         fps: frame k shows time k / fps.
         aspect: width / height of the first camera's view.
         lights: (trajectory, position, quaternion) of lights with a LightMotion.
-        surface: returns an object's collision surface [m, 3, 3] by its row.
+        surface: returns an object's collision surface [m, 3, 3].
         trees: returns the bounding volume hierarchies of the stage's meshes.
         instances: returns the stage's instances at a frame, then its invisible colliders, and which are present.
     """
@@ -82,7 +74,7 @@ class TrajectoryContext:
     fps: float
     aspect: float
     lights: Sequence[tuple[Dynamic | None, tuple[float, ...], tuple[float, ...]]]
-    surface: Callable[[int], Array]
+    surface: Callable[[Object], Array]
     trees: Callable[[], MeshTrees]
     instances: Callable[[int], tuple[Sequence[Instance], Sequence[bool]]]
 
@@ -90,7 +82,9 @@ class TrajectoryContext:
 class Trajectories:
     """Poses of a scenario's objects, cameras and lights: float64 [n, 7], position (m) and unit quaternion.
 
-    Nothing is computed before a frame is requested.
+    Nothing is computed before a frame is requested. Methods that take `rows` return the poses of these objects, given
+    as ascending rows of `EditLog.lives`; None stands for those that `EditLog.around` returns for the frame. The time
+    that a frame takes depends on the number of these objects, not on the number of objects that ever existed.
 
     Args:
         scenario: the scenario.
@@ -98,7 +92,8 @@ class Trajectories:
         setting: what the objects move in.
 
     Attributes:
-        closed_form: poses without collisions.
+        closed_form: poses without collisions of the objects that the scenario has without edits, then of the cameras,
+            then of the lights.
         stepped: the simulation of collisions; None before it is needed.
 
     Raises:
@@ -110,102 +105,110 @@ class Trajectories:
         self._log = log
         self._setting = setting
         self._fps = exact(setting.fps)
+        self._movers = ObjectMovers(log, self._fps, setting.surface)
+        self._unspawned = len(scenario.objects)
         self.closed_form = self._simulation()
+        self._spawned: tuple[tuple[int, ...], Simulation] = ((), Simulation(()))
+        self._closed_form_poses: dict[Fraction, Array] = {}
+        self._spawned_poses: dict[tuple[Fraction, tuple[int, ...]], Array] = {}
         # Frames at which edits change the stage as an obstacle.
         moved = [move.frame for life in log.stage.values() for move in life.moves]
         gone = [life.despawned for life in log.stage.values() if life.despawned is not None]
         self._changes = sorted({*moved, *gone})
-        self._shapes: dict[tuple[object, ...], Shape | None] = {}
         # By the number of changes so far.
         self._obstacles: dict[int, Obstacles] = {}
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
-        self._movers: list[Mover] = []
+        self._onset = CollisionOnset(
+            log, self._movers, lambda: self._obstacles_at(0), walled=scenario.frustum is not None
+        )
         self.stepped: SteppedSimulation | None = None
-        self._free_until = 0  # before this frame no collision was possible
-        self._is_stepped: bool | None = None
-        self._poses_by_frame: dict[int, Array] = {}
+        self._stepped_from = 0
+
+    @property
+    def movers(self) -> ObjectMovers:
+        """The objects as bodies and movers."""
+        return self._movers
 
     def amend(self, edit: Edit) -> None:
         """Take one more edit of the log. Frames before the edit keep their poses and are not computed again."""
-        spawned = isinstance(edit, Spawn)
-        if spawned:
-            self.closed_form = self._simulation()
-        for frame in [each for each in self._poses_by_frame if spawned or each >= edit.frame]:
-            del self._poses_by_frame[frame]
-        row = None
-        if not isinstance(edit, SetFrustumWalls):
-            row = self._log.row(edit.object.id if isinstance(edit, Spawn) else edit.id)
-        if isinstance(edit, Move | Despawn) and row is None:
+        self._onset.amend(edit)
+        self._movers.amend(edit)
+        if isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
             # Obstacles before the edit stay valid.
             kept = bisect.bisect_left(self._changes, edit.frame)
             self._obstacles = {epoch: each for epoch, each in self._obstacles.items() if epoch <= kept}
             if edit.frame not in self._changes[kept : kept + 1]:
                 self._changes.insert(kept, edit.frame)
-        if self.stepped is None:
-            if self._is_stepped is not None:
-                self._free_until = edit.frame
-            else:
-                self._free_until = min(self._free_until, edit.frame)
-            self._is_stepped = None
-            return
-        if row is not None:
-            self._movers[row : row + 1] = [self._mover(row)]
-        self.stepped.amend(self._movers, edit.frame)
-        if edit.frame < self._free_until:
-            self._free_until = edit.frame
-            self.stepped.start_at(edit.frame)
+        if self.stepped is not None:
+            self.stepped.amend(self._movers, edit.frame)
 
-    def poses(self, frame: int) -> Array:
-        """Return all poses at a frame. Before frame 0 everything stands at its start."""
-        poses = self._poses_by_frame.get(frame)
-        if poses is None:
-            poses = self.closed_form.poses(Fraction(frame) / self._fps)
-            stepped = self._stepping(frame)
-            if stepped is not None:
-                poses[: len(self._log.lives)] = stepped.frame(max(frame, 0)).poses
-            while len(self._poses_by_frame) >= KEPT_FRAMES:
-                self._poses_by_frame.pop(next(iter(self._poses_by_frame)))
-            self._poses_by_frame[frame] = poses
+    def poses(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+        """Return the poses of objects at a frame. Before frame 0 everything stands at its start."""
+        rows = self._rows(frame, rows)
+        poses = self._closed_form(Fraction(frame), rows)
+        stepped = self._stepping(frame)
+        if stepped is not None:
+            state = stepped.frame(max(frame, 0))
+            _replace_rows(poses, rows, state, state.poses)
         return poses
 
-    def between(self, frame: int, shift: Fraction) -> Array:
-        """Return the poses at `frame + shift`, as planned when `frame` was made.
+    def between(self, frame: int, shift: Fraction, rows: Sequence[int] | None = None) -> Array:
+        """Return the poses of objects at `frame + shift`, as planned when `frame` was made.
 
         Objects in collision are interpolated between two frames: position linearly, rotation by slerp.
 
         Args:
             frame: the frame.
             shift: offset in frames, -1..1.
+            rows: the objects.
         """
         if not shift:
-            return self.poses(frame)
-        time = frame + shift
-        poses = self.closed_form.poses(time / self._fps)
+            return self.poses(frame, rows)
+        rows, time = self._rows(frame, rows), frame + shift
+        poses = self._closed_form(time, rows)
         stepped = self._stepping(frame)
         start = math.floor(time)
         if stepped is None or start < 0:
             return poses
-        rows = slice(len(self._log.lives))
-        before, after = stepped.frame(start).poses, stepped.frame(start + 1).arrivals
-        strayed = np.zeros(len(before), np.bool_)
-        for number, found in ((start, before), (start + 1, after)):
-            strayed |= (found != self.closed_form.poses(Fraction(number) / self._fps)[rows]).any(axis=1)
-        poses[rows][strayed] = _between(before[strayed], after[strayed], float(time - start))
+        strayed = np.zeros(len(rows), np.bool_)
+        ends = []
+        for number, name in ((start, "poses"), (start + 1, "arrivals")):
+            state = stepped.frame(number)
+            path = self._closed_form(Fraction(number), rows)
+            ends.append(_replace_rows(path.copy(), rows, state, getattr(state, name)))
+            strayed |= (ends[-1] != path).any(axis=1)
+        before, after = ends
+        poses[strayed] = _between(before[strayed], after[strayed], float(time - start))
         return poses
 
-    def arrivals(self, frame: int) -> Array:
-        """Return the poses at a frame before the edits of that frame, as planned when the frame before was made."""
-        poses = self.poses(frame)
+    def arrivals(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+        """Return the poses of objects at a frame before its edits, as planned when the frame before was made."""
+        rows = self._rows(frame, rows)
+        poses = self._closed_form(Fraction(frame), rows)
         stepped = self._stepping(frame)
         if stepped is not None:
-            poses = poses.copy()
-            poses[: len(self._log.lives)] = stepped.frame(max(frame, 0)).arrivals
+            state = stepped.frame(max(frame, 0))
+            _replace_rows(poses, rows, state, state.arrivals)
         return poses
 
-    def blocked(self, frame: int) -> list[bool]:
-        """Return for every object of the scenario whether an obstacle has held it back since the frame before."""
+    def camera_poses(self, frame: Fraction | int) -> Array:
+        """Return the poses of all cameras at a frame, or at a time between two frames."""
+        first = self._unspawned
+        return self._scenario_poses(Fraction(frame))[first : first + len(self._setting.cameras)]
+
+    def light_poses(self, frame: Fraction | int) -> Array:
+        """Return the poses of all lights with motions at a frame, or at a time between two frames."""
+        return self._scenario_poses(Fraction(frame))[self._unspawned + len(self._setting.cameras) :]
+
+    def blocked(self, frame: int, rows: Sequence[int] | None = None) -> list[bool]:
+        """Return for each object whether an obstacle has held it back since the frame before."""
+        rows = self._rows(frame, rows)
         stepped = self._stepping(frame)
-        return [False] * len(self._log.lives) if stepped is None else stepped.frame(frame).blocked.tolist()
+        if stepped is None:
+            return [False] * len(rows)
+        state = stepped.frame(frame)
+        blocked = {number for number, each in zip(state.numbers, state.blocked.tolist(), strict=True) if each}
+        return [row in blocked for row in rows]
 
     def collisions(self, frame: int) -> list[Collision]:
         """Return the collisions of the scenario's objects since the frame before."""
@@ -227,47 +230,32 @@ class Trajectories:
         return result
 
     def _stepping(self, frame: int) -> SteppedSimulation | None:
-        """Return the simulation of collisions at a frame; None if no collision is possible."""
-        if self._is_stepped is None:
-            self._is_stepped = self._must_step()
-        return None if frame < self._free_until else self.stepped
-
-    def _must_step(self) -> bool:
-        lives = self._log.lives
-        dynamics = [life.spec.dynamic for life in lives]
-        moving = [not isinstance(dynamic, Still | None) for dynamic in dynamics]
-        bouncing = any(isinstance(dynamic, UniformMovementRandomBounce) for dynamic in dynamics)
-        teleported = any(life.moves for life in lives) or bool(self._changes)
-        walled = any(each is not None for each in (self._scenario.frustum, *(e.frustum for e in self._log.enclosures)))
-        solid = any(life.spec.collide and (moves or walled) for life, moves in zip(lives, moving, strict=True))
-        if not bouncing and not solid and not any(life.moves for life in lives):
-            return False
-        self._movers = [self._mover(row) for row in range(len(lives))]
-        if not bouncing and not teleported and all_free(self._movers, self._obstacles_at(0), walled):
-            return False
-        self.stepped = SteppedSimulation(
-            self._movers, self._scenario.timings, fps=self._fps, obstacles=self._obstacles_at, walls=self.walls
-        )
-        self.stepped.start_at(self._free_until)
-        return True
-
-    def _mover(self, row: int) -> Mover:
-        life = self._log.lives[row]
-        moves = self._movers[row].moves if row < len(self._movers) else ()
-        if moves and (len(moves) > len(life.moves) or moves[-1].frame > life.moves[len(moves) - 1].frame):
-            moves = ()  # an edit was inserted before the others
-        return Mover(
-            self._body(life, bounces=True),
-            self._shape(row, life) if life.spec.collide else None,
-            life.spec.frustum_limited,
-            life.spec.first_frame,
-            life.last_frame,
-            (*moves, *(_teleport(move) for move in life.moves[len(moves) :])),
-        )
+        """Return the simulation of collisions at a frame; None if no collision is possible up to it."""
+        onset = self._onset.find(frame)
+        if onset is None:
+            return None
+        if self.stepped is None:
+            unspawned = [self._log.lives[row].spec for row in range(self._unspawned)]
+            timings = AssignedWindows(
+                self._scenario.timings, [(each.id, each.dynamic or Still()) for each in unspawned]
+            )
+            self.stepped = SteppedSimulation(
+                self._movers,
+                timings,
+                fps=self._fps,
+                existing=self._log.around,
+                obstacles=self._obstacles_at,
+                walls=self.walls,
+            )
+        elif self._stepped_from == onset:
+            return self.stepped
+        self._stepped_from = onset
+        self.stepped.start_at(onset)
+        return self.stepped
 
     def _simulation(self) -> Simulation:
-        """Return the closed forms of all bodies. A bouncing body has none: it stands at its start here."""
-        bodies = [self._body(life, bounces=False) for life in self._log.lives]
+        """Return the closed forms of the objects without edits, the cameras and the lights."""
+        bodies = [self._movers.body(row) for row in range(self._unspawned)]
         for camera in self._setting.cameras:
             dynamic = camera.dynamic or Still()
             bodies.append(Body(dynamic, camera.position, camera.rotation, name=camera.name, timed=False))
@@ -278,6 +266,34 @@ class Trajectories:
         except TypeError as error:
             raise ScenarioError(str(error)) from error
 
+    def _rows(self, frame: int, rows: Sequence[int] | None) -> tuple[int, ...]:
+        return self._log.around(max(frame, 0)) if rows is None else tuple(rows)
+
+    def _scenario_poses(self, frame: Fraction) -> Array:
+        """Return the poses of `closed_form` at a time in frames."""
+        if frame not in self._closed_form_poses:
+            poses = self.closed_form.poses(frame / self._fps)
+            _make_room(self._closed_form_poses)
+            self._closed_form_poses[frame] = poses
+        return self._closed_form_poses[frame]
+
+    def _closed_form(self, frame: Fraction, rows: tuple[int, ...]) -> Array:
+        """Return new poses of objects without collisions at a time in frames."""
+        count = bisect.bisect_left(rows, self._unspawned)
+        poses = self._scenario_poses(frame)[list(rows[:count])]
+        return np.concatenate([poses, self._poses_of_spawned(frame, rows[count:])]) if count < len(rows) else poses
+
+    def _poses_of_spawned(self, frame: Fraction, rows: tuple[int, ...]) -> Array:
+        key = frame, rows
+        if key not in self._spawned_poses:
+            if self._spawned[0] != rows:
+                self._movers.keep((*range(self._unspawned), *rows))
+                self._spawned = rows, Simulation([self._movers.body(row) for row in rows])
+            poses = self._spawned[1].poses(frame / self._fps)
+            _make_room(self._spawned_poses)
+            self._spawned_poses[key] = poses
+        return self._spawned_poses[key]
+
     def _obstacles_at(self, frame: int) -> Obstacles:
         """Return the stage as obstacles, from a frame to the next."""
         epoch = bisect.bisect_right(self._changes, frame)
@@ -285,27 +301,13 @@ class Trajectories:
             trees = self._setting.trees()
             instances, there = self._setting.instances(frame)
             tree = ObstacleTree(trees, instances, there)
+            while len(self._obstacles) >= KEPT_OBSTACLES:
+                del self._obstacles[next(iter(self._obstacles))]
             self._obstacles[epoch] = Obstacles.from_trees(
                 trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root
             )
             self._obstacle_rows = tree.rows
         return self._obstacles[epoch]
-
-    def _body(self, life: ObjectHistory, bounces: bool) -> Body:
-        each = life.spec
-        dynamic = each.dynamic or Still()
-        if isinstance(dynamic, UniformMovementRandomBounce) and not bounces:
-            dynamic = Still()
-        birth = Fraction(each.first_frame) / self._fps
-        return Body(dynamic, each.position, each.rotation, name=each.id, birth=birth, timed=life.spawned is None)
-
-    def _shape(self, row: int, life: ObjectHistory) -> Shape | None:
-        """Return the proxy spheres of an object, shared by template and scale; None without a surface."""
-        key = (life.spec.template, life.spec.scale)
-        if key not in self._shapes:
-            surface = self._setting.surface(row)
-            self._shapes[key] = cover(surface) if len(surface) else None
-        return self._shapes[key]
 
     def walls(self, time: Fraction) -> Array | None:
         """Return the planes that bound objects up to a time (s); None without walls."""
@@ -317,7 +319,7 @@ class Trajectories:
         if frustum is None:
             return None
         if camera.dynamic is not None:
-            x, y, z, a, b, c, d = self.closed_form.poses(time)[len(self._log.lives)].tolist()
+            x, y, z, a, b, c, d = self.closed_form.poses(time)[self._unspawned].tolist()
             camera = camera.with_pose((x, y, z), (a, b, c, d))
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
 
@@ -333,6 +335,17 @@ def _between(before: Array, after: Array, part: float) -> Array:
     return poses
 
 
-def _teleport(move: Move) -> Teleport:
-    w, x, y, z = quaternion(move.rotation).tolist()
-    return Teleport(move.frame, move.position, (w, x, y, z))
+def _replace_rows(poses: Array, rows: tuple[int, ...], state: CollisionState, simulated: Array) -> Array:
+    """Replace poses of objects, in place, by those that are simulated; not all of them may be."""
+    if rows == state.numbers:
+        poses[:] = simulated
+    else:
+        _, into, source = np.intersect1d(rows, state.numbers, assume_unique=True, return_indices=True)
+        poses[into] = simulated[source]
+    return poses
+
+
+def _make_room(cache: dict[Any, Array]) -> None:
+    """Drop the oldest entries of a cache that is full."""
+    while len(cache) >= KEPT_FRAMES:
+        del cache[next(iter(cache))]

@@ -33,7 +33,7 @@ from tiscene.validation import positive
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.event_detector import detect_changes
 from tiscene.world.lights import WorldLights, same_lights
-from tiscene.world.object_registry import ObjectRegistry, WorldObject
+from tiscene.world.object_registry import ObjectRegistry, ObjectSelection, WorldObject
 from tiscene.world.stage_objects import StageObjects, matrix
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
@@ -94,12 +94,10 @@ class World:
         self._starting_lights: tuple[LightGroups, ...] | None = None
         self._last_state: WorldState | None = None
         self._aspect = aspect
-        self._registry = ObjectRegistry(stage, load_template, category_ids or CategoryIds())
-        self._histories = self._log.lives
-        registry = self._registry
+        registry = ObjectRegistry(stage, load_template, category_ids or CategoryIds(), self._log.lives)
+        self._registry = registry
         self._stage_objects = StageObjects(stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, fps)
         self._stage_objects.settle(self._log.stage)
-        self._registry.settle(self._histories)
         self._lights = WorldLights(stage, scenario.lights)
         self._setting = TrajectoryContext(
             stage=stage,
@@ -188,9 +186,14 @@ class World:
             objects=objects,
             lights=self.stage.lights if lights is None else tuple(light for _, light in lights),
             movers=self._movers(frame),
+            has_dynamic_lights=self._has_dynamic_lights(frame),
             starting_lights=lights is None or self._are_starting_lights(placement.light_groups),
             changes=detect_changes(
-                frame, self.stage, self._stage_objects.lives, self._histories, self.trajectories.collisions(frame)
+                frame,
+                self.stage,
+                self._stage_objects.lives,
+                {row: self._log.lives[row] for row in self._log.around(frame)},
+                self.trajectories.collisions(frame),
             ),
             previous_bounds=previous,
         )
@@ -208,7 +211,7 @@ class World:
         frame = _frame_number(frame)
         cameras = list(self.cameras)
         if any(camera.dynamic is not None for camera in cameras):
-            poses = self.trajectories.between(frame, shift)[len(self._histories) :].tolist()
+            poses = self.trajectories.camera_poses(frame + shift).tolist()
             for row, camera in enumerate(cameras):
                 if camera.dynamic is not None:
                     x, y, z, *rotation = poses[row]
@@ -219,9 +222,11 @@ class World:
         """Place every instance at `frame - 1`, `frame + shift` and `frame + 1`, in new read-only arrays.
 
         Before frame 0 the world stands as at frame 0. An object that is not alive at one of the three times is not
-        present then, but keeps the pose of its trajectory, so that motion is defined at spawn and despawn.
+        present then, but keeps the pose of its trajectory, so that motion is defined at spawn and despawn. Spawned
+        objects that are not alive at any of the three times have no rows.
         """
-        registry, columns = self._registry, self._registry.columns
+        selection = self._selection(frame)
+        columns, rows = selection.columns, selection.rows
         count, total = columns.stage, len(columns.mesh)
         seconds = np.array([max(frame - 1, 0), max(float(frame + shift), 0.0), frame + 1]) / self.fps
         world = np.empty((3, total, 3, 4))
@@ -230,21 +235,21 @@ class World:
         if count < total:
             # The next frame is the one planned now: edits are not anticipated.
             before, now, after = (
-                self.trajectories.poses(frame - 1),
-                self.trajectories.between(frame, shift),
-                self.trajectories.arrivals(frame + 1),
+                self.trajectories.poses(frame - 1, rows),
+                self.trajectories.between(frame, shift, rows),
+                self.trajectories.arrivals(frame + 1, rows),
             )
-            poses = np.stack([before, now, after])[:, registry.owner]
+            poses = np.stack([before, now, after])[:, selection.owner]
             axes = matrix_from_quaternion(poses[..., 3:])
             # einsum, not matmul: its sums have one fixed order, whatever library numpy was built with.
-            inner = [registry.object_tracks.at(second) for second in seconds.tolist()]
+            inner = [selection.tracks.at(second) for second in seconds.tolist()]
             own = np.stack([matrices for matrices, _ in inner])
             world[:, count:] = np.einsum("tpij,tpjk->tpik", axes, own)
             world[:, count:, :, 3] += poses[..., :3]
             for time, step in enumerate((-1, 0, 1)):
-                alive = [each.alive(max(frame + step, 0), as_of=frame) for each in self._histories]
-                present[time, count:] = np.array(alive)[registry.owner] & inner[time][1]
-        lights = self._lights_at(frame, shift)
+                alive = [self._log.lives[row].alive(max(frame + step, 0), as_of=frame) for row in rows]
+                present[time, count:] = np.array(alive)[selection.owner] & inner[time][1]
+        lights = self._lights_at(frame, shift) if self._has_dynamic_lights(frame) else None
         placement = Placement(
             mesh=columns.mesh.copy(),
             instance_id=columns.instance_id.copy(),
@@ -264,47 +269,65 @@ class World:
 
     def _objects(self, frame: int) -> list[WorldObject]:
         """Return the rows of all live objects at a frame, by id."""
-        rows = self._stage_objects.rows(frame)
-        if self._registry.object_rows:
-            now, after = self.trajectories.poses(frame), self.trajectories.arrivals(frame + 1)
+        objects = self._stage_objects.rows(frame)
+        selection = self._selection(frame)
+        rows = selection.rows
+        if rows:
+            now, after = self.trajectories.poses(frame, rows), self.trajectories.arrivals(frame + 1, rows)
             velocities = ((after[:, :3] - now[:, :3]) * self.fps).tolist()
-            blocked = self.trajectories.blocked(frame)
-            states = zip(self._histories, self._registry.object_rows, now.tolist(), velocities, blocked, strict=False)
-            for history, row, (x, y, z, *rotation), velocity, is_blocked in states:
-                if history.alive(frame, as_of=frame):
+            blocked = self.trajectories.blocked(frame, rows)
+            states = zip(rows, selection.objects, now.tolist(), velocities, blocked, strict=True)
+            for row, each, (x, y, z, *rotation), velocity, is_blocked in states:
+                if self._log.lives[row].alive(frame, as_of=frame):
                     position, turned, moving = (x, y, z), tuple(rotation), tuple(velocity)
-                    rows.append(replace(row, position=position, rotation=turned, velocity=moving, blocked=is_blocked))
-        return rows
+                    objects.append(
+                        replace(each, position=position, rotation=turned, velocity=moving, blocked=is_blocked)
+                    )
+        return objects
+
+    def _selection(self, frame: int) -> ObjectSelection:
+        """Return the objects of the scenario that have rows in the placement of a frame."""
+        return self._registry.select(self._log.around(frame))
 
     def _camera_step(self, frame: int, row: int) -> CameraStep:
         camera = self.cameras[row]
         if camera.dynamic is None:
             return CameraStep(camera, camera, camera)
-        poses = [self.trajectories.poses(frame + step)[len(self._histories) + row].tolist() for step in (-1, 0, 1)]
+        poses = [self.trajectories.camera_poses(frame + step)[row].tolist() for step in (-1, 0, 1)]
         return CameraStep(*(camera.with_pose((x, y, z), tuple(rotation)) for x, y, z, *rotation in poses))
 
-    def _lights_at(self, frame: int, shift: Fraction = NOW) -> tuple[tuple[int, Light], ...] | None:
-        """Return the lights, each with the row of its description; None if they are the stage's, unchanged, always."""
-        if not self.has_dynamic_lights:
-            return None
-        attached = self._registry.carried
-        poses = self.trajectories.between(frame, shift)
-        objects: list[Array | None] = [None] * len(self._histories)
-        for row in {each.object for each in attached}:
-            if self._histories[row].alive(frame, as_of=frame):
-                objects[row] = matrix(poses[row])
-        first = len(self._histories) + len(self.cameras)
-        matrices = np.array([matrix(pose) for pose in poses[first:]]).reshape(-1, 4, 4)
+    def _lights_at(
+        self, frame: int, shift: Fraction = NOW, *, following: bool = False
+    ) -> tuple[tuple[int, Light], ...]:
+        """Return the lights, as planned when a frame was made, each with the row of its description.
+
+        Args:
+            frame: the frame.
+            shift: offset in frames, -1..1.
+            following: return those of `frame + 1`, whatever `shift` is.
+        """
+        shift = Fraction(1) if following else shift
+        selection = self._selection(frame)
+        carriers = {each.object for each in selection.lights}
+        objects = {}
+        if carriers:
+            rows, trajectories = selection.rows, self.trajectories
+            poses = trajectories.arrivals(frame + 1, rows) if following else trajectories.between(frame, shift, rows)
+            for row, pose in zip(rows, poses, strict=True):
+                if row in carriers and self._log.lives[row].alive(frame + following, as_of=frame):
+                    objects[row] = matrix(pose)
+        moved = self.trajectories.light_poses(frame + shift)
+        matrices = np.array([matrix(pose) for pose in moved]).reshape(-1, 4, 4)
         time = max(float(frame + shift), 0.0) / self.fps
         carries = functools.partial(self._stage_objects.carries, frame=frame)
-        return self._lights.at(time, matrices, carries, attached, objects)
+        return self._lights.at(time, matrices, carries, selection.lights, objects)
 
-    @property
-    def has_dynamic_lights(self) -> bool:
-        """Whether any light may move, appear, vanish or change its intensity at some frame."""
-        return bool(
-            self._scenario.lights or self._registry.carried or self._stage_objects.lives or self._lights.is_edited
-        )
+    def _has_dynamic_lights(self, frame: int) -> bool:
+        """Return whether any light is known at a frame to move, appear, vanish or change at some frame."""
+        if self._scenario.lights or self._lights.is_edited:
+            return True
+        starts = self._registry.first_light_frame, self._stage_objects.first_edit_frame
+        return any(start is not None and start <= frame for start in starts)
 
     def _are_starting_lights(self, groups: LightGroups | None) -> bool:
         """Whether lights are those of frames 0 and 1, except for their intensity.
@@ -312,7 +335,7 @@ class World:
         One frame at which a moving lamp stands as at the start does not count: frame 1 must be like it too.
         """
         if self._starting_lights is None:
-            starts = (self._lights_at(0) or (), self._lights_at(1) or ())
+            starts = self._lights_at(0), self._lights_at(0, following=True)
             self._starting_lights = tuple(self._lights.groups(lights) for lights in starts)
         return groups is not None and all(same_lights(groups, start) for start in self._starting_lights)
 
@@ -323,12 +346,13 @@ class World:
 
     def _movers(self, frame: int) -> NDArray[np.bool_]:
         """Return for every instance whether it is known at `frame` to move, deform, appear or vanish at some frame."""
-        count = self._registry.columns.stage
-        moving = np.zeros(len(self._registry.columns.mesh), bool)
-        dynamic = np.array([not each.is_static(as_of=frame) for each in self._histories], bool)
-        moving[count:] = dynamic[self._registry.owner]
+        selection = self._selection(frame)
+        count = selection.columns.stage
+        moving = np.zeros(len(selection.columns.mesh), bool)
+        dynamic = np.array([not self._log.lives[row].is_static(as_of=frame) for row in selection.rows], bool)
+        moving[count:] = dynamic[selection.owner]
         moving[:count] = self._stage_objects.edited_parts(frame)
-        return moving | self._registry.changing
+        return moving | selection.changing
 
     def spawn(
         self,
@@ -357,13 +381,13 @@ class World:
             ScenarioError, TemplateNotFound: nothing has changed then.
         """
         if id is None:
-            first = len(self._histories) - len(self._scenario.objects) + 1
+            first = len(self._log.lives) - len(self._scenario.objects) + 1
             names = (f"spawned_{number}" for number in itertools.count(first))
             id = next(name for name in names if self._log.row(name) is None)
         new = Object(id, template, position, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
         self._registry.template(new)
         self._edit(Spawn(self.next_frame, new))
-        return self._registry.object_rows[-1].id
+        return self._registry.id_of(len(self._log.lives) - 1)
 
     def despawn(self, object: int | str) -> None:
         """Remove an object from the next frame on.
@@ -398,8 +422,11 @@ class World:
                 rotation = next(
                     row.rotation for row in self._stage_objects.rows(self.next_frame) if row.prim_path == name
                 )
+            elif (last := self._log.lives[row].move(self.next_frame)) and last.frame == self.next_frame:
+                rotation = last.rotation
             else:
-                rotation = self.trajectories.arrivals(self.next_frame)[row, 3:].tolist()
+                rows = self._log.around(self.next_frame)
+                rotation = self.trajectories.arrivals(self.next_frame, rows)[rows.index(row), 3:].tolist()
         self._edit(Move(self.next_frame, name, position, rotation))  # type: ignore[arg-type]
 
     def set_frustum_walls(
@@ -426,9 +453,12 @@ class World:
         """Return the scenario's name or the prim path of an object that is alive at the next frame."""
         if not isinstance(object, int | str | np.integer):
             raise ArgumentError(f"object={object!r}: must be an instance id, a name or a prim path")
-        frame, rows = self.next_frame, self._registry.object_rows
-        alive = [life.alive(frame, as_of=frame) for life in self._histories]
-        objects = {row.id: row.name for row, there in zip(rows, alive, strict=True) if there}
+        frame = self.next_frame
+        row = self._log.row(object) if isinstance(object, str) else self._registry.row_of(int(object))
+        if row is not None and not isinstance(object, bool) and self._log.lives[row].alive(frame, as_of=frame):
+            return self._log.lives[row].spec.id
+        rows = [row for row in self._log.around(frame) if self._log.lives[row].alive(frame, as_of=frame)]
+        objects = {self._registry.id_of(row): self._log.lives[row].spec.id for row in rows}
         rows_on_stage = enumerate(self._registry.stage_rows)
         on_stage = {
             row.id: row.prim_path for number, row in rows_on_stage if self._stage_objects.is_alive(number, frame)
@@ -446,12 +476,13 @@ class World:
 
     def _edit(self, edit: Edit) -> None:
         self._log.add(edit)
-        self._stage_objects.settle(self._log.stage)
         if isinstance(edit, Spawn):
-            self._registry.settle(self._histories)
+            self._registry.settle()
+        elif isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
+            self._stage_objects.settle(self._log.stage)
         self._last_state = None
         self.trajectories.amend(edit)
-        if edit.frame <= 1:
+        if edit.frame == 0:
             self._starting_lights = None
 
 

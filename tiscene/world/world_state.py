@@ -76,6 +76,7 @@ class WorldState:
         lights: the lights at frame k, with their poses and radiance.
         movers: bool [instances of `placement`], True for an instance that is known at frame k to move, deform, appear
             or vanish at some frame of the stream.
+        has_dynamic_lights: whether any light is known at frame k to move, appear, vanish or change at some frame.
         starting_lights: whether the lights are those of frames 0 and 1, except for their intensity.
         changes: spawns, despawns and contacts since frame k - 1.
         previous_bounds: bounds of the objects that were live at frame k - 1; at frame 0 those of the stage's objects.
@@ -88,6 +89,7 @@ class WorldState:
     objects: tuple[WorldObject, ...]
     lights: tuple[Light, ...]
     movers: NDArray[np.bool_]
+    has_dynamic_lights: bool
     starting_lights: bool
     changes: tuple[Event, ...]
     previous_bounds: ObjectBounds

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ObjectGeometry: parts, box, animation and lights that all objects of one template and scale share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.scene.animation import InstanceTrack
+from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners
+from tiscene.scene.camera import Vector3
+from tiscene.scene.description import Light, SceneDescription
+from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectGeometry:
+    """A template at a scale, in the axes of its objects.
+
+    Attributes:
+        description: row of the template's description.
+        parts: its meshes; `owner` is 0.
+        box: lowest and highest corner around all parts, m.
+        tracks: authored animation of the parts.
+        changing: bool [parts], whether a part is animated or deforms.
+        lights: its lights.
+    """
+
+    description: int
+    parts: ObjectParts
+    box: tuple[Vector3, Vector3]
+    tracks: tuple[InstanceTrack, ...]
+    changing: NDArray[np.bool_]
+    lights: tuple[Light, ...]
+
+    @classmethod
+    def of(cls, description: SceneDescription, row: int, first_mesh: int, scale: Vector3) -> ObjectGeometry:
+        """Scale a template about its origin.
+
+        Args:
+            description: of the template.
+            row: its row.
+            first_mesh: row of its first mesh among the meshes of all descriptions.
+            scale: factors along its axes. Lights move with it, but keep their size.
+        """
+        matrix = np.diag([*scale, 1.0])
+        own = [matrix @ instance.world_from_object for instance in description.instances]
+        meshes = [instance.mesh for instance in description.instances]
+        tracks = tuple(scaled(track, matrix) for track in description.tracks)
+        if tracks:
+            animated = AnimatedInstances(np.array(own)[:, :3], [(track.instances, track) for track in tracks])
+            box = box_over_time(description, meshes, animated.over_time(np.arange(len(own))), own=False)
+        else:
+            box = bounding_box(description, meshes, own)
+        parts = ObjectParts(
+            np.array(meshes, dtype=np.int32) + first_mesh,
+            np.zeros(len(meshes), dtype=np.int32),
+            np.array([each[:3] for each in own]),
+            box_matrices(np.tile(box, (len(own), 1, 1)), np.array(own)),
+            np.array([instance.part for instance in description.instances], dtype=np.int32),
+        )
+        lights = tuple(_scaled(light, scale) for light in description.lights)
+        return cls(row, parts, corners(box), tracks, changing(description), lights)
+
+
+def _scaled(light: Light, scale: Vector3) -> Light:
+    matrix = light.world_from_light.copy()
+    matrix[:3, 3] *= scale
+    return replace(light, world_from_light=matrix)
