@@ -22,6 +22,7 @@ ROWS = {
     "kills": "killed_processes",
     "storage": "unwritable_storage",
     "files": "mutated_files",
+    "server": "server_attacks",
 }
 
 
