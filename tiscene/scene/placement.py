@@ -49,11 +49,21 @@ class Placement:
         """Return this placement with PREVIOUS at the time of an earlier one, so that flow spans the frames between.
 
         Args:
-            earlier: Placement of the same instances.
+            earlier: Placement of the same scene. Instances that it lacks are not present at that time.
         """
+        _, rows, earlier_rows = np.intersect1d(self._keys(), earlier._keys(), return_indices=True)
         world_from_object, present = self.world_from_object.copy(), self.present.copy()
         seconds = np.array(self.seconds, np.float64)
-        world_from_object[PREVIOUS] = earlier.world_from_object[CURRENT]
-        present[PREVIOUS] = earlier.present[CURRENT]
+        world_from_object[PREVIOUS, rows] = earlier.world_from_object[CURRENT, earlier_rows]
+        present[PREVIOUS] = False
+        present[PREVIOUS, rows] = earlier.present[CURRENT, earlier_rows]
         seconds[PREVIOUS] = earlier.seconds[CURRENT]
         return replace(self, world_from_object=world_from_object, present=present, seconds=seconds)
+
+    def _keys(self) -> NDArray[np.int64]:
+        """Return a number for each instance, int64 [n], by its label and its place among those of that label."""
+        order = np.argsort(self.instance_id, kind="stable")
+        labels = self.instance_id[order].astype(np.int64)
+        keys = np.empty(len(order), np.int64)
+        keys[order] = (labels << 32) + np.arange(len(order)) - np.searchsorted(labels, labels)
+        return keys
