@@ -107,6 +107,25 @@ def test_spawned_object_appears_at_its_unity_position(make_agent):
     assert 2.6 < (frame["depth"][there] * 15).min() < 3.0
 
 
+@pytest.mark.parametrize(
+    ("name", "width", "height"), [("Cube", 1, 1), ("Cylinder", 1, 2), ("Sphere", 1, 1), ("Capsule", 1, 2)]
+)
+@pytest.mark.parametrize("by_scenario", [False, True])
+def test_primitives_have_sailenvs_sizes(make_agent, name, width, height, by_scenario):
+    agent = make_agent(main_frame_active=False, width=128, height=96)
+    if by_scenario:
+        agent.load_scenario(Scenario(SCENE, [Object("a", name, (0, 1, 8), (0, 0, 0))]))
+    else:
+        agent.spawn_object(name, (0, 1, 16), scale=(2, 2, 2))
+    frame = agent.get_frame()
+    rows, columns = np.nonzero(frame["object"].any(axis=-1))
+    focal = 0.5 * 96 / math.tan(math.radians(30.0)) / 7.75  # px per meter, between the front and the center
+    assert np.ptp(columns) + 1 == pytest.approx(focal * width, abs=1.5)
+    assert np.ptp(rows) + 1 == pytest.approx(focal * height, abs=1.5)
+    if by_scenario:
+        assert 15.0 * frame["depth"].min() == pytest.approx(7.5, abs=0.1)
+
+
 def test_turning_right_moves_the_image_left_and_pitching_down_moves_it_up(make_agent):
     agent = make_agent()
     agent.spawn_object("Sphere", (0, 1, 3), scale=(0.5, 0.5, 0.5))
@@ -129,7 +148,8 @@ def test_flow_is_minus_dx_and_plus_dy(make_agent):
     for _ in range(10):
         frame = agent.get_frame()
     there = frame["object"].any(axis=-1)
-    at = [np.array(projected(-0.4 + 0.4 * k / 25, 0.8 + 0.4 * k / 25, 3.0)) for k in (8, 9)]
+    ahead = 15.0 * np.median(frame["depth"][there])  # of the visible side of the sphere
+    at = [np.array(projected(-0.4 + 0.4 * k / 25, 0.8 + 0.4 * k / 25, ahead)) for k in (8, 9)]
     dx, dy = at[1] - at[0]
     assert dx > 0.1
     assert dy < -0.1

@@ -14,6 +14,7 @@ from typing import Any
 
 from tiscene import catalog
 from tiscene.errors import SceneNotFound, TemplateNotFound
+from tiscene.scene.camera import Vector3
 
 _SUFFIX = "/scene"
 _TRAIL = " Trail"  # ends the names of SAILenv's templates that leave a trail on the screen
@@ -24,7 +25,8 @@ def sailenv_names() -> dict[str, Any]:
     """Return the contents of `scenes.json`.
 
     Keys: `first`, the default scene; `order`, SAILenv's scenes in its order; `trails`, templates that also exist with a
-    trail; `lights`, SAILenv's names of the lights of each scene.
+    trail; `lights`, SAILenv's names of the lights of each scene; `scales`, factors by which primitives have SAILenv's
+    sizes: a cube and a sphere of 1 m, a cylinder and a capsule of 1 m across and 2 m high.
     """
     content: dict[str, Any] = json.loads(resources.files(__package__).joinpath("scenes.json").read_text("utf-8"))
     return content
@@ -64,6 +66,12 @@ def catalog_template(name: str) -> str:
     if plain not in known:
         raise TemplateNotFound("template", name, known)
     return plain
+
+
+def template_scale(name: str) -> Vector3:
+    """Return the factors along the axes by which a template of the catalog has SAILenv's size."""
+    x, y, z = sailenv_names()["scales"].get(name, (1.0, 1.0, 1.0))
+    return (x, y, z)
 
 
 def spawnable() -> list[str]:

@@ -216,8 +216,7 @@ class Environment:
 
     def categories(self) -> dict[int, str]:
         """Return the names of the numbers in `category` views: of the scene, and of all templates."""
-        categories = self.stream.categories.values()
-        return self._session.category_numbers.names(categories)
+        return self._session.category_numbers.names(self.stream.categories.values())
 
     @property
     def lights(self) -> LightControls:
@@ -307,17 +306,17 @@ class Environment:
         Raises:
             TisceneError: The template does not exist, or an argument is invalid.
         """
-        self._mark_edited(agent)
-        return str(
-            self.stream.world.spawn(
-                self._template(name),
-                mirrored(bounded(position)),
-                mirrored_euler(bounded(rotation)),
-                None if dynamic is None else json_messages.dynamic_of(*dynamic),
-                scale=scale,
-                frustum_limited=frustum_limited,
-            )
+        template, (x, y, z) = self._template(name)
+        number = self.stream.world.spawn(
+            template,
+            mirrored(bounded(position)),
+            mirrored_euler(bounded(rotation)),
+            None if dynamic is None else json_messages.dynamic_of(*dynamic),
+            scale=(x * scale[0], y * scale[1], z * scale[2]),
+            frustum_limited=frustum_limited,
         )
+        self._mark_edited(agent)
+        return str(number)
 
     def despawn(self, agent: AgentCamera, object_id: int) -> None:
         """Remove an object from the next frame on. Raises ObjectNotFound."""
@@ -392,9 +391,10 @@ class Environment:
         for each in self.agents.values():
             each.restart_clock()
 
-    def _template(self, name: str) -> str:
-        """Return the catalog name of SAILenv's template `name`, or the file of an uploaded model."""
+    def _template(self, name: str) -> tuple[str, Vector3]:
+        """Return the catalog name of a template, or the file of an uploaded model, and the scale of SAILenv's size."""
         name = str(name)  # agents in process may pass anything
         if name.startswith(_UPLOAD_PREFIX):
-            return self.uploads.template(name.removeprefix(_UPLOAD_PREFIX))
-        return asset_names.catalog_template(name)
+            return self.uploads.template(name.removeprefix(_UPLOAD_PREFIX)), (1.0, 1.0, 1.0)
+        template = asset_names.catalog_template(name)
+        return template, asset_names.template_scale(template)

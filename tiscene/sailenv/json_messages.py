@@ -122,14 +122,14 @@ def object_of(content: Mapping[str, Any], name: str) -> native_objects.Object:
 
 
 def scenario_of(
-    content: Mapping[str, Any], scene: str, find_template: Callable[[str], str]
+    content: Mapping[str, Any], scene: str, find_template: Callable[[str], tuple[str, Vector3]]
 ) -> tuple[native.Scenario, list[str], list[str]]:
     """Return a scenario without its invalid objects.
 
     Args:
         content: SAILenv's scenario.
         scene: The name of the scene in tiscene's catalog.
-        find_template: Returns tiscene's name of a template, given SAILenv's.
+        find_template: Returns tiscene's name of a template and its scale, given SAILenv's name.
 
     Returns:
         The scenario, the name of each object of the content, and a message for each invalid one.
@@ -143,7 +143,8 @@ def scenario_of(
     for name, each in zip(names, contents, strict=True):
         try:
             made = object_of(each, name)
-            objects.append(replace(made, template=find_template(made.template)))
+            template, scale = find_template(made.template)
+            objects.append(replace(made, template=template, scale=scale))
         except TisceneError as error:
             problems.append(str(error))
     timings = timings_of(content.get("timings"), names, {each.id for each in objects})
