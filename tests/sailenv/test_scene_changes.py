@@ -14,8 +14,9 @@ from taichi.lang._ndarray import Ndarray
 
 import usd_scenes
 from tests.sailenv.conftest import SCENE
-from tiscene.errors import TisceneError
+from tiscene.errors import SceneNotFound, TisceneError
 from tiscene.sailenv import Object, Scenario
+from tiscene.sailenv.asset_names import catalog_scene
 from tiscene.sailenv.environment import Environment
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
@@ -210,3 +211,24 @@ def test_unknown_scene_changes_nothing(make_agent):
     agent.change_scene("nowhere/scene")
     assert agent.frame_index == 0
     assert (agent.get_frame()["object"] == before).all()
+
+
+@pytest.mark.parametrize("name", ["room01", "Room_01/Scene", "room 01", "room-01/scene", "room_01"])
+def test_scenes_are_found_in_other_spellings(name):
+    assert catalog_scene(name) == "room_01"
+
+
+@pytest.mark.parametrize("name", ["", "room", "room1", "/scene", "room_01/scene/scene"])
+def test_unknown_scene_names_are_errors(name):
+    with pytest.raises(SceneNotFound):
+        catalog_scene(name)
+
+
+def test_spelling_that_fits_two_scenes_is_an_error(tmp_path, monkeypatch):
+    for folder in ("a_view", "aview"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "scene.usda").write_text("#usda 1.0\n")
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
+    assert catalog_scene("aview/scene") == "aview"
+    with pytest.raises(SceneNotFound):
+        catalog_scene("A-View")

@@ -46,11 +46,27 @@ def default_scene() -> str:
 
 
 def catalog_scene(name: str) -> str:
-    """Return the name in tiscene's catalog of a scene, given with or without "/scene". Raises SceneNotFound."""
-    plain = str(name).strip().removesuffix(_SUFFIX)
-    if plain not in catalog.scenes():
+    """Return the name in tiscene's catalog of a scene.
+
+    Args:
+        name: Its name with or without "/scene"; case, spaces, hyphens and underscores do not matter ("room01").
+
+    Raises:
+        SceneNotFound: No scene has that name, or more than one scene has it in another spelling.
+    """
+    plain, known = str(name).strip().removesuffix(_SUFFIX), catalog.scenes()
+    if plain in known:
+        return plain
+    alike = [each for each in known if _spelling(each) == _spelling(name)]
+    if len(alike) != 1:
         raise SceneNotFound("scene", str(name), scenes())
-    return plain
+    return alike[0]
+
+
+def _spelling(name: str) -> str:
+    """Return a scene's name without the differences that do not matter."""
+    plain = str(name).strip().casefold().removesuffix(_SUFFIX)
+    return "".join(character for character in plain if character not in " _-")
 
 
 def catalog_template(name: str) -> str:
