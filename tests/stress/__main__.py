@@ -23,6 +23,7 @@ ROWS = {
     "storage": "unwritable_storage",
     "files": "mutated_files",
     "server": "server_attacks",
+    "big": "extreme_scenes",
 }
 
 
