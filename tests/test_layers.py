@@ -93,7 +93,9 @@ ONLY_IN = {
 
 
 # Files past 400 lines, each with its reason.
-LONG_FOR_A_REASON: dict[str, str] = {}
+LONG_FOR_A_REASON = {
+    "tiscene/world/world.py": "edits and the evaluation of states; the latter is to become a module of its own",
+}
 
 
 def sources(*packages: str) -> list[Path]:

@@ -310,9 +310,7 @@ class OwnTiming(ts.AllTogether):
 
 
 def test_classes_unknown_to_files_cannot_be_written():
-    with pytest.raises(
-        ScenarioError, match=r"objects\[0\].dynamic=.*PlainDynamic.*: cannot be written"
-    ):
+    with pytest.raises(ScenarioError, match=r"objects\[0\].dynamic=.*PlainDynamic.*: cannot be written"):
         Scenario("room", [Object("a", "Cube", dynamic=PlainDynamic())]).to_json()
     with pytest.raises(ScenarioError, match="timings: a OwnTiming cannot be written"):
         Scenario("room", timings=OwnTiming()).to_json()

@@ -114,7 +114,9 @@ def tiscene_images(shutter: tuple[float, float] = SHUTTER) -> Images:
     for seed in range(RUNS):
         samples = shutter_samples(world, world.state(FRAME), view, shutter, spp=SPP, seed=seed, camera_row=0)
         assert samples is not None
-        frame = renderer.render(view, placement, ("hdr",), frame_index=FRAME, seed=seed, exposure=0.0, shutter_samples=samples)
+        frame = renderer.render(
+            view, placement, ("hdr",), frame_index=FRAME, seed=seed, exposure=0.0, shutter_samples=samples
+        )
         images.append(frame["hdr"].mean(axis=2, dtype=np.float64))
     return np.array(images)
 
