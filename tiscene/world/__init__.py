@@ -5,6 +5,7 @@
 
     world            World
     world_state      WorldState: everything about one frame
+    frame_evaluator  placements, live objects, lights and movers at one frame
     object_registry  ids, labels, meshes and boxes of all objects
     object_geometry  meshes, box and lights of a template at a scale
     category_ids     ids of semantic categories

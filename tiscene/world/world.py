@@ -16,10 +16,8 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynamics import Dynamic
-from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, Move, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
@@ -27,19 +25,15 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, SceneDescription, Template
-from tiscene.scene.lights.light_groups import LightGroups
 from tiscene.scene.placement import Placement
 from tiscene.validation import positive
 from tiscene.world.category_ids import CategoryIds
-from tiscene.world.event_detector import detect_changes
-from tiscene.world.lights import WorldLights, same_lights
-from tiscene.world.object_registry import ObjectRegistry, ObjectSelection, WorldObject
-from tiscene.world.stage_objects import StageObjects, matrix
+from tiscene.world.frame_evaluator import FrameEvaluator
+from tiscene.world.lights import WorldLights
+from tiscene.world.object_registry import ObjectRegistry, WorldObject
+from tiscene.world.stage_objects import StageObjects
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
-
-Array = NDArray[np.float64]
-NOW = Fraction(0)
 
 
 class World:
@@ -91,7 +85,6 @@ class World:
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two cameras share a name; give each its own")
         self.next_frame = 0
-        self._starting_lights: tuple[LightGroups, ...] | None = None
         self._last_state: WorldState | None = None
         self._aspect = aspect
         registry = ObjectRegistry(stage, load_template, category_ids or CategoryIds(), self._log.lives)
@@ -99,7 +92,7 @@ class World:
         self._stage_objects = StageObjects(stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, fps)
         self._stage_objects.settle(self._log.stage)
         self._lights = WorldLights(stage, scenario.lights)
-        self._setting = TrajectoryContext(
+        setting = TrajectoryContext(
             stage=stage,
             cameras=self.cameras,
             fps=fps,
@@ -111,7 +104,10 @@ class World:
             trees=functools.cache(trees or (lambda: MeshTrees.built(stage.meshes))),
             instances=self._stage_objects.instances,
         )
-        self.trajectories = Trajectories(scenario, self._log, self._setting)
+        self.trajectories = Trajectories(scenario, self._log, setting)
+        self._evaluator = FrameEvaluator(
+            self._log, registry, self._stage_objects, self._lights, self.trajectories, self.fps
+        )
 
     @property
     def scenario(self) -> Scenario:
@@ -169,14 +165,14 @@ class World:
         return self._last_state
 
     def _compute_state(self, frame: int) -> WorldState:
-        objects = tuple(self._objects(frame))
+        objects = tuple(self._evaluator.objects(frame))
         if frame == 0:
             previous = ObjectBounds.of(tuple(each for each in objects if each.prim_path))
         elif self._last_state is not None and self._last_state.frame == frame - 1:
             previous = self._last_state.bounds
         else:
-            previous = ObjectBounds.of(tuple(self._objects(frame - 1)))
-        placement = self._place(frame, NOW)
+            previous = ObjectBounds.of(tuple(self._evaluator.objects(frame - 1)))
+        placement = self._evaluator.place(frame)
         lights = placement.lights
         return WorldState(
             frame=frame,
@@ -185,16 +181,10 @@ class World:
             placement=placement,
             objects=objects,
             lights=self.stage.lights if lights is None else tuple(light for _, light in lights),
-            movers=self._movers(frame),
-            has_dynamic_lights=self._has_dynamic_lights(frame),
-            starting_lights=lights is None or self._are_starting_lights(placement.light_groups),
-            changes=detect_changes(
-                frame,
-                self.stage,
-                self._stage_objects.lives,
-                {row: self._log.lives[row] for row in self._log.around(frame)},
-                self.trajectories.collisions(frame),
-            ),
+            movers=self._evaluator.movers(frame),
+            has_dynamic_lights=self._evaluator.has_dynamic_lights(frame),
+            starting_lights=lights is None or self._evaluator.are_starting_lights(placement.light_groups),
+            changes=self._evaluator.changes(frame),
             previous_bounds=previous,
         )
 
@@ -216,78 +206,7 @@ class World:
                 if camera.dynamic is not None:
                     x, y, z, *rotation = poses[row]
                     cameras[row] = camera.with_pose((x, y, z), tuple(rotation))
-        return self._place(frame, shift), tuple(cameras)
-
-    def _place(self, frame: int, shift: Fraction) -> Placement:
-        """Place every instance at `frame - 1`, `frame + shift` and `frame + 1`, in new read-only arrays.
-
-        Before frame 0 the world stands as at frame 0. An object that is not alive at one of the three times is not
-        present then, but keeps the pose of its trajectory, so that motion is defined at spawn and despawn. Spawned
-        objects that are not alive at any of the three times have no rows.
-        """
-        selection = self._selection(frame)
-        columns, rows = selection.columns, selection.rows
-        count, total = columns.stage, len(columns.mesh)
-        seconds = np.array([max(frame - 1, 0), max(float(frame + shift), 0.0), frame + 1]) / self.fps
-        world = np.empty((3, total, 3, 4))
-        present = np.ones((3, total), dtype=np.bool_)
-        self._stage_objects.place(frame, seconds, world, present)
-        if count < total:
-            # The next frame is the one planned now: edits are not anticipated.
-            before, now, after = (
-                self.trajectories.poses(frame - 1, rows),
-                self.trajectories.between(frame, shift, rows),
-                self.trajectories.arrivals(frame + 1, rows),
-            )
-            poses = np.stack([before, now, after])[:, selection.owner]
-            axes = matrix_from_quaternion(poses[..., 3:])
-            # einsum, not matmul: its sums have one fixed order, whatever library numpy was built with.
-            inner = [selection.tracks.at(second) for second in seconds.tolist()]
-            own = np.stack([matrices for matrices, _ in inner])
-            world[:, count:] = np.einsum("tpij,tpjk->tpik", axes, own)
-            world[:, count:, :, 3] += poses[..., :3]
-            for time, step in enumerate((-1, 0, 1)):
-                alive = [self._log.lives[row].alive(max(frame + step, 0), as_of=frame) for row in rows]
-                present[time, count:] = np.array(alive)[selection.owner] & inner[time][1]
-        lights = self._lights_at(frame, shift) if self._has_dynamic_lights(frame) else None
-        placement = Placement(
-            mesh=columns.mesh.copy(),
-            instance_id=columns.instance_id.copy(),
-            category_id=columns.category_id.copy(),
-            world_from_object=world,
-            box_from_object=columns.box_from_mesh.copy(),
-            present=present,
-            lights=lights,
-            part=columns.part.copy(),
-            seconds=seconds,
-            light_groups=None if lights is None else self._lights.groups(lights),
-        )
-        for array in vars(placement).values():
-            if isinstance(array, np.ndarray):
-                array.setflags(write=False)
-        return placement
-
-    def _objects(self, frame: int) -> list[WorldObject]:
-        """Return the rows of all live objects at a frame, by id."""
-        objects = self._stage_objects.rows(frame)
-        selection = self._selection(frame)
-        rows = selection.rows
-        if rows:
-            now, after = self.trajectories.poses(frame, rows), self.trajectories.arrivals(frame + 1, rows)
-            velocities = ((after[:, :3] - now[:, :3]) * self.fps).tolist()
-            blocked = self.trajectories.blocked(frame, rows)
-            states = zip(rows, selection.objects, now.tolist(), velocities, blocked, strict=True)
-            for row, each, (x, y, z, *rotation), velocity, is_blocked in states:
-                if self._log.lives[row].alive(frame, as_of=frame):
-                    position, turned, moving = (x, y, z), tuple(rotation), tuple(velocity)
-                    objects.append(
-                        replace(each, position=position, rotation=turned, velocity=moving, blocked=is_blocked)
-                    )
-        return objects
-
-    def _selection(self, frame: int) -> ObjectSelection:
-        """Return the objects of the scenario that have rows in the placement of a frame."""
-        return self._registry.select(self._log.around(frame))
+        return self._evaluator.place(frame, shift), tuple(cameras)
 
     def _camera_step(self, frame: int, row: int) -> CameraStep:
         camera = self.cameras[row]
@@ -296,63 +215,11 @@ class World:
         poses = [self.trajectories.camera_poses(frame + step)[row].tolist() for step in (-1, 0, 1)]
         return CameraStep(*(camera.with_pose((x, y, z), tuple(rotation)) for x, y, z, *rotation in poses))
 
-    def _lights_at(
-        self, frame: int, shift: Fraction = NOW, *, following: bool = False
-    ) -> tuple[tuple[int, Light], ...]:
-        """Return the lights, as planned when a frame was made, each with the row of its description.
-
-        Args:
-            frame: the frame.
-            shift: offset in frames, -1..1.
-            following: return those of `frame + 1`, whatever `shift` is.
-        """
-        shift = Fraction(1) if following else shift
-        selection = self._selection(frame)
-        carriers = {each.object for each in selection.lights}
-        objects = {}
-        if carriers:
-            rows, trajectories = selection.rows, self.trajectories
-            poses = trajectories.arrivals(frame + 1, rows) if following else trajectories.between(frame, shift, rows)
-            for row, pose in zip(rows, poses, strict=True):
-                if row in carriers and self._log.lives[row].alive(frame + following, as_of=frame):
-                    objects[row] = matrix(pose)
-        moved = self.trajectories.light_poses(frame + shift)
-        matrices = np.array([matrix(pose) for pose in moved]).reshape(-1, 4, 4)
-        time = max(float(frame + shift), 0.0) / self.fps
-        carries = functools.partial(self._stage_objects.carries, frame=frame)
-        return self._lights.at(time, matrices, carries, selection.lights, objects)
-
-    def _has_dynamic_lights(self, frame: int) -> bool:
-        """Return whether any light is known at a frame to move, appear, vanish or change at some frame."""
-        if self._scenario.lights or self._lights.is_edited:
-            return True
-        starts = self._registry.first_light_frame, self._stage_objects.first_edit_frame
-        return any(start is not None and start <= frame for start in starts)
-
-    def _are_starting_lights(self, groups: LightGroups | None) -> bool:
-        """Whether lights are those of frames 0 and 1, except for their intensity.
-
-        One frame at which a moving lamp stands as at the start does not count: frame 1 must be like it too.
-        """
-        if self._starting_lights is None:
-            starts = self._lights_at(0), self._lights_at(0, following=True)
-            self._starting_lights = tuple(self._lights.groups(lights) for lights in starts)
-        return groups is not None and all(same_lights(groups, start) for start in self._starting_lights)
-
     def set_light(self, row: int, light: Light) -> None:
         """Replace a light of the stage; see `Stream.set_light`. Not part of the scenario."""
         self._lights.replace_light(row, light)
-        self._starting_lights = self._last_state = None
-
-    def _movers(self, frame: int) -> NDArray[np.bool_]:
-        """Return for every instance whether it is known at `frame` to move, deform, appear or vanish at some frame."""
-        selection = self._selection(frame)
-        count = selection.columns.stage
-        moving = np.zeros(len(selection.columns.mesh), bool)
-        dynamic = np.array([not self._log.lives[row].is_static(as_of=frame) for row in selection.rows], bool)
-        moving[count:] = dynamic[selection.owner]
-        moving[:count] = self._stage_objects.edited_parts(frame)
-        return moving | selection.changing
+        self._evaluator.forget_starting_lights()
+        self._last_state = None
 
     def spawn(
         self,
@@ -483,7 +350,7 @@ class World:
         self._last_state = None
         self.trajectories.amend(edit)
         if edit.frame == 0:
-            self._starting_lights = None
+            self._evaluator.forget_starting_lights()
 
 
 def _frame_number(frame: int) -> int:
