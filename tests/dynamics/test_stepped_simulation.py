@@ -12,13 +12,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import AllTogether, Body, CatmullWaypoints, DictTimings, LinearWaypoints, Simulation, Still, Waypoint
+from dynamics import (
+    AllTogether,
+    Body,
+    CatmullWaypoints,
+    DictTimings,
+    LinearWaypoints,
+    Simulation,
+    Still,
+    WaitUntilComplete,
+    Waypoint,
+)
 from dynamics import stepped_simulation as module
 from dynamics.colliding_bodies import Mover, Teleport
 from dynamics.random_bounce import UniformMovementRandomBounce
 from dynamics.sphere_proxy import cover
 from dynamics.step_kernel import substep
 from dynamics.stepped_simulation import SteppedSimulation
+from dynamics.timings import AssignedWindows
 from dynamics.trajectory_kernel import evaluate
 from tests.dynamics.solids import ball, box, cube, obstacles, quad, spheres_at
 from tests.reference.distance import sphere_gap
@@ -430,6 +441,44 @@ def test_amended_movers_equal_a_new_simulation_without_resimulating_earlier_fram
     assert taken.checkpoint_frames == [69]
     for k in (90, 70, 10):
         assert taken.frame(k).poses.tobytes() == fresh.frame(k).poses.tobytes()
+
+
+def test_movers_that_come_and_go_have_rows_only_while_they_exist():
+    """Give rows to existing movers only: all poses and contacts are those of a simulation of all movers."""
+
+    def passing(number):
+        first = 3 * number
+        body = Body(bouncer().body.dynamic, (0.0, -0.8, 0.9), name=f"p{number}", birth=Fraction(first, 25))
+        return Mover(body, CUBE, first_frame=first, last_frame=first + 4)
+
+    movers = [bouncer("a", speed=3.0), Mover(Body(LINE, name="f"), cube(0.2)), *(passing(n) for n in range(12))]
+
+    def existing(frame):
+        return [n for n, each in enumerate(movers) if each.first_frame <= frame <= (each.last_frame or 99) + 1]
+
+    everyone = SteppedSimulation(movers, fps=25, obstacles=obstacles(ROOM))
+    some = SteppedSimulation(movers, fps=25, existing=existing, obstacles=obstacles(ROOM))
+    sizes, contacts = set(), 0
+    for k in (*range(45), 7, 30, 12, 44):
+        state, all_states = some.frame(k), everyone.frame(k)
+        assert list(state.numbers) == existing(k)
+        rows = list(state.numbers)
+        assert state.poses.tobytes() == all_states.poses[rows].tobytes(), f"frame {k}"
+        assert state.arrivals.tobytes() == all_states.arrivals[rows].tobytes()
+        assert state.blocked.tolist() == all_states.blocked[rows].tolist()
+        assert state.contacts == all_states.contacts
+        sizes.add(len(rows))
+        contacts += sum(each.kind == "mover" for each in state.contacts)
+    assert max(sizes) <= 5
+    assert contacts > 3
+
+
+def test_assigned_windows_are_those_of_the_whole_group():
+    bodies = [("a", LINE), ("b", Still()), ("c", LINE)]
+    whole = WaitUntilComplete(0.5).windows(bodies)
+    assigned = AssignedWindows(WaitUntilComplete(0.5), bodies)
+    assert assigned.windows(bodies) == whole
+    assert assigned.windows(bodies[2:]) == whole[2:]
 
 
 @pytest.mark.parametrize("height", [0.0, 0.01, -0.05])

@@ -24,6 +24,7 @@ ROWS = {
     "files": "mutated_files",
     "server": "server_attacks",
     "big": "extreme_scenes",
+    "threads": "concurrent_streams",
 }
 
 

@@ -6,10 +6,13 @@ it is. docs/taichi.md describes how tiscene shares a process with the user's own
 """
 
 import contextlib
+import functools
 import io
 import os
 import tempfile
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from typing import ParamSpec, TypeVar
 
 import taichi as ti
 
@@ -18,10 +21,31 @@ from tiscene.device.taichi_patches import patched_kernel
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 _process: int | None = None  # in which `start` was called
+_lock = threading.RLock()
 
 patched_kernel.install()  # before kernel modules are imported, since their decorators gain by it
+
+
+def one_thread_at_a_time(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Decorate a function so that of all functions so decorated, only one thread at a time runs any.
+
+    Taichi's front end keeps its state in globals: an array cannot be made while another thread compiles a kernel.
+
+    Raises:
+        DeviceError: The process was forked, perhaps while another thread held the lock.
+    """
+
+    @functools.wraps(function)
+    def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        check_process()
+        with _lock:
+            return function(*args, **kwargs)
+
+    return locked
 
 
 def running() -> str | None:
@@ -31,6 +55,7 @@ def running() -> str | None:
     return "cuda" if ti.cfg.arch == ti.cuda else "cpu"
 
 
+@one_thread_at_a_time
 def start(arch: str | None = None, threads: int | None = None) -> str:
     """Start Taichi if it does not run yet.
 
@@ -47,7 +72,6 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     """
     if arch is not None and arch not in ARCHITECTURES:
         raise ArgumentError(f"arch={arch!r}: must be one of {', '.join(ARCHITECTURES)}")
-    check_process()
     global _process
     _process = os.getpid()
     restart.watch()

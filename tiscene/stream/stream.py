@@ -174,6 +174,7 @@ class Stream(Iterator[Frame]):
         if not COLORS.isdisjoint(rendered_buffers(self.buffers)):
             warn_if_dark(source.scene, self.world.descriptions)
 
+    @runtime.one_thread_at_a_time
     def restart(self, scenario: Scenario, *, width: int | None = None, height: int | None = None) -> None:
         """Start again at frame 0 with another scenario, of the same scene or of another one.
 
@@ -187,14 +188,10 @@ class Stream(Iterator[Frame]):
         Raises:
             TisceneError: the scenario, its stage or a template is invalid; nothing has changed then.
         """
-        width, height = width or self.width, height or self.height
-        stage = self.stages.stage(scenario)
+        width, height, stage = width or self.width, height or self.height, self.stages.stage(scenario)
+        settings, cache_bytes = self.render_settings, self._cache_bytes
         renderer = ViewRenderer(
-            self.render_settings,
-            seed=self.seed,
-            shutter=self.shutter,
-            cache_bytes=self._cache_bytes,
-            progress=self._progress,
+            settings, seed=self.seed, shutter=self.shutter, cache_bytes=cache_bytes, progress=self._progress
         )
         load_template = partial(self.stages.template, scenario=scenario, stage=stage)
         ids = CategoryIds(catalog.categories(), catalog.FIRST_UNREGISTERED_ID, self._selected_categories)
@@ -301,10 +298,12 @@ class Stream(Iterator[Frame]):
             raise IndexError(f"frame {index} is {outside}")
         return self._render(index)
 
+    @runtime.one_thread_at_a_time
     def _render(self, index: int) -> Frame:
         self._renderer.check_session()  # before the simulation uses its arrays
         return render_all_cameras(self._renderer, self.world.state(index), self.buffers, self.width, self.height)
 
+    @runtime.one_thread_at_a_time
     def render_view(
         self,
         index: int,
@@ -330,6 +329,7 @@ class Stream(Iterator[Frame]):
         return self._renderer.render(state, view, names, main_size=size, since=since, incremental=incremental)
 
     @property
+    @runtime.one_thread_at_a_time
     def exposure(self) -> float:
         """Stops by which `rgb` is exposed: the camera's, else metered at frame 0 by the main camera."""
         return self._renderer.exposure(self.width, self.height)
