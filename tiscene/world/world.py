@@ -167,11 +167,11 @@ class World:
     def _compute_state(self, frame: int) -> WorldState:
         objects = tuple(self._evaluator.objects(frame))
         if frame == 0:
-            previous = ObjectBounds.of(tuple(each for each in objects if each.prim_path))
+            previous = ObjectBounds(tuple(each for each in objects if each.prim_path))
         elif self._last_state is not None and self._last_state.frame == frame - 1:
             previous = self._last_state.bounds
         else:
-            previous = ObjectBounds.of(tuple(self._evaluator.objects(frame - 1)))
+            previous = ObjectBounds(tuple(self._evaluator.objects(frame - 1)))
         placement = self._evaluator.place(frame)
         lights = placement.lights
         return WorldState(

@@ -7,6 +7,7 @@ where the cameras are, so that no consumer asks the world again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -31,9 +32,11 @@ class CameraStep(NamedTuple):
     next: Camera
 
 
-@dataclass(frozen=True, eq=False)
 class ObjectBounds:
-    """Live objects of one frame as arrays.
+    """Bounds of the live objects of one frame, and which of them a camera has in view.
+
+    Most objects of a stage never change: their rows, and whether a resting camera sees them, are taken over from the
+    frame before.
 
     Attributes:
         ids: int64 [n], ascending instance ids.
@@ -41,17 +44,35 @@ class ObjectBounds:
         poses: float64 [n, 3, 4], from each object's axes to the world.
     """
 
-    ids: NDArray[np.int64]
-    boxes: NDArray[np.float64]
-    poses: NDArray[np.float64]
+    def __init__(self, objects: Sequence[WorldObject], earlier: ObjectBounds | None = None):
+        """Collect the bounds of live objects.
 
-    @classmethod
-    def of(cls, objects: tuple[WorldObject, ...]) -> ObjectBounds:
-        """Collect the bounds of live objects."""
-        poses = np.array([(*each.position, *each.rotation) for each in objects]).reshape(-1, 7)
-        matrices = np.concatenate([matrix_from_quaternion(poses[:, 3:]), poses[:, :3, None]], axis=2)
-        boxes = np.array([each.box for each in objects], np.float64).reshape(-1, 2, 3)
-        return cls(np.array([each.id for each in objects], np.int64), boxes, matrices)
+        Args:
+            objects: the live objects, by ascending id.
+            earlier: bounds at another frame; rows that are the same Python object there are not computed again.
+        """
+        self._objects = objects
+        self._visible: dict[tuple[Camera, float], NDArray[np.bool_]] = {}
+        self._known: dict[tuple[Camera, float], NDArray[np.bool_]] = {}
+        if earlier is not None and len(earlier._objects) == len(objects):
+            pairs = enumerate(zip(objects, earlier._objects, strict=True))
+            self._changed = [row for row, (each, last) in pairs if each is not last]
+            self._known = dict(earlier._visible)
+            self.ids, self.boxes, self.poses = earlier.ids.copy(), earlier.boxes.copy(), earlier.poses.copy()
+        else:
+            self._changed, count = list(range(len(objects))), len(objects)
+            self.ids, self.boxes, self.poses = (
+                np.zeros(count, np.int64),
+                np.zeros((count, 2, 3)),
+                np.zeros((count, 3, 4)),
+            )
+        changed = [objects[row] for row in self._changed]
+        if changed:
+            poses = np.array([(*each.position, *each.rotation) for each in changed])
+            self.ids[self._changed] = [each.id for each in changed]
+            self.boxes[self._changed] = [each.box for each in changed]
+            self.poses[self._changed, :, :3] = matrix_from_quaternion(poses[:, 3:])
+            self.poses[self._changed, :, 3] = poses[:, :3]
 
     def visible(self, camera: Camera, aspect: float) -> set[int]:
         """Return the ids of the objects whose box intersects a camera's view.
@@ -60,7 +81,15 @@ class ObjectBounds:
             camera: the camera.
             aspect: width / height of its image.
         """
-        return set(self.ids[in_view(camera, aspect, self.boxes, self.poses)].tolist())
+        key = camera, aspect
+        if key not in self._visible:
+            if key in self._known:
+                rows, result = self._changed, self._known[key].copy()
+            else:
+                rows, result = list(range(len(self.ids))), np.zeros(len(self.ids), np.bool_)
+            result[rows] = in_view(camera, aspect, self.boxes[rows], self.poses[rows])
+            self._visible[key] = result
+        return set(self.ids[self._visible[key]].tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +126,7 @@ class WorldState:
     @cached_property
     def bounds(self) -> ObjectBounds:
         """Bounds of the live objects."""
-        return ObjectBounds.of(self.objects)
+        return ObjectBounds(self.objects, self.previous_bounds)
 
     def events(self, camera: CameraStep | None = None, aspect: float | None = None) -> tuple[Event, ...]:
         """Return all events since frame k - 1, as one camera sees them.
