@@ -17,9 +17,9 @@ from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.animated_image import write_animation
 from tiscene.export.contact_sheet import contact_sheet
 from tiscene.export.png import write_png
-from tiscene.export.visualize import Limits, limits_of
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
+from tiscene.frame.visualize import Limits, limits_of
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera

@@ -12,7 +12,6 @@
     cryptomatte     object and material mattes
     sailenv_layout  the layout of SAILenv's recordings
     frame_json      camera, events and objects of a frame
-    visualize       buffers as images
     contact_sheet   one image of many buffers
     animated_image  WebP, GIF and APNG
 """

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from tiscene.errors import ArgumentError
-from tiscene.export.visualize import Limits, picture
+from tiscene.frame.visualize import Limits, picture
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame

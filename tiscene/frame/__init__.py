@@ -7,4 +7,5 @@
     buffers       registry of per-pixel buffers: name, type, unit, background
     object_table  one row per live object, with boxes and visibility
     events        spawn, despawn, contact, enter, leave
+    visualize     buffers as images
 """

@@ -3,7 +3,7 @@
 
 ::
 
-    from tiscene.export.visualize import picture
+    from tiscene.frame.visualize import picture
     picture("depth", frame.depth).image            # and .caption: "0.82 to 7.30 m"
 
 Color maps are defined in OKLab (Ottosson 2020), which is perceptually uniform: lightness shows distances, hue separates

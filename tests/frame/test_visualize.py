@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tests.export.fake_stream import fake_buffer
-from tiscene.export import visualize
-from tiscene.export.visualize import BACKGROUND, picture
+from tiscene.frame import visualize
 from tiscene.frame.buffers import BUFFERS
+from tiscene.frame.visualize import BACKGROUND, picture
 
 
 @pytest.mark.parametrize("name", BUFFERS)
