@@ -17,6 +17,7 @@ Each class also inherits the built-in exception that a caller would catch::
     ├── ArgumentError (ValueError)        an argument outside its range or of the wrong type
     │   └── ArgumentTypeError (TypeError)  an argument of the wrong type
     ├── ExportError (RuntimeError)        an output folder or file that cannot be written or continued
+    ├── MissingExtra (ImportError)        a library that is installed with an extra, `pip install 'tiscene[NAME]'`
     └── DeviceError (RuntimeError)        Taichi cannot run as requested
 
     StageWarning (UserWarning)            content of a stage that is left out or approximated
@@ -41,6 +42,7 @@ __all__ = [
     "DeviceError",
     "ExportError",
     "LightNotFound",
+    "MissingExtra",
     "MissingFile",
     "ObjectNotFound",
     "ScenarioError",
@@ -51,6 +53,7 @@ __all__ = [
     "TisceneError",
     "UnknownName",
     "export_errors",
+    "requires_extra",
     "scenario_errors",
 ]
 
@@ -164,6 +167,24 @@ def export_errors(path: str | os.PathLike[str]) -> Iterator[None]:
 
 class ExportError(TisceneError, RuntimeError):
     """An output folder or file that cannot be written or continued."""
+
+
+class MissingExtra(TisceneError, ImportError):
+    """A library is not installed; the message names the extra that installs it."""
+
+
+@contextlib.contextmanager
+def requires_extra(extra: str) -> Iterator[None]:
+    """Convert the ImportError of an optional library, imported in the block, to MissingExtra.
+
+    Args:
+        extra: The extra in pyproject.toml that installs the library.
+    """
+    try:
+        yield
+    except ImportError as error:
+        library = (error.name or str(error)).split(".")[0]
+        raise MissingExtra(f"{library} is not installed: pip install 'tiscene[{extra}]'") from error
 
 
 class DeviceError(TisceneError, RuntimeError):
