@@ -17,30 +17,30 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass, replace
-from inspect import isabstract
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import dynamics
-from dynamics import AllTogether, Dynamic, Still, Timing, argument_checks
+from dynamics import AllTogether, Still, Timing, argument_checks
 from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
-from tiscene.scenario.edits import (
-    Despawn,
-    Edit,
-    EditLog,
-    Move,
-    ObjectHistory,
-    SetFrustumWalls,
-    Spawn,
-    StageObjectHistory,
-)
+from tiscene.scenario.edits import Edit, EditLog, ObjectHistory, StageObjectHistory
 from tiscene.scenario.light_motion import LightMotion
-from tiscene.scenario.objects import Frustum, Object, check_dynamic
+from tiscene.scenario.objects import Frustum, Object
+from tiscene.scenario.overrides import Override
 from tiscene.scenario.providers import provider
+from tiscene.scenario.scenario_fields import (
+    FIELDS,
+    check_cameras,
+    check_edits,
+    check_lights,
+    check_objects,
+    check_overrides,
+    check_variants,
+    classes,
+)
 from tiscene.scene.camera import Camera
 
 FORMAT, VERSION = "tiscene.scenario", 1
@@ -62,6 +62,9 @@ class Scenario:
         edits: edits made while a stream ran, in the order in which they were made; see `tiscene.scenario.edits`.
         lights: motion and intensity of lights of the stage.
         variants: variant selections on the stage by prim and set, {"/Room{lighting}": "night"}.
+        overrides: changes of lights, materials, objects and cameras of the stage, for all frames; see
+            `tiscene.scenario.overrides`.
+        exposure_compensation: stops by which `rgb` is brighter than the cameras' exposure makes it.
 
     Raises:
         ScenarioError: the parts contradict each other, such as timings that cannot work for a trajectory.
@@ -75,24 +78,29 @@ class Scenario:
     edits: Sequence[Edit] = ()
     lights: Sequence[LightMotion] = ()
     variants: Mapping[str, str] = field(default_factory=dict, hash=False)
+    overrides: Sequence[Override] = ()
+    exposure_compensation: float = 0.0
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
         with scenario_errors():
             object.__setattr__(self, "scene", argument_checks.text(scene, "scene"))
-            object.__setattr__(self, "objects", _check_objects(self.objects))
+            object.__setattr__(self, "objects", check_objects(self.objects))
             if not isinstance(self.timings, Timing):
                 raise ScenarioError(f"timings={self.timings!r}: must be a timing, such as AllTogether(0.75)")
             if not isinstance(self.frustum, Frustum | None):
                 raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
-            object.__setattr__(self, "camera", _check_cameras(self.camera))
+            object.__setattr__(self, "camera", check_cameras(self.camera))
             try:
                 self.timings.windows([(each.id, each.dynamic or Still()) for each in self.objects])
             except ValueError as error:
                 raise ScenarioError(f"timings: {error}") from error
-            object.__setattr__(self, "edits", _check_edits(self.edits))
-            object.__setattr__(self, "lights", _check_lights(self.lights))
-            object.__setattr__(self, "variants", _check_variants(self.variants))
+            object.__setattr__(self, "edits", check_edits(self.edits))
+            object.__setattr__(self, "lights", check_lights(self.lights))
+            object.__setattr__(self, "variants", check_variants(self.variants))
+            object.__setattr__(self, "overrides", check_overrides(self.overrides))
+            stops = argument_checks.number(self.exposure_compensation, "exposure_compensation")
+            object.__setattr__(self, "exposure_compensation", stops)
             self.log()
 
     def lives(self) -> list[ObjectHistory]:
@@ -269,119 +277,4 @@ class Scenario:
             raise ScenarioError(f"{path}: {error}") from error
 
 
-def _classes(*classes: type) -> dict[str, type]:
-    return {cls.__name__: cls for cls in classes}
-
-
-class _Dynamics(Mapping[str, type]):
-    """Trajectory classes by name: the library's, and every dataclass that a user derives from `Dynamic`."""
-
-    _LIBRARY = _classes(
-        dynamics.CatmullWaypoints,
-        dynamics.Composite,
-        dynamics.Keyframes,
-        dynamics.LinearWaypoints,
-        dynamics.LookAt,
-        dynamics.Orbit,
-        dynamics.Still,
-        dynamics.UniformMovementRandomBounce,
-    )
-
-    def _all(self) -> dict[str, type]:
-        classes: dict[str, type] = {}
-        pending: list[type] = [Dynamic]
-        while pending:
-            derived: list[type] = pending.pop().__subclasses__()
-            classes |= {cls.__name__: cls for cls in derived if is_dataclass(cls) and not isabstract(cls)}
-            pending += derived
-        return classes | self._LIBRARY
-
-    def __getitem__(self, name: str) -> type:
-        return self._all()[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._all())
-
-    def __len__(self) -> int:
-        return len(self._all())
-
-
-_DYNAMICS = _Dynamics()
-SCENARIOS = _classes(Scenario)
-# Which classes a field holds, by its name; see `scenario_json`.
-FIELDS: dict[str, Mapping[str, type]] = {
-    "camera": _classes(Camera),
-    "dynamic": _DYNAMICS,
-    "edits": _classes(Despawn, SetFrustumWalls, Move, Spawn),
-    "frustum": _classes(Frustum),
-    "lights": _classes(LightMotion),
-    "motion": _DYNAMICS,
-    "object": _classes(Object),
-    "objects": _classes(Object),
-    "parts": _DYNAMICS,
-    "timings": _classes(dynamics.AllTogether, dynamics.DictTimings, dynamics.WaitUntilComplete),
-    "variants": {},
-    "waypoints": _classes(dynamics.Waypoint),
-}
-
-
-def _check_objects(value: Any) -> tuple[Object, ...]:
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        raise ScenarioError(f"objects={value!r}: must be a sequence of Object(id, template, ...)")
-    rows: dict[str, int] = {}
-    for row, each in enumerate(value):
-        if not isinstance(each, Object):
-            raise ScenarioError(f"objects[{row}]={each!r}: must be an Object(id, template, ...)")
-        if each.id in rows:
-            raise ScenarioError(f"objects[{row}].id={each.id!r}: objects[{rows[each.id]}] has this id already")
-        rows[each.id] = row
-    return tuple(value)
-
-
-def _check_edits(value: Any) -> tuple[Edit, ...]:
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn, Move and SetFrustumWalls")
-    for row, each in enumerate(value):
-        if not isinstance(each, Edit):
-            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn, a Move or an SetFrustumWalls")
-        if isinstance(each, SetFrustumWalls) and not isinstance(each.frustum, Frustum | None):
-            raise ScenarioError(f"edits[{row}].frustum={each.frustum!r}: must be a Frustum or None")
-        if isinstance(each, Spawn) and not isinstance(each.object, Object):
-            raise ScenarioError(f"edits[{row}].object={each.object!r}: must be an Object(id, template, ...)")
-    return tuple(value)
-
-
-def _check_variants(value: Any) -> dict[str, Any]:
-    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise ScenarioError(
-            f'variants={value!r}: must map prims and sets to variants, as {{"/Room{{lighting}}": "night"}}'
-        )
-    return dict(value)
-
-
-def _check_lights(value: Any) -> tuple[LightMotion, ...]:
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        raise ScenarioError(f"lights={value!r}: must be a sequence of LightMotion")
-    for row, each in enumerate(value):
-        if not isinstance(each, LightMotion):
-            raise ScenarioError(f"lights[{row}]={each!r}: must be a LightMotion")
-        if each.light in [other.light for other in value[:row]]:
-            raise ScenarioError(f"lights[{row}].light={each.light!r}: it has a motion already")
-    return tuple(value)
-
-
-def _check_cameras(value: Any) -> Any:
-    """One camera, as it is, or several as a tuple, whose names differ."""
-    several = isinstance(value, Sequence) and not isinstance(value, str)
-    cameras = tuple(value) if several else (value,)
-    if several and (not cameras or not all(isinstance(each, Camera | str) for each in cameras)):
-        raise ScenarioError(f"camera={value!r}: of several each must be a Camera or the name of one on the stage")
-    names = [each.name if isinstance(each, Camera) else each for each in cameras]
-    for row, each in enumerate(cameras):
-        if not isinstance(each, Camera | str | None):
-            raise ScenarioError(f"camera={each!r}: must be a Camera, the name of one on the stage, or None")
-        if isinstance(each, Camera):
-            check_dynamic(each.dynamic, f"camera[{row}].dynamic" if several else "camera.dynamic")
-        if names[row] in names[:row]:
-            raise ScenarioError(f"camera[{row}]: another one is called {names[row]!r} already")
-    return cameras if several else value
+SCENARIOS = classes(Scenario)
