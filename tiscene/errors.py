@@ -10,6 +10,7 @@ Each class also inherits the built-in exception that a caller would catch::
     │   ├── ObjectNotFound                no live object of that name or id
     │   ├── CameraNotFound                no such camera on the stage
     │   ├── LightNotFound                 no such light on the stage
+    │   ├── MaterialNotFound              no such material on the stage or in a template
     │   └── BufferNotFound (KeyError, AttributeError)  no such buffer
     ├── MissingFile (FileNotFoundError)   a file that the user named does not exist
     ├── StageError (ValueError)           a USD stage that cannot be rendered; lists every problem with its prim path
@@ -42,6 +43,7 @@ __all__ = [
     "DeviceError",
     "ExportError",
     "LightNotFound",
+    "MaterialNotFound",
     "MissingExtra",
     "MissingFile",
     "ObjectNotFound",
@@ -111,6 +113,10 @@ class CameraNotFound(UnknownName):
 
 class LightNotFound(UnknownName):
     """The stage holds no light of that name or path."""
+
+
+class MaterialNotFound(UnknownName):
+    """Neither the stage nor a template holds a material of that name or path."""
 
 
 class BufferNotFound(UnknownName, KeyError, AttributeError):  # type: ignore[misc]  # AttributeError.name may be None

@@ -3,11 +3,13 @@
 
 ::
 
-    scenario       Scenario
-    objects         Object and Frustum
-    edits          Spawn, Despawn, Move and the edit log
-    lifespan_index  objects that are alive at a frame
-    light_motion   motion and brightness of lights over time
-    serialization  values to JSON and back
-    providers        functions of higher packages, imported at first use
+    scenario          Scenario
+    objects           Object and Frustum
+    edits             Spawn, Despawn, Move and the edit log
+    lifespan_index    objects that are alive at a frame
+    overrides         changes of the stage that hold for all frames
+    scenario_fields   classes and checks of a scenario's fields
+    light_motion      motion and brightness of lights over time
+    serialization     values to JSON and back
+    providers         functions of higher packages, imported at first use
 """

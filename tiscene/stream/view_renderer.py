@@ -74,7 +74,9 @@ class ViewRenderer:
         return self._scene.trees
 
     def exposure(self, width: int, height: int) -> float:
-        """Return the main camera's exposure in stops; metered at frame 0, in that image size, if it has none.
+        """Return the main camera's exposure in stops, with the scenario's compensation.
+
+        If it has none, it is metered at frame 0, in that image size.
 
         It is metered at frame 0 whatever frame is rendered first, so that a seek changes no pixel.
         """
@@ -83,7 +85,7 @@ class ViewRenderer:
             self._upload_descriptions()
             view = View(*state.cameras[0], width=width, height=height)
             self._exposure = self._renderer(view).auto_exposure(view, state.placement, seed=self._seed)
-        return self._exposure
+        return self._exposure + self.world.scenario.exposure_compensation
 
     def render(
         self,
@@ -127,6 +129,8 @@ class ViewRenderer:
         exposure = view.current.exposure
         if exposure is None:
             exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
+        else:
+            exposure += self.world.scenario.exposure_compensation
         renderer = self._renderer(view)
         rendered = renderer.render(
             view,

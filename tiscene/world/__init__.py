@@ -3,18 +3,19 @@
 
 ::
 
-    world            World
-    world_state      WorldState: everything about one frame
-    frame_evaluator  placements, live objects, lights and movers at one frame
-    object_registry  ids, labels, meshes and boxes of all objects
-    object_geometry  meshes, box and lights of a template at a scale
-    category_ids     ids of semantic categories
-    stage_objects    edits of the stage's own objects
-    stage_animation  instances that move by the stage's time samples
-    trajectories     poses of objects, cameras and lights; collisions
-    object_movers    objects as bodies of dynamics
-    collision_onset  first frame at which objects might collide
-    lights           lights at each frame
-    event_detector   events between two frames
-    frustum_test     which boxes a camera has in view
+    world             World
+    world_state       WorldState: everything about one frame
+    frame_evaluator   placements, live objects, lights and movers at one frame
+    object_registry   ids, labels, meshes and boxes of all objects
+    object_geometry   meshes, box and lights of a template at a scale
+    overridden_stage  the stage with a scenario's overrides
+    category_ids      ids of semantic categories
+    stage_objects     edits of the stage's own objects
+    stage_animation   instances that move by the stage's time samples
+    trajectories      poses of objects, cameras and lights; collisions
+    object_movers     objects as bodies of dynamics
+    collision_onset   first frame at which objects might collide
+    lights            lights at each frame
+    event_detector    events between two frames
+    frustum_test      which boxes a camera has in view
 """

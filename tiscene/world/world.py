@@ -31,6 +31,7 @@ from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
 from tiscene.world.object_registry import ObjectRegistry, WorldObject
+from tiscene.world.overridden_stage import check_materials, overridden, with_materials
 from tiscene.world.stage_objects import StageObjects
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
@@ -47,7 +48,7 @@ class World:
 
     Args:
         scenario: the scenario.
-        stage: its stage.
+        stage: its stage, as authored.
         load_template: loads a template that the stage does not hold; raises TemplateNotFound.
         fps: frame k shows time k / fps.
         aspect: width / height of the main camera's view, which the frustum's walls enclose.
@@ -56,7 +57,7 @@ class World:
         category_ids: assigns the ids of categories; None: 1, 2, ... as they first appear.
 
     Attributes:
-        stage: the stage.
+        stage: the stage, with the scenario's overrides.
         fps: frames per second.
         cameras: the scenario's cameras, else the stage's first, else one that frames the whole stage.
         next_frame: the frame at which edits take effect.
@@ -78,7 +79,7 @@ class World:
     ) -> None:
         self._scenario = scenario
         self._log = scenario.log()
-        self.stage = stage
+        self.stage = stage = overridden(stage, scenario.overrides)
         self.fps = positive("fps", fps)
         self.cameras = tuple(each if isinstance(each, Camera) else stage.camera(each) for each in scenario.cameras)
         names = [camera.name for camera in self.cameras]
@@ -87,7 +88,13 @@ class World:
         self.next_frame = 0
         self._last_state: WorldState | None = None
         self._aspect = aspect
-        registry = ObjectRegistry(stage, load_template, category_ids or CategoryIds(), self._log.lives)
+
+        def load(name: str) -> Template:
+            template = load_template(name)
+            return replace(template, description=with_materials(template.description, scenario.overrides))
+
+        registry = ObjectRegistry(stage, load, category_ids or CategoryIds(), self._log.lives)
+        check_materials(registry.descriptions, scenario.overrides)
         self._registry = registry
         self._stage_objects = StageObjects(stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, fps)
         self._stage_objects.settle(self._log.stage)

@@ -250,7 +250,10 @@ class _ScenarioReader:
         far = authored(root, "tiscene:scenario:frustumFar")
         if far:
             content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far, True)}
-        for key in ("edits", "lights", "variants"):
+        stops = authored(root, "tiscene:scenario:exposureCompensation")
+        if stops:
+            content["exposure_compensation"] = float(stops)
+        for key in ("edits", "lights", "variants", "overrides"):
             text = authored(root, f"tiscene:scenario:{key}")
             if text:
                 try:

@@ -60,9 +60,11 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
             ]
             paths = [prim.GetPath() for prim in cameras]
             root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
-        for key in ("edits", "lights", "variants"):
+        for key in ("edits", "lights", "variants", "overrides"):
             if content.get(key):
                 _set(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
+        if stops := content.get("exposure_compensation"):
+            _set(root, "tiscene:scenario:exposureCompensation", _TYPES.Double, stops)
         report.raise_problems()
         over.export(path)
 

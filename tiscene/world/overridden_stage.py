@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Apply a scenario's overrides to the description of its stage, and to those of templates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.rotation import matrix_from_quaternion, quaternion
+from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError
+from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
+from tiscene.scene.assembly import rigid
+from tiscene.scene.camera import Camera
+from tiscene.scene.description import Collider, Instance, Light, Material, SceneDescription, TextureLookup
+from tiscene.scene.lights.light_groups import emission_of, with_emission
+
+Array = NDArray[np.float64]
+
+
+class _Prim(Protocol):
+    @property
+    def name(self) -> str: ...
+    @property
+    def prim_path(self) -> str: ...
+
+
+AnyPrim = TypeVar("AnyPrim", bound=_Prim)
+
+
+def overridden(stage: SceneDescription, overrides: Sequence[Override]) -> SceneDescription:
+    """Return a stage with overrides. Overrides of materials that it does not have are left to its templates.
+
+    Args:
+        stage: the stage as authored.
+        overrides: the overrides.
+
+    Raises:
+        LightNotFound, ObjectNotFound, CameraNotFound: an override names a prim that the stage does not have.
+        MaterialNotFound: a `like` that it does not have.
+        ScenarioError: an animated object is placed elsewhere.
+    """
+    if not overrides:
+        return stage
+    lights, cameras = list(stage.lights), list(stage.cameras)
+    for each in overrides:
+        if isinstance(each, LightOverride):
+            row = _row(stage.lights, each.prim)
+            if row is None:
+                paths = [light.prim_path for light in stage.lights]
+                raise LightNotFound("light", each.prim, paths, f" in scene {stage.name!r}")
+            lights[row] = _lit(lights[row], each, np.asarray(stage.up))
+        elif isinstance(each, CameraOverride):
+            camera = stage.camera(each.prim or None)
+            if camera in stage.cameras:
+                cameras[stage.cameras.index(camera)] = _seen(camera, each)
+            else:  # of a stage without cameras
+                cameras = [_seen(camera, each)]
+    stage = replace(stage, lights=tuple(lights), cameras=tuple(cameras))
+    for each in overrides:
+        if isinstance(each, ObjectOverride):
+            stage = _arranged(stage, each)
+    templates = tuple(
+        replace(each, description=with_materials(each.description, overrides)) for each in stage.templates
+    )
+    return replace(with_materials(stage, overrides), templates=templates)
+
+
+def with_materials(description: SceneDescription, overrides: Sequence[Override]) -> SceneDescription:
+    """Return a stage or template with the overrides of those materials that it has.
+
+    Raises:
+        MaterialNotFound: it has an overridden material, but not the one that this should be like.
+    """
+    materials = list(description.materials)
+    for each in overrides:
+        row = _row(description.materials, each.prim) if isinstance(each, MaterialOverride) else None
+        if row is not None:
+            assert isinstance(each, MaterialOverride)
+            materials[row] = _painted(materials[row], each, description)
+    return replace(description, materials=tuple(materials)) if materials != list(description.materials) else description
+
+
+def check_materials(descriptions: Sequence[SceneDescription], overrides: Sequence[Override]) -> None:
+    """Check that each overridden material is in one of the descriptions.
+
+    Raises:
+        MaterialNotFound: one is not.
+    """
+    for each in overrides:
+        if isinstance(each, MaterialOverride):
+            found = [_row(description.materials, each.prim) for description in descriptions]
+            if all(row is None for row in found):
+                known = [material.prim_path for one in descriptions for material in one.materials if material.prim_path]
+                raise MaterialNotFound("material", each.prim, known, " on the stage or in a template of the scenario")
+
+
+def _row(prims: Sequence[AnyPrim], name: str) -> int | None:
+    """Return the row of the prim with a path, else of the first one with a name."""
+    for key in ("prim_path", "name"):
+        for row, each in enumerate(prims):
+            if getattr(each, key) == name:
+                return row
+    return None
+
+
+def _lit(light: Light, override: LightOverride, up: Array) -> Light:
+    """Return a light with its override."""
+    emission = [each * override.intensity * tint for each, tint in zip(emission_of(light), override.color, strict=True)]
+    red, green, blue = emission
+    light = with_emission(light, (red, green, blue))
+    if override.pitch == 0.0 and override.yaw == 0.0:
+        return light
+    pose = light.world_from_light.copy()
+    half = 0.5 * math.radians(override.yaw)
+    turn = matrix_from_quaternion(np.array([math.cos(half), *(math.sin(half) * up)]))
+    tilt = matrix_from_quaternion(quaternion((override.pitch, 0.0, 0.0)))
+    pose[:3, :3] = np.einsum("ij,jk,kl->il", turn, pose[:3, :3], tilt)
+    return replace(light, world_from_light=pose)
+
+
+def _seen(camera: Camera, override: CameraOverride) -> Camera:
+    """Return a camera with its override."""
+    names = ("position", "vertical_fov", "lens_radius", "focus_distance")
+    given = {name: value for name in names if (value := getattr(override, name)) is not None}
+    if override.rotation is not None:
+        given["rotation"] = tuple(quaternion(override.rotation).tolist())
+    return replace(camera, **given)
+
+
+def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescription:
+    """Return a stage with one object elsewhere, or left out."""
+    number = _row(stage.objects, override.prim)
+    if number is None:
+        raise ObjectNotFound(
+            "object", override.prim, [each.prim_path for each in stage.objects], f" in scene {stage.name!r}"
+        )
+    own = np.array([each.object == number for each in stage.instances], np.bool_)
+    path = stage.objects[number].prim_path
+    if any(own[track.instances].any() for track in stage.tracks):
+        raise ScenarioError(f"overrides: the object {path!r} is animated by the stage; move it with an edit")
+    if not override.visible:
+        return _without(stage, number, own)
+    if not own.any() or (override.position is None and override.rotation is None):
+        return stage
+    start = rigid(stage.instances[int(own.argmax())].world_from_object)
+    pose = start.copy()
+    if override.position is not None:
+        pose[:3, 3] = override.position
+    if override.rotation is not None:
+        pose[:3, :3] = matrix_from_quaternion(quaternion(override.rotation))
+    by = np.einsum("ij,jk->ik", pose, np.linalg.inv(start))
+
+    def moved(each: Instance) -> Instance:
+        return replace(each, world_from_object=np.einsum("ij,jk->ik", by, each.world_from_object))
+
+    def carried(light: Light) -> Light:
+        return replace(light, world_from_light=np.einsum("ij,jk->ik", by, light.world_from_light))
+
+    return replace(
+        stage,
+        instances=tuple(moved(each) if each.object == number else each for each in stage.instances),
+        colliders=_mapped(moved, stage.colliders, number),
+        lights=tuple(carried(each) if each.prim_path.startswith(f"{path}/") else each for each in stage.lights),
+    )
+
+
+def _mapped(moved: Callable[[Instance], Instance], colliders: Sequence[Collider], number: int) -> tuple[Collider, ...]:
+    return tuple(moved(each) if each.object == number else each for each in colliders)  # type: ignore[misc]
+
+
+def _without(stage: SceneDescription, number: int, own: NDArray[np.bool_]) -> SceneDescription:
+    """Return a stage without the instances, colliders and lights of an object, which keeps its row."""
+    rows = np.cumsum(~own) - 1
+    path = stage.objects[number].prim_path
+    return replace(
+        stage,
+        instances=tuple(each for each in stage.instances if each.object != number),
+        colliders=tuple(each for each in stage.colliders if each.object != number),
+        lights=tuple(each for each in stage.lights if not each.prim_path.startswith(f"{path}/")),
+        tracks=tuple(replace(track, instances=rows[track.instances].astype(np.int32)) for track in stage.tracks),
+    )
+
+
+def _painted(material: Material, override: MaterialOverride, description: SceneDescription) -> Material:
+    """Return a material with its override."""
+    if override.like is not None:
+        row = _row(description.materials, override.like)
+        if row is None:
+            known = [each.prim_path for each in description.materials if each.prim_path]
+            raise MaterialNotFound("material", override.like, known, f" in {description.name!r}")
+        material = replace(description.materials[row], name=material.name, prim_path=material.prim_path)
+    color = material.diffuse_color if override.color is None else override.color
+    if isinstance(color, TextureLookup):
+        factors = [each * tint for each, tint in zip(color.scale, (*override.tint, 1.0), strict=True)]
+        summands = [each * tint for each, tint in zip(color.bias, (*override.tint, 1.0), strict=True)]
+        scale, bias = (tuple(values) for values in (factors, summands))
+        color = replace(color, scale=scale, bias=bias)  # type: ignore[arg-type]
+    else:
+        red, green, blue = (min(each * tint, 1.0) for each, tint in zip(color, override.tint, strict=True))
+        color = (red, green, blue)
+    return replace(
+        material,
+        diffuse_color=color,
+        roughness=material.roughness if override.roughness is None else override.roughness,
+        metallic=material.metallic if override.metallic is None else override.metallic,
+    )
