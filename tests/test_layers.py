@@ -42,8 +42,10 @@ MAY_IMPORT = {
         *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.render", "tiscene.scene"),
         "tiscene.usd",
     },
+    "tiscene.loaders": {"tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.validation"},
     "tiscene.stream": {
         *("tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render", "tiscene.scenario"),
+        "tiscene.loaders",
         *("tiscene.scene", "tiscene.usd", "tiscene.validation", "tiscene.world"),
     },
     "tiscene.sailenv": {
@@ -54,9 +56,14 @@ MAY_IMPORT = {
         *("tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.stream"),
         "tiscene.sailenv",  # the coordinates of SAILenv's layout
     },
+    "tiscene.learning": {
+        *("dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.render"),
+        *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.validation", "tiscene.world"),
+    },
     "tiscene.cli": {
         *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.frame"),
         *("tiscene.sailenv", "tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd"),
+        "tiscene.learning",
     },
     "tiscene.__main__": {"tiscene.cli"},
 }
@@ -72,6 +79,7 @@ CALLED_BY_NAME = {
     "read_usd": "tiscene.usd.scenario.read:read_scenario",
     "write_usd": "tiscene.usd.scenario.write:write_scenario",
     "sample": "tiscene.randomization.sampler:sample",
+    "with_factor": "tiscene.randomization.factors:with_factor",
     "template": "tiscene.usd.read.template:read_template",  # by the catalog, for categories in binary templates
 }
 
@@ -165,9 +173,9 @@ def test_rooms_have_no_cycle_and_at_most_ten_floors():
     assert max(found.values()) == found["tiscene.__main__"] <= 10
 
 
-def test_tiscene_has_at_most_eighteen_rooms():
+def test_tiscene_has_at_most_twenty_two_rooms():
     folder = ROOT / "tiscene"
-    assert len([*folder.glob("*.py"), *folder.glob("*/__init__.py")]) <= 18
+    assert len([*folder.glob("*.py"), *folder.glob("*/__init__.py")]) <= 22
 
 
 def test_modules_have_no_import_cycle():

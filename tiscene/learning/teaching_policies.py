@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Policies of supervision: which pixels a teacher labels unasked, and when it answers questions.
+
+A policy is a frozen dataclass derived from `Policy`; users write their own in the same way. JSON files refer to it by
+the name of its class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError
+from tiscene.frame.frame import Frame
+
+Pixel = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Where a frame stands in its phase.
+
+    Attributes:
+        index: number of the frame in its phase, from 0.
+        length: number of frames of the phase; None: endless.
+        rng: random numbers of this frame, the same at every call.
+        moving: instance ids of the objects that move.
+    """
+
+    index: int
+    length: int | None
+    rng: np.random.Generator
+    moving: frozenset[int]
+
+
+class Policy:
+    """Which pixels a teacher labels unasked, and when it is silent."""
+
+    def is_silent(self, moment: Moment) -> bool:
+        """Return whether the teacher neither speaks nor answers at a frame."""
+        return False
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        """Return the pixels (row, column) that the teacher labels unasked."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Asked(Policy):
+    """Label only what is asked for."""
+
+
+@dataclass(frozen=True)
+class OnePixelPerMovingObject(Policy):
+    """Label a random visible pixel of each object that moves. Needs the buffer `instance`."""
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        chosen = []
+        for number in sorted(moment.moving):
+            rows, columns = np.nonzero(frame.instance == number)
+            if len(rows):
+                pick = int(moment.rng.integers(len(rows)))
+                chosen.append((int(rows[pick]), int(columns[pick])))
+        return chosen
+
+
+@dataclass(frozen=True)
+class RandomPixels(Policy):
+    """Label `count` random pixels of each frame, drawn without replacement.
+
+    Attributes:
+        count: number of pixels, 1 or more.
+    """
+
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if argument_checks.whole(self.count, "count") < 1:
+            raise ArgumentError(f"count={self.count!r}: must be at least 1")
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        width, height = frame.camera.width, frame.camera.height
+        drawn = moment.rng.choice(width * height, min(self.count, width * height), replace=False)
+        return [(int(pixel) // width, int(pixel) % width) for pixel in drawn]
+
+
+@dataclass(frozen=True)
+class FocusOfAttention(Policy):
+    """Label the pixel that a trajectory of fixations points at.
+
+    Attributes:
+        fixations: positions (row, column) as fractions of the image's height and width, 0..1.
+        hold: number of frames of each fixation. After the last one the first follows.
+    """
+
+    fixations: Sequence[tuple[float, float]]
+    hold: int = 1
+
+    def __post_init__(self) -> None:
+        fixations = tuple(tuple(map(float, each)) for each in self.fixations)
+        if not fixations or any(len(each) != 2 or not all(0.0 <= part <= 1.0 for part in each) for each in fixations):
+            raise ArgumentError(f"fixations={self.fixations!r}: must be one or more pairs of fractions from 0 to 1")
+        if argument_checks.whole(self.hold, "hold") < 1:
+            raise ArgumentError(f"hold={self.hold!r}: must be at least 1")
+        object.__setattr__(self, "fixations", fixations)
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        y, x = self.fixations[moment.index // self.hold % len(self.fixations)]
+        width, height = frame.camera.width, frame.camera.height
+        return [(min(int(y * height), height - 1), min(int(x * width), width - 1))]
+
+
+@dataclass(frozen=True)
+class FollowMovingObjects(Policy):
+    """Label the pixel of a focus of attention that stays on one moving object for a while, then moves to another.
+
+    The focus is the visible pixel nearest to the middle of the object's visible pixels; where nothing moves, the center
+    of the image. Needs the buffer `instance`.
+
+    Attributes:
+        hold: number of frames for which it stays on one object.
+    """
+
+    hold: int = 25
+
+    def __post_init__(self) -> None:
+        if argument_checks.whole(self.hold, "hold") < 1:
+            raise ArgumentError(f"hold={self.hold!r}: must be at least 1")
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        visible = sorted(moment.moving & set(np.unique(frame.instance).tolist()))
+        if not visible:
+            return [(frame.camera.height // 2, frame.camera.width // 2)]
+        places = np.argwhere(frame.instance == visible[moment.index // self.hold % len(visible)])
+        nearest = np.argmin(np.square(places - places.mean(axis=0)).sum(axis=1))
+        return [(int(places[nearest][0]), int(places[nearest][1]))]
+
+
+@dataclass(frozen=True)
+class Everything(Policy):
+    """Label every pixel, or every `step`-th one along both axes.
+
+    Attributes:
+        step: px, 1 or more.
+    """
+
+    step: int = 1
+
+    def __post_init__(self) -> None:
+        if argument_checks.whole(self.step, "step") < 1:
+            raise ArgumentError(f"step={self.step!r}: must be at least 1")
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        start = self.step // 2
+        columns = range(start, frame.camera.width, self.step)
+        return [(y, x) for y in range(start, frame.camera.height, self.step) for x in columns]
+
+
+@dataclass(frozen=True)
+class _InPartOfPhase(Policy):
+    """Follow another policy in a part of the phase; be silent in the rest.
+
+    Attributes:
+        count: number of frames.
+        policy: the policy in these frames.
+    """
+
+    count: int
+    policy: Policy = field(default_factory=OnePixelPerMovingObject)
+
+    def __post_init__(self) -> None:
+        if argument_checks.whole(self.count, "count") < 0:
+            raise ArgumentError(f"count={self.count!r}: must be 0 or more")
+        check_policy(self.policy, "policy")
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        return self.policy.pixels(frame, moment)
+
+
+@dataclass(frozen=True)
+class FirstFrames(_InPartOfPhase):
+    """Follow `policy` in the first `count` frames of a phase; be silent afterwards."""
+
+    def is_silent(self, moment: Moment) -> bool:
+        return moment.index >= self.count or self.policy.is_silent(moment)
+
+
+@dataclass(frozen=True)
+class LastFrames(_InPartOfPhase):
+    """Follow `policy` in the last `count` frames of a phase, which must have an end; be silent before."""
+
+    def is_silent(self, moment: Moment) -> bool:
+        if moment.length is None:
+            raise ArgumentError("LastFrames: the stream has no end; make it with frames=N")
+        return moment.index < moment.length - self.count or self.policy.is_silent(moment)
+
+
+@dataclass(frozen=True)
+class Recorded(Policy):
+    """Label the pixels that a ledger holds, each at the frame at which it was labeled then.
+
+    Attributes:
+        pixels_by_frame: rows (frame, row, column) of the present frame, of a `Supervision.ledger`.
+    """
+
+    pixels_by_frame: Sequence[tuple[int, int, int]]
+
+    def __post_init__(self) -> None:
+        rows = tuple((int(frame), int(y), int(x)) for frame, y, x in self.pixels_by_frame)
+        object.__setattr__(self, "pixels_by_frame", rows)
+
+    @cached_property
+    def _pixels(self) -> dict[int, list[Pixel]]:
+        found: dict[int, list[Pixel]] = {}
+        for index, y, x in self.pixels_by_frame:
+            found.setdefault(index, []).append((y, x))
+        return found
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        return self._pixels.get(moment.index, ())
+
+
+def check_policy(value: Any, name: str) -> Policy:
+    """Return `value`, a policy."""
+    if not isinstance(value, Policy):
+        hint = " (an instance, not the class)" if isinstance(value, type) else ""
+        raise ArgumentError(f"{name}={value!r}: must be a policy{hint}, such as OnePixelPerMovingObject()")
+    return value
