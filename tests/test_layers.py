@@ -39,8 +39,8 @@ MAY_IMPORT = {
         *("dynamics", "tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.scene", "tiscene.validation")
     },
     "tiscene.randomization": {
-        *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.render", "tiscene.scene"),
-        "tiscene.usd",
+        *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render"),
+        *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.world"),
     },
     "tiscene.loaders": {"tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.validation"},
     "tiscene.stream": {

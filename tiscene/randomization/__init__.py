@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random scenarios drawn from ranges, for `Scenario.sample`.
+"""Random scenarios drawn from ranges, for `Scenario.sample`, and factors of variation, for `Scenario.with_factor`.
 
 ::
 
-    sampler          draw a scenario
+    sampler              draw a scenario
+    factors              factors of variation by name
+    factor_ranges        the ranges of factors
+    illumination_factor  time of day, strength, color and direction of lights
+    object_factors       speed, instances and categories of objects
     ranges           the ranges to draw from
     draws            random numbers by seed, object and purpose
     object_placer    find a position or a closed path for an object

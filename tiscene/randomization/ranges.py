@@ -43,19 +43,19 @@ class ScenarioRanges:
     def __post_init__(self) -> None:
         for name, least, most in (("objects", 0, math.inf), ("waypoints", 2, 64), ("life", 1, math.inf)):
             if getattr(self, name) is not None:
-                self._set(name, _whole_range(getattr(self, name), name, least, most))
+                self._set(name, whole_range_of(getattr(self, name), name, least, most))
         for name, most in (("speed", math.inf), ("angular_speed", math.inf), ("in_view", 1.0), ("occlusion", 1.0)):
-            self._set(name, _range(getattr(self, name), name, most))
+            self._set(name, range_of(getattr(self, name), name, most))
         for name in ("scale", "depth"):
-            self._set(name, _range(getattr(self, name), name, math.inf))
+            self._set(name, range_of(getattr(self, name), name, math.inf))
             if getattr(self, name)[0] <= 0.0:
                 raise ArgumentError(f"{name}={getattr(self, name)}: must be greater than 0")
-        self._set("dynamics", _words(self.dynamics, "dynamics"))
+        self._set("dynamics", words_of(self.dynamics, "dynamics"))
         for word in self.dynamics:
             if word not in DYNAMICS:
                 raise ArgumentError(f"dynamics: {word!r} is not one of {', '.join(map(repr, DYNAMICS))}")
         if self.templates is not None:
-            self._set("templates", _words(self.templates, "templates"))
+            self._set("templates", words_of(self.templates, "templates"))
         moving = set(self.dynamics) - {"still"}
         if moving and self.speed[0] <= 0.0:
             raise ArgumentError(f"speed={self.speed}: moving objects need a speed above 0; or use dynamics=('still',)")
@@ -67,7 +67,7 @@ class ScenarioRanges:
         if self.life is not None and (self.frames is None or self.life[1] > self.frames):
             raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
         if self.frames is not None:
-            self._set("frames", _whole_range(self.frames, "frames", 1, math.inf)[0])
+            self._set("frames", whole_range_of(self.frames, "frames", 1, math.inf)[0])
         min_size = _numbers((self.min_size,), "min_size", 1)[0]
         if not 0.0 <= min_size <= 1.0:
             raise ArgumentError(
@@ -87,19 +87,19 @@ class ScenarioRanges:
         object.__setattr__(self, name, value)
 
 
-def _range(value: Any, name: str, most: float) -> tuple[float, float]:
-    """Return `value` as (low, high) within 0..most."""
+def range_of(value: Any, name: str, most: float, least: float = 0.0) -> tuple[float, float]:
+    """Return `value` as (low, high) within least..most."""
     values = (value, value) if isinstance(value, Real) else value
     low, high = _numbers(values, name, 2)
-    if not 0.0 <= low <= high <= most:
-        limits = "must be 0 or more" if most == math.inf else f"must lie within 0..{most:g}"
+    if not least <= low <= high <= most:
+        limits = f"must be {least:g} or more" if most == math.inf else f"must lie within {least:g}..{most:g}"
         raise ArgumentError(f"{name}={value!r}: {limits}, low before high")
     return (low, high)
 
 
-def _whole_range(value: Any, name: str, least: int, most: float) -> tuple[int, int]:
+def whole_range_of(value: Any, name: str, least: int, most: float) -> tuple[int, int]:
     """Return `value` as whole numbers (low, high) within least..most."""
-    low, high = _range(value, name, math.inf)
+    low, high = range_of(value, name, math.inf)
     if low != int(low) or high != int(high) or low < least or high > most:
         limits = f"{least} or more" if most == math.inf else f"from {least} to {most:g}"
         raise ArgumentError(f"{name}={value!r}: must be whole numbers, {limits}")
@@ -113,7 +113,8 @@ def _numbers(value: Any, name: str, count: int) -> tuple[float, ...]:
         raise ArgumentError(str(error)) from None
 
 
-def _words(value: Any, name: str) -> tuple[str, ...]:
+def words_of(value: Any, name: str) -> tuple[str, ...]:
+    """Return `value`, names, as a tuple."""
     if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(each, str) for each in value):
         raise ArgumentError(f"{name}={value!r}: must be a sequence of names")
     if not value:

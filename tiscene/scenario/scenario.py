@@ -181,6 +181,22 @@ class Scenario:
         content = provider("sample")(scene, seed=seed, camera=camera, **ranges)
         return replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
 
+    def with_factor(self, factor: str, value: Any = None, *, seed: int = 0) -> Scenario:
+        """Return the scenario with one factor of variation drawn anew, and everything else as it is: a counterfactual.
+
+        Args:
+            factor: such as "illumination" or "speed"; see `tiscene.randomization.factors`.
+            value: its value or ranges; None: typical ranges.
+            seed: 0 to 2^64 - 1. Each factor has random numbers of its own.
+
+        Raises:
+            UnknownName: there is no such factor.
+            ArgumentError: the value is wrong.
+            ScenarioError: the scenario cannot have it.
+        """
+        scenario: Scenario = provider("with_factor")(self, factor, value, seed=seed)
+        return scenario
+
     def to_json(self) -> dict[str, Any]:
         """Return the scenario as JSON values, from which `from_json` makes the same scenario, to the bit."""
         content: dict[str, Any] = serialization.encode(self, FIELDS, SCENARIOS)

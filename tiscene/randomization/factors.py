@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Factors of variation of a scenario, by name: the registry of `Scenario.with_factor` and of drift schedules.
+
+A factor takes a scenario to the same scenario with one aspect drawn anew: a counterfactual. Each factor has random
+numbers of its own, keyed by (seed, factor, object or light), so that no factor changes another one's draws. Applied
+twice, the second time counts, except for `speed`, whose factors multiply.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
+
+from tiscene.errors import ArgumentError, UnknownName
+from tiscene.randomization.draws import Draws
+from tiscene.randomization.illumination_factor import with_illumination
+from tiscene.randomization.object_factors import with_categories, with_instances, with_speed
+from tiscene.scenario.scenario import Scenario
+
+Apply = Callable[[Scenario, Any, Callable[[str], Draws]], Scenario]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor of variation.
+
+    Attributes:
+        name: its name.
+        value: what values it takes, in words.
+        is_numeric: whether a value may be one number, so that it can be ramped.
+        keeps_motion: whether objects keep their trajectories.
+        apply: returns a scenario with the factor drawn anew.
+    """
+
+    name: str
+    value: str
+    is_numeric: bool
+    keeps_motion: bool
+    apply: Apply
+
+
+FACTORS: dict[str, Factor] = {
+    each.name: each
+    for each in (
+        Factor("categories", "names of categories to draw from; None: all", False, True, with_categories),
+        Factor("instances", "templates to draw from; None: others of its category", False, True, with_instances),
+        Factor("illumination", "lighting ('night'), stops, or ranges; None: typical", True, True, with_illumination),
+        Factor("speed", "factor of speeds, or (low, high); None: (0.5, 2)", True, True, with_speed),
+    )
+}  # fmt: skip
+
+
+def with_factor(scenario: Scenario, name: str, value: Any = None, *, seed: int = 0) -> Scenario:
+    """Return a scenario with one factor drawn anew, and everything else as it was.
+
+    Args:
+        scenario: the scenario.
+        name: one of FACTORS.
+        value: value or ranges of the factor (`Factor.value`); None: a typical range.
+        seed: 0 to 2^64 - 1. Of the same seed, no other factor's draws change.
+
+    Raises:
+        UnknownName: there is no such factor.
+        ArgumentError: the value is wrong.
+        ScenarioError: the scenario cannot have it.
+    """
+    if name not in FACTORS:
+        raise UnknownName("factor", str(name), FACTORS)
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
+        raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
+    return FACTORS[name].apply(scenario, value, lambda part: factor_draws(int(seed), name, part))
+
+
+def factor_draws(seed: int, factor: str, part: str = "") -> Draws:
+    """Return the random numbers of a factor for one object, light or material; "" for the scenario."""
+    digest = hashlib.sha256(f"{factor}\n{part}".encode()).digest()
+    return Draws(seed, int.from_bytes(digest[:8], "little"))
