@@ -10,6 +10,7 @@ Packages, from the user's side down::
     export         frames to files
     sailenv        SAILenv's API and wire protocol
     stream         streams of frames: iteration, random access, state
+    loaders        streams as data sets of PyTorch, Grain and Hugging Face
     randomization  random scenarios
     world          state of objects, cameras and lights at each frame
     render         labels, path tracing, incremental rendering, film

@@ -9,6 +9,8 @@
     incremental    decide which frames are rendered incrementally
     shutter        sample times while the shutter is open (motion blur)
     stage_cache    stages that were read last
+    render_ahead   render the next frames in a worker process
+    stream_output  methods for USD programs and notebooks
     loading        read a stage while kernels compile
     saved_state    check of saved states
     progress       default progress bar

@@ -12,7 +12,7 @@ import json
 import operator
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
@@ -23,6 +23,7 @@ from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import COLORS, buffer_names, rendered_buffers
 from tiscene.frame.frame import Frame
+from tiscene.loaders.loader_methods import LoaderMethods
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES
 from tiscene.render.render_settings import RenderSettings, preset
@@ -32,11 +33,12 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.progress import ProgressBar
+from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.saved_state import VERSION, check_state
 from tiscene.stream.stage_cache import StageCache, digest, file_digests
+from tiscene.stream.stream_output import StreamOutput
 from tiscene.stream.view_renderer import ViewRenderer, render_all_cameras
 from tiscene.usd.core.limits import Limits
-from tiscene.usd.scenario.bake import write_motion
 from tiscene.validation import distinct_names, integer, number, positive, shutter_times
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import warn_if_dark
@@ -46,7 +48,7 @@ DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 MAX_SIZE = 16384
 
 
-class Stream(Iterator[Frame]):
+class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
     """An endless or finite, exactly repeatable sequence of labeled frames.
 
     A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped,
@@ -88,10 +90,14 @@ class Stream(Iterator[Frame]):
             has 0, as the background. None: all categories, with ids that are the same in all scenes (`ts.categories`).
         root: folder that all of the stage's files must be in; None: anywhere.
         untrusted: read the stage in a process with limits, for files that may be damaged or hostile. Reads no motion.
+        strict: refuse a stage with a broken part, such as a missing file or a mesh that contradicts itself. False: the
+            part is left out and named in a StageWarning.
         limits: time and memory that reading a stage may take, `ts.Limits(seconds=, memory=)`; None: unlimited, unless
             it is untrusted.
         arch: "cpu" or "cuda"; None for "cpu".
         cache_bytes: memory limit of what incremental rendering keeps.
+        prefetch: number of frames that a worker process renders ahead while iterating; 0: none. The bytes are the same.
+            Scripts then need `if __name__ == "__main__":`.
         progress: called with what is being prepared and how much of it is done, 0..1; None: a bar on a terminal.
 
     Raises:
@@ -125,9 +131,11 @@ class Stream(Iterator[Frame]):
         categories: Sequence[str] | None = None,
         root: str | os.PathLike[str] | None = None,
         untrusted: bool = False,
+        strict: bool = False,
         limits: Limits | None = None,
         arch: str | None = None,
         cache_bytes: int = CACHE_BYTES,
+        prefetch: int = 0,
         progress: ProgressCallback | None = None,
     ) -> None:
         self.width = integer("width", width, 1, MAX_SIZE)
@@ -152,6 +160,7 @@ class Stream(Iterator[Frame]):
         self.taxonomy = taxonomy
         self._selected_categories = None if categories is None else distinct_names("categories", categories)
         self._cache_bytes = integer("cache_bytes", cache_bytes, 1, sys.maxsize)
+        self._ahead = RenderAhead(integer("prefetch", prefetch, 0, 10_000))
         self._progress = progress or ProgressBar()
         self.stages = StageCache(
             self.buffers,
@@ -161,10 +170,12 @@ class Stream(Iterator[Frame]):
             taxonomy=taxonomy,
             time_code=self.time_code,
             root=root,
+            strict=strict,
             limits=limits,
         )
         if not isinstance(source, Scenario):
             source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None, limits=limits)
+            source = self.stages.without_empty_objects(source)
         elif variants is not None:
             source = replace(source, variants={**source.variants, **variants})
         if camera is not None:
@@ -205,6 +216,7 @@ class Stream(Iterator[Frame]):
 
     def close(self) -> None:
         """Free the memory of the device and of caches. `restart` makes the stream usable again."""
+        self._ahead.close()
         vars(self).pop("world", None)
         renderer = vars(self).pop("_renderer", None)
         if renderer is not None:
@@ -268,7 +280,7 @@ class Stream(Iterator[Frame]):
     def __next__(self) -> Frame:
         if self.frames is not None and self._position >= self.frames:
             raise StopIteration
-        frame = self._render(self._position)
+        frame = self._ahead.frame(self) if self._ahead.count else self._render(self._position)
         self.seek(self._position + 1)
         return frame
 
@@ -339,6 +351,7 @@ class Stream(Iterator[Frame]):
 
         Unlike edits of the world, this is not part of the scenario and not replayed.
         """
+        self._ahead.check_no_worker("set_light")
         self.world.set_light(row, light)
 
     def state_dict(self) -> dict[str, Any]:
@@ -384,17 +397,3 @@ class Stream(Iterator[Frame]):
             Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
         """
         return file_digests(self.scenario, self.world.stage)
-
-    def to_usd(self, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
-        """Write the motion as a USD layer over the scene (.usda, .usdc, .usd), to be played by any USD program.
-
-        Objects are references to their templates, with time samples of pose and visibility. Nothing is rendered.
-
-        Args:
-            path: of the layer.
-            frames: their number, from 0 on, or their indices; None: all of a finite stream. Time code k is frame k.
-        """
-        frames = self.frames if frames is None else frames
-        if frames is None:
-            raise ArgumentError("frames=None: an endless stream cannot be written whole; pass frames=N")
-        write_motion(self.world, path, frames)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rendering ahead in a worker process: the bytes, order and errors of a stream without it, and a clean end."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from tiscene.errors import ArgumentError, DeviceError
+from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stream import Stream
+
+SETTINGS = {"width": 16, "height": 12, "frames": 40, "buffers": ("instance", "depth")}
+
+
+def scenario() -> Scenario:
+    return Scenario("solid_benchmark", [Object("ball", "Ball 01", (0, 1, -3))])
+
+
+@pytest.fixture(scope="module")
+def ahead():
+    """One stream with a worker for all tests of this module: its start takes seconds."""
+    with Stream(scenario(), prefetch=3, **SETTINGS) as stream:
+        yield stream
+
+
+@pytest.fixture
+def plain():
+    return Stream(scenario(), **SETTINGS)
+
+
+def assert_equal_frames(frame, other):
+    assert frame.index == other.index
+    for name in other:
+        assert frame[name].tobytes() == other[name].tobytes(), name
+    assert [row.visible_pixels for row in frame.objects] == [row.visible_pixels for row in other.objects]
+
+
+def test_frames_are_those_of_a_stream_without_worker_after_seeks_and_edits(ahead, plain):
+    for stream in (ahead, plain):
+        stream.seek(0)
+    for _ in range(4):
+        assert_equal_frames(next(ahead), next(plain))
+    for stream in (ahead, plain):
+        stream.seek(20)
+    assert_equal_frames(next(ahead), next(plain))
+    for stream in (ahead, plain):
+        stream.world.spawn("Ball 01", position=(0.5, 1.0, -2.5))
+    for _ in range(3):
+        assert_equal_frames(next(ahead), next(plain))
+    assert len(ahead[21].objects) == len(ahead[20].objects) + 1
+    for stream in (ahead, plain):
+        stream.restart(scenario())
+    assert_equal_frames(next(ahead), next(plain))
+    assert ahead.position == 1
+    assert ahead.state_dict() == plain.state_dict()
+
+
+def test_worker_waits_while_enough_frames_are_ready(ahead):
+    ahead.seek(0)
+    next(ahead)
+    deadline = time.monotonic() + 20
+    while not ahead._ahead._results.full() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.2)
+    assert ahead._ahead._results.qsize() == 3
+    assert next(ahead).index == 1
+
+
+def test_iteration_ends_with_the_stream_and_can_start_again(ahead):
+    ahead.seek(38)
+    assert [frame.index for frame in ahead] == [38, 39]
+    ahead.seek(37)
+    assert [frame.index for frame in ahead] == [37, 38, 39]
+
+
+def test_change_that_would_not_reach_the_worker_is_refused(ahead):
+    with pytest.raises(ArgumentError, match="prefetch=0"):
+        ahead.set_light(0, ahead.world.stage.lights[0])
+
+
+def test_copy_of_the_stream_has_no_worker(ahead):
+    assert pickle.loads(pickle.dumps(ahead._ahead)).count == 0
+
+
+def test_killed_worker_is_an_error_and_the_next_frame_starts_another(ahead):
+    ahead.seek(5)
+    next(ahead)
+    process = ahead._ahead._worker
+    os.kill(process.pid, signal.SIGKILL)
+    with pytest.raises(DeviceError, match=r"exit code -9.*prefetch=0"):
+        for _ in range(6):
+            next(ahead)
+    ahead.seek(7)
+    assert next(ahead).index == 7
+
+
+@pytest.mark.parametrize("prefetch", [-1, 1.5, "2"])
+def test_invalid_prefetch_is_refused(prefetch):
+    with pytest.raises(ArgumentError, match="prefetch"):
+        Stream(scenario(), prefetch=prefetch, **SETTINGS)
+
+
+PROGRAM = """
+import tiscene as ts
+
+if __name__ == "__main__":
+    stream = ts.Stream("solid_benchmark", width=16, height=12, buffers=("depth",), prefetch=2)
+    for frame in stream:
+        if frame.index == 0:
+            print(stream._ahead._worker.pid, flush=True)
+"""
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
+def test_worker_ends_with_its_owner(tmp_path, sent):
+    """Ctrl-C reaches the whole process group; a killed owner cannot tell its worker anything."""
+    script = tmp_path / "script.py"
+    script.write_text(PROGRAM)
+    owner = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    worker = int(owner.stdout.readline())
+    if sent == signal.SIGINT:
+        os.killpg(owner.pid, sent)
+    else:
+        owner.kill()
+    _, errors = owner.communicate(timeout=30)
+    assert owner.returncode == -sent
+    assert errors.count("Traceback") == (sent == signal.SIGINT), errors
+    deadline = time.monotonic() + 10
+    while os.path.exists(f"/proc/{worker}") and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not os.path.exists(f"/proc/{worker}")
+
+
+@pytest.mark.slow
+def test_frames_of_color_have_the_same_bytes():
+    settings = {"width": 16, "height": 12, "spp": 1, "buffers": ("rgb",), "frames": 2, "incremental": False}
+    with Stream("solid_benchmark", prefetch=1, **settings) as ahead:
+        for frame, other in zip(ahead, Stream("solid_benchmark", **settings), strict=True):
+            np.testing.assert_array_equal(frame.rgb, other.rgb)

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""RenderAhead: a worker process that renders the next frames of a stream while the current one is used."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import queue
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Protocol
+
+from tiscene.errors import ArgumentError, DeviceError
+from tiscene.frame.frame import Frame
+from tiscene.scenario.scenario import Scenario
+
+POLL_SECONDS = 0.5  # between two checks that the worker lives
+JOIN_SECONDS = 5.0
+
+
+class AheadSource(Protocol):
+    """What rendering ahead needs of a Stream."""
+
+    @property
+    def scenario(self) -> Scenario: ...
+    @property
+    def position(self) -> int: ...
+    @property
+    def frames(self) -> int | None: ...
+
+
+class RenderAhead:
+    """Renders frames of a stream ahead of its position, in one worker process that starts with the first frame.
+
+    The worker has a copy of the stream. It waits while `count` frames are ready. After a seek or an edit of the world,
+    frames that were rendered ahead in vain are dropped. The frames have the same bytes as without a worker.
+
+    Args:
+        count: number of frames that may be ready; 0 for no worker.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._worker: Any = None
+        self._number = 0  # of the last request
+        self._expected = 0, 0  # position and number of edits of the frame that comes next
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"count": 0, "_worker": None}  # a copy in a worker process renders by itself
+
+    def frame(self, stream: AheadSource) -> Frame:
+        """Return the frame at the stream's position.
+
+        Raises:
+            DeviceError: the worker has died.
+            TisceneError: whatever rendering the frame has raised in the worker.
+        """
+        version = len(stream.scenario.edits)
+        if self._worker is None:
+            self._start(stream)
+            self._request(stream, version, None)
+        elif (stream.position, version) != self._expected:
+            self._request(stream, version, stream.scenario if version != self._expected[1] else None)
+        while True:
+            request, result = self._receive()
+            if request == self._number:
+                break  # else a frame that was rendered ahead in vain
+        if isinstance(result, BaseException):
+            self.close()
+            raise result
+        self._expected = stream.position + 1, version
+        frame: Frame = result
+        return frame
+
+    def check_no_worker(self, action: str) -> None:
+        """Raise ArgumentError for something that the worker's copy of the stream would miss."""
+        if self.count:
+            raise ArgumentError(
+                f"{action} does not reach the process that renders ahead: make the stream with prefetch=0"
+            )
+
+    def close(self) -> None:
+        """End the worker."""
+        worker, self._worker = self._worker, None
+        if worker is None:
+            return
+        worker.kill()  # it has no state that could be lost
+        worker.join(JOIN_SECONDS)
+        worker.close()
+        self._requests.close()
+        self._results.close()
+
+    def _start(self, stream: AheadSource) -> None:
+        context = multiprocessing.get_context("spawn")
+        end, self._requests = context.Pipe(duplex=False)
+        self._results = context.Queue(self.count)
+        self._worker = context.Process(
+            target=_render_ahead, args=(stream, end, self._results), name="tiscene prefetch", daemon=True
+        )
+        try:
+            with _interrupts_blocked():  # the worker inherits this: Ctrl-C is for the process that owns it
+                self._worker.start()
+        except BaseException:
+            self._worker = None
+            raise
+        end.close()
+
+    def _request(self, stream: AheadSource, version: int, scenario: Scenario | None) -> None:
+        """Ask for the frames from the stream's position on.
+
+        Args:
+            stream: the stream.
+            version: number of edits of its scenario.
+            scenario: the scenario, if it has changed since the last request.
+        """
+        self._number += 1
+        self._expected = stream.position, version
+        with suppress(OSError):  # the worker is dead; `_receive` reports that
+            self._requests.send((self._number, stream.position, scenario))
+
+    def _receive(self) -> tuple[int, Any]:
+        while True:
+            try:
+                received: tuple[int, Any] = self._results.get(timeout=POLL_SECONDS)
+            except queue.Empty:
+                if not self._worker.is_alive():
+                    code = self._worker.exitcode
+                    self.close()
+                    raise DeviceError(
+                        f"the process that renders ahead has ended (exit code {code}). It may have run out of memory: "
+                        "make the stream with prefetch=0 or a smaller number"
+                    ) from None
+                continue
+            return received
+
+
+def _render_ahead(stream: Any, requests: Any, results: Any) -> None:
+    """Render frames, in the worker: from the position of the last request to the end of the stream."""
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    number, position = 0, None
+    while True:
+        while position is None or requests.poll():
+            try:
+                number, position, scenario = requests.recv()
+            except EOFError:
+                return
+            if scenario is not None:
+                stream.restart(scenario)
+        try:
+            result: Any = stream[position]
+        except Exception as error:
+            result = _picklable(error)
+        results.put((number, result))
+        is_last = isinstance(result, Exception) or position + 1 == stream.frames
+        position = None if is_last else position + 1
+
+
+def _picklable(error: Exception) -> Exception:
+    """Return an exception that the other process can raise; some have a constructor that pickle cannot call."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return DeviceError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def _exit_with_parent() -> None:
+    """End this process when its parent dies: nobody would read its frames."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block SIGINT in this thread, and in processes that it starts."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
