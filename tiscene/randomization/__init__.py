@@ -7,10 +7,12 @@
     factors              factors of variation by name
     factor_ranges        the ranges of factors
     illumination_factor  time of day, strength, color and direction of lights
+    material_factor      base colors, roughness and textures
     object_factors       speed, instances and categories of objects
     ranges           the ranges to draw from
     draws            random numbers by seed, object and purpose
     object_placer    find a position or a closed path for an object
+    scene_files          scenes and templates that were read last
     point_pools      random free points: visible, hidden, out of view
     free_space       free balls, lines of sight and reachability in a scene
     template_extent  size of a template

@@ -9,15 +9,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from tiscene import catalog
 from tiscene.errors import ScenarioError
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.factor_ranges import IlluminationRanges, is_number
-from tiscene.scenario.overrides import LightOverride
+from tiscene.randomization.scene_files import stage_of, variant_sets_of
+from tiscene.scenario.overrides import LightOverride, Override
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.light_description import DistantLight, DomeLight
-from tiscene.usd.read.inspection import stage_facts
-from tiscene.usd.read.stage_reader import read_stage
 
 LIGHTING = "lighting"  # the variant set of a scene that has its times of day
 ANY = ("*",)
@@ -41,17 +39,15 @@ def with_illumination(scenario: Scenario, value: Any, draws: Callable[[str], Dra
     elif is_number(value):
         value = {"exposure": value}
     ranges = IlluminationRanges.of(value, "illumination")
-    variants = dict(scenario.variants)
     if ranges.lighting:
-        variants = _with_lighting(scenario, ranges, draws(""))
-    overrides = [each for each in scenario.overrides if not isinstance(each, LightOverride)]
+        scenario = replace(scenario, variants=_with_lighting(scenario, ranges, draws("")))
+    overrides: list[Override] = [each for each in scenario.overrides if not isinstance(each, LightOverride)]
     neutral = IlluminationRanges(ranges.lighting, exposure=ranges.exposure)
     if ranges != neutral:
-        stage = read_stage(catalog.find_scene(scenario.scene), variants=variants or None)
-        for light in stage.lights:
+        for light in stage_of(scenario).lights:
             overrides.append(_drawn(light.prim_path, isinstance(light, DistantLight | DomeLight), ranges, draws))
     stops = round(draws("").between("exposure", 0, *ranges.exposure), DECIMALS)
-    return replace(scenario, variants=variants, overrides=overrides, exposure_compensation=stops)
+    return replace(scenario, overrides=overrides, exposure_compensation=stops)
 
 
 def _drawn(path: str, is_infinite: bool, ranges: IlluminationRanges, draws: Callable[[str], Draws]) -> LightOverride:
@@ -79,7 +75,7 @@ def _either_side(own: Draws, purpose: str, size: tuple[float, float]) -> float:
 
 def _with_lighting(scenario: Scenario, ranges: IlluminationRanges, own: Draws) -> Mapping[str, str]:
     """Return the scenario's variants with one of the lighting's."""
-    sets = stage_facts(catalog.find_scene(scenario.scene)).variants
+    sets = variant_sets_of(scenario)
     key = next((key for key in sets if key.endswith(f"{{{LIGHTING}}}")), None)
     if key is None:
         if ranges.lighting == ANY:

@@ -63,9 +63,9 @@ def faster(dynamic: Dynamic, factor: float, name: str) -> Dynamic:
     if isinstance(dynamic, dynamics.Still):
         return dynamic
     if isinstance(dynamic, dynamics.Composite):
-        return replace(dynamic, parts=tuple(faster(part, factor, name) for part in dynamic.parts))
+        return replace(dynamic, parts=tuple(faster(part, factor, name) for part in dynamic.parts))  # type: ignore[misc]
     if isinstance(dynamic, dynamics.LookAt):
-        return replace(dynamic, motion=faster(dynamic.motion, factor, name))
+        return replace(dynamic, motion=faster(dynamic.motion, factor, name))  # type: ignore[arg-type]
     if isinstance(dynamic, dynamics.Keyframes):
         return replace(dynamic, times=tuple(time / factor for time in dynamic.times))
     changes = {field: getattr(dynamic, field) / factor for field in ("total_time", "period") if hasattr(dynamic, field)}
