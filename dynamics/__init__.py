@@ -42,6 +42,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     obstacles, tree_access              static triangles, and their hierarchy in kernels
     sphere_query, contact               spheres against all obstacles, and against a triangle
     sphere_proxy, sphere_cover_kernels  sphere proxies of surfaces
+    surface_overlap                     surfaces that cross; points inside of closed ones
     rotation, random                    quaternions; counter-based random numbers
     errors, argument_checks             exceptions; validation of arguments
     kernel_types                        types of kernel arguments

@@ -14,7 +14,7 @@ from tiscene.scene.description import Collider, Instance, Mesh, SceneDescription
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep
 
-ROOM = box((6.0, 4.0, 6.0))
+ROOM = box((6.0, 4.0, 6.0))[:, ::-1]  # it faces inwards
 PILLAR = box((0.5, 4.0, 0.5), (1.5, 0.0, 0.0))
 CUBE = box((0.3, 0.3, 0.3))
 

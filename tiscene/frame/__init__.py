@@ -6,6 +6,6 @@
     frame         Frame and FrameCamera
     buffers       registry of per-pixel buffers: name, type, unit, background
     object_table  one row per live object, with boxes and visibility
-    events        spawn, despawn, contact, enter, leave
+    events        spawn, despawn, contact, overlap, enter, leave
     visualize     buffers as images
 """

@@ -12,15 +12,16 @@ class Event:
     """Something that happened to an object since the frame before.
 
     Attributes:
-        kind: "spawn" (its first frame), "despawn" (the frame after its last), "contact" (it collided), "enter" and
-            "leave" (it came into the view of the frame's camera, or left it; see `WorldState.events`).
+        kind: "spawn" (its first frame), "despawn" (the frame after its last), "contact" (it collided), "overlap" (it
+            was placed inside of something, at its first frame or by an edit), "enter" and "leave" (it came into the
+            view of the frame's camera, or left it; see `WorldState.events`).
         object: its id.
-        other: of a contact, the id of the other object; 0 for a wall.
+        other: of a contact or an overlap, the id of the other object; 0 for a wall.
         surface: of a contact with a wall, the wall ("left", "right", "bottom", "top", "near", "far") or the prim path
             of an invisible collider.
     """
 
-    kind: Literal["spawn", "despawn", "contact", "enter", "leave"]
+    kind: Literal["spawn", "despawn", "contact", "overlap", "enter", "leave"]
     object: int
     other: int = 0
     surface: str = ""

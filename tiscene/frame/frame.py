@@ -85,7 +85,7 @@ class Frame(Mapping[str, NDArray[Any]]):
         buffers: numpy arrays [height, width, ...] by name.
         objects: one row for each live object; columns are computed when they are first read.
         categories: names of the ids in `semantic`.
-        events: spawns, despawns, contacts, and objects that entered or left the view, since the frame before.
+        events: spawns, despawns, contacts, overlaps, and objects that entered or left the view, since the frame before.
         spp: samples per pixel of the color buffers (their mean, if adaptive); 0 without color.
         materials: prim paths of the ids in `material_coverage`.
     """

@@ -17,5 +17,6 @@
     collision_onset   first frame at which objects might collide
     lights            lights at each frame
     event_detector    events between two frames
+    overlap_detector  what an object is placed inside of
     frustum_test      which boxes a camera has in view
 """

@@ -23,6 +23,7 @@ from tiscene.scene.placement import Placement
 from tiscene.world.event_detector import detect_changes
 from tiscene.world.lights import WorldLights, same_lights
 from tiscene.world.object_registry import ObjectRegistry, ObjectSelection, WorldObject
+from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.stage_objects import StageObjects, matrix
 from tiscene.world.trajectories import Trajectories
 
@@ -39,6 +40,7 @@ class FrameEvaluator:
         stage_objects: the stage's own objects.
         lights: the lights.
         trajectories: poses of objects, cameras and lights.
+        overlaps: finds what objects are placed inside of.
         fps: frames per second.
     """
 
@@ -47,6 +49,7 @@ class FrameEvaluator:
     stage_objects: StageObjects
     lights: WorldLights
     trajectories: Trajectories
+    overlaps: OverlapDetector
     fps: float
     _starting_lights: tuple[LightGroups, ...] | None = None
 
@@ -179,7 +182,8 @@ class FrameEvaluator:
         return moving | selection.changing
 
     def changes(self, frame: int) -> tuple[Event, ...]:
-        """Return spawns, despawns and contacts since the frame before."""
+        """Return spawns, despawns, contacts and overlaps since the frame before."""
         histories = {row: self.log.lives[row] for row in self.log.around(frame)}
         collisions = self.trajectories.collisions(frame)
-        return detect_changes(frame, self.registry.stage, self.stage_objects.lives, histories, collisions)
+        stage, edited, overlaps = self.registry.stage, self.stage_objects.lives, self.overlaps.find(frame)
+        return detect_changes(frame, stage, edited, histories, collisions, overlaps)

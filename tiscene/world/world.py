@@ -31,6 +31,7 @@ from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
 from tiscene.world.object_registry import ObjectRegistry, WorldObject
+from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.overridden_stage import check_materials, overridden, with_materials
 from tiscene.world.stage_objects import StageObjects
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
@@ -112,8 +113,12 @@ class World:
             instances=self._stage_objects.instances,
         )
         self.trajectories = Trajectories(scenario, self._log, setting)
+        start = self.cameras[0].position
+        overlaps = OverlapDetector(
+            self._log, stage, registry.surface, self._stage_objects.instances, self.trajectories, start
+        )
         self._evaluator = FrameEvaluator(
-            self._log, registry, self._stage_objects, self._lights, self.trajectories, self.fps
+            self._log, registry, self._stage_objects, self._lights, self.trajectories, overlaps, self.fps
         )
 
     @property

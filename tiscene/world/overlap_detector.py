@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OverlapDetector: what an object is inside of when it appears or is moved by an edit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.rotation import matrix_from_quaternion
+from dynamics.surface_overlap import shrunk, surfaces_cross, winding_number
+from tiscene.scenario.edits import EditLog
+from tiscene.scenario.objects import Object
+from tiscene.scene.description import Instance, SceneDescription
+from tiscene.world.trajectories import Collision, Trajectories
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.005  # m: how deep an object may be in another one, such as the floor it stands on, without a report
+MAX_SHRINK = 0.2  # the same as a fraction of the object's size
+MAX_SOLID = 100_000  # triangles of a mesh that is tested for objects that lie wholly inside
+MAX_SURFACES, MAX_BOXES = 16, 1024  # kept, one per template and scale; the least recently made ones are dropped first
+
+
+class OverlapDetector:
+    """Finds overlaps of colliding objects of a scenario with the stage and with each other.
+
+    Two objects overlap if their surfaces cross, or if one of them lies inside the other's closed surface. A mesh of the
+    stage that the camera lies inside of too is a room, not a solid.
+
+    Args:
+        log: the edit log, which may grow.
+        stage: the stage.
+        surface: returns an object's collision surface [m, 3, 3] in its own axes, m.
+        instances: returns the stage's instances at a frame, then its colliders, and which are present.
+        trajectories: poses of the objects.
+        viewpoint: position of the main camera at the start, m.
+    """
+
+    def __init__(
+        self,
+        log: EditLog,
+        stage: SceneDescription,
+        surface: Callable[[Object], Array],
+        instances: Callable[[int], tuple[Sequence[Instance], Sequence[bool]]],
+        trajectories: Trajectories,
+        viewpoint: Sequence[float],
+    ) -> None:
+        self._log = log
+        self._stage = stage
+        self._surface = surface
+        self._instances = instances
+        self._trajectories = trajectories
+        self._viewpoint = np.array(viewpoint, np.float64)
+        self._surfaces: dict[tuple[object, ...], Array] = {}
+        self._boxes: dict[tuple[object, ...], Array] = {}
+
+    def find(self, frame: int) -> list[Collision]:
+        """Return the overlaps of the objects that appear at a frame, or that an edit moves there.
+
+        Returns:
+            By ascending rows of the objects; for each first what it overlaps on the stage, then other objects.
+        """
+        rows = [row for row in self._log.around(frame) if self._collides(row, frame)]
+        placed = [row for row in rows if self._is_placed(row, frame)]
+        if not placed:
+            return []
+        poses = dict(zip(rows, self._trajectories.poses(frame, rows), strict=True))
+        boxes = {row: _box_at(self._own_box(row), poses[row]) for row in rows}
+        found = []
+        for row in placed:
+            surface = shrunk(_at(self._own_surface(row), poses[row]), MARGIN, MAX_SHRINK)
+            if len(surface):
+                found += self._on_stage(row, surface, frame)
+                for other in rows:
+                    if other != row and _touch(boxes[row], boxes[other]):
+                        if _overlap(surface, _at(self._own_surface(other), poses[other])):
+                            found.append(Collision(row, "object", other))
+        return found
+
+    def _collides(self, row: int, frame: int) -> bool:
+        history = self._log.lives[row]
+        return history.spec.collide and history.alive(frame, as_of=frame)
+
+    def _is_placed(self, row: int, frame: int) -> bool:
+        """Return whether an object appears at a frame, or an edit moves it there."""
+        history = self._log.lives[row]
+        move = history.move(frame)
+        is_moved = move is not None and move.frame == frame
+        return is_moved or frame == 0 or not history.alive(frame - 1, as_of=frame - 1)
+
+    def _own_surface(self, row: int) -> Array:
+        """Return the surface of an object in its own axes; objects of one template and scale share it."""
+        spec = self._log.lives[row].spec
+        key = spec.template, spec.scale
+        if key not in self._surfaces:
+            _make_room(self._surfaces, MAX_SURFACES)
+            self._surfaces[key] = self._surface(spec)
+        return self._surfaces[key]
+
+    def _own_box(self, row: int) -> Array:
+        spec = self._log.lives[row].spec
+        key = spec.template, spec.scale
+        if key not in self._boxes:
+            _make_room(self._boxes, MAX_BOXES)
+            self._boxes[key] = _box(self._own_surface(row))
+        return self._boxes[key]
+
+    @cached_property
+    def _mesh_boxes(self) -> Array:
+        """Lowest and highest corner [meshes, 2, 3] of the stage's meshes in their own space; NaN for an empty mesh."""
+        boxes = np.full((len(self._stage.meshes), 2, 3), np.nan)
+        for box, mesh in zip(boxes, self._stage.meshes, strict=True):
+            if len(mesh.positions) and len(mesh.triangles):
+                box[:] = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+        return boxes
+
+    def _on_stage(self, row: int, surface: Array, frame: int) -> list[Collision]:
+        """Return the overlaps of an object with the stage: objects by row, then colliders without an object."""
+        instances, present = self._instances(frame)
+        if not instances:
+            return []
+        matrices = np.array([each.world_from_object[:3] for each in instances], np.float64)
+        local = self._mesh_boxes[[each.mesh for each in instances]]
+        centers = np.einsum("ijk,ik->ij", matrices[:, :, :3], local.mean(axis=1)) + matrices[:, :, 3]
+        halves = np.einsum("ijk,ik->ij", np.abs(matrices[:, :, :3]), 0.5 * (local[:, 1] - local[:, 0]))
+        near = _touch(np.stack([centers - halves, centers + halves], axis=1), _box(surface))
+        owners, hidden = set(), set()
+        for number in np.flatnonzero(near).tolist():
+            instance = instances[number]
+            if not (instance.collides and present[number]) or instance.object in owners:
+                continue
+            if self._overlaps(surface, instance):
+                if instance.object < 0:
+                    hidden.add(number - len(self._stage.instances))
+                else:
+                    owners.add(instance.object)
+        return [
+            *(Collision(row, "stage", owner) for owner in sorted(owners)),
+            *(Collision(row, "collider", number) for number in sorted(hidden)),
+        ]
+
+    def _overlaps(self, surface: Array, instance: Instance) -> bool:
+        mesh, matrix = self._stage.meshes[instance.mesh], np.asarray(instance.world_from_object, np.float64)
+        triangles = mesh.triangles
+        if abs(np.linalg.det(matrix[:3, :3])) < 1e-18:
+            return False
+        corners = _mapped(mesh.positions[triangles[_near(mesh.positions, triangles, matrix, surface)]], matrix)
+        if surfaces_cross(surface, corners):
+            return True
+        if len(corners) == len(triangles) and _is_inside(corners[0, 0], surface):
+            return True
+        if len(triangles) > MAX_SOLID:
+            return False
+        solid = _mapped(mesh.positions[triangles], matrix)
+        return _is_inside(surface[0, 0], solid) and not _is_inside(self._viewpoint, solid)
+
+
+def _overlap(a: Array, b: Array) -> bool:
+    """Return whether two closed or open surfaces overlap."""
+    return surfaces_cross(a, b) or _is_inside(a[0, 0], b) or _is_inside(b[0, 0], a)
+
+
+def _is_inside(point: Array, triangles: Array) -> bool:
+    """Return whether a point [3] lies inside a closed surface."""
+    return _touch(_box(triangles), np.stack([point, point])) and winding_number(point, triangles) > 0.5
+
+
+def _near(positions: NDArray[np.float32], triangles: NDArray[np.int32], matrix: Array, surface: Array) -> Array:
+    """Return the rows of a mesh's triangles whose boxes touch the box of a surface, in the mesh's own space."""
+    inverse = np.linalg.inv(matrix)
+    low, high = _box(surface)
+    center = inverse[:3, :3] @ (0.5 * (low + high)) + inverse[:3, 3]
+    half = np.abs(inverse[:3, :3]) @ (0.5 * (high - low)) + 1e-6 * (1.0 + np.abs(center))
+    below, above = positions < center - half, positions > center + half
+    beside = below[triangles].all(axis=1) | above[triangles].all(axis=1)
+    rows: Array = np.flatnonzero(~beside.any(axis=1))
+    return rows
+
+
+def _mapped(corners: NDArray[np.floating], matrix: Array) -> Array:
+    """Return transformed triangles [n, 3, 3]; those that a reflection turned inside out are turned back."""
+    result: Array = corners.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    return result[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else result
+
+
+def _at(surface: Array, pose: Array) -> Array:
+    """Return a surface [n, 3, 3] at a pose [7]."""
+    result: Array = surface @ matrix_from_quaternion(pose[3:]).T + pose[:3]
+    return result
+
+
+def _box(triangles: Array) -> Array:
+    """Return lowest and highest corner [2, 3] of a surface; of no triangles NaN."""
+    points = triangles.reshape(-1, 3)
+    return np.stack([points.min(axis=0), points.max(axis=0)]) if len(points) else np.full((2, 3), np.nan)
+
+
+def _box_at(box: Array, pose: Array) -> Array:
+    """Return lowest and highest corner [2, 3] of the box around a box at a pose [7]."""
+    low, high = box
+    axes = matrix_from_quaternion(pose[3:])
+    center = axes @ (0.5 * (low + high)) + pose[:3]
+    half = np.abs(axes) @ (0.5 * (high - low))
+    return np.stack([center - half, center + half])
+
+
+def _touch(a: Array, b: Array) -> NDArray[np.bool_]:
+    """Return which boxes [..., 2, 3] touch; boxes of NaN touch nothing."""
+    result: NDArray[np.bool_] = ((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1)
+    return result
+
+
+def _make_room(kept: dict[tuple[object, ...], Array], most: int) -> None:
+    while len(kept) >= most:
+        del kept[next(iter(kept))]
