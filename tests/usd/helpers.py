@@ -53,12 +53,12 @@ def read_with_warning(folder: Path, body: str, expected: str) -> SceneDescriptio
 
 
 def problems_of(folder: Path, body: str) -> tuple[str, ...]:
-    """Return the problems of a stage that must be refused; omissions are ignored."""
+    """Return the problems of a stage that must be refused if read strictly; omissions are ignored."""
     path = write(folder, body)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)
         with pytest.raises(StageError) as caught:
-            read_stage(path)
+            read_stage(path, strict=True)
     assert caught.value.stage == str(path)
     return caught.value.problems
 

@@ -10,6 +10,7 @@ import argparse
 from typing import TypeAlias
 
 import tiscene
+from tiscene.export.formats import FORMATS
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
@@ -70,7 +71,7 @@ def _render(commands: Commands) -> None:
         "rgb,semantic,instance,depth,forward_flow)",
     )
     render.add_argument(
-        "--format", metavar="NAME", default="png", help="png, exr, npz, cryptomatte or sailenv (default: %(default)s)"
+        "--format", metavar="NAME", default="png", help=f"{', '.join(FORMATS)} (default: %(default)s)"
     )
     render.add_argument(
         "--objects",
@@ -277,6 +278,7 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
         "--taxonomy", metavar="NAME", help="taxonomy of semantic labels (default: class, else category)"
     )
     command.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
+    command.add_argument("--strict", action="store_true", help="refuse a stage with a broken part or a missing file")
     command.add_argument("--untrusted", action="store_true", help="read the stage in a separate process with limits")
 
 

@@ -7,7 +7,8 @@ import argparse
 
 from tiscene.cli.terminal import note, progress
 from tiscene.errors import ArgumentError
-from tiscene.export import REQUIRED_BUFFERS, export
+from tiscene.export.exporter import export
+from tiscene.export.formats import find_format
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
@@ -16,7 +17,8 @@ from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 def run(args: argparse.Namespace) -> None:
     """Render, and print the folder. An interrupted run prints how to continue it."""
     frames = selected_frames(args.frames, args.count)
-    default = ("rgb", *REQUIRED_BUFFERS[args.format]) if args.format in REQUIRED_BUFFERS else DEFAULT_BUFFERS
+    required = find_format(args.format).buffers
+    default = tuple(dict.fromkeys(("rgb", *required))) if required else DEFAULT_BUFFERS
     buffers = tuple(BUFFERS) if args.buffers == ("all",) else args.buffers or default
     done = 0
     try:
@@ -44,6 +46,7 @@ def run(args: argparse.Namespace) -> None:
                 categories=args.categories,
                 root=args.root,
                 untrusted=args.untrusted,
+                strict=args.strict,
                 arch=args.arch,
                 progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
             )

@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from tiscene import catalog
@@ -32,6 +33,7 @@ class StageCache:
         taxonomy: of the semantic labels.
         time_code: show stages as they are then, without motion; None: they play.
         root: folder that all files must be in.
+        strict: refuse stages with a broken part.
         limits: bounds of time and memory of reading; None: the defaults for untrusted stages, else none.
     """
 
@@ -45,6 +47,7 @@ class StageCache:
         taxonomy: str | None,
         time_code: float | None,
         root: str | os.PathLike[str] | None,
+        strict: bool = False,
         limits: Limits | None = None,
     ) -> None:
         self.arch = arch
@@ -54,7 +57,7 @@ class StageCache:
             "untrusted": untrusted,
             "limits": limits,
         }
-        self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root}
+        self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root, "strict": strict}
         self._stages: dict[tuple[Any, ...], SceneDescription] = {}
 
     def stage(self, scenario: Scenario) -> SceneDescription:
@@ -64,16 +67,32 @@ class StageCache:
             SceneNotFound, MissingFile, StageError: the stage cannot be found or read.
         """
         file = catalog.find_scene(scenario.scene)
-        extracted = tuple(sorted({each.template for each in scenario.objects if catalog.is_prim_path(each.template)}))
-        key = str(file.resolve()), tuple(sorted(scenario.variants.items())), extracted, file.stat().st_mtime_ns
+        key = self._key(scenario)
         stage = self._stages.pop(key, None)
         if stage is None:
-            options = self._options | {"variants": dict(scenario.variants) or None, "extract": extracted}
+            options = self._options | {"variants": dict(scenario.variants) or None, "extract": _extracted(scenario)}
             stage, self.arch = load(file, arch=self.arch, **self._loading, **options)
         self._stages[key] = stage
         while len(self._stages) > MAX_STAGES:
             del self._stages[next(iter(self._stages))]
         return stage
+
+    def without_empty_objects(self, scenario: Scenario) -> Scenario:
+        """Return a stage's own scenario without the moving prims that are left out, since they are broken or empty."""
+        stage = self.stage(scenario)
+        empty = {each.name for each in stage.templates if not each.description.instances}
+        kept = tuple(each for each in scenario.objects if each.template not in empty)
+        if len(kept) < len(scenario.objects):
+            scenario = replace(scenario, objects=kept)
+            self._stages[self._key(scenario)] = stage
+        return scenario
+
+    @staticmethod
+    def _key(scenario: Scenario) -> tuple[Any, ...]:
+        """Return what the stage of a scenario depends on."""
+        file = catalog.find_scene(scenario.scene)
+        variants = tuple(sorted(scenario.variants.items()))
+        return str(file.resolve()), variants, _extracted(scenario), file.stat().st_mtime_ns
 
     def template(self, name: str, scenario: Scenario, stage: SceneDescription) -> Template:
         """Read an object template by name or file.
@@ -84,6 +103,11 @@ class StageCache:
         file, variants = catalog.find_template(name, scene=scenario.scene), catalog.template_variants(name)[1]
         taxonomy, limits = self._options["taxonomy"], self._loading["limits"]
         return read_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants, limits=limits)
+
+
+def _extracted(scenario: Scenario) -> tuple[str, ...]:
+    """Return the paths of the prims that a scenario moves."""
+    return tuple(sorted({each.template for each in scenario.objects if catalog.is_prim_path(each.template)}))
 
 
 def file_digests(scenario: Scenario, stage: SceneDescription) -> dict[str, str]:

@@ -271,7 +271,7 @@ CREASES = [
 @pytest.mark.parametrize(("lines", "expected"), CREASES)
 def test_contradictory_creases_are_problems(tmp_path, lines, expected):
     (problem,) = problems_of(tmp_path, mesh(QUAD.replace('"none"', '"catmullClark"'), lines))
-    assert problem.startswith(f"</M> mesh: {expected}")
+    assert problem.startswith(f"</M> creases: {expected}")
 
 
 def test_sharpness_per_crease_and_per_edge_agree():

@@ -42,7 +42,7 @@ def test_shaping_values_are_clamped_or_problems(tmp_path):
     lines = "float inputs:shaping:cone:angle = 60\nfloat inputs:shaping:cone:softness = 7"
     assert shaped(tmp_path, "RectLight", lines).shaping == Shaping(pytest.approx(math.pi / 3), 1.0)
     body = 'def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])\n{\nfloat inputs:shaping:focus = nan\n}\n'
-    assert problems_of(tmp_path, body) == ("</L> light: its shaping has values that are not finite numbers",)
+    assert problems_of(tmp_path, body) == ("</L> shaping: it has values that are not finite numbers",)
 
 
 def test_ies_profiles_become_textures(tmp_path):

@@ -78,4 +78,4 @@ def test_extracting_an_unknown_path_raises_template_not_found(tmp_path, name):
 
 def test_extracting_a_prim_without_geometry_is_a_problem(tmp_path):
     with pytest.raises(StageError, match="</House/Nothing> template: it holds no geometry"):
-        read_stage(write(tmp_path, HOUSE), extract=["/House/Nothing"])
+        read_stage(write(tmp_path, HOUSE), extract=["/House/Nothing"], strict=True)

@@ -192,10 +192,12 @@ def test_meters_per_unit_is_a_centimeter_unless_authored(tmp_path):
     np.testing.assert_allclose(read_stage(path).meshes[0].positions.max(), 0.01)
 
 
-def test_invalid_unit_raises_stage_error(tmp_path):
+def test_invalid_unit_is_replaced_by_the_default(tmp_path):
     path = write(tmp_path, 'def Cube "C"\n{\n}', meters=-1.0)
+    with pytest.warns(StageWarning, match="metersPerUnit is -1; USD's default of 0.01 m is used"):
+        assert read_stage(path).bounds()[1].tolist() == pytest.approx([0.01, 0.01, 0.01])
     with pytest.raises(StageError, match="metersPerUnit is -1"):
-        read_stage(path)
+        read_stage(path, strict=True)
 
 
 def test_description_keeps_the_stage_axes(tmp_path):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """StageReport: problems and omissions collected while a stage is read, raised or warned about once at the end.
 
-A problem makes the stage unusable and ends in a StageError that lists all of them. An omission is content that is left
-out or approximated and ends in one StageWarning.
+A problem is a part of the stage that is broken and left out: a prim that contradicts itself, a file that is missing. An
+omission is content that is approximated or not supported. Both end in one StageWarning. Problems end in a StageError
+where nothing is left to render, or where the caller asked for it (`strict`).
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ def one_line(error: Any) -> str:
 
 
 class StageReport:
-    """Problems (the stage cannot be rendered) and omissions (it is not rendered exactly as authored).
+    """Problems (broken parts, which are left out) and omissions (parts that are not rendered exactly as authored).
 
     Attributes:
         stage: name of the file in messages.
         reads_animation: whether time samples are read as animation, not at one time code only.
+        strict: whether any problem refuses the stage.
         root: the folder that files must be in.
         budget: what reading has used of its limits.
     """
@@ -58,6 +60,7 @@ class StageReport:
         reads_animation: bool = True,
         root: RootFolder | None = None,
         budget: ReadingBudget | None = None,
+        strict: bool = False,
     ) -> None:
         """Start an empty report.
 
@@ -66,23 +69,31 @@ class StageReport:
             reads_animation: whether time samples are read as animation.
             root: the folder that files must be in; None: no restriction.
             budget: what reading has used; None: a new one with the default limits.
+            strict: whether any problem refuses the stage.
         """
         self.stage = stage
         self.reads_animation = reads_animation
         self.root = root or RootFolder(None)
         self.budget = budget or ReadingBudget(stage, Limits())
+        self.strict = strict
         self._problems: dict[str, None] = {}  # ordered, each line once: instances share the faults of their prototype
+        self._refused = False
         self._omissions: dict[str, dict[str, None]] = {}
 
     def problem(self, path: Any, subject: str, text: str) -> None:
-        """Add a problem: `</Room/Lamp> mesh: 3 faces refer to point 412, ...`.
+        """Add a problem: `</Room/Lamp> mesh: 3 faces refer to point 412, ...`. The caller leaves the part out.
 
         Args:
             path: path of the prim.
-            subject: what of the prim is wrong, such as "mesh".
+            subject: what of the prim is wrong and left out, such as "mesh".
             text: the problem.
         """
         self._problems[f"<{path}> {subject}: {text}"] = None
+
+    def refuse(self, path: Any, subject: str, text: str) -> None:
+        """Add a problem that refuses the stage, whatever is left of it; arguments as of `problem`."""
+        self.problem(path, subject, text)
+        self._refused = True
 
     @contextlib.contextmanager
     def guard(self, path: Any) -> Iterator[None]:
@@ -95,7 +106,7 @@ class StageReport:
             for line in error_lines(error):
                 self.problem(path, "cannot be read", line)
         except (TypeError, ValueError, OverflowError, MemoryError, RuntimeError) as error:
-            self.problem(path, "cannot be read", f"{type(error).__name__}: {one_line(error)}")
+            self.problem(path, "cannot be read", f"a value has another type or size than USD says ({one_line(error)})")
 
     def omission(self, path: Any, text: str) -> None:
         """Add content that is left out or approximated. Prims with the same text share a line of the warning."""
@@ -106,22 +117,38 @@ class StageReport:
         if self.reads_animation:
             self.omission(path, f"{subject} has time samples, and is drawn as it is at the time read")
 
-    def raise_problems(self) -> None:
-        """Raise StageError if there is any problem."""
-        if self._problems:
-            problems = list(self._problems)
-            if len(problems) > _MAX_PROBLEMS:
-                problems = [*problems[:_MAX_PROBLEMS], f"... and {len(problems) - _MAX_PROBLEMS} more"]
-            raise StageError(self.stage, problems)
+    def raise_refused(self) -> None:
+        """Raise StageError if a problem refuses the stage."""
+        if self._refused:
+            raise StageError(self.stage, self._listed_problems())
 
-    def warn(self) -> None:
-        """Give one StageWarning that lists all omissions, on behalf of the caller's caller; none if there are none."""
-        if not self._omissions:
-            return
-        lines = []
+    def raise_problems(self, anything_left: bool = False) -> None:
+        """Raise StageError if there is a problem, unless something is left to render and the report is not strict.
+
+        Args:
+            anything_left: whether the stage can be rendered without its broken parts.
+        """
+        if self._problems and (self.strict or self._refused or not anything_left):
+            raise StageError(self.stage, self._listed_problems())
+
+    def warn(self, problems: bool = True) -> None:
+        """Give one StageWarning that lists all problems and omissions, on behalf of the caller's caller, if any.
+
+        Args:
+            problems: whether to list the problems too.
+        """
+        lines = [f"  {problem}; left out" for problem in self._listed_problems()] if problems else []
         for text, paths in self._omissions.items():
             listed = ", ".join(f"<{path}>" for path in list(paths)[:_MAX_PATHS])
             more = f" and {len(paths) - _MAX_PATHS} more" if len(paths) > _MAX_PATHS else ""
             lines.append(f"  {text}: {listed}{more}")
-        message = f"{self.stage} is not drawn quite as authored:\n" + "\n".join(lines)
-        warnings.warn(StageWarning(message), stacklevel=3)
+        if lines:
+            message = f"{self.stage} is not drawn quite as authored:\n" + "\n".join(lines)
+            warnings.warn(StageWarning(message), stacklevel=3)
+
+    def _listed_problems(self) -> list[str]:
+        """Return the problems, at most _MAX_PROBLEMS of them."""
+        problems = list(self._problems)
+        if len(problems) > _MAX_PROBLEMS:
+            problems = [*problems[:_MAX_PROBLEMS], f"... and {len(problems) - _MAX_PROBLEMS} more"]
+        return problems

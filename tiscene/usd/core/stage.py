@@ -1,24 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open USD stages: composition errors raise, variants are selected, and USD's diagnostics stay off the terminal."""
+"""Open USD stages: composition errors are reported, variants selected, and USD's diagnostics kept off the terminal."""
 
 from __future__ import annotations
 
 import contextlib
 import math
+import re
 from collections.abc import Iterator, Mapping
 from numbers import Real
 from pathlib import Path
 
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Sdf, Tf, Usd, UsdUtils
 
 from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
 from tiscene.usd.core import schema
-from tiscene.usd.core.report import error_lines, one_line
+from tiscene.usd.core.package import split_package
+from tiscene.usd.core.report import StageReport, error_lines, one_line
 
 schema.register()
 
 Variants = Mapping[str, str | Mapping[str, str]]
 _MAX_VARIANT_PRIMS = 30  # prims with variant sets that an error lists
+_ASSET = re.compile(r"@([^@]+)@")
+_OLDEST_CRATE = (0, 4, 0)  # format of binary files that usd-core reads
+_METERS = "metersPerUnit"
+_DEFAULT_METERS = 0.01
 
 
 @contextlib.contextmanager
@@ -38,21 +44,27 @@ def readable(path: str | Path) -> Iterator[None]:
     try:
         yield
     except Tf.ErrorException as error:
-        raise StageError(str(path), [f"cannot be read: {line}" for line in error_lines(error)]) from None
+        advice = old_crate_advice(str(path))
+        lines = [f"cannot be read: {advice}"] if advice else [f"cannot be read: {line}" for line in error_lines(error)]
+        raise StageError(str(path), lines) from None
     except UnicodeDecodeError as error:
         raise StageError(str(path), [f"cannot be read: a text in it is not valid UTF-8: {error}"]) from None
 
 
-def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
+def open_stage(path: str | Path, variants: Variants | None = None, report: StageReport | None = None) -> Usd.Stage:
     """Open a stage with every payload loaded and variants selected in its session layer.
+
+    A unit of length that is invalid, or a float instead of a double (Blender 2.8), is corrected in the session layer.
 
     Args:
         path: the file.
         variants: variant selections, `{"/Room{lighting}": "night"}` or `{"/Room": {"lighting": "night"}}`.
+        report: receives layers that are missing, and everything else that does not compose, as problems. None: they
+            are ignored.
 
     Raises:
         MissingFile: there is no such file.
-        StageError: the file cannot be read, or something does not compose.
+        StageError: the file cannot be read, or its time codes are invalid.
         UnknownName: a prim, variant set or variant that the stage does not have.
         ArgumentError: `variants` is malformed.
     """
@@ -69,31 +81,65 @@ def open_stage(path: str | Path, variants: Variants | None = None) -> Usd.Stage:
     try:
         select_variants(stage, variants or {})
     except UnknownName:
-        _raise_errors(stage, path)  # a variant may be missing because its file is
+        if stage.GetCompositionErrors():  # a variant may be missing because its file is
+            missing = StageReport(str(path))
+            _report_composition(stage, missing)
+            missing.raise_problems()
         raise
-    _raise_errors(stage, path)
+    report = report or StageReport(str(path))
+    _report_composition(stage, report)
+    _correct_unit(stage, report)
+    _refuse_time_codes(stage, report)
+    report.raise_refused()
     _set_missing_range(stage)
     return stage
 
 
-def _raise_errors(stage: Usd.Stage, path: Path) -> None:
-    """Raise StageError if a stage has composition errors or invalid metadata."""
-    problems = [f"<{_error_path(error)}> composition: {one_line(error)}" for error in stage.GetCompositionErrors()]
-    problems += _metadata_problems(stage)
-    if problems:
-        raise StageError(str(path), list(dict.fromkeys(problems)))
+def _report_composition(stage: Usd.Stage, report: StageReport) -> None:
+    """Report everything that does not compose, such as references to files that do not exist."""
+    for error in stage.GetCompositionErrors():
+        text = one_line(error)
+        advice = next((found for asset in _ASSET.findall(text) if (found := old_crate_advice(asset))), "")
+        report.problem(_error_path(error), "composition", f"{text}: {advice}" if advice else text)
 
 
-def _metadata_problems(stage: Usd.Stage) -> list[str]:
-    """Return what is wrong with a stage's unit of length and time codes."""
-    meters, rate = UsdGeom.GetStageMetersPerUnit(stage), stage.GetTimeCodesPerSecond()
-    problems = [
-        f"</> stage: {name} is {value:g}"
-        for name, value in (("metersPerUnit", meters), ("timeCodesPerSecond", rate))
-        if not 0.0 < value < math.inf
-    ]
-    ends = ("startTimeCode", stage.GetStartTimeCode()), ("endTimeCode", stage.GetEndTimeCode())
-    return problems + [f"</> stage: {name} is {value:g}" for name, value in ends if not math.isfinite(value)]
+def _correct_unit(stage: Usd.Stage, report: StageReport) -> None:
+    """Author a valid unit of length in the session layer; an invalid one is reported."""
+    layer = stage.GetRootLayer().pseudoRoot
+    if not layer.HasInfo(_METERS):
+        return
+    value = float(layer.GetInfo(_METERS))
+    if not 0.0 < value < math.inf:
+        report.problem("/", "stage", f"{_METERS} is {value:g}; USD's default of {_DEFAULT_METERS} m is used")
+        value = _DEFAULT_METERS
+    stage.GetSessionLayer().pseudoRoot.SetInfo(_METERS, value)  # as a double, whatever type the file has
+
+
+def _refuse_time_codes(stage: Usd.Stage, report: StageReport) -> None:
+    """Refuse time codes that are not finite or do not advance: USD scales all time samples by their rate."""
+    rate = stage.GetTimeCodesPerSecond()
+    if not 0.0 < rate < math.inf:
+        report.refuse("/", "stage", f"timeCodesPerSecond is {rate:g}; it must be positive, such as 24")
+    for name, value in (("startTimeCode", stage.GetStartTimeCode()), ("endTimeCode", stage.GetEndTimeCode())):
+        if not math.isfinite(value):
+            report.refuse("/", "stage", f"{name} is {value:g}; it must be a number")
+
+
+def old_crate_advice(file: str) -> str:
+    """Return what to do about a binary USD file that is too old for the installed USD library; "" if it is not."""
+    try:
+        with open(split_package(file)[0], "rb") as stream:
+            head = stream.read(11)
+    except (OSError, ValueError):
+        return ""
+    if len(head) < 11 or not head.startswith(b"PXR-USDC") or tuple(head[8:]) >= _OLDEST_CRATE:
+        return ""
+    version, oldest = ".".join(map(str, head[8:])), ".".join(map(str, _OLDEST_CRATE))
+    return (
+        f"{file} is of version {version} of USD's binary format, and the installed USD library reads {oldest} and "
+        "later: convert it once with an older library, in an environment of its own: pip install usd-core==24.11; "
+        "python -c \"from pxr import Sdf; Sdf.Layer.FindOrOpen('old.usdc').Export('new.usdc')\""
+    )
 
 
 def _error_path(error: object) -> str:

@@ -113,7 +113,7 @@ def _cone(size: dict[str, float]) -> WeldedMesh:
 def _frustum(bottom: float, top: float, half: float) -> WeldedMesh:
     slope = np.array([2.0 * half, bottom - top])
     normal = slope / max(float(np.linalg.norm(slope)), 1e-300)
-    strips = [(np.array([[bottom, -half], [top, half]]), np.tile(normal, (2, 1)))]
+    strips = [(np.array([[bottom, -half], [top, half]]), np.tile(normal, (2, 1)))] if slope.any() else []
     if bottom > 0.0:
         strips.append((np.array([[0.0, -half], [bottom, -half]]), np.tile([0.0, -1.0], (2, 1))))
     if top > 0.0:

@@ -198,21 +198,21 @@ def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, re
     none = Creases.none()
     for name, values in (("cornerIndices", corners), ("creaseIndices", indices)):
         if len(values) and (values.min() < 0 or values.max() >= topology.points):
-            report.problem(path, "mesh", f"{name} refer to points outside 0-{topology.points - 1}")
+            report.problem(path, "creases", f"{name} refer to points outside 0-{topology.points - 1}")
             return none
     if len(corners) != len(corner_sharpness):
-        report.problem(path, "mesh", f"{len(corners)} cornerIndices, but {len(corner_sharpness)} cornerSharpnesses")
+        report.problem(path, "creases", f"{len(corners)} cornerIndices, but {len(corner_sharpness)} cornerSharpnesses")
         return none
     if (len(lengths) and lengths.min() < 2) or lengths.sum() != len(indices):
-        report.problem(path, "mesh", f"creaseLengths must be at least 2 and add up to {len(indices)} creaseIndices")
+        report.problem(path, "creases", f"creaseLengths must be at least 2 and add up to {len(indices)} creaseIndices")
         return none
     edges = int((lengths - 1).sum())
     if len(sharpness) not in (len(lengths), edges):
         expected = f"{len(lengths)} or {edges}"
-        report.problem(path, "mesh", f"{len(sharpness)} creaseSharpnesses, but there must be {expected}")
+        report.problem(path, "creases", f"{len(sharpness)} creaseSharpnesses, but there must be {expected}")
         return none
     if np.isnan(sharpness).any() or np.isnan(corner_sharpness).any():
-        report.problem(path, "mesh", "a crease or corner sharpness is not a number")
+        report.problem(path, "creases", "a crease or corner sharpness is not a number")
         return none
     if len(sharpness) != edges:
         sharpness = np.repeat(sharpness, lengths - 1)

@@ -92,16 +92,20 @@ class LightReader:
         if reader is None:
             self._report.omission(path, f"lights of type {kind or 'LightAPI'} are not supported")
             return
-        light = reader(prim, pose, emission, scale)
-        if light is not None:
-            self.lights.append(dataclasses.replace(light, **self._controls(prim)))
+        light, controls = reader(prim, pose, emission, scale), self._controls(prim)
+        if light is not None and controls is not None:
+            self.lights.append(dataclasses.replace(light, **controls))
 
-    def _controls(self, prim: Usd.Prim) -> dict[str, Any]:
-        """Read the controls common to all types: diffuse and specular multipliers, shaping, shadows."""
+    def _controls(self, prim: Usd.Prim) -> dict[str, Any] | None:
+        """Read the controls common to all types: diffuse and specular multipliers, shaping, shadows.
+
+        None, with a problem reported, for multipliers that are negative or not finite.
+        """
         diffuse, specular = (self._float(prim, name, 1.0) for name in ("diffuse", "specular"))
         if not (0.0 <= diffuse < math.inf and 0.0 <= specular < math.inf):
             text = f"diffuse {diffuse} and specular {specular} must be finite, and not below 0"
             self._report.problem(prim.GetPath(), "light", text)
+            return None
         shadows = not prim.HasAPI(UsdLux.ShadowAPI) or bool(self._input(prim, "shadow:enable", True))
         shaping = read_shaping(prim, self._time, self._textures, self._report)
         return {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}

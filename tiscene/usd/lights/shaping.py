@@ -48,7 +48,7 @@ def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, rep
     )
     tint = tuple(float(c) for c in light_input(prim, "shaping:focusTint", time, (0.0, 0.0, 0.0)))
     if not all(math.isfinite(number) for number in (angle, softness, focus, *tint)) or len(tint) != 3:
-        report.problem(prim.GetPath(), "light", "its shaping has values that are not finite numbers")
+        report.problem(prim.GetPath(), "shaping", "it has values that are not finite numbers")
         return None
     profile = _profile(prim, time, textures, report)
     full_angle = 90.0 if prim.GetTypeName() in _ONE_SIDED_TYPES else 180.0
@@ -71,7 +71,7 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         return None
     if asset.resolvedPath and not report.root.contains(str(asset.resolvedPath)):
-        report.problem(prim.GetPath(), "light", f"@{asset.resolvedPath}@ is outside {report.root.folder}")
+        report.refuse(prim.GetPath(), "light", f"@{asset.resolvedPath}@ is outside {report.root.folder}")
         return None
     scale = float(light_input(prim, "shaping:ies:angleScale", time, 0.0))
     normalize = bool(light_input(prim, "shaping:ies:normalize", time, False))

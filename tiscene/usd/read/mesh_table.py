@@ -167,7 +167,9 @@ class MeshTable:
             self._surfaces[key] = surface
         return self._surfaces[key]
 
-    def _add(self, prim: Usd.Prim, surface: WeldedMesh, whole: Binding, subsets: Subsets, partition: Partition) -> int:
+    def _add(
+        self, prim: Usd.Prim, surface: WeldedMesh, whole: Binding, subsets: Subsets, partition: Partition
+    ) -> int | None:
         self._report.budget.add_mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
         if subsets:
@@ -179,6 +181,7 @@ class MeshTable:
             positions = surface.positions * np.float32(self._meters)
         if not np.abs(positions).max(initial=0.0) <= MAX_COORDINATE:
             self._report.problem(prim.GetPath(), "geometry", f"its points reach farther than {MAX_COORDINATE:g} m")
+            return None
         parts = None if partition[1] is None else partition[1][surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
         digest = hashlib.blake2b(digest_size=16)

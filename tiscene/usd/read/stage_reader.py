@@ -32,6 +32,7 @@ def read_stage(
     untrusted: bool = False,
     limits: Limits | None = None,
     isolate: bool | None = None,
+    strict: bool = False,
 ) -> SceneDescription:
     """Read a USD stage (.usd, .usda, .usdc, .usdz) at one time code.
 
@@ -54,6 +55,8 @@ def read_stage(
             bound on memory, and a bound on time that is checked between prims only.
         isolate: whether to read in a child process, which is stopped when `limits.seconds` or `limits.memory` is
             exceeded, and whose crash is a StageError. None: if `limits` is given or the file is untrusted.
+        strict: whether to refuse a stage with a broken part: a missing file, or a prim that contradicts itself. False:
+            the part is left out, and the stage is refused only if nothing else is drawn.
 
     Raises:
         MissingFile: there is no such file.
@@ -74,16 +77,17 @@ def read_stage(
             "variants": variants,
             "extract": tuple(extract),
             "taxonomy": taxonomy,
+            "strict": strict,
         }
         options |= {"root": None if root is None else Path(root), "limits": limits, "isolate": False}
         return read_in_subprocess(read_stage, path, options, limits)
     root_folder = RootFolder(root)
     with quiet(), readable(path):
-        stage = open_stage(path, variants)
-        root_folder.check(stage, str(path))
-        is_animated = time_code is None and changes_over_time(stage)
         budget = ReadingBudget(str(path), limits or Limits())
-        report = StageReport(str(path), is_animated, root_folder, budget)
+        report = StageReport(str(path), root=root_folder, budget=budget, strict=strict)
+        stage = open_stage(path, variants, report)
+        root_folder.check(stage, str(path))
+        report.reads_animation = time_code is None and changes_over_time(stage)
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
         bake_skinning(stage, time, report)
@@ -93,8 +97,9 @@ def read_stage(
             *stage_templates(stage, report, taxonomy),
             *extracted_templates(stage, extract, time, report, taxonomy),
         )
-        report.raise_problems()
+        file = Path(path)
+        name = file.resolve().parent.name if file.stem == "scene" else file.stem
+        description = reader.description(name, templates)
+        report.raise_problems(anything_left=bool(description.instances or templates))
     report.warn()
-    file = Path(path)
-    name = file.resolve().parent.name if file.stem == "scene" else file.stem
-    return reader.description(name, templates)
+    return description

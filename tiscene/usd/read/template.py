@@ -57,8 +57,8 @@ def read_template(
         options = {"up_axis": up_axis, "variants": variants, "taxonomy": taxonomy}
         return read_in_subprocess(read_template, path, options, limits)
     with quiet(), readable(path):
-        stage = open_stage(path)
         report = StageReport(str(path))
+        stage = open_stage(path, report=report)
         prim = root_prim(stage)
         if prim is None:
             raise StageError(
@@ -68,7 +68,7 @@ def read_template(
             select_variants(stage, {str(prim.GetPath()): variants})
         bake_skinning(stage, reading_time(stage, None), report)
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
-        report.raise_problems()
+        report.raise_problems(anything_left=bool(template.description.instances))
     report.warn()
     return _with_unique_materials(template, str(prim.GetPath()))
 
@@ -102,10 +102,11 @@ def stage_templates(stage: Usd.Stage, report: StageReport, taxonomy: str | None 
     if not folder or not folder.IsAbstract():
         return ()
     children = folder.GetFilteredChildren(ALSO_ABSTRACT)
-    return tuple(
+    found = (
         template_of(child, display_name(child) or spaced(child.GetName()), report, taxonomy=taxonomy)
         for child in children
     )
+    return tuple(each for each in found if each.description.instances)
 
 
 def template_of(

@@ -87,10 +87,10 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
         return _read_stepped(prim, report)
     if kind not in CLASS_BY_TYPE:
         known = ", ".join((NO_MOTION, *CLASS_BY_TYPE, STEPPED))
-        report.problem(path, "motion", f"tiscene:motion:type is {str(kind)!r}; it must be one of {known}")
+        report.refuse(path, "motion", f"tiscene:motion:type is {str(kind)!r}; it must be one of {known}")
         return None
     if path in above:
-        report.problem(path, "motion", "it is a part of itself")
+        report.refuse(path, "motion", "it is a part of itself")
         return None
     name = CLASS_BY_TYPE[str(kind)]
     content: dict[str, Any] = {"type": name}
@@ -102,7 +102,7 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
             if key == "parts":
                 content[key] = parts
             elif len(parts) > 1:
-                report.problem(path, "motion", f"lookAt has {len(parts)} parts; it takes its position from one")
+                report.refuse(path, "motion", f"lookAt has {len(parts)} parts; it takes its position from one")
             elif parts:
                 content[key] = parts[0]
         else:
@@ -116,15 +116,15 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
 def _read_stepped(prim: Usd.Prim, report: StageReport) -> dict[str, Any] | None:
     name, text = _authored(prim, "class"), _authored(prim, "fields")
     if not name:
-        report.problem(prim.GetPath(), "motion", "its type is stepped, but tiscene:motion:class is empty")
+        report.refuse(prim.GetPath(), "motion", "its type is stepped, but tiscene:motion:class is empty")
         return None
     try:
         fields = json.loads(text or "{}")
     except json.JSONDecodeError as error:
-        report.problem(prim.GetPath(), "motion", f"tiscene:motion:fields is not JSON: {error}")
+        report.refuse(prim.GetPath(), "motion", f"tiscene:motion:fields is not JSON: {error}")
         return None
     if not isinstance(fields, dict):
-        report.problem(prim.GetPath(), "motion", f"tiscene:motion:fields is {text!r}; it must be a JSON object")
+        report.refuse(prim.GetPath(), "motion", f"tiscene:motion:fields is {text!r}; it must be a JSON object")
         return None
     return fields | {"type": str(name)}
 
@@ -137,7 +137,7 @@ def read_waypoints(prim: Usd.Prim, units: Units, report: StageReport) -> list[di
     for name, values in (("rotations", rotations), ("orientations", orientations)):
         if values and len(values) != len(positions):
             text = f"{len(positions)} positions, but {len(values)} {name}; there must be as many, or none"
-            report.problem(prim.GetPath(), "motion", text)
+            report.refuse(prim.GetPath(), "motion", text)
             return []
     waypoints = []
     for row, position in enumerate(positions):
@@ -155,7 +155,7 @@ def _read_parts(prim: Usd.Prim, units: Units, report: StageReport, above: Sequen
         part = prim.GetStage().GetPrimAtPath(target)
         content = _read(part, units, report, above) if part else None
         if content is None:
-            report.problem(prim.GetPath(), "motion", f"its part <{target}> has no motion")
+            report.refuse(prim.GetPath(), "motion", f"its part <{target}> has no motion")
         else:
             parts.append(content)
     return parts
@@ -197,7 +197,7 @@ def write_dynamic(
                 scopes.append(scope.GetPath())
             prim.CreateRelationship(f"{_PREFIX}:parts").SetTargets(scopes)
         elif key == "seed" and not -(2**63) <= value < 2**63:
-            report.problem(prim.GetPath(), "motion", f"seed={value} is not within 64 bits")
+            report.refuse(prim.GetPath(), "motion", f"seed={value} is not within 64 bits")
         else:
             parameter = PARAMETERS[key]
             _author(prim, parameter.attribute, parameter.type, units.to_stage(value, parameter.length))

@@ -81,8 +81,8 @@ def read_scenario(
         report = StageReport(str(path))
         reader = _ScenarioReader(stage, report)
         result = reader.read()
-        report.raise_problems()
-    report.warn()
+        report.raise_refused()  # `read_stage` names broken prims; here they do not move
+    report.warn(problems=False)
     return result
 
 
@@ -143,7 +143,7 @@ class _ScenarioReader:
         ]
         best = [prim for prim, rank in zip(scenarios, ranks, strict=True) if rank == min(ranks)]
         for other in best[1:]:
-            self._report.problem(other.GetPath(), "scenario", f"<{best[0].GetPath()}> is the scenario already")
+            self._report.refuse(other.GetPath(), "scenario", f"<{best[0].GetPath()}> is the scenario already")
         return best[0] if best else None
 
     def _lights_of(self, prim: Usd.Prim, is_object: bool) -> list[dict[str, Any]]:
@@ -184,7 +184,7 @@ class _ScenarioReader:
         prim = self._stage.GetPrimAtPath(path)
         if prim and prim.IsA(UsdGeom.Xformable):
             return prim
-        self._report.problem(root.GetPath(), "scenario", f"its object <{path}> is not a transformable prim")
+        self._report.refuse(root.GetPath(), "scenario", f"its object <{path}> is not a transformable prim")
         return None
 
     def _object(self, prim: Usd.Prim) -> dict[str, Any] | None:
@@ -259,11 +259,11 @@ class _ScenarioReader:
                 try:
                     content[key] = json.loads(text)
                 except json.JSONDecodeError as error:
-                    self._report.problem(root.GetPath(), "scenario", f"tiscene:scenario:{key} is not JSON: {error}")
+                    self._report.refuse(root.GetPath(), "scenario", f"tiscene:scenario:{key} is not JSON: {error}")
         kind = authored(root, "tiscene:scenario:timing") or "allTogether"
         if kind not in _TIMINGS:
             text = f"tiscene:scenario:timing is {str(kind)!r}; it must be one of {', '.join(_TIMINGS)}"
-            self._report.problem(root.GetPath(), "scenario", text)
+            self._report.refuse(root.GetPath(), "scenario", text)
             return content
         timings: dict[str, Any] = {"type": _TIMINGS[kind]}
         if kind == "dictTimings":
@@ -282,7 +282,7 @@ class _ScenarioReader:
         )
         if len(ids) != len(times) or (indices and len(indices) != len(ids)):
             text = f"{len(ids)} turns, {len(indices)} turnIndices and {len(times)} turnTimes must be equally many"
-            self._report.problem(root.GetPath(), "scenario", text)
+            self._report.refuse(root.GetPath(), "scenario", text)
             return []
         indices = indices or [0] * len(ids)
         return [[each or index, time] for each, index, time in zip(ids, indices, times, strict=True)]
@@ -301,7 +301,7 @@ class _ScenarioReader:
             prim = self._stage.GetPrimAtPath(path)
             if not prim or not prim.IsA(UsdGeom.Camera):
                 assert root is not None
-                self._report.problem(root.GetPath(), "scenario", f"its camera <{path}> is not a Camera")
+                self._report.refuse(root.GetPath(), "scenario", f"its camera <{path}> is not a Camera")
                 return None
             found.append(self._one_camera(prim, True))
         return found if len(found) > 1 else found[0]

@@ -66,4 +66,4 @@ def report_unknown_properties(prim: Usd.Prim, report: StageReport) -> None:
         if name not in properties():
             nearest = difflib.get_close_matches(name, sorted(properties()), n=1)
             hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-            report.problem(prim.GetPath(), "schema", f"there is no property {name!r}{hint}")
+            report.refuse(prim.GetPath(), "schema", f"there is no property {name!r}{hint}")
