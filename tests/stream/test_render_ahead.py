@@ -95,8 +95,7 @@ def test_killed_worker_is_an_error_and_the_next_frame_starts_another(ahead):
     process = ahead._ahead._worker
     os.kill(process.pid, signal.SIGKILL)
     with pytest.raises(DeviceError, match=r"exit code -9.*prefetch=0"):
-        for _ in range(6):
-            next(ahead)
+        list(ahead)
     ahead.seek(7)
     assert next(ahead).index == 7
 
