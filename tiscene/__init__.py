@@ -9,6 +9,7 @@ Packages, from the user's side down::
     cli            command line
     export         frames to files
     sailenv        SAILenv's API and wire protocol
+    learning       continual learning: supervision, courses, drift, evaluation
     stream         streams of frames: iteration, random access, state
     loaders        streams as data sets of PyTorch, Grain and Hugging Face
     randomization  random scenarios
@@ -62,6 +63,7 @@ _MODULES = {
     "Camera": "tiscene.scene.camera",
     "CatmullWaypoints": "dynamics",
     "Composite": "dynamics",
+    "Course": "tiscene.learning.course",
     "DictTimings": "dynamics",
     "Frame": "tiscene.frame.frame",
     "Frustum": "tiscene.scenario.objects",
@@ -72,10 +74,12 @@ _MODULES = {
     "LookAt": "dynamics",
     "Object": "tiscene.scenario.objects",
     "Orbit": "dynamics",
+    "Phase": "tiscene.learning.phase",
     "Scenario": "tiscene.scenario.scenario",
     "Stepped": "dynamics",
     "Still": "dynamics",
     "Stream": "tiscene.stream.stream",
+    "Supervision": "tiscene.learning.supervision",
     "TisceneError": "tiscene.errors",
     "UniformMovementRandomBounce": "dynamics",
     "WaitUntilComplete": "dynamics",

@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Courses of phases, laps, drift schedules."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynamics import (
+    AllTogether,
+    CatmullWaypoints,
+    DictTimings,
+    LinearWaypoints,
+    Orbit,
+    UniformMovementRandomBounce,
+    WaitUntilComplete,
+    Waypoint,
+)
+from tiscene.errors import ArgumentError, MissingFile, ObjectNotFound, ScenarioError
+from tiscene.learning.course import Course
+from tiscene.learning.drift import Cycle, Drift, Mix, Ramp, Step
+from tiscene.learning.laps import lap_times
+from tiscene.learning.phase import Phase
+from tiscene.learning.supervision import Supervision, SupervisionRules
+from tiscene.learning.teaching_policies import Everything, FirstFrames, LastFrames, OnePixelPerMovingObject
+from tiscene.scenario.light_motion import LightMotion
+from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera
+from tiscene.stream import stage_cache
+from tiscene.stream.stream import Stream
+
+SMALL = {"width": 32, "height": 24, "buffers": ("semantic", "instance", "part", "depth"), "observed": ("depth",)}
+
+
+def scenario(template="Ball 01", total_time=1.0, scene="object_view", **others):
+    path = [Waypoint((-0.6, 0.9, -2)), Waypoint((0.6, 1.2, -2)), Waypoint((0, 0.6, -2.4))]
+    moving = Object("mover", template, dynamic=CatmullWaypoints(path, total_time=total_time), collide=False)
+    return Scenario(scene, [moving], **others)
+
+
+BALL, CHAIR = scenario("Ball 01"), scenario("Chair 01")
+
+
+@pytest.fixture(scope="module")
+def course():
+    return Course(
+        [
+            Phase("watch", BALL, frames=6),
+            Phase("taught", CHAIR, frames=4, supervision=OnePixelPerMovingObject()),
+            Phase("again", BALL, frames=3, start=2),
+            Phase("other scene", scenario("Plant 01", scene="solid_benchmark"), frames=2),
+        ],
+        tests=[Phase("watch", BALL, frames=2, start=40), Phase("unseen", scenario("Pillow 01"), frames=2)],
+        **SMALL,
+    )
+
+
+def same(a, b):
+    return all(a[name].tobytes() == b[name].tobytes() for name in b)
+
+
+def test_course_shows_the_frames_of_its_streams(course):
+    assert len(course) == 15
+    names = list(course.categories.values())[1:]
+    settings = {"width": 32, "height": 24, "buffers": SMALL["buffers"], "quality": "fast", "categories": names}
+    ball, chair = Stream(BALL, **settings), Stream(CHAIR, **settings)
+    for index, stream, k in ((0, ball, 0), (5, ball, 5), (6, chair, 0), (9, chair, 3), (10, ball, 2), (12, ball, 4)):
+        frame = course[index]
+        assert same(frame, stream[k])
+        assert (frame.index, frame.time) == (index, stream[k].time)
+
+
+def test_frames_know_phase_and_boundary(course):
+    frames = list(course.seek(4))
+    assert [frame.phase for frame in frames] == ["watch"] * 2 + ["taught"] * 4 + ["again"] * 3 + ["other scene"] * 2
+    assert [frame.index for frame in frames if frame.boundary] == [6, 10, 13]
+    assert [frame.phase_index for frame in frames][:4] == [4, 5, 0, 1]
+    assert course.events() == {6: "phase taught", 10: "phase again", 13: "phase other scene"}
+    with pytest.raises(StopIteration):
+        next(course)
+    course.seek(0)
+
+
+def test_revisited_frames_have_equal_bytes(course):
+    assert same(course[2], course[10])
+    assert same(course[-1], course[14])
+    assert [frame.index for frame in course[3:9:2]] == [3, 5, 7]
+    with pytest.raises(IndexError, match=r"outside 0\.\.14"):
+        course[15]
+
+
+def test_category_ids_are_shared_by_name_with_tests(course):
+    categories = course.categories
+    assert {"ball", "chair", "plant", "pillow"} < set(categories.values())
+    assert list(categories) == list(range(len(categories)))
+    for index in (0, 6, 13):
+        frame = course[index]
+        assert frame.categories == categories
+        row = frame.objects.by_name("mover")
+        assert categories[row.category_id] == row.category
+        assert row.category_id in frame.semantic
+    assert course.tests.categories == categories
+    assert course.tests[0].categories == categories
+
+
+def test_given_categories_are_kept():
+    chosen = Course([Phase("a", BALL, frames=1)], **SMALL, categories=("chair", "ball"))
+    assert chosen.categories == {0: "", 1: "chair", 2: "ball"}
+    assert set(np.unique(chosen[0].semantic)) == {0, 2}
+
+
+def test_same_scene_is_read_once(monkeypatch):
+    read = []
+    load = stage_cache.load
+    monkeypatch.setattr(
+        stage_cache, "load", lambda path, *args, **named: read.append(path) or load(path, *args, **named)
+    )
+    scenarios = [scenario(name) for name in ("Ball 01", "Chair 01", "Plant 01", "Pillow 01", "Dish 01", "Book 01")]
+    phases = [Phase(f"{row}", each, frames=1) for row, each in enumerate(scenarios)]
+    course = Course(phases, **SMALL)
+    for index in (0, 5, 1, 4, 2, 3):
+        course[index]
+    assert len(read) == 1
+
+
+def test_observation_hides_labels_and_boundaries(course):
+    frame = course[6]
+    seen = course.observation(frame)
+    assert list(seen) == ["depth"]
+    assert (seen.phase, seen.boundary, seen.lap, len(seen.objects), seen.events) == ("", False, None, 0, ())
+    assert seen.index == frame.index
+    shown = Course(course.phases, boundaries="shown", **SMALL).observation(frame)
+    assert (shown.phase, shown.boundary) == ("taught", True)
+
+
+def test_state_resumes_and_refuses_other_courses(course):
+    course.seek(7)
+    saved = json.loads(json.dumps(course.state_dict()))
+    again = Course.from_json(json.loads(json.dumps(course.to_json())))
+    again.load_state_dict(saved)
+    assert again.position == 7
+    assert same(next(again), course[7])
+    other = Course(course.phases[:3], **SMALL)
+    with pytest.raises(ArgumentError, match="of another course"):
+        other.load_state_dict(saved)
+    with pytest.raises(ArgumentError, match="not a Course"):
+        other.load_state_dict({})
+
+
+def test_json_keeps_everything(tmp_path):
+    drift = [
+        Drift("scenario", (BALL, CHAIR), Mix(1, 4, block=1)),
+        Drift("illumination", (1.0, 0.25), Ramp(0, 5, steps=3)),
+    ]
+    rules = SupervisionRules(FirstFrames(2, Everything(3)), budget=5, rate=0.5, noise=0.1, within=3)
+    course = Course(
+        [Phase("a", BALL, laps=2, supervision=rules, drift=drift), Phase("b", CHAIR, frames=2, evaluate=True, start=3)],
+        tests=[Phase("a", BALL, frames=1)],
+        boundaries="shown",
+        fps=10,
+        **SMALL,
+    )
+    course.save(tmp_path / "course.json")
+    loaded = Course.load(tmp_path / "course.json")
+    assert loaded.phases == course.phases
+    assert loaded.test_phases == course.test_phases
+    assert loaded.to_json() == course.to_json()
+    assert (loaded.boundaries, loaded.observed, loaded.fps) == ("shown", ("depth",), 10)
+    assert len(course.to_json()["scenarios"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "x"}, "not a course"),
+        ({"version": 9}, "version: 9, but this tiscene reads version 1"),
+        ({"phazes": []}, "phazes: a course has no such key"),
+        ({"phases": [{"name": "a", "scenario": "7", "frames": 1}]}, r"phases\[0\].scenario='7': no such key"),
+        ({"phases": [{"name": "a", "scenario": "1", "frame": 1}]}, r"phases\[0\].frame: a phase has no such key"),
+        (
+            {"phases": [{"name": "a", "scenario": "1", "frames": 1, "supervision": {"budget": -1}}]},
+            r"phases\[0\].supervision.budget=-1",
+        ),
+        (
+            {"phases": [{"name": "a", "scenario": "1", "frames": 1, "supervision": {"policy": {"type": "Randm"}}}]},
+            "unknown type 'Randm'",
+        ),
+    ],
+)
+def test_damaged_files_name_the_place(tmp_path, change, message):
+    content = Course([Phase("a", BALL, frames=1)], **SMALL).to_json() | change
+    (tmp_path / "course.json").write_text(json.dumps(content))
+    with pytest.raises((ArgumentError, ScenarioError), match=message) as error:
+        Course.load(tmp_path / "course.json")
+    assert "course.json" in str(error.value)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(MissingFile, match="no file"):
+        Course.load(tmp_path / "none.json")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Phase("a", BALL), "give either frames= or laps="),
+        (lambda: Phase("a", BALL, frames=0), "frames=0: must be at least 1"),
+        (lambda: Phase("a", 3, frames=1), "must be a Scenario"),
+        (lambda: Phase("a", BALL, frames=1, drift=["x"]), "must be a Drift"),
+        (lambda: Course([]), "one phase or more"),
+        (lambda: Course([Phase("a", BALL, frames=1)] * 2), "called 'a' already"),
+        (lambda: Course([Phase("a", BALL, frames=1)], boundaries="no"), "must be 'hidden' or 'shown'"),
+        (lambda: Course([Phase("a", BALL, frames=1)], frames=3), "give the phases frames="),
+        (lambda: Course([Phase("a", BALL, frames=1)], observed=("hdr",)), "'hdr' is not among buffers="),
+    ],
+)
+def test_wrong_courses_are_refused(make, message):
+    with pytest.raises(ArgumentError, match=message):
+        make()
+
+
+def test_teacher_of_a_course_follows_the_phases(course):
+    teacher = Supervision(course)
+    answers = {frame.index: [answer for _, answer in teacher.offers(frame)] for frame in course.seek(4)}
+    assert [index for index, offered in answers.items() if offered] == [6, 7, 8, 9]
+    assert {answer.category for offered in answers.values() for answer in offered} == {"chair"}
+    course.seek(0)
+
+
+def test_last_frames_count_from_the_end_of_the_phase():
+    phases = [Phase(name, BALL, frames=4, supervision=LastFrames(1)) for name in "ab"]
+    course = Course(phases, **SMALL)
+    teacher = Supervision(course)
+    assert [frame.index for frame in course if list(teacher.offers(frame))] == [3, 7]
+
+
+def two(first, second, timings=None, **others):
+    paths = [LinearWaypoints([Waypoint((0, 0, 0)), Waypoint((1, 0, 0))], total_time=time) for time in (first, second)]
+    objects = [Object(name, "Cube", dynamic=path) for name, path in zip("ab", paths, strict=True)]
+    return Scenario("object_view", objects, timings=timings or AllTogether(0.0), **others)
+
+
+def test_lap_is_common_multiple_of_all_loops():
+    assert lap_times(two(2.0, 3.0)).frames(1, 25) == 150
+    assert lap_times(two(2.0, 3.0), of="a").frames(1, 25) == 50
+    assert lap_times(two(3.3, 1.1)).frames(2, 30) == 198
+    turning = two(2.0, 4.0, camera=Camera(dynamic=Orbit(period=5.0)))
+    assert lap_times(turning).frames(1, 10) == 200
+    assert lap_times(turning, of="camera").frames(1, 10) == 50
+    blinking = two(2.0, 4.0, lights=[LightMotion("Lamp", times=(0, 6), intensity=(1, 0), repeat=True)])
+    assert lap_times(blinking).frames(1, 10) == 120
+
+
+def test_laps_begin_after_the_wait():
+    times = lap_times(two(2.0, 2.0, AllTogether(0.5)))
+    assert times.frames(2, 10) == 45
+    assert [times.lap(k, 10) for k in (0, 4, 5, 24, 25, 44, 45)] == [0, 0, 0, 0, 1, 1, 2]
+
+
+def test_laps_of_turns():
+    assert lap_times(two(2.0, 3.0, WaitUntilComplete(0.5))).frames(1, 10) == 60
+    # In each cycle of 2.5 s, a does half of its loop of 2 s: it is back after two cycles.
+    assert lap_times(two(2.0, 1.5, DictTimings({"a": 1.0, "b": 1.5}))).frames(1, 10) == 50
+
+
+def test_scenarios_without_laps_say_why():
+    bouncing = Scenario("object_view", [Object("ball", "Ball 01", dynamic=UniformMovementRandomBounce())])
+    for without, message in ((bouncing, "'ball' never returns"), (Scenario("object_view"), "does not move")):
+        with pytest.raises(ScenarioError, match=message):
+            lap_times(without)
+    with pytest.raises(ScenarioError, match="never returns"):
+        lap_times(two(1.0, 2.0, WaitUntilComplete(0.5, repeat=False)))
+    with pytest.raises(ObjectNotFound, match="no object 'c'"):
+        lap_times(two(1.0, 2.0), of="c")
+
+
+def test_frames_repeat_after_a_lap():
+    course = Course([Phase("laps", scenario(total_time=0.6), laps=2)], fps=10, **SMALL)
+    frames = list(course)
+    assert [frame.lap for frame in frames] == [0] * 6 + [1] * 6
+    for first, second in zip(frames[:6], frames[6:], strict=True):
+        assert same(first, second)
+    assert not same(frames[0], frames[3])
+
+
+def test_schedules_have_the_positions_of_their_definitions():
+    assert [Step(3).position(k, 2) for k in (0, 2, 3, 9)] == [0, 0, 1, 1]
+    assert [Step((2, 4)).position(k, 3) for k in range(6)] == [0, 0, 1, 1, 2, 2]
+    assert [Ramp(2, 6, steps=4).position(k, 2) for k in range(8)] == [0, 0, 0, 0.25, 0.5, 0.75, 1, 1]
+    assert [Cycle(2).position(k, 3) for k in range(8)] == [0, 0, 1, 1, 2, 2, 0, 0]
+    mix = [Mix(100, 1100, block=1).position(k, 2) for k in range(1200)]
+    assert mix[:100] == [0] * 100
+    assert mix[1100:] == [1] * 100
+    for start in range(100, 1100, 200):
+        share, expected = np.mean(mix[start : start + 200]), (start) / 1000
+        assert abs(share - expected) < 4 * np.sqrt(expected * (1 - expected) / 200) + 0.01
+    blocks = np.array([Mix(0, 200, block=20).position(k, 2) for k in range(200)]).reshape(10, 20)
+    assert (blocks == blocks[:, :1]).all()
+
+
+def test_schedules_name_their_events():
+    assert Step((5, 50)).events(20, 3) == [5]
+    assert Ramp(5, 9).events(20, 2) == [5]
+    assert Mix(30, 40).events(20, 2) == []
+    assert Cycle(6).events(20, 2) == [6, 12, 18]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Step((3, 3)),
+        lambda: Ramp(4, 4),
+        lambda: Mix(0, 5, block=0),
+        lambda: Cycle(0),
+        lambda: Drift("speed", (1.0,), Step(1)),
+        lambda: Drift("speed", (1.0, 2.0), "step"),
+        lambda: Drift("scenario", (1.0, 2.0), Step(1)),
+    ],
+)
+def test_wrong_schedules_are_refused(make):
+    with pytest.raises(ArgumentError, match="="):
+        make()
+
+
+def test_numbers_are_interpolated_and_other_values_are_not():
+    ramp = Drift("illumination", (1.0, 0.5), Ramp(0, 4, steps=4))
+    assert [ramp.value(k) for k in range(5)] == [1.0, 0.875, 0.75, 0.625, 0.5]
+    assert [Drift("materials", ("a", "b"), Ramp(0, 4)).value(k) for k in range(5)] == ["a", "a", "a", "b", "b"]
+
+
+def test_drift_of_scenarios_shows_each_at_its_frames_in_equal_motion():
+    drift = Drift("scenario", (BALL, CHAIR), Cycle(2))
+    course = Course([Phase("drifting", BALL, frames=6, drift=drift)], **SMALL)
+    names = list(course.categories.values())[1:]
+    settings = {"width": 32, "height": 24, "buffers": SMALL["buffers"], "quality": "fast", "categories": names}
+    streams = Stream(BALL, **settings), Stream(CHAIR, **settings)
+    for k in (5, 0, 2, 3, 4, 1):  # out of order
+        assert same(course[k], streams[k // 2 % 2][k])
+        assert course[k].objects.by_name("mover").position == streams[0][k].objects.by_name("mover").position
+    assert course.events() == {2: "scenario", 4: "scenario"}
+
+
+def test_two_factors_drift_at_once():
+    plant = replace(BALL, objects=(*BALL.objects, Object("plant", "Plant 01", (1, 0.3, -3))))
+    first = Drift("scenario", (BALL, plant), Step(2))
+    phase = Phase("both", BALL, frames=4, drift=[first, Drift("scenario", (BALL, CHAIR), Step(3))])
+    assert phase.positions(2) == (1.0, 0.0)
+    assert phase.events(25) == {2: "scenario", 3: "scenario"}

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Course: phases one after another, as one exactly repeatable sequence of frames.
+
+As of a stream, frame k depends only on the course and k: `course[k]` equals the k-th frame of iterating, byte for byte.
+"""
+
+from __future__ import annotations
+
+import bisect
+import hashlib
+import itertools
+import json
+import operator
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, overload
+
+from tiscene.errors import ArgumentError
+from tiscene.frame.object_table import ObjectTable
+from tiscene.learning import course_file
+from tiscene.learning.phase import CourseFrame, Phase
+from tiscene.learning.stream_pool import StreamPool
+from tiscene.learning.supervision import SupervisionRules
+from tiscene.scenario.scenario import Scenario
+from tiscene.stream.frame_slice import FrameSlice
+from tiscene.stream.stream import Stream
+from tiscene.validation import integer, positive
+
+VERSION = 1
+LABELS = ("semantic", "instance", "part", "depth")  # what a teacher reads
+DEFAULTS: dict[str, Any] = {"width": 64, "height": 48, "fps": 25.0, "quality": "fast", "buffers": ("rgb", *LABELS)}
+
+
+class Course(Iterator[CourseFrame]):
+    """Phases one after another: an iterator with a position, indexable, with a length, as a stream with `frames=`.
+
+    Category ids are shared by all phases and tests: 1, 2, ... in alphabetical order of all categories that occur, or in
+    the order of `categories=`. A scene that several phases show is read once.
+
+    Args:
+        phases: one or more phases; their names differ.
+        tests: phases on which a learner is tested between the phases, each a task. A test with the name of a phase
+            belongs to it; others are tested beside.
+        boundaries: "hidden" or "shown": whether learners see names and boundaries of phases.
+        observed: buffers that learners see.
+        **settings: keyword arguments of `Stream`: width, height, fps, buffers, quality, categories, seed and so on. By
+            default 64 x 48 px, quality "fast", and the buffers rgb, semantic, instance, part and depth.
+
+    Raises:
+        TisceneError: an argument is invalid.
+    """
+
+    def __init__(
+        self,
+        phases: Sequence[Phase],
+        *,
+        tests: Sequence[Phase] = (),
+        boundaries: str = "hidden",
+        observed: Sequence[str] = ("rgb",),
+        **settings: Any,
+    ) -> None:
+        self.phases = _check_phases(phases, "phases")
+        if not self.phases:
+            raise ArgumentError("phases=(): give one phase or more")
+        if boundaries not in ("hidden", "shown"):
+            raise ArgumentError(f"boundaries={boundaries!r}: must be 'hidden' or 'shown'")
+        if "frames" in settings:
+            raise ArgumentError("frames: a course has no such argument; give the phases frames= or laps=")
+        self.boundaries = boundaries
+        self.observed = tuple(observed)
+        self.settings: dict[str, Any] = DEFAULTS | settings
+        missing = [name for name in self.observed if name not in self.settings["buffers"]]
+        if missing:
+            raise ArgumentError(f"observed={self.observed!r}: {missing[0]!r} is not among buffers=")
+        self.width = integer("width", self.settings["width"], 1, 16384)
+        self.height = integer("height", self.settings["height"], 1, 16384)
+        self.fps = positive("fps", self.settings["fps"])
+        self._tests = _check_phases(tests, "tests")
+        lengths = [phase.length(self.fps) for phase in self.phases]
+        self.starts = tuple(itertools.accumulate(lengths, initial=0))
+        self._laps = [phase.laps_of_motion() for phase in self.phases]
+        self._pool = StreamPool(self.settings)
+        self._owns_pool = True
+        self._keys: dict[tuple[int, tuple[float, ...]], tuple[str, Scenario]] = {}
+        self._position = 0
+        self._shared = False
+
+    @property
+    def tests(self) -> Course | None:
+        """The tests as a course of their own, with the same settings and category ids; None: there are none."""
+        if not self._tests:
+            return None
+        tests = Course(self._tests, boundaries=self.boundaries, observed=self.observed, **self.settings)
+        self._share_categories()
+        tests._pool, tests._owns_pool, tests._shared = self._pool, False, True
+        return tests
+
+    @property
+    def test_phases(self) -> tuple[Phase, ...]:
+        """The phases of the tests."""
+        return self._tests
+
+    @property
+    def categories(self) -> dict[int, str]:
+        """Names of the ids in `semantic`, in all phases and tests; 0 is the background. Reads all scenes."""
+        return {0: "", **dict(enumerate(self._share_categories(), 1))}
+
+    def _share_categories(self) -> tuple[str, ...]:
+        self._shared = True
+        return self._pool.share_categories(self._scenarios())
+
+    def _scenarios(self) -> Iterator[Scenario]:
+        """Yield every scenario that a frame or a test may show."""
+        for phase in (*self.phases, *self._tests):
+            positions = {phase.positions(k) for k in range(phase.length(self.fps))} if phase.drift else {()}
+            for each in sorted(positions):
+                yield phase.scenario_at(each)
+
+    def phase_at(self, index: int) -> tuple[int, int]:
+        """Return the number of a frame's phase, and the frame's number in it."""
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} is outside 0..{len(self) - 1}")
+        number = bisect.bisect_right(self.starts, index) - 1
+        return number, index - self.starts[number]
+
+    def source(self, index: int) -> tuple[Stream, int]:
+        """Return the stream that shows a frame of the course, and the frame's number there."""
+        if not self._shared:
+            self._share_categories()
+        number, k = self.phase_at(index)
+        phase = self.phases[number]
+        where = number, phase.positions(k)
+        if where not in self._keys:
+            scenario = phase.scenario_at(where[1])
+            self._keys[where] = _digest(scenario.to_json()), scenario
+        return self._pool.stream(*self._keys[where]), phase.start + k
+
+    def rules(self, index: int) -> tuple[int, SupervisionRules | None, int, int | None]:
+        """Return the number of a frame's phase, its teacher's rules, the frame's number in it, and its length."""
+        number, k = self.phase_at(index)
+        rules = self.phases[number].supervision
+        assert rules is None or isinstance(rules, SupervisionRules)  # since Phase.__post_init__
+        return number, rules, k, self.starts[number + 1] - self.starts[number]
+
+    def events(self) -> dict[int, str]:
+        """Return the frames at which a phase begins or a factor begins to change, with what changes there."""
+        found = {start: f"phase {phase.name}" for start, phase in zip(self.starts[1:], self.phases[1:], strict=False)}
+        for start, phase in zip(self.starts, self.phases, strict=False):
+            found |= {start + k: factor for k, factor in phase.events(self.fps).items()}
+        return {index: found[index] for index in sorted(found)}
+
+    def observation(self, frame: CourseFrame) -> CourseFrame:
+        """Return a frame as a learner sees it: the observed buffers, without labels, objects and events."""
+        hidden: dict[str, Any] = {"phase": "", "phase_index": 0, "boundary": False, "lap": None}
+        return replace(
+            frame,
+            buffers={name: frame[name] for name in self.observed},
+            objects=ObjectTable(),
+            events=(),
+            _other_views=(),
+            **(hidden if self.boundaries == "hidden" else {}),
+        )
+
+    def _render(self, index: int) -> CourseFrame:
+        stream, k = self.source(index)
+        number, position = self.phase_at(index)
+        laps = self._laps[number]
+        where = {
+            "phase": self.phases[number].name,
+            "phase_index": position,
+            "boundary": position == 0,
+            "lap": None if laps is None else laps.lap(k, self.fps),
+        }
+        return CourseFrame.of(stream[k], index=index, **where)
+
+    @property
+    def position(self) -> int:
+        """The index of the frame that `next` returns."""
+        return self._position
+
+    def seek(self, index: int) -> Course:
+        """Make frame `index` the next one; costs nothing. Returns the course."""
+        self._position = integer("index", index, 0, len(self))
+        return self
+
+    def __iter__(self) -> Course:
+        return self
+
+    def __next__(self) -> CourseFrame:
+        if self._position >= len(self):
+            raise StopIteration
+        frame = self._render(self._position)
+        self._position += 1
+        return frame
+
+    def __len__(self) -> int:
+        return self.starts[-1]
+
+    @overload
+    def __getitem__(self, index: int) -> CourseFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> FrameSlice: ...
+
+    def __getitem__(self, index: int | slice) -> CourseFrame | FrameSlice:
+        if isinstance(index, slice):
+            return FrameSlice(self, range(len(self))[index])
+        index = operator.index(index)
+        return self._render(index + len(self) if index < 0 else index)
+
+    def __enter__(self) -> Course:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the memory of the device. The next frame allocates it again."""
+        if self._owns_pool:
+            self._pool.close()
+
+    def __repr__(self) -> str:
+        names = ", ".join(phase.name for phase in self.phases)
+        return f"<Course of {len(self)} frames at frame {self._position}: {names}>"
+
+    def digest(self) -> str:
+        """Return the SHA-256 of the course as JSON."""
+        return _digest(self.to_json())
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the position and the digest of the course as JSON-ready values."""
+        return {"version": VERSION, "position": self._position, "course": self.digest()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue where `state_dict` was taken.
+
+        Raises:
+            ArgumentError: the state is of another course.
+        """
+        if not isinstance(state, Mapping) or state.get("version") != VERSION or "position" not in state:
+            raise ArgumentError(f"this is not a Course.state_dict of version {VERSION}")
+        if state.get("course") != self.digest():
+            raise ArgumentError("the state is of another course; make the one that it was saved with")
+        self.seek(state["position"])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the course as JSON values, from which `from_json` makes the same course."""
+        return course_file.encode(
+            {
+                "settings": self.settings,
+                "boundaries": self.boundaries,
+                "observed": self.observed,
+                "phases": self.phases,
+                "tests": self._tests,
+            }
+        )
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Course:
+        """Make a course from JSON values.
+
+        Raises:
+            ArgumentError, ScenarioError: a value is wrong; the message names its place.
+        """
+        members = course_file.decode(content)
+        return cls(members.pop("phases"), **members.pop("settings"), **members)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the course as a JSON file.
+
+        Raises:
+            ExportError: the file cannot be written.
+        """
+        course_file.write(path, self.to_json())
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Course:
+        """Read a course from a JSON file.
+
+        Raises:
+            MissingFile: there is no such file.
+            ArgumentError, ScenarioError: the course is invalid; the message names the file and the place in it.
+        """
+        return course_file.read(path, cls.from_json)
+
+
+def _check_phases(value: Any, name: str) -> tuple[Phase, ...]:
+    if (
+        isinstance(value, Phase)
+        or not isinstance(value, Sequence)
+        or not all(isinstance(each, Phase) for each in value)
+    ):
+        raise ArgumentError(f"{name}={value!r}: must be a sequence of Phase(name, scenario, ...)")
+    names = [each.name for each in value]
+    for row, each in enumerate(names):
+        if each in names[:row]:
+            raise ArgumentError(f"{name}[{row}]: another one is called {each!r} already")
+    return tuple(value)
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drift: factors of a scenario that change with the frame number, by schedules that the evaluator knows.
+
+Frame k of a drifting phase is frame k of the scenario whose factors have their values at k. So drift keeps streams
+seekable, and what a factor does not touch, such as the motion under another light, is the same on both sides.
+
+Schedules follow the kinds of drift of Gama et al., "A Survey on Concept Drift Adaptation" (2014): sudden (`Step`),
+incremental (`Ramp`), gradual (`Mix`) and recurrent (`Cycle`).
+"""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError
+from tiscene.scenario.scenario import Scenario
+
+SCENARIO = "scenario"  # the factor whose values are whole scenarios
+_MIX = 0x3107
+
+
+class Schedule(ABC):
+    """Which of several values a factor has at each frame of a phase."""
+
+    @abstractmethod
+    def position(self, k: int, count: int) -> float:
+        """Return the position among `count` values at frame k, 0 to count - 1; fractions lie between two values."""
+
+    @abstractmethod
+    def events(self, frames: int, count: int) -> list[int]:
+        """Return the frames of a phase of `frames` frames at which a change begins."""
+
+
+@dataclass(frozen=True)
+class Step(Schedule):
+    """Sudden drift: from each frame of `at` on, the next value.
+
+    Attributes:
+        at: one frame, or several in ascending order.
+    """
+
+    at: int | Sequence[int]
+
+    def __post_init__(self) -> None:
+        at = (self.at,) if isinstance(self.at, int | np.integer) else tuple(self.at)
+        for frame in at:
+            argument_checks.whole(frame, "at")
+        if not at or any(b <= a for a, b in itertools.pairwise((-1, *at))):
+            raise ArgumentError(f"at={self.at!r}: must be one or more frames from 0 on, ascending")
+        object.__setattr__(self, "at", at)
+
+    def position(self, k: int, count: int) -> float:
+        return float(min(bisect.bisect_right(self._frames(), k), count - 1))
+
+    def events(self, frames: int, count: int) -> list[int]:
+        return [at for at in self._frames()[: count - 1] if 0 < at < frames]
+
+    def _frames(self) -> tuple[int, ...]:
+        return self.at  # type: ignore[return-value]  # a tuple since __post_init__
+
+
+@dataclass(frozen=True)
+class Ramp(Schedule):
+    """Incremental drift: through all values from frame `start` to frame `end`, in `steps` equal steps.
+
+    Attributes:
+        start: the last frame with the first value.
+        end: the first frame with the last value.
+        steps: number of steps. Numbers are interpolated between the values; of other values the nearest holds.
+    """
+
+    start: int
+    end: int
+    steps: int = 8
+
+    def __post_init__(self) -> None:
+        _check_interval(self.start, self.end)
+        if argument_checks.whole(self.steps, "steps") < 1:
+            raise ArgumentError(f"steps={self.steps!r}: must be at least 1")
+
+    def position(self, k: int, count: int) -> float:
+        done = _fraction(k, self.start, self.end)
+        return round(done * self.steps) / self.steps * (count - 1)
+
+    def events(self, frames: int, count: int) -> list[int]:
+        return [self.start] if 0 < self.start < frames else []
+
+
+@dataclass(frozen=True)
+class Mix(Schedule):
+    """Gradual drift: blocks of frames with the old and with the new value alternate; new ones become more frequent.
+
+    Attributes:
+        start: from here on blocks may have the next value.
+        end: from here on all blocks have the last value.
+        block: frames of a block.
+        seed: of the blocks' random numbers.
+    """
+
+    start: int
+    end: int
+    block: int = 25
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _check_interval(self.start, self.end)
+        if argument_checks.whole(self.block, "block") < 1:
+            raise ArgumentError(f"block={self.block!r}: must be at least 1")
+        if argument_checks.whole(self.seed, "seed") < 0:
+            raise ArgumentError(f"seed={self.seed!r}: must be 0 or more")
+
+    def position(self, k: int, count: int) -> float:
+        place = _fraction(k, self.start, self.end) * (count - 1)
+        if k < self.start or k >= self.end:
+            return place
+        block = (k - self.start) // self.block
+        place = _fraction(self.start + block * self.block, self.start, self.end) * (count - 1)
+        drawn = np.random.default_rng((_MIX, self.seed, block)).random()
+        return min(float(int(place) + (drawn < place - int(place))), count - 1.0)
+
+    def events(self, frames: int, count: int) -> list[int]:
+        return [self.start] if 0 < self.start < frames else []
+
+
+@dataclass(frozen=True)
+class Cycle(Schedule):
+    """Recurrent drift: each value for `period` frames, then the next; after the last the first again.
+
+    Attributes:
+        period: frames of each value.
+    """
+
+    period: int
+
+    def __post_init__(self) -> None:
+        if argument_checks.whole(self.period, "period") < 1:
+            raise ArgumentError(f"period={self.period!r}: must be at least 1")
+
+    def position(self, k: int, count: int) -> float:
+        return float(k // self.period % count)
+
+    def events(self, frames: int, count: int) -> list[int]:
+        return list(range(self.period, frames, self.period))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A factor whose value changes during a phase.
+
+    Attributes:
+        factor: name of a factor of `Scenario.with_factor`, such as "illumination"; or "scenario", whose values are
+            scenarios.
+        values: two or more values, in the order of the schedule. Values that are numbers are interpolated by `Ramp`.
+        schedule: Step, Ramp, Mix or Cycle, or a schedule of your own.
+
+    Raises:
+        ArgumentError: a value is out of range.
+    """
+
+    factor: str
+    values: Sequence[Any]
+    schedule: Schedule
+
+    def __post_init__(self) -> None:
+        argument_checks.text(self.factor, "factor")
+        if isinstance(self.values, str) or not isinstance(self.values, Sequence) or len(self.values) < 2:
+            raise ArgumentError(f"values={self.values!r}: must be two or more values of {self.factor!r}")
+        if not isinstance(self.schedule, Schedule):
+            raise ArgumentError(f"schedule={self.schedule!r}: must be a schedule, such as Step(at=100)")
+        if self.factor == SCENARIO and not all(isinstance(each, Scenario) for each in self.values):
+            raise ArgumentError(f"values={self.values!r}: the factor 'scenario' has scenarios as values")
+        object.__setattr__(self, "values", tuple(self.values))
+
+    def value(self, k: int) -> Any:
+        """Return the factor's value at frame k of its phase."""
+        return self.at(self.schedule.position(k, len(self.values)))
+
+    def at(self, position: float) -> Any:
+        """Return the value at a position of the schedule."""
+        low = int(position)
+        if position == low:
+            return self.values[low]
+        first, second, part = self.values[low], self.values[low + 1], position - low
+        if _is_number(first) and _is_number(second):
+            return (1.0 - part) * first + part * second
+        return self.values[round(position)]
+
+    def applied(self, scenario: Scenario, position: float) -> Scenario:
+        """Return a scenario with the factor's value at a position of the schedule."""
+        value = self.at(position)
+        return value if self.factor == SCENARIO else scenario.with_factor(self.factor, value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _fraction(k: int, start: int, end: int) -> float:
+    return min(max((k - start) / (end - start), 0.0), 1.0)
+
+
+def _check_interval(start: int, end: int) -> None:
+    if not 0 <= argument_checks.whole(start, "start") < argument_checks.whole(end, "end"):
+        raise ArgumentError(f"start={start!r}, end={end!r}: must be 0 <= start < end")

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Phase: a part of a course; CourseFrame: a frame that knows its phase."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError, ScenarioError
+from tiscene.frame.frame import Frame
+from tiscene.learning.drift import Drift
+from tiscene.learning.laps import LapTimes, lap_times
+from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.teaching_policies import Policy, check_policy
+from tiscene.scenario.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A part of a course: some frames of one scenario, with a teacher of its own.
+
+    Attributes:
+        name: its name, unique in the course.
+        scenario: a Scenario, or the name or file of a scene or scenario.
+        frames: number of frames; None: by `laps`.
+        laps: number of laps of what moves in the scenario; None: by `frames`.
+        supervision: rules of the teacher, or its policy alone; None: it is silent.
+        evaluate: whether the learner only predicts here, and never learns.
+        start: frame of the scenario that the phase begins with; the same scenario and start show the same frames again.
+        drift: factors that change during the phase.
+        lap_of: id of the object whose loop is a lap, or "camera"; None: all motion together.
+
+    Raises:
+        ArgumentError: a value is out of range.
+    """
+
+    name: str
+    scenario: Scenario | str
+    frames: int | None = None
+    laps: int | None = None
+    supervision: SupervisionRules | Policy | None = None
+    evaluate: bool = False
+    start: int = 0
+    drift: Sequence[Drift] = ()
+    lap_of: str | None = None
+
+    def __post_init__(self) -> None:
+        argument_checks.text(self.name, "name")
+        where = f"phase {self.name!r}"
+        if isinstance(self.scenario, str | os.PathLike):
+            object.__setattr__(self, "scenario", Scenario.load(self.scenario))
+        if not isinstance(self.scenario, Scenario):
+            raise ArgumentError(f"{where}: scenario={self.scenario!r}: must be a Scenario, a scene's name or a file")
+        if (self.frames is None) == (self.laps is None):
+            raise ArgumentError(f"{where}: give either frames= or laps=")
+        for name, low in (("frames", 1), ("laps", 1), ("start", 0)):
+            value = getattr(self, name)
+            if value is not None and argument_checks.whole(value, name) < low:
+                raise ArgumentError(f"{where}: {name}={value!r}: must be at least {low}")
+        if isinstance(self.supervision, Policy):
+            object.__setattr__(self, "supervision", SupervisionRules(self.supervision))
+        elif not isinstance(self.supervision, SupervisionRules | None):
+            check_policy(self.supervision, f"{where}: supervision")
+        if isinstance(self.drift, Drift):
+            object.__setattr__(self, "drift", (self.drift,))
+        if not all(isinstance(each, Drift) for each in self.drift):
+            raise ArgumentError(f"{where}: drift={self.drift!r}: must be a Drift or a sequence of them")
+        object.__setattr__(self, "drift", tuple(self.drift))
+
+    def length(self, fps: float) -> int:
+        """Return the number of frames.
+
+        Raises:
+            ScenarioError: it lasts laps, and the scenario has none.
+        """
+        if self.frames is not None:
+            return self.frames
+        return max(lap_times(self._scenario(), self.lap_of).frames(self.laps or 1, fps) - self.start, 1)
+
+    def laps_of_motion(self) -> LapTimes | None:
+        """Return when the laps of its scenario begin; None: its motion never repeats, or nothing moves."""
+        try:
+            return lap_times(self._scenario(), self.lap_of)
+        except ScenarioError:
+            return None
+
+    def events(self, fps: float) -> dict[int, str]:
+        """Return the frames of the phase at which a factor begins to change, with the names of the factors."""
+        found: dict[int, list[str]] = {}
+        for each in self.drift:
+            for frame in each.schedule.events(self.length(fps), len(each.values)):
+                found.setdefault(frame, []).append(each.factor)
+        return {frame: ", ".join(found[frame]) for frame in sorted(found)}
+
+    def positions(self, k: int) -> tuple[float, ...]:
+        """Return the positions of the drifting factors at frame k of the phase."""
+        return tuple(each.schedule.position(k, len(each.values)) for each in self.drift)
+
+    def scenario_at(self, positions: Sequence[float]) -> Scenario:
+        """Return the scenario with the drifting factors at some positions."""
+        scenario = self._scenario()
+        for each, position in zip(self.drift, positions, strict=True):
+            scenario = each.applied(scenario, position)
+        return scenario
+
+    def _scenario(self) -> Scenario:
+        assert isinstance(self.scenario, Scenario)
+        return self.scenario
+
+
+@dataclass(frozen=True, eq=False)
+class CourseFrame(Frame):
+    """A frame of a course. `index` counts in the course; `time` is that of the scenario.
+
+    Attributes:
+        phase: name of its phase.
+        phase_index: its number in the phase.
+        boundary: whether it is the first frame of its phase.
+        lap: number of the lap in the phase's scenario; None: its motion never repeats.
+    """
+
+    phase: str = ""
+    phase_index: int = 0
+    boundary: bool = False
+    lap: int | None = None
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+    @classmethod
+    def of(cls, frame: Frame, **others: Any) -> CourseFrame:
+        """Return a frame of a stream as a frame of a course."""
+        return cls(**{each.name: getattr(frame, each.name) for each in fields(Frame)} | others)

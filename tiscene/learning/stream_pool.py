@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""StreamPool: streams of several scenarios with the same settings, which share the stages that they have read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stream import Stream
+
+MAX_STREAMS = 4  # whose device arrays are kept; the least recently used one is closed
+
+
+class StreamPool:
+    """Streams by scenario. A stage that was read recently is not read again, and nothing is compiled again.
+
+    Args:
+        settings: keyword arguments of `Stream`, without `frames`.
+    """
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        self._settings = dict(settings)
+        self._first: Stream | None = None
+        self._streams: dict[str, Stream] = {}
+        self.categories: tuple[str, ...] | None = self._settings.get("categories")
+
+    def share_categories(self, scenarios: Iterable[Scenario]) -> tuple[str, ...]:
+        """Return the categories whose ids are 1, 2, ... in all streams.
+
+        These are the ones of the settings, else all that occur in some scenarios, in alphabetical order.
+        """
+        if self.categories is None:
+            names: set[str] = set()
+            for scenario in scenarios:
+                with self._new(scenario) as stream:
+                    names |= set(stream.categories.values())
+            self.categories = tuple(sorted(names - {""}))
+        return self.categories
+
+    def stream(self, key: str, scenario: Scenario) -> Stream:
+        """Return the stream of a scenario, made if it is not there.
+
+        Args:
+            key: names the scenario; equal keys mean equal scenarios.
+            scenario: the scenario.
+        """
+        stream = self._streams.pop(key, None)
+        if stream is None:
+            stream = self._new(scenario)
+        self._streams[key] = stream
+        while len(self._streams) > MAX_STREAMS:
+            self._streams.pop(next(iter(self._streams))).close()
+        return stream
+
+    def _new(self, scenario: Scenario) -> Stream:
+        if self._first is None:
+            self._first = Stream(scenario, **self._settings)
+            self._state = self._first.__getstate__()
+            self._first.close()
+        # A stream that is made from another's state shares its cache of stages.
+        stream = Stream.__new__(Stream)
+        stream.__setstate__(self._state | {"scenario": scenario, "_selected_categories": self.categories or None})
+        return stream
+
+    def close(self) -> None:
+        """Free the memory of all streams. They are made again when they are needed."""
+        for stream in self._streams.values():
+            stream.close()
+        self._streams.clear()
