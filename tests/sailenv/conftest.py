@@ -6,18 +6,21 @@ import pytest
 from tiscene.sailenv import Agent
 
 SCENE = "object_view/scene"
+HOME = (0.0, 1.0, 0.0)  # agents look along +z
 SETTINGS = {"scene": SCENE, "spp": 1}
 
 
 @pytest.fixture
 def make_agent(request):
-    """Return a function that registers an agent; all agents of a test share a world, which ends with the test."""
+    """Return a function that registers an agent at HOME; all agents of a test share a world, which ends with it."""
     agents = []
 
-    def make(**others):
+    def make(*, at=HOME, **others):
         named = {"port": abs(hash(request.node.nodeid)) % 60000, "width": 64, "height": 48} | SETTINGS | others
         agent = Agent(**named)
         agent.register()
+        if at is not None:
+            agent.set_position(at)
         agents.append(agent)
         return agent
 

@@ -10,14 +10,14 @@
 
 ::
 
-    agent, agent_lights  Agent
+    agent, agent_objects, agent_lights  Agent
     scenario_classes    Scenario, Object, waypoints, timings
     manager             SAILenvManager
     utilities           draw_flow_map
     module_aliases      `import sailenv`
     server, connection  TCP server
     wire_format         bytes of the protocol
-    environment         the world and the frame clock that agents share
+    environment, environment_edits  the world and the frame clock that agents share
     scene_session       the running scene: stream, profile, lights
     agent_camera        state of one agent
     agent_renderer      rendering of agents' views

@@ -41,7 +41,7 @@ class AgentCamera:
         position: In Unity's space, m.
         rotation: Unity's Euler angles, degrees.
         has_own_pose: Whether the agent was moved away from the start pose of the scene.
-        background: 8-bit sRGB color of pixels that show no object; None for the sky.
+        background: 8-bit sRGB color of pixels that show no object; None for the scene's own.
         track_start: The frame at which the agent joined the camera track; None if it does not follow the track.
         last_frame: The last frame that the agent has received; -1 for none.
         has_edited: Whether the agent has edited the world since its last frame.

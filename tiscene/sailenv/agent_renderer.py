@@ -44,6 +44,7 @@ class AgentRenderer:
         step: FlowStep,
         frame: int,
         views: Sequence[str],
+        background: Color8 | None,
     ) -> dict[str, NDArray[Any]]:
         """Return views of a frame by name.
 
@@ -54,8 +55,9 @@ class AgentRenderer:
             step: The agent's camera in this frame, and in the frame from which its flow is measured.
             frame: The current frame.
             views: Keys of `frame_views.VIEWS`.
+            background: 8-bit sRGB color of pixels that show no object; None for the sky.
         """
-        background = SKY if agent.background is None else radiance_shown_as(agent.background, stream.exposure)
+        behind = SKY if background is None else radiance_shown_as(background, stream.exposure)
         view = View(
             step.previous,
             step.current,
@@ -63,20 +65,20 @@ class AgentRenderer:
             agent.width,
             agent.height,
             self._ambient_radiance(stream.exposure) if any(self._ambient) else (0.0, 0.0, 0.0),
-            background,
+            behind,
         )
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
-        if agent.background is not None and "main" in views:
+        if background is not None and "main" in views:
             needed.add("instance")
-        key = (step, view.width, view.height, agent.background)
+        key = (step, view.width, view.height, background)
         buffers = self._buffers.setdefault(key, {})
         missing = sorted(needed - set(buffers))
         if missing:
             buffers.update(stream.render_view(frame, view, missing, since=step.since).buffers)
         numbers = category_numbers.table(stream.categories)
         result = {name: frame_views.VIEWS[name].convert(buffers, numbers) for name in views}
-        if agent.background is not None and "main" in result:
-            frame_views.fill_background(result["main"], buffers["instance"], agent.background)
+        if background is not None and "main" in result:
+            frame_views.fill_background(result["main"], buffers["instance"], background)
         return result
 
     def _ambient_radiance(self, exposure: float) -> tuple[float, float, float]:

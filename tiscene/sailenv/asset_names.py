@@ -25,7 +25,8 @@ def sailenv_names() -> dict[str, Any]:
     """Return the contents of `scenes.json`.
 
     Keys: `first`, the default scene; `order`, SAILenv's scenes in its order; `trails`, templates that also exist with a
-    trail; `lights`, SAILenv's names of the lights of each scene; `scales`, factors by which primitives have SAILenv's
+    trail; `lights`, SAILenv's names of the lights of each scene; `backgrounds`, 8-bit sRGB colors of scenes whose
+    background has one color; `scales`, factors by which primitives have SAILenv's
     sizes: a cube and a sphere of 1 m, a cylinder and a capsule of 1 m across and 2 m high.
     """
     content: dict[str, Any] = json.loads(resources.files(__package__).joinpath("scenes.json").read_text("utf-8"))
@@ -94,6 +95,12 @@ def spawnable() -> list[str]:
     """Return the names of all templates that can be spawned."""
     known = list(catalog.templates())
     return known + [name + _TRAIL for name in sailenv_names()["trails"] if name in known]
+
+
+def background(scene: str) -> tuple[int, int, int] | None:
+    """Return the 8-bit sRGB color of a catalog scene's background; None for the sky."""
+    color = sailenv_names()["backgrounds"].get(scene)
+    return None if color is None else (color[0], color[1], color[2])
 
 
 def template_categories() -> dict[str, str]:

@@ -20,7 +20,6 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-import tiscene.scenario.objects as native_objects
 import tiscene.scenario.scenario as native
 from tiscene.device import runtime
 from tiscene.render.render_settings import preset
@@ -28,20 +27,16 @@ from tiscene.sailenv import asset_names, json_messages
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_renderer import AgentRenderer
 from tiscene.sailenv.agent_walls import AgentWalls
-from tiscene.sailenv.json_messages import bounded
-from tiscene.sailenv.light_controls import Color8, LightControls, clipped, integer_color
+from tiscene.sailenv.environment_edits import EnvironmentEdits
+from tiscene.sailenv.light_controls import clipped, integer_color
 from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.scene_session import SceneSession
-from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
 from tiscene.sailenv.uploaded_models import UploadedModels
 from tiscene.scene.camera import Vector3
-from tiscene.stream.stream import Stream
 from tiscene.validation import integer, positive
 
-_UPLOAD_PREFIX = "file:"
 
-
-class Environment:
+class Environment(EnvironmentEdits):
     """A world that agents share.
 
     Attributes:
@@ -99,15 +94,7 @@ class Environment:
         self._session = SceneSession(settings)
         weakref.finalize(self, self._session.close).atexit = False
         self._renderer = AgentRenderer()
-        self._walls: AgentWalls | None = None
-        self._ambient: Color8 = (0, 0, 0)
         self._next_id = 0
-
-    @property
-    def stream(self) -> Stream:
-        """The stream that simulates and renders the scene; made at first use."""
-        self._ensure_scene()
-        return self._session.stream
 
     # Agents
 
@@ -161,7 +148,10 @@ class Environment:
             self._renderer.start_frame(self._ambient)
         steps = self.clock - agent.last_frame if agent.last_frame >= 0 else 1
         step = agent.flow_step(self._profile, self.clock, self.consecutive_flow)
-        result = self._renderer.render(stream, self._session.category_numbers, agent, step, self.clock, views)
+        background = agent.background or self._profile.background
+        result = self._renderer.render(
+            stream, self._session.category_numbers, agent, step, self.clock, views, background
+        )
         agent.last_frame, agent.has_edited, agent.is_stepping, agent.last_camera = self.clock, False, True, step.current
         return result, steps / self.fps
 
@@ -199,7 +189,7 @@ class Environment:
 
         Args:
             agent: The agent.
-            color: 8-bit sRGB; with a negative component, the sky.
+            color: 8-bit sRGB; with a negative component, the scene's own background: the sky, or its one color.
         """
         color = integer_color(color)
         agent.background = None if min(color) < 0 else clipped(color)
@@ -216,39 +206,8 @@ class Environment:
 
     def categories(self) -> dict[int, str]:
         """Return the names of the numbers in `category` views: of the scene, and of all templates."""
-        return self._session.category_numbers.names(self.stream.categories.values())
-
-    @property
-    def lights(self) -> LightControls:
-        """The lights of the scene; edits show from the next frame on. Agents edit them by `set_light`."""
-        self._ensure_scene()
-        return self._session.lights
-
-    def set_light(self, agent: AgentCamera, quantity: str, name: str, value: Any) -> None:
-        """Edit a light, from the next frame on.
-
-        Args:
-            agent: The agent that edits it.
-            quantity: "color", "intensity", "indirect_multiplier", "position" or "direction".
-            name: The name of the light.
-            value: As of the method `set_<quantity>` of LightControls.
-
-        Raises:
-            LightNotFound, ArgumentError: The name or the value is invalid; nothing has changed then.
-        """
-        getattr(self.lights, f"set_{quantity}")(name, value)
-        self._mark_edited(agent)
-
-    @property
-    def ambient(self) -> Color8:
-        """The color of the ambient light, which reaches every surface equally, 8-bit sRGB; black by default."""
-        return self._ambient
-
-    def set_ambient(self, agent: AgentCamera, color: Sequence[int]) -> None:
-        """Set the color of the ambient light from the next frame on, 8-bit sRGB; values outside 0..255 are clipped."""
-        self._ensure_scene()
-        self._ambient = clipped(color)
-        self._mark_edited(agent)
+        categories = self.stream.categories
+        return self._session.category_numbers.names(categories.values())
 
     def change_scene(self, name: str) -> None:
         """Start a scene, with all agents at its start pose. Raises SceneNotFound, StageError."""
@@ -278,71 +237,6 @@ class Environment:
         ids = {row.name: str(row.id) for row in self.stream.world.state(0).objects if row.template}
         return [ids.get(name, "") for name in names], problems
 
-    def spawn(
-        self,
-        agent: AgentCamera,
-        name: str,
-        position: Vector3,
-        rotation: Vector3,
-        *,
-        scale: Vector3 = (1.0, 1.0, 1.0),
-        frustum_limited: bool = True,
-        dynamic: tuple[str, Mapping[str, Any]] | None = None,
-    ) -> str:
-        """Spawn an object in the next frame.
-
-        Args:
-            agent: The agent that spawns it.
-            name: SAILenv's name of a template, or "file:" and the path of an uploaded model.
-            position: m.
-            rotation: Euler angles, degrees.
-            scale: Factors along the axes of the object.
-            frustum_limited: Whether the walls of the view frustum stop the object.
-            dynamic: SAILenv's type and description of the object's motion; None for a static object.
-
-        Returns:
-            The id of the object.
-
-        Raises:
-            TisceneError: The template does not exist, or an argument is invalid.
-        """
-        template, (x, y, z) = self._template(name)
-        number = self.stream.world.spawn(
-            template,
-            mirrored(bounded(position)),
-            mirrored_euler(bounded(rotation)),
-            None if dynamic is None else json_messages.dynamic_of(*dynamic),
-            scale=(x * scale[0], y * scale[1], z * scale[2]),
-            frustum_limited=frustum_limited,
-        )
-        self._mark_edited(agent)
-        return str(number)
-
-    def despawn(self, agent: AgentCamera, object_id: int) -> None:
-        """Remove an object from the next frame on. Raises ObjectNotFound."""
-        self.stream.world.despawn(object_id)
-        self._mark_edited(agent)
-
-    def move(self, agent: AgentCamera, object_id: int, position: Vector3, rotation: Vector3) -> None:
-        """Move an object, from the next frame on.
-
-        Args:
-            agent: The agent that moves it.
-            object_id: The id of the object.
-            position: m.
-            rotation: Euler angles, degrees.
-
-        Raises ObjectNotFound, and ScenarioError for invalid numbers.
-        """
-        self.stream.world.move(object_id, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
-        self._mark_edited(agent)
-
-    def set_frustum_walls(self, agent: AgentCamera) -> None:
-        """Put walls at the sides of an agent's view, up to its far plane; they follow the agent."""
-        self._ensure_scene()
-        self._walls = AgentWalls(agent, native_objects.Frustum())
-        self._mark_edited(agent)
-
     def close(self) -> None:
         """Free the memory of the scene, and delete the uploaded models."""
         self._session.close()
@@ -358,10 +252,6 @@ class Environment:
     @property
     def _profile(self) -> SceneProfile:
         return self._session.profile
-
-    def _mark_edited(self, agent: AgentCamera) -> None:
-        """Record that an agent has edited the world, so that its next frame is a new one."""
-        agent.has_edited = True
 
     def _start_scene(
         self, scene: str, scenario: native.Scenario | None = None, agent: AgentCamera | None = None
@@ -390,11 +280,3 @@ class Environment:
         self.clock = -1
         for each in self.agents.values():
             each.restart_clock()
-
-    def _template(self, name: str) -> tuple[str, Vector3]:
-        """Return the catalog name of a template, or the file of an uploaded model, and the scale of SAILenv's size."""
-        name = str(name)  # agents in process may pass anything
-        if name.startswith(_UPLOAD_PREFIX):
-            return self.uploads.template(name.removeprefix(_UPLOAD_PREFIX)), (1.0, 1.0, 1.0)
-        template = asset_names.catalog_template(name)
-        return template, asset_names.template_scale(template)

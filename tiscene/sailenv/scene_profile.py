@@ -12,6 +12,7 @@ from fractions import Fraction
 
 from dynamics import Body, CatmullWaypoints, Dynamic, Simulation, Waypoint
 from tiscene.sailenv import frame_views
+from tiscene.sailenv.light_controls import Color8
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera, Quaternion, Vector3
 from tiscene.scene.description import SceneDescription
@@ -30,25 +31,30 @@ class SceneProfile:
         start: The camera of an agent that has not moved; its exposure is None until it has been metered.
         track: The camera track.
         fps: Frames per second.
+        background: 8-bit sRGB color of pixels that show no object; None for the sky.
     """
 
     scenario: Scenario
     start: Camera
     track: CameraTrack
     fps: float
+    background: Color8 | None = None
 
     @classmethod
-    def of(cls, authored: Scenario, stage: SceneDescription, fps: float) -> SceneProfile:
+    def of(
+        cls, authored: Scenario, stage: SceneDescription, fps: float, background: Color8 | None = None
+    ) -> SceneProfile:
         """Return the profile of a scene.
 
         Args:
             authored: The motion that the author of the stage has defined.
             stage: The stage.
             fps: Frames per second.
+            background: 8-bit sRGB color of pixels that show no object; None for the sky.
         """
         start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, far=frame_views.FAR, lens_radius=0.0)
         camera = authored.camera if isinstance(authored.camera, Camera) and authored.camera.dynamic else None
-        return cls(replace(authored, camera=start), start, CameraTrack(stage, camera), fps)
+        return cls(replace(authored, camera=start), start, CameraTrack(stage, camera), fps, background)
 
     def track_pose(self, frames: int) -> tuple[Vector3, Quaternion]:
         """Return the pose on the camera track a number of frames after its start."""

@@ -69,7 +69,7 @@ class SceneSession:
                 width, height = DEFAULT_SIZE
                 self._opened = Stream(authored, width=width, height=height, **self._settings)
             stage = self._opened.stages.stage(authored)
-            self._profiles[scene] = SceneProfile.of(authored, stage, self._opened.fps)
+            self._profiles[scene] = SceneProfile.of(authored, stage, self._opened.fps, asset_names.background(scene))
         return self._profiles[scene]
 
     def start(self, scene: str, scenario: Scenario | None = None, size: tuple[int, int] = DEFAULT_SIZE) -> None:

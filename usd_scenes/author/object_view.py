@@ -21,6 +21,6 @@ def build() -> Room:
     room.sun("RimLight", (0.35, 0.80, -0.65), {"day": 1.8, "evening": 1.2, "night": 0.9}, (1.0, 0.98, 0.95), 9.0)
     exposure = {"day": 0.15, "evening": 0.5, "night": 1.6}
     room.camera("Main", (0.0, 1.0, 0.0), exposure=exposure, focus=2.0)
-    room.camera("Agent", (0.0, 1.0, 0.0), exposure=exposure, focus=2.0)
+    room.camera("Agent", (0.0, 0.2, 2.5), exposure=exposure, focus=2.5)  # sees an object at the origin
     room.camera("High", (1.4, 2.2, 0.2), (0.0, 1.0, -2.0), exposure=exposure)
     return room

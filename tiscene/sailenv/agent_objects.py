@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The methods of SAILenv's Agent for objects: spawn, move and despawn them, load scenarios, upload models."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, BinaryIO
+
+from tiscene.errors import ArgumentError, TisceneError
+from tiscene.sailenv.agent_lights import AgentLights
+from tiscene.sailenv.environment import Environment
+from tiscene.sailenv.json_messages import single_precision
+from tiscene.sailenv.scenario_classes import Dynamic, Scenario
+
+
+class AgentObjects(AgentLights):
+    """Base of Agent: its methods for objects. Positions are in Unity's space, rotations are its Euler angles.
+
+    Attributes:
+        spawned_objects_idstr_names_table: Names of spawned objects by id.
+    """
+
+    spawned_objects_idstr_names_table: dict[str, str]
+
+    def spawn_object(
+        self,
+        name: str,
+        position: Any = (0, 0, 0),
+        rotation: Any = (0, 0, 0),
+        dynamic: Dynamic | None = None,
+        remove_default_dynamics: bool = True,
+        frustum_limited: bool = True,
+        scale: Any = (1, 1, 1),
+        use_parent: bool = True,
+        remove_dynamics: bool = True,
+    ) -> str:
+        """Spawn an object in the next frame.
+
+        Args:
+            name: One of `spawnable_objects_names`, or "file:" and the path returned by `send_obj_zip`.
+            position: m.
+            rotation: Euler angles, degrees.
+            dynamic: Its trajectory; None for a static object.
+            remove_default_dynamics: Has no effect: objects have no physics of their own.
+            frustum_limited: Whether the walls of the view frustum stop it.
+            scale: Factors along its axes.
+            use_parent: Has no effect: poses are always those of the world.
+            remove_dynamics: Name of `remove_default_dynamics` in 2020.
+
+        Returns:
+            The id of the object; "" if it cannot be spawned.
+        """
+        # Signatures of 2020 and 2021 lack `dynamic` or `frustum_limited`, so that `scale` comes earlier.
+        if isinstance(dynamic, bool):
+            dynamic, scale = None, scale if isinstance(remove_default_dynamics, bool) else remove_default_dynamics
+            frustum_limited = True
+        elif not isinstance(frustum_limited, bool | int):
+            frustum_limited, scale = True, frustum_limited
+        id: str = self._try(
+            f"Error object {name} not spawned: {{}}",
+            lambda world, camera: world.spawn(
+                camera,
+                name,
+                single_precision(position),
+                single_precision(rotation),
+                scale=single_precision(scale),
+                frustum_limited=bool(frustum_limited),
+                dynamic=None if dynamic is None else (dynamic.get_type(), dynamic.asdict()),
+            ),
+            "",
+        )
+        if id:
+            self.spawned_objects_idstr_names_table[id] = name
+        return id
+
+    def despawn_object(self, idstr: str) -> None:
+        """Remove an object from the next frame on."""
+        failed = self._try(
+            f"Error despawning object with id {idstr}: {{}}",
+            lambda world, camera: world.despawn(camera, _object_id(idstr)),
+            self,
+        )
+        if failed is not self:
+            self.spawned_objects_idstr_names_table.pop(str(idstr), None)
+
+    def move_object(self, idstr: str, position: Any, rotation: Any) -> None:
+        """Move an object in the next frame; position in m, Euler angles in degrees."""
+        self._try(
+            f"Error moving object with id {idstr}: {{}}",
+            lambda world, camera: world.move(
+                camera, _object_id(idstr), single_precision(position), single_precision(rotation)
+            ),
+        )
+
+    def load_scenario(self, scenario: Scenario) -> list[tuple[str, str]]:
+        """Start a scenario.
+
+        Returns:
+            For each object the id that it was spawned with, "" if it is invalid, and the `id` of the object itself.
+        """
+        failure: tuple[list[str], list[str]] = ([""] * scenario.n_objects, [])
+        spawned, problems = self._try(
+            "Error loading scenario: {}", lambda world, camera: world.load_scenario(camera, scenario.asdict()), failure
+        )
+        for problem in problems:
+            self._report("Error loading scenario: {}", ArgumentError(problem))
+        ids = [(id, each.id) for id, each in zip(spawned, scenario.objects, strict=True)]
+        self.spawned_objects_idstr_names_table.update((id, name) for id, name in ids if id)
+        self._update_names()
+        return ids
+
+    def spawn_collidable_view_frustum(self) -> None:
+        """Put walls at the sides of the agent's view; they follow the agent."""
+        self._try("Error spawning view frustum: {}", Environment.set_frustum_walls)
+
+    def send_obj_zip(self, file: str | os.PathLike[str] | BinaryIO, filename: str | None = None) -> str:
+        """Upload a model.
+
+        Args:
+            file: A zip file with an OBJ file, by path or open for reading.
+            filename: Its name; required for an open file.
+
+        Returns:
+            The path by which it is spawned ("file:" + path); "" if it cannot be read.
+        """
+        if isinstance(file, str | os.PathLike):
+            name = filename or os.path.basename(file)
+            with open(file, "rb") as opened:
+                data = opened.read()
+        elif filename is None:
+            raise ValueError("filename cannot be None if an open file is provided")
+        else:
+            name = filename
+            file.seek(0)
+            data = file.read()
+        path: str = self._try("Error sending file: {}", lambda world, _: world.uploads.store(name, data), "")
+        return path
+
+    def _update_names(self) -> None:
+        """Update the names of categories, templates and lights for a new scene."""
+        raise NotImplementedError
+
+    def _report(self, message: str, error: TisceneError) -> None:
+        """Print an error as SAILenv does; raise it if `strict`."""
+        raise NotImplementedError
+
+
+def _object_id(id: Any) -> int:
+    try:
+        return int(id)
+    except (TypeError, ValueError, OverflowError):
+        raise ArgumentError(f"object id {id!r}: must be an integer, as spawn_object returns it") from None

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Edits of the world by agents: objects, lights, ambient light and walls. All show from the next frame on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import tiscene.scenario.objects as native_objects
+from tiscene.sailenv import asset_names, json_messages
+from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.agent_walls import AgentWalls
+from tiscene.sailenv.json_messages import bounded
+from tiscene.sailenv.light_controls import Color8, LightControls, clipped
+from tiscene.sailenv.scene_session import SceneSession
+from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
+from tiscene.sailenv.uploaded_models import UploadedModels
+from tiscene.scene.camera import Vector3
+from tiscene.stream.stream import Stream
+
+_UPLOAD_PREFIX = "file:"
+
+
+class EnvironmentEdits:
+    """Base of Environment: the methods by which agents edit the world.
+
+    Attributes:
+        uploads: Models that agents have sent.
+    """
+
+    uploads: UploadedModels
+    _session: SceneSession
+    _walls: AgentWalls | None = None
+    _ambient: Color8 = (0, 0, 0)
+
+    @property
+    def stream(self) -> Stream:
+        """The stream that simulates and renders the scene; made at first use."""
+        self._ensure_scene()
+        return self._session.stream
+
+    @property
+    def lights(self) -> LightControls:
+        """The lights of the scene; edits show from the next frame on. Agents edit them by `set_light`."""
+        self._ensure_scene()
+        return self._session.lights
+
+    def set_light(self, agent: AgentCamera, quantity: str, name: str, value: Any) -> None:
+        """Edit a light, from the next frame on.
+
+        Args:
+            agent: The agent that edits it.
+            quantity: "color", "intensity", "indirect_multiplier", "position" or "direction".
+            name: The name of the light.
+            value: As of the method `set_<quantity>` of LightControls.
+
+        Raises:
+            LightNotFound, ArgumentError: The name or the value is invalid; nothing has changed then.
+        """
+        getattr(self.lights, f"set_{quantity}")(name, value)
+        self._mark_edited(agent)
+
+    @property
+    def ambient(self) -> Color8:
+        """The color of the ambient light, which reaches every surface equally, 8-bit sRGB; black by default."""
+        return self._ambient
+
+    def set_ambient(self, agent: AgentCamera, color: Sequence[int]) -> None:
+        """Set the color of the ambient light from the next frame on, 8-bit sRGB; values outside 0..255 are clipped."""
+        self._ensure_scene()
+        self._ambient = clipped(color)
+        self._mark_edited(agent)
+
+    def spawn(
+        self,
+        agent: AgentCamera,
+        name: str,
+        position: Vector3,
+        rotation: Vector3,
+        *,
+        scale: Vector3 = (1.0, 1.0, 1.0),
+        frustum_limited: bool = True,
+        dynamic: tuple[str, Mapping[str, Any]] | None = None,
+    ) -> str:
+        """Spawn an object in the next frame.
+
+        Args:
+            agent: The agent that spawns it.
+            name: SAILenv's name of a template, or "file:" and the path of an uploaded model.
+            position: m.
+            rotation: Euler angles, degrees.
+            scale: Factors along the axes of the object.
+            frustum_limited: Whether the walls of the view frustum stop the object.
+            dynamic: SAILenv's type and description of the object's motion; None for a static object.
+
+        Returns:
+            The id of the object.
+
+        Raises:
+            TisceneError: The template does not exist, or an argument is invalid.
+        """
+        template, (x, y, z) = self._template(name)
+        number = self.stream.world.spawn(
+            template,
+            mirrored(bounded(position)),
+            mirrored_euler(bounded(rotation)),
+            None if dynamic is None else json_messages.dynamic_of(*dynamic),
+            scale=(x * scale[0], y * scale[1], z * scale[2]),
+            frustum_limited=frustum_limited,
+        )
+        self._mark_edited(agent)
+        return str(number)
+
+    def despawn(self, agent: AgentCamera, object_id: int) -> None:
+        """Remove an object from the next frame on. Raises ObjectNotFound."""
+        self.stream.world.despawn(object_id)
+        self._mark_edited(agent)
+
+    def move(self, agent: AgentCamera, object_id: int, position: Vector3, rotation: Vector3) -> None:
+        """Move an object, from the next frame on.
+
+        Args:
+            agent: The agent that moves it.
+            object_id: The id of the object.
+            position: m.
+            rotation: Euler angles, degrees.
+
+        Raises ObjectNotFound, and ScenarioError for invalid numbers.
+        """
+        self.stream.world.move(object_id, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
+        self._mark_edited(agent)
+
+    def set_frustum_walls(self, agent: AgentCamera) -> None:
+        """Put walls at the sides of an agent's view, up to its far plane; they follow the agent."""
+        self._ensure_scene()
+        self._walls = AgentWalls(agent, native_objects.Frustum())
+        self._mark_edited(agent)
+
+    def _ensure_scene(self) -> None:
+        """Start the first scene, unless a scene has been started."""
+        raise NotImplementedError
+
+    def _mark_edited(self, agent: AgentCamera) -> None:
+        """Record that an agent has edited the world, so that its next frame is a new one."""
+        agent.has_edited = True
+
+    def _template(self, name: str) -> tuple[str, Vector3]:
+        """Return the catalog name of a template, or the file of an uploaded model, and the scale of SAILenv's size."""
+        name = str(name)  # agents in process may pass anything
+        if name.startswith(_UPLOAD_PREFIX):
+            return self.uploads.template(name.removeprefix(_UPLOAD_PREFIX)), (1.0, 1.0, 1.0)
+        template = asset_names.catalog_template(name)
+        return template, asset_names.template_scale(template)
