@@ -16,6 +16,7 @@ from typing import Any
 
 from tiscene.errors import ArgumentError, UnknownName
 from tiscene.randomization.draws import Draws
+from tiscene.randomization.furniture_factor import with_furniture
 from tiscene.randomization.illumination_factor import with_illumination
 from tiscene.randomization.material_factor import with_materials_drawn
 from tiscene.randomization.object_factors import with_categories, with_instances, with_speed
@@ -50,6 +51,7 @@ FACTORS: dict[str, Factor] = {
         Factor("instances", "templates to draw from; None: others of its category", False, True, with_instances),
         Factor("illumination", "lighting ('night'), stops, or ranges; None: typical", True, True, with_illumination),
         Factor("materials", "how far they change, 0..1, or ranges; None: typical", True, True, with_materials_drawn),
+        Factor("furniture", "how far it is moved, m, or ranges; None: typical", True, True, with_furniture),
         Factor("speed", "factor of speeds, or (low, high); None: (0.5, 2)", True, True, with_speed),
     )
 }  # fmt: skip

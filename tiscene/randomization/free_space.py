@@ -14,6 +14,7 @@ Invisible colliders bound free space and hide nothing.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,15 @@ class FreeSpace:
         self._scene, self._obstacles = _on_device(stage)
         self._rays = RayWave()
         self._landmarks = self._reachable_landmarks()
+
+    def seen_by(self, camera: Camera, aspect: float) -> FreeSpace:
+        """Return the free space of the same scene before another camera."""
+        if camera == self.camera and aspect == self.aspect:
+            return self
+        other = copy.copy(self)
+        other.camera, other.aspect = camera, aspect
+        other._landmarks = other._reachable_landmarks()
+        return other
 
     def points(self, x: Array, y: Array, depth: Array) -> Array:
         """Return world points [n, 3] at image coordinates (0..1 from the left and from the top) and depths (m)."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.description import SceneDescription
 from tiscene.usd.read.template import read_template
 
 Array = NDArray[np.float64]
@@ -41,13 +43,23 @@ def template_extent(file: Path, up_axis: str) -> TemplateExtent:
         up_axis: "Y" or "Z", the up axis of the stage it is placed in.
     """
     description = read_template(file, up_axis="Y" if up_axis == "Y" else "Z").description
+    points = _vertices(description)
+    radius = float(np.linalg.norm(points, axis=1).max(initial=0.0))
+    return TemplateExtent(radius, math.sqrt(4.0 / math.pi * mean_silhouette(points)))
+
+
+def enclosing_radius(description: SceneDescription, scale: float | Sequence[float]) -> float:
+    """Return the radius of the ball about the origin that encloses a template, scaled along its axes, m."""
+    return float(np.linalg.norm(_vertices(description) * scale, axis=1).max(initial=0.0))
+
+
+def _vertices(description: SceneDescription) -> Array:
+    """Return the vertices [n, 3] of a template in its own axes, m."""
     vertices = [
         description.meshes[each.mesh].positions @ each.world_from_object[:3, :3].T + each.world_from_object[:3, 3]
         for each in description.instances
     ]
-    points = np.concatenate(vertices)
-    radius = float(np.linalg.norm(points, axis=1).max(initial=0.0))
-    return TemplateExtent(radius, math.sqrt(4.0 / math.pi * mean_silhouette(points)))
+    return np.concatenate(vertices)
 
 
 def mean_silhouette(points: Array) -> float:

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the objects of a scenario pass: balls along their paths, which drawn furniture and clutter keep clear of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import Body, ClosedForm, Simulation, Still
+from tiscene import catalog
+from tiscene.randomization.template_extent import template_extent
+from tiscene.scenario.objects import Object
+
+Array = NDArray[np.float64]
+SAMPLES = 512  # per path
+ENDLESS = 60.0  # s of a path without a period
+
+
+def swept_balls(objects: Sequence[Object], up_axis: str) -> Array:
+    """Return balls [n, 4], center and radius in m, that enclose the objects along their paths.
+
+    A bouncing object counts at its start: where it goes depends on what it meets.
+    """
+    balls = [np.zeros((0, 4))]
+    for each in objects:
+        if catalog.is_prim_path(each.template):
+            continue
+        scale = np.broadcast_to(each.scale, 3).max()
+        radius = template_extent(catalog.find_template(each.template), up_axis).radius * float(scale)
+        points = path_of(each)
+        gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        balls.append(np.column_stack([points, np.full(len(points), radius + 0.5 * gaps.max(initial=0.0))]))
+    return np.concatenate(balls)
+
+
+def path_of(each: Object) -> Array:
+    """Return points [n, 3] of an object's path at equal times, m; one for an object that stays or bounces."""
+    dynamic = each.dynamic or Still()
+    if isinstance(dynamic, Still) or not isinstance(dynamic, ClosedForm):
+        return np.array([each.position], np.float64)
+    parts = getattr(dynamic, "parts", (dynamic,))
+    lengths = [getattr(part, "total_time", None) or getattr(part, "period", None) for part in parts]
+    times = [part.times[-1] for part in parts if hasattr(part, "times")]
+    duration = max([*(length for length in lengths if length), *times], default=ENDLESS)
+    simulation = Simulation([Body(dynamic, each.position, each.rotation)])
+    return np.array([simulation.poses(duration * k / SAMPLES)[0, :3] for k in range(SAMPLES)])
+
+
+def clear_of(balls: Array, low: Array, high: Array) -> bool:
+    """Return whether no ball [n, 4] touches the axis-aligned box between two corners."""
+    nearest = np.clip(balls[:, :3], low, high)
+    distances = np.linalg.norm(balls[:, :3] - nearest, axis=1)
+    return bool((distances > balls[:, 3]).all())
