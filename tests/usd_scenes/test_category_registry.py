@@ -42,11 +42,11 @@ def test_update_keeps_ids_and_adds_labels_of_variants(tmp_path: Path) -> None:
     (tmp_path / "kitchen" / "scene.usda").write_text(
         '#usda 1.0\ndef Xform "Kitchen" (\n    variantSets = "size"\n)\n{\n'
         '    def Cube "A" (\n        prepend apiSchemas = ["SemanticsLabelsAPI:class"]\n    )\n    {\n'
-        '        token[] semantics:labels:class = ["kettle", "wall"]\n'
+        '        token[] semantics:labels:class = ["dishwasher", "wall"]\n'
         '        token[] semantics:labels:wikidata = ["Q1"]\n    }\n'
         '    variantSet "size" = {\n        "large" {\n            over "A"\n            {\n'
         '                token[] semantics:labels:class = ["hood"]\n            }\n        }\n    }\n}\n'
     )
     update(tmp_path)
     written = json.loads((tmp_path / "categories.json").read_text(encoding="utf-8"))
-    assert written == {**registry(), "hood": len(registry()) + 1, "kettle": len(registry()) + 2}
+    assert written == {**registry(), "dishwasher": len(registry()) + 1, "hood": len(registry()) + 2}

@@ -12,7 +12,17 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from usd_scenes.author import category_registry, object_view, room_01, room_02, room_03, solid_benchmark, templates
+from usd_scenes.author import (
+    category_registry,
+    object_view,
+    room_01,
+    room_02,
+    room_03,
+    room_04,
+    room_05,
+    solid_benchmark,
+    templates,
+)
 from usd_scenes.author.textures.library import MAKERS
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -21,6 +31,8 @@ SCENES = {
     "room_01": room_01.build,
     "room_02": room_02.build,
     "room_03": room_03.build,
+    "room_04": room_04.build,
+    "room_05": room_05.build,
     "solid_benchmark": solid_benchmark.build,
 }
 

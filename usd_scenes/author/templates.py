@@ -6,14 +6,14 @@ Variant sets on the root: `color` selects the parts' materials; `appearance` is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from pxr import Kind, Usd, UsdGeom, UsdPhysics, UsdSemantics
 
 from usd_scenes.author import usd_writer as usd
+from usd_scenes.author.kitchen_templates import ENAMELS, KITCHEN_AND_HALL
 from usd_scenes.author.model import Model, make_model
 from usd_scenes.author.models import (
     bath,
@@ -30,30 +30,10 @@ from usd_scenes.author.models import (
 )
 from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
+from usd_scenes.author.template_model import TemplateModel
 
 MATTE_COLORS = ("red", "orange", "yellow", "green", "teal", "blue", "white")
 APPEARANCES = ("photoreal", "untextured", "primitives")
-
-
-@dataclass(frozen=True)
-class TemplateModel:
-    """A template to author.
-
-    Attributes:
-        make: builds the model in its first color.
-        colors: for each color, replacements of materials.
-        elementary: whether it is a primitive already, so that the appearance "primitives" uses its mesh.
-    """
-
-    make: Callable[[], Model]
-    colors: Mapping[str, Mapping[str, str]]
-    elementary: bool = False
-
-    def colored(self, color: str) -> Model:
-        """Return the model in a color, centered at its bounding box."""
-        model = self.make().centered()
-        swaps = self.colors[color]
-        return replace(model, parts=tuple(replace(p, material=swaps.get(p.material, p.material)) for p in model.parts))
 
 
 def _primitive(name: str, color: str, make: Callable[[], PolygonMesh]) -> TemplateModel:
@@ -107,7 +87,6 @@ def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
     return {color: {}} | {each: {first: glaze} for each, glaze in glazes.items() if each != color}
 
 
-ENAMELS = {each: {"EnamelRed": f"Enamel{each.title()}"} for each in ("red", "blue", "mint", "cream")}
 CUTLERY = {"steel": {}, "gold": {"Steel": "Brass"}, "black": {"Steel": "BlackSteel"}}
 
 TEMPLATES: dict[str, TemplateModel] = {
@@ -296,6 +275,7 @@ TEMPLATES: dict[str, TemplateModel] = {
     "capsule": _primitive("Capsule", "green", _capsule),
     "cone": _primitive("Cone", "orange", _cone),
     "torus": _primitive("Torus", "teal", _torus),
+    **KITCHEN_AND_HALL,
 }
 
 

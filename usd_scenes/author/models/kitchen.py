@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kitchen objects: a casserole."""
+"""Kitchen objects: a casserole, a stool."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from usd_scenes.author.model import Model, make_model
-from usd_scenes.author.polygon_mesh import merged
-from usd_scenes.author.shapes import curve, cylinder, fillet, lathe, rectangle, sphere, sweep
+from usd_scenes.author.polygon_mesh import PolygonMesh, merged
+from usd_scenes.author.shapes import circle, curve, cylinder, fillet, lathe, rectangle, sphere, sweep
 
 
 def pot(name: str) -> Model:
@@ -71,3 +71,23 @@ def pot(name: str) -> Model:
         ("Handles", "EnamelRed", handles),
         ("Knob", "BlackPlastic", knob.translated(0.0, height + 0.047)),
     )
+
+
+def counter_stool(name: str) -> Model:
+    """Build a counter stool, 0.65 m: a round oak seat on four black steel legs with a foot ring."""
+    seat = lathe(
+        fillet([[0.0, 0.612], [0.150, 0.612], [0.170, 0.622], [0.172, 0.642], [0.160, 0.650], [0.0, 0.642]], 0.008, 4),
+        64,
+    )
+    flat = seat.points[:, [0, 2]] + (0.6, 0.3)
+    seat = PolygonMesh(seat.points, seat.normals, flat, seat.counts, seat.indices)
+    legs = [
+        sweep(
+            [[0.115 * np.sin(a), 0.615, 0.115 * np.cos(a)], [0.200 * np.sin(a), 0.0, 0.200 * np.cos(a)]],
+            circle(0.0115, 16),
+            up=(0.3, 0.0, 1.0),
+        )
+        for a in np.arange(4) * np.pi / 2.0 + np.pi / 4.0
+    ]
+    ring = sweep(np.insert(circle(0.172, 72), 1, 0.205, axis=1), circle(0.0085, 14), closed=True)
+    return make_model(name, "stool", ("Seat", "Oak", seat), ("Legs", "BlackMetal", [*legs, ring]))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from usd_scenes.author.model import Model, make_model
-from usd_scenes.author.models.tableware import shell
+from usd_scenes.author.models.tableware import shell, vase
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged, normalized, rotation
 from usd_scenes.author.shapes import circle, curve, fillet, lathe, sphere, sweep
 from usd_scenes.author.sheets import shell as solid_sheet
@@ -168,3 +168,9 @@ def _sword(length: float, width: float, twist: float) -> PolygonMesh:
         -1,
     )
     return solid_sheet(points, np.stack(np.broadcast_arrays((s + 1.0) / 2.0, t), -1), 0.0035)
+
+
+def vase_of_branches(name: str) -> Model:
+    """Build a vase of sand-colored glaze with three green branches, 0.75 m."""
+    twigs = branches("Branches", 31).translated(0.0, 0.012)
+    return Model(name, "vase", (*vase("Vase", "SandGlaze").parts, *twigs.parts))

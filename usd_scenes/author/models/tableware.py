@@ -38,7 +38,7 @@ def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> PolygonMe
 def dish(name: str) -> Model:
     """Build a dinner plate, 0.27 m, with a blue band on its rim."""
     corners = [[0.0, 0.003], [0.070, 0.003], [0.074, 0.0], [0.080, 0.0], [0.084, 0.006], [0.096, 0.012], [0.134, 0.024]]
-    profile = _dense(fillet(corners, 0.006, 3))
+    profile = dense(fillet(corners, 0.006, 3))
     glaze = offset(profile, 0.0048)
     radii = np.linspace(0.1315, 0.119, 4)
     band = lathe(np.stack([radii, np.interp(radii, glaze[-8:, 0], glaze[-8:, 1])], axis=-1), 72)
@@ -70,10 +70,10 @@ def cup(name: str) -> Model:
         [[0.040, 0.078, 0.0], [0.060, 0.081, 0.0], [0.072, 0.062, 0.0], [0.066, 0.038, 0.0], [0.040, 0.022, 0.0]], 24
     )
     handle = sweep(loop, rectangle(0.012, 0.008, 0.0038, 3), up=(0.0, 0.0, 1.0))
-    return make_model(name, "cup", ("Cup", "BlueGlaze", [shell(_dense(profile), 0.0035, 48), handle]))
+    return make_model(name, "cup", ("Cup", "BlueGlaze", [shell(dense(profile), 0.0035, 48), handle]))
 
 
-def _dense(profile: Array, step: float = 0.008) -> Array:
+def dense(profile: Array, step: float = 0.008) -> Array:
     """Return a profile with points at most `step` apart, so that offsetting keeps its shape."""
     pieces = []
     for a, b in pairwise(profile):

@@ -64,6 +64,22 @@ def tiled_floor(name: str, width: float, depth: float, material: str, tile: floa
     return replace(wall.rotated("x", -90.0).translated(-width / 2.0, -THICK, depth / 2.0), label="floor")
 
 
+def checkered_floor(name: str, width: float, depth: float, materials: tuple[str, str], tile: float, seed: int) -> Model:
+    """Build square tiles of two materials in turn about the origin, their top at y = 0."""
+    rng = np.random.default_rng(seed)
+    colors: tuple[list[PolygonMesh], list[PolygonMesh]] = ([], [])
+    for row in range(int(np.ceil(depth / tile - 1e-6))):
+        for column in range(int(np.ceil(width / tile - 1e-6))):
+            x, y = column * tile, row * tile
+            piece = _tile(x, min(x + tile, width), y, min(y + tile, depth), rng, 0.05)
+            colors[(row + column) % 2].append(piece)
+    parts = [(f"Tiles{index + 1}", material, colors[index]) for index, material in enumerate(materials)]
+    whole = make_model(name, "floor", *parts, ("Grout", "Grout", _plane(0.0, width, 0.0, depth, THICK - RECESS)))
+    slab = blocks(0.0, width, depth, THICK)
+    whole = whole.with_proxies(Tiles1=slab, Tiles2=slab, Grout=blocks(0.0, width, depth, THICK - RECESS))
+    return whole.rotated("x", -90.0).translated(-width / 2.0, -THICK, depth / 2.0)
+
+
 def _without(piece: tuple[float, float, float, float], hole: Opening) -> list[tuple[float, float, float, float]]:
     """Return a rectangle (x0, x1, y0, y1) minus an opening, as rectangles."""
     x0, x1, y0, y1 = piece

@@ -127,5 +127,8 @@ MAKERS: dict[str, Maker] = {
     "terry": _normal("terry", lambda: props.terry(256, 123, 0.09)),
     "quilted": _normal("quilted", lambda: props.quilted(128, 0.06)),
     "snake_leaf": _color("snake_leaf", lambda: props.snake_leaf(64, 512, 124)),
+    "marble": _color("marble", lambda: tiles.marble(512, 131)),
+    "cement": _color("cement", lambda: tiles.cement(384, 132)),
+    "crust": _color("crust", lambda: props.crust(256, 133)),
     "scribble": _color("scribble", lambda: pictures.scribble(512, 96)),
 }

@@ -128,3 +128,16 @@ def snake_leaf(width: int, height: int, seed: int) -> Array:
     )
     edge = np.abs(u) + 0.025 * spectral((height, width), seed + 1, (0.05, 0.4), slope=1.6)
     return np.asarray(mix(picture, (0.46, 0.44, 0.10), smoothstep(0.72, 0.78, edge)))
+
+
+def crust(size: int, seed: int) -> Array:
+    """Generate the crust of a loaf: toasted brown, paler where it burst, dusted with flour."""
+    shape = (size, size)
+    bake = smoothstep(-1.6, 1.6, spectral(shape, seed, 0.16, slope=1.9))
+    flour = smoothstep(
+        0.7, 2.2, spectral(shape, seed + 1, 0.05, slope=1.2) + 0.5 * spectral(shape, seed + 2, 0.012, slope=0.8)
+    )
+    color = mix(np.broadcast_to((0.48, 0.26, 0.095), (*shape, 3)), (0.24, 0.092, 0.028), bake)
+    return mix(
+        color * np.exp(0.10 * spectral(shape, seed + 3, 0.012, slope=0.9))[..., None], (0.70, 0.63, 0.52), 0.45 * flour
+    )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Glazed tiles, terrazzo, frosted glass."""
+"""Glazed tiles, terrazzo, marble, cement, frosted glass."""
 
 from __future__ import annotations
 
@@ -43,6 +43,27 @@ def terrazzo(size: int, seed: int) -> Array:
         inside = smoothstep(0.0008, -0.0008, np.maximum(np.maximum(u, v), 0.72 * (u + v)) + ragged - radius)
         picture = mix(picture, colors[rng.integers(len(colors))] * rng.uniform(0.8, 1.15), inside)
     return np.asarray(picture * np.exp(0.025 * spectral((size, size), seed + 1, 0.004, slope=0.8))[..., None])
+
+
+def marble(size: int, seed: int) -> Array:
+    """Generate white marble: clouds, and gray veins where warped noise crosses zero."""
+    shape = (size, size)
+    cloud = spectral(shape, seed, 0.30, slope=1.8)
+    warp = 0.55 * spectral(shape, seed + 1, 0.45, slope=2.2) + 0.28 * spectral(shape, seed + 2, 0.16, slope=2.0)
+    fine = warp + 0.35 * spectral(shape, seed + 3, 0.10, slope=1.9)
+    strength = smoothstep(-0.6, 1.6, spectral(shape, seed + 4, 0.28, slope=2.0))
+    vein = np.exp(-((warp / 0.045) ** 2)) * strength + 0.45 * np.exp(-((fine / 0.030) ** 2)) * (1.0 - 0.6 * strength)
+    base = mix(
+        np.broadcast_to((0.70, 0.69, 0.67), (*shape, 3)), (0.58, 0.575, 0.57), np.clip(0.35 + 0.28 * cloud, 0.0, 1.0)
+    )
+    return mix(base, (0.27, 0.265, 0.26), np.clip(0.80 * vein, 0.0, 1.0))
+
+
+def cement(size: int, seed: int) -> Array:
+    """Generate pale pigmented cement with clouds and fine grains."""
+    shape = (size, size)
+    cloud = 0.05 * spectral(shape, seed, 0.18, slope=1.7) + 0.025 * spectral(shape, seed + 1, 0.008, slope=0.9)
+    return np.asarray(np.array((0.54, 0.515, 0.465)) * np.exp(cloud)[..., None])
 
 
 def frosted(width: int, height: int, seed: int) -> Array:
