@@ -137,3 +137,35 @@ def test_draw_flow_map_has_hue_by_direction_and_value_by_length():
     np.testing.assert_array_equal(image[0, :3], [(0, 0, 255), (255, 255, 0), (0, 0, 0)])  # BGR: red, cyan, black
     np.testing.assert_allclose(image[0, 3], (0, 127.5, 63.75), atol=0.6)  # a quarter turn: between yellow and green
     assert not draw_flow_map(np.zeros((2, 2, 2), np.float32)).any()
+
+
+def test_names_of_scripts_that_speak_the_protocol_or_look_for_the_program(capsys):
+    import tiscene.sailenv as sailenv
+
+    assert [sailenv.CommandsBytes.FRAME, sailenv.CommandsBytes.GET_LIGHTS_NAMES] == [b"\x00", b"\x19"]
+    assert sailenv.CommandsBytes.SET_MAIN_CAMERA_CLEAR_FLAGS + b"" == b"\x0d"
+    assert sailenv.FrameFlags.NONE == 0
+    assert sailenv.FrameFlags.NONE | sailenv.FrameFlags.MAIN | sailenv.FrameFlags.DEPTH == 33
+    assert sailenv.AllTogetherTimings(2.0).todict() == {"type": "all_together", "description": {"wait_time": 2.0}}
+    bounce = sailenv.UniformMovementRandomBounce(sailenv.Vector3(0, 1, 0), 2.0).todict()
+    assert bounce["type"] == sailenv.UniformMovementRandomBounce.get_type()
+    assert bounce["description"]["start_direction"] == {"x": 0, "y": 1, "z": 0}
+    assert set(sailenv.executables_per_platform) == {"Darwin", "Linux", "Windows"}
+    manager = sailenv.SAILenvManager(sailenv_home="bin")
+    assert os.path.dirname(manager.sailenv_exe).startswith("bin")
+    assert manager.start() is True
+    assert str(sailenv.SAILenvException(["a"], ["b"])).split() == ["STDOUT:", "a", "STDERR:", "b"]
+    sailenv.download_executable()
+    sailenv.download_source(version="1.0")
+    assert capsys.readouterr().out.count("nothing to download") == 2
+
+
+def test_script_imports_the_downloader_and_the_table_of_commands(tmp_path):
+    script = (
+        "from sailenv.agent import CommandsBytes, FrameFlags\nfrom sailenv.downloader import download_executable\n"
+        "from sailenv.manager import executables_per_platform\nfrom sailenv.utilities import BaseDataclass\n"
+        "print(CommandsBytes.SPAWN_OBJECT, FrameFlags.NONE)\ndownload_executable()\n"
+    )
+    done = run(tmp_path, script, "SCRIPT")
+    assert done.stdout.startswith("b'\\t' "), done.stderr
+    assert "nothing to download" in done.stdout

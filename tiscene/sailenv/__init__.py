@@ -14,6 +14,7 @@
     scenario_classes    Scenario, Object, waypoints, timings
     manager             SAILenvManager
     utilities           draw_flow_map
+    downloader          download_executable, download_source: nothing to download
     module_aliases      `import sailenv`
     server, connection  TCP server
     wire_format         bytes of the protocol
@@ -41,18 +42,25 @@ _MODULES = {
     "Agent": "agent",
     "AllTogetherTimings": "scenario_classes",
     "CatmullWaypoints": "scenario_classes",
+    "CommandsBytes": "wire_format",
     "DictTimings": "scenario_classes",
     "Dynamic": "scenario_classes",
     "FrameFlags": "agent",
     "Frustum": "scenario_classes",
     "LinearWaypoints": "scenario_classes",
     "Object": "scenario_classes",
+    "SAILenvException": "manager",
+    "SAILenvManager": "manager",
     "Scenario": "scenario_classes",
     "Timings": "scenario_classes",
     "UniformMovementRandomBounce": "scenario_classes",
     "Vector3": "scenario_classes",
     "WaitUntilCompleteTimings": "scenario_classes",
     "Waypoint": "scenario_classes",
+    "download_executable": "downloader",
+    "download_source": "downloader",
+    "draw_flow_map": "utilities",
+    "executables_per_platform": "manager",
 }
 __all__ = sorted(_MODULES)
 

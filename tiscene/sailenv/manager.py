@@ -1,9 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's manager, which starts and stops its Unity program. Here it does nothing: agents are in process."""
+"""SAILenv's manager, which starts and stops its Unity program. Here it does nothing: agents are in process.
+
+`executables_per_platform` has SAILenv's names of its program, for scripts that look for it; nothing here runs it.
+"""
 
 from __future__ import annotations
 
+import os
+import platform
 from collections.abc import Sequence
+
+executables_per_platform = {
+    "Windows": "SAILenv.exe",
+    "Linux": "SAILenv.run",
+    "Darwin": os.path.join("SAILenv.app", "Contents", "MacOS", "SAILenv"),
+}
 
 
 class SAILenvException(Exception):
@@ -18,12 +29,23 @@ class SAILenvException(Exception):
         super().__init__(*args)
         self.stdout, self.stderr = stdout, stderr
 
+    def __str__(self) -> str:
+        return "\n".join(["STDOUT:", *self.stdout, "STDERR:", *self.stderr])
+
 
 class SAILenvManager:
-    """A manager without a program to manage; its arguments have no effect."""
+    """A manager without a program to manage; its arguments have no effect.
+
+    Attributes:
+        sailenv_exe: Where SAILenv's program would be.
+        process: None, since no process is started.
+    """
 
     def __init__(self, port: str = "8085", prefix: str | None = None, sailenv_home: str = "./") -> None:
         self.port, self.prefix, self.sailenv_home = port, prefix, sailenv_home
+        executable = executables_per_platform.get(platform.system(), executables_per_platform["Linux"])
+        self.sailenv_exe = os.path.join(sailenv_home, executable)
+        self.process: None = None
 
     def start(self) -> bool:
         """Return True: agents can be registered."""

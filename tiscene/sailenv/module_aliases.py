@@ -9,12 +9,13 @@ from __future__ import annotations
 import sys
 from types import ModuleType
 
-from tiscene.sailenv import agent, manager, scenario_classes, utilities
+from tiscene.sailenv import agent, downloader, manager, scenario_classes, utilities, wire_format
 
 # For each module of SAILenv, the module here that defines its names, and the names.
 CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
     "sailenv": (scenario_classes, ("Vector3",)),
     "sailenv.agent": (agent, ("Agent", "FrameFlags")),
+    "sailenv.downloader": (downloader, ("download_executable", "download_source", "os_name", "os_names")),
     "sailenv.dynamics": (scenario_classes, ("Dynamic",)),
     "sailenv.dynamics.uniform_movement_random_bounce": (scenario_classes, ("UniformMovementRandomBounce",)),
     "sailenv.dynamics.waypoints": (
@@ -31,7 +32,7 @@ CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
         scenario_classes,
         ("AllTogetherTimings", "DictTimings", "Timings", "WaitUntilCompleteTimings"),
     ),
-    "sailenv.manager": (manager, ("SAILenvException", "SAILenvManager")),
+    "sailenv.manager": (manager, ("SAILenvException", "SAILenvManager", "executables_per_platform")),
     "sailenv.utilities": (utilities, ("draw_flow_map",)),
 }
 
@@ -53,4 +54,5 @@ def install(agent_class: type[agent.Agent] = agent.Agent) -> None:
         parent, _, own = name.rpartition(".")
         if parent:
             setattr(sys.modules[parent], own, module)
+    sys.modules["sailenv.agent"].CommandsBytes = wire_format.CommandsBytes  # type: ignore[attr-defined]
     sys.modules["sailenv.agent"].Agent = agent_class  # type: ignore[attr-defined]

@@ -24,7 +24,7 @@ TIMEOUT = 60.0  # s, for the rest of a message that has begun
 
 
 class Command(IntEnum):
-    """The first byte of a client's message."""
+    """The first byte of a client's message, by SAILenv's names."""
 
     FRAME = 0x00
     DELETE = 0x01
@@ -35,28 +35,36 @@ class Command(IntEnum):
     GET_ROTATION = 0x06
     SET_ROTATION = 0x07
     TOGGLE_FOLLOW = 0x08
-    SPAWN = 0x09
-    DESPAWN = 0x0A
-    SPAWNABLES = 0x0B
+    SPAWN_OBJECT = 0x09
+    DESPAWN_OBJECT = 0x0A
+    GET_SPAWNABLE_OBJECTS_NAMES = 0x0B
     SEND_OBJ_ZIP = 0x0C
-    CLEAR_FLAGS = 0x0D
+    SET_MAIN_CAMERA_CLEAR_FLAGS = 0x0D
     GET_LIGHT_COLOR = 0x0E
     SET_LIGHT_COLOR = 0x0F
     GET_LIGHT_INTENSITY = 0x10
     SET_LIGHT_INTENSITY = 0x11
-    GET_LIGHT_INDIRECT = 0x12
-    SET_LIGHT_INDIRECT = 0x13
+    GET_LIGHT_INDIRECT_MULTIPLIER = 0x12
+    SET_LIGHT_INDIRECT_MULTIPLIER = 0x13
     GET_LIGHT_POSITION = 0x14
     SET_LIGHT_POSITION = 0x15
     GET_LIGHT_DIRECTION = 0x16
     SET_LIGHT_DIRECTION = 0x17
     GET_LIGHT_TYPE = 0x18
-    LIGHT_NAMES = 0x19
-    GET_AMBIENT = 0x1A
-    SET_AMBIENT = 0x1B
+    GET_LIGHTS_NAMES = 0x19
+    GET_AMBIENT_LIGHT_COLOR = 0x1A
+    SET_AMBIENT_LIGHT_COLOR = 0x1B
     SPAWN_VIEW_FRUSTUM = 0x1C
     LOAD_SCENARIO = 0x1D
     MOVE_OBJECT = 0x1E
+
+
+class CommandsBytes:
+    """SAILenv's table of commands: `CommandsBytes.FRAME` is the byte of `Command.FRAME`, and so on."""
+
+
+for _command in Command:
+    setattr(CommandsBytes, _command.name, bytes([_command]))
 
 
 class ProtocolError(Exception):
